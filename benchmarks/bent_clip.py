@@ -50,21 +50,22 @@ class Field:
         waves, phases = rng.uniform(1.5, 5.0, (3, 3)) * rng.choice([-1, 1], (3, 3)), rng.uniform(0, 2 * np.pi, (3, 3))
         return Field((low + high) / 2, float((high - low).max()), waves, phases, rng.uniform(3.0, 6.0, 3))
 
-    def moved(self, places: np.ndarray, seconds: float) -> np.ndarray:
+    def moved(self, positions: np.ndarray, seconds: float) -> np.ndarray:
         """Moved positions, float64 (N, 3); equal to the original at 0 s, and on the static side."""
-        unit = (places - self.middle) / self.extent
+        unit = (positions - self.middle) / self.extent
         ramp = np.clip(unit[:, :1] * 6, 0, 1)
         ramp = ramp * ramp * (3 - 2 * ramp)
         angles = unit @ self.waves.T
         waves = [np.sin(angles + phase + self.speeds * seconds) - np.sin(angles + phase) for phase in self.phases]
         shift = np.stack([wave @ np.array([0.6, 0.3, 0.1]) for wave in waves], axis=1)
-        return places + AMPLITUDE * self.extent * ramp * shift
+        return positions + AMPLITUDE * self.extent * ramp * shift
 
-    def turned(self, places: np.ndarray, seconds: float) -> np.ndarray:
+    def turned(self, positions: np.ndarray, seconds: float) -> np.ndarray:
         """Rotation of space at some positions, quaternions (w, x, y, z), float64 (N, 4): polar part of the Jacobian."""
         step = 1e-4 * self.extent
         sides = [
-            self.moved(places + step * axis, seconds) - self.moved(places - step * axis, seconds) for axis in np.eye(3)
+            self.moved(positions + step * axis, seconds) - self.moved(positions - step * axis, seconds)
+            for axis in np.eye(3)
         ]
         u, _, v = np.linalg.svd(np.stack(sides, axis=2) / (2 * step))
         m = u @ v
@@ -96,18 +97,18 @@ def bent_frames(splats: Splats, frames: int, *, rate: float = 30.0, seed: int = 
         seed: Seed of the field, and of the Gaussians that appear and disappear.
     """
     field, rng = Field.of(splats, seed), np.random.default_rng(seed + 1)
-    count, places = splats.num_gaussians, splats.means.astype(np.float64)
+    count, positions = splats.num_gaussians, splats.means.astype(np.float64)
     begins, ends = np.zeros(count, int), np.full(count, frames)
     changed = rng.permutation(count)[: int(CHANGED * count)]
     born, dying = np.array_split(changed, 2)
     if frames > 2:
         begins[born], ends[dying] = rng.integers(1, frames, len(born)), rng.integers(1, frames, len(dying))
-    breathing = places[:, 1] > field.middle[1]
+    breathing = positions[:, 1] > field.middle[1]
     for frame in range(frames):
         seconds = frame / rate
-        moves = field.moved(places, seconds)
-        still = (moves == places).all(axis=1)
-        quats = multiply(field.turned(places, seconds).astype(np.float32), splats.quats)
+        moves = field.moved(positions, seconds)
+        still = (moves == positions).all(axis=1)
+        quats = multiply(field.turned(positions, seconds).astype(np.float32), splats.quats)
         quats[still] = splats.quats[still]
         there = (begins <= frame) & (frame < ends)
         gain = np.float32(1 + 0.12 * np.sin(4 * seconds))

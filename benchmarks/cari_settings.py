@@ -1,4 +1,4 @@
-"""Search for a setting in which CARI beats omitting lost anchors, as the paper reports.
+"""Search for settings with which CARI beats omitting lost anchors, as the paper reports.
 
     python benchmarks/cari_settings.py scene.swz cameras.json [-o FILE] [--views 5] [--masks 2] [--rate 0.2]
 
@@ -52,7 +52,7 @@ KEPT: dict[str, tuple[str, ...]] = {
 
 
 def mixed(truth: Anchors, filled: Anchors, kept: tuple[str, ...]) -> Anchors:
-    """Concealed anchors in which some attributes are replaced by the true ones."""
+    """Concealed anchors with the true values of some attributes."""
     anchors = replace(filled, **{name: getattr(truth, name) for name in kept})
     return replace(anchors, offsets=anchors.offsets * anchors.mask[:, :, None])
 
@@ -84,9 +84,9 @@ def fillings(complete: ReceivedScene, context: ReceivedScene) -> dict[str, Calla
         f"cari: {name}": (lambda options=options: scene(filled("cari", **options)))
         for name, options in SETTINGS.items()
     }
-    for what, kept in KEPT.items():
+    for attribute, kept in KEPT.items():
         for name in ("cari", "idw"):
-            rows[f"{name}: {what} alone, the rest true"] = lambda name=name, kept=kept: scene(
+            rows[f"{name}: {attribute} alone, the rest true"] = lambda name=name, kept=kept: scene(
                 mixed(truth, filled(name), kept)
             )
     absolute = create_concealer("kriging", target="absolute")

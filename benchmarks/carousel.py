@@ -1,11 +1,11 @@
-"""One sender without a way back: PSNR and completion of receivers that join a broadcast of levels of detail.
+"""One sender without feedback: PSNR and completion of receivers that join a broadcast of levels of detail.
 
     python benchmarks/carousel.py > benchmarks/results/carousel.json
 
 Simulates `JOINS` joins at random times with independent losses. `fountain`: repair symbols of the whole file. `plain`:
-the packets in a circle, coarsest level first. `spread`: the packets in a circle, in random order. `weighted`: each
-level has its own circle, whose lost packets are replaced by RaptorQ symbols, and coarse levels get more than their part
-of the air time. Each receiver is assumed to join at the beginning of these circles, which no sender can do for all.
+the packets in a loop, coarsest level first. `spread`: the packets in a loop, in random order. `weighted`: each level
+has its own loop; RaptorQ symbols replace its lost packets, and coarse levels get more than their part of the air time.
+Each receiver is assumed to join at the beginning of these loops, which no sender can do for all.
 Sizes and PSNR are those of `levels.json`; a partly received level counts as in its measurement of the
 concealer `coarse`, and an empty picture as `EMPTY_DB`.
 """

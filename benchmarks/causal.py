@@ -147,7 +147,7 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     info = read_side_info(stream.side_info, stream.manifest.num_elements)
     context, layout, anchors, known = CodingContext.of(info), info.config.layout, scene.anchors, info.positions.known
     voxels = voxel_indices(anchors.positions, info.voxel_size)
-    places = replace(known, codes=morton_encode(voxels - known.origin))
+    positions = replace(known, codes=morton_encode(voxels - known.origin))
     steps = scene.causal.steps.astype(np.float64)
     logs = anchors.scalings.astype(np.float64)[:, [0, 3, 4, 5]]
     form = (np.log(logs) - scene.causal.centres.astype(np.float64)) / steps[len(layout.feature_groups) :][[0, 1, 1, 1]]
@@ -158,8 +158,8 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
         [feature, form, anchors.offsets.reshape(len(anchors.offsets), -1).astype(np.float64) / steps[-1]], axis=1
     )
     masks = anchors.mask.astype(np.uint8)
-    found = quantise(context, places, masks, values, 0.0)
-    without = replace(found, positions=replace(places, unknown=np.zeros_like(known.unknown)))
+    found = quantise(context, positions, masks, values, 0.0)
+    without = replace(found, positions=replace(positions, unknown=np.zeros_like(known.unknown)))
     place = float((anchor_bits(context, found) - anchor_bits(context, without)).mean())
     spread = -torch.from_numpy(np.log2(inverse_scale_table()[found.scales] / 2.0**20))
     each = number_bits(torch.from_numpy(found.symbols), torch.zeros(1), spread).numpy()

@@ -4,7 +4,7 @@
     python benchmarks/clip_formats.py guitar=FRAMES/ [--fps 30] [--formats splatwire splat4d]
 
 PSNR: every tenth frame, two views, against its own file. `.4dgs` has two rows: its command `convert`, and its model of
-key frames and deltas with rows as identities, for which error bounds replace the PSNR. `.splat4d` is written with
+key frames and deltas with rows as identities; it has error bounds instead of a PSNR. `.splat4d` is written with
 several error bounds. `ratio`: bytes of splatwire over those of another format at the PSNR of that format, interpolated
 between qualities in decibels and logarithms of bytes.
 """

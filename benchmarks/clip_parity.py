@@ -4,8 +4,8 @@
     python benchmarks/clip_parity.py --draw docs/images/clip_parity.png
 
 Each clip is encoded in several qualities. The size of one of them is the budget. Bases are retransmitted until
-received, motion never. `parity`: the planner, for a receiver that omits or holds tracks with lost motion (the better of
-the two). `concealment`: all bytes into quality. `planner`: quality and parity, for a receiver that conceals. `expected`
+received, motion never. `parity`: the planner, for a receiver that omits or freezes tracks with lost motion (the better
+one). `concealment`: all bytes into quality. `planner`: quality and parity, for a receiver that conceals. `expected`
 is the mean of 500 transfers by the damage curves, with losses that the planner did not use. The damage curves are
 measured in pictures of three frames per group. `--drawn` transfers are rendered, for `--pictured` losses.
 """
@@ -69,7 +69,7 @@ class Clip:
         finest = decode_stream(self.streams[max(self.streams)]).scene
         self._cameras = surrounding_cameras(finest.keyframes(), arguments.views, 256)
         self._references = frames_of(files, finest.timeline, self._cameras)
-        self.loads, self.offers = {}, {}
+        self.loads, self.variants = {}, {}
         for level, stream in self.streams.items():
             self.loads[level] = SequenceLoad.of(stream, stream_importance(stream))
         for name in ("motion", "drop", "hold"):
@@ -85,7 +85,7 @@ class Clip:
             for level, stream in self.streams.items()
         ]
         for level, damage in zip(self.streams, pooled(damages), strict=True):
-            self.offers[level, name] = SequenceVariant(self.loads[level], damage)
+            self.variants[level, name] = SequenceVariant(self.loads[level], damage)
 
     def shown(self, level: float, protection: Protection, name: str, loss: str, seed: int) -> float:
         """PSNR of one simulated transfer, mean over frames and views, decibels."""
@@ -110,29 +110,29 @@ class Clip:
             fit = [level for level, load in self.loads.items() if load.num_bytes <= budget]
             levels = [max(fit)] if way == "concealment" else fit
             room = self.loads[max(fit)].num_bytes if way == "concealment" else budget
-            offers = [self.offers[level, name] for level in levels]
-            plan = plan_sequence(offers, channel, budget_bytes=room, seed=7)
+            variants = [self.variants[level, name] for level in levels]
+            plan = plan_sequence(variants, channel, budget_bytes=room, seed=7)
             if best is None or plan.psnr > best[0].psnr:
                 best = plan, levels[plan.variant], name
         plan, level, name = best
         found = [self.shown(level, plan.protection, name, loss, 1000 + seed) for seed in range(drawn)]
         return {
             "way": way, "loss": loss, "level": level, "concealer": name, "parity_bytes": plan.parity_bytes,
-            "bytes": plan.sent_bytes, "expected": expected(self.offers[level, name], plan.protection, channel),
+            "bytes": plan.sent_bytes, "expected": expected(self.variants[level, name], plan.protection, channel),
             "drawn": float(np.mean(found)) if found else None, "motion": plan.protection.motion,
         }  # fmt: skip
 
 
-def expected(offer: SequenceVariant, protection: Protection, loss: LossModel) -> float:
+def expected(variant: SequenceVariant, protection: Protection, loss: LossModel) -> float:
     """PSNR that the distortion model predicts for other random transfers, decibels, mean over groups."""
     found, rng = [], np.random.Generator(np.random.PCG64(99))
-    for group in range(len(offer.load.groups)):
-        way = model_motion_transfer(offer.load, protection, group)
+    for group in range(len(variant.load.groups)):
+        way = model_motion_transfer(variant.load, protection, group)
         received = np.stack([loss.received(len(way.model.kind), rng) for _ in range(TRANSFERS)])
-        worth = offer.load.importance[way.order]
-        lost = ~way.received_packets(received) @ worth / max(worth.sum(), 1e-30)
-        found.append(float(offer.distortion.psnr(group, lost).mean()))
-    return float(np.average(found, weights=offer.distortion.frames))
+        importance = variant.load.importance[way.order]
+        lost = ~way.received_packets(received) @ importance / max(importance.sum(), 1e-30)
+        found.append(float(variant.distortion.psnr(group, lost).mean()))
+    return float(np.average(found, weights=variant.distortion.frames))
 
 
 def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
@@ -140,7 +140,7 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
     clip, rows = Clip(folder, arguments), []
     for budget in arguments.budgets:
         limit = clip.loads[budget].num_bytes
-        whole = expected(clip.offers[budget, "motion"], Protection(), parse_loss("bernoulli:0", "datagram"))
+        whole = expected(clip.variants[budget, "motion"], Protection(), parse_loss("bernoulli:0", "datagram"))
         for loss in LOSSES:
             for way in WAYS:
                 began = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Speed and memory of encoding and decoding clips whose frames are generated during encoding.
+"""Speed and memory of encoding and decoding clips. Frames are generated during encoding.
 
     python benchmarks/clip_speed.py CAPTURE [--tracks 50000] [--frames 45] [--threads 2]
     python benchmarks/clip_speed.py CAPTURE --live [--tracks 30000]

@@ -4,8 +4,8 @@
     python benchmarks/clips.py guitar=FRAMES/ --quality 7.25 --losses
     python benchmarks/clips.py guitar=FRAMES/ --picture docs/images/clip.webp
 
-`bent_clip.py` makes clips whose truth is known. Frame by frame means every tenth frame (in short clips every frame) as
-a still scene in two qualities. Bytes at the clip's PSNR are interpolated between them, in decibels and logarithms of
+`bent_clip.py` makes clips with known true motion. Frame by frame means every tenth frame (in short clips every frame)
+as a still scene in two qualities. Bytes at the clip's PSNR are interpolated between them, in decibels and logarithms of
 bytes.
 """
 

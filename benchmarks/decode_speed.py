@@ -2,7 +2,7 @@
 
     python benchmarks/decode_speed.py biker.spz playbot_125k.sog [--old CHECKOUT] [--runs 3] [-o decode_speed.json]
 
-Each file is encoded with `splatwire encode`. Every run is a process of its own, and the kinds of runs alternate.
+Each file is encoded with `splatwire encode`. Every run is a separate process, and the kinds of runs alternate.
 Figures are medians, in microseconds a Gaussian. `node` includes the start of node and the check of the digest;
 `node_call` is the same without the start, and `node_plain` does without WebAssembly. `python` is one thread, after
 kernels are loaded; `spz` and `sog` are the readers of `splatwire.io.formats` for the same scene in these formats. Node

@@ -73,10 +73,10 @@ def train_scene_free(
 ) -> GainNetwork:
     """Trains a network by the error of lossy, concealed pictures against lossless ones.
 
-    The loss of a picture is `log(mean squared error + floor)`: each decibel counts alike in every scene and view.
+    The loss of a picture is `log(mean squared error + floor)`: each decibel weighs the same in every scene and view.
 
     Args:
-        scenes: What to learn from, with the cameras at the size at which pictures are compared.
+        scenes: Training scenes, with the cameras at the size of the compared pictures.
         config: The run.
         progress: Called after each step with its number and its loss.
 
@@ -88,11 +88,11 @@ def train_scene_free(
         DivergedError: If the loss is not finite.
     """
     seeds = np.random.SeedSequence(config.seed).spawn(len(scenes))
-    lessons = [_lessons(scene, config, seed) for scene, seed in zip(scenes, seeds, strict=True)]
-    return train_on(lessons, GainNetwork.untrained(config.hidden, seed=config.seed), config, progress)
+    examples = [_lessons(scene, config, seed) for scene, seed in zip(scenes, seeds, strict=True)]
+    return train_on(examples, GainNetwork.untrained(config.hidden, seed=config.seed), config, progress)
 
 
-def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> "Lessons":
+def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> "TrainingExamples":
     if data.cameras is None:
         raise InvalidValueError("a concealer cannot be trained on a scene without cameras")
     around = surroundings_of(data.complete, np.arange(data.scene.anchors.num_anchors))
@@ -100,11 +100,11 @@ def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.Se
         gain_inputs(data.complete.masked(known), around.select(known))
         for known in data.pseudo_losses(config.drop_rates, seeds)
     ]
-    return Lessons(data.scene, data.cameras, inputs)
+    return TrainingExamples(data.scene, data.cameras, inputs)
 
 
 def train_on(
-    lessons: Sequence["Lessons"],
+    examples: Sequence["TrainingExamples"],
     network: Network,
     config: SceneFreeConfig,
     progress: Callable[[int, float], None] | None = None,
@@ -115,16 +115,16 @@ def train_on(
         InvalidValueError: If there is no scene.
         DivergedError: If the loss is not finite.
     """
-    if not lessons:
+    if not examples:
         raise InvalidValueError("a concealer cannot be trained on no scene")
-    signature = np.concatenate([inputs.signature for lesson in lessons for inputs in lesson.inputs])
+    signature = np.concatenate([inputs.signature for lesson in examples for inputs in lesson.inputs])
     spread = np.maximum(signature.std(axis=0), 1e-3)
     network = to_tensors(replace(network, mean=signature.mean(axis=0), spread=spread))
     weights = [part.requires_grad_() for layer in (network.hidden, network.output) for part in vars(layer).values()]
     optimiser = torch.optim.Adam(weights, lr=config.learning_rate, betas=(0.95, 0.99))
     rng = torch.Generator().manual_seed(config.seed)
     for step in range(config.steps):
-        lesson = lessons[step % len(lessons)]
+        lesson = examples[step % len(examples)]
         error = lesson.error(network, rng)
         loss = (error + config.floor).log()
         if not bool(loss.isfinite()):
@@ -162,13 +162,13 @@ def tensor_gains(
     ) / opacity
 
 
-class Lessons:
+class TrainingExamples:
     """Simulated losses and views of one scene, with everything that is constant during the training.
 
     Args:
         scene: The complete scene.
-        cameras: Where pictures are compared.
-        inputs: What the network sees of each loss.
+        cameras: Cameras of the compared pictures.
+        inputs: Inputs of the network for each loss.
     """
 
     def __init__(self, scene: Scene, cameras: Cameras, inputs: Sequence[GainInputs] | Sequence[ElementInputs]) -> None:
@@ -180,7 +180,7 @@ class Lessons:
         """Mean squared error of the next picture; every loss is combined with every view before any repeats."""
         if not self._order:
             pairs = [(loss, view) for loss in range(len(self.inputs)) for view in range(self._cameras.num_views)]
-            self._order = [pairs[place] for place in torch.randperm(len(pairs), generator=rng).tolist()]
+            self._order = [pairs[index] for index in torch.randperm(len(pairs), generator=rng).tolist()]
         loss, view = self._order.pop()
         inputs = self.inputs[loss]
         spawned, reference = self._lossless(view)
@@ -214,7 +214,7 @@ def _with_gains(g: Gaussians, size: Float[Tensor, "G"], opacity: Float[Tensor, "
 
 @dataclass(frozen=True, eq=False)
 class LossyStream:
-    """A stream and cameras, from which training examples are made."""
+    """A stream and cameras for training examples."""
 
     stream: SceneStream
     cameras: Cameras
@@ -228,24 +228,24 @@ def train_for_gaussians(
 ) -> ElementNetwork:
     """Trains a network by the error of lossy, concealed pictures against those of the complete streams.
 
-    Losses take whole packets out of the streams, which are then decoded: lost Gaussians are where a receiver expects
-    them.
+    Complete packets are removed from the streams, and the rest is decoded, so lost Gaussians are where a receiver
+    expects them.
 
     Args:
-        streams: What to learn from.
+        streams: Training streams.
         config: The run.
         progress: Called after each step with its number and its loss.
 
     Raises:
-        InvalidValueError: If there is no stream, or one holds no explicit Gaussians.
+        InvalidValueError: If there is no stream, or one has no explicit Gaussians.
         DivergedError: If the loss is not finite.
     """
     seeds = np.random.SeedSequence(config.seed).spawn(len(streams))
-    lessons = [_lossy_lessons(lossy, config, seed) for lossy, seed in zip(streams, seeds, strict=True)]
-    return train_on(lessons, ElementNetwork.untrained(config.hidden, seed=config.seed), config, progress)
+    examples = [_lossy_lessons(lossy, config, seed) for lossy, seed in zip(streams, seeds, strict=True)]
+    return train_on(examples, ElementNetwork.untrained(config.hidden, seed=config.seed), config, progress)
 
 
-def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> Lessons:
+def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> TrainingExamples:
     complete = _decoded(lossy.stream)
     groups, packets = _groups(lossy.stream)
     inputs = []
@@ -254,7 +254,7 @@ def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random
         there = tuple(p for p, start in zip(packets, groups.starts[:-1], strict=True) if known[groups.ranks[start]])
         partial = _decoded(SceneStream(lossy.stream.manifest, lossy.stream.side_info, there))
         inputs.append(element_inputs(partial))
-    return Lessons(complete.scene, lossy.cameras, inputs)
+    return TrainingExamples(complete.scene, lossy.cameras, inputs)
 
 
 def _decoded(stream: SceneStream) -> ReceivedScene[SplatScene]:

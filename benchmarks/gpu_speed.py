@@ -1,7 +1,7 @@
 """Speed and GPU activity of a training iteration with entropy terms at a number of anchors.
 
-The state is made quickly: 300 iterations on the photos, then copies of anchors beside them up to the number. It is kept
-as a checkpoint, from which another version of the package can be measured:
+The state is made quickly: 300 iterations on the photos, then shifted copies of anchors up to the number. A checkpoint
+keeps it for measurements of another version of the package:
 
     python benchmarks/gpu_speed.py --device cuda --checkpoint state.checkpoint --json new.json
     PYTHONPATH=OLD/src python benchmarks/gpu_speed.py --device cuda --checkpoint state.checkpoint --json old.json

@@ -1,4 +1,4 @@
-"""Throughput of kernel TCP beside a transfer on a full link; needs root and Linux network namespaces.
+"""Throughput of kernel TCP that shares a full link with a transfer; needs root and Linux network namespaces.
 
     python benchmarks/kernel_tcp.py [--seconds 40] [--rate 10] > benchmarks/results/kernel_tcp.json
 

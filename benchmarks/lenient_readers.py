@@ -27,12 +27,12 @@ def _ply_rows(data: bytes) -> tuple[bytes, dict[bytes, tuple[int, int, int]]] | 
     elements = re.findall(rb"element (\w+) (\d+)\n((?:property \w+ \w+\n)*)", head)
     if not found or not elements:
         return None
-    places, at = {}, len(head) + len(_END)
+    sections, at = {}, len(head) + len(_END)
     for name, count, properties in elements:
         size = sum(1 if b"char" in line else 4 for line in properties.splitlines())
-        places[name] = at, int(count), size
+        sections[name] = at, int(count), size
         at += int(count) * size
-    return head, places
+    return head, sections
 
 
 def repair_ply(data: bytes, target: Path) -> bool:
@@ -40,10 +40,10 @@ def repair_ply(data: bytes, target: Path) -> bool:
     found = _ply_rows(data)
     if found is None:
         return False
-    head, places = found
-    whole = min((len(data) - start) // size for name, (start, _, size) in places.items() if name != b"chunk")
-    kept, parts = max(0, min(whole, places[b"vertex"][1])), []
-    for name, (start, _, size) in places.items():
+    head, sections = found
+    whole = min((len(data) - start) // size for name, (start, _, size) in sections.items() if name != b"chunk")
+    kept, parts = max(0, min(whole, sections[b"vertex"][1])), []
+    for name, (start, _, size) in sections.items():
         rows = -(-kept // _CHUNK_ROWS) if name == b"chunk" else kept
         head = re.sub(rb"element %s \d+" % name, b"element %s %d" % (name, rows), head)
         parts.append(data[start : start + rows * size])
@@ -52,19 +52,19 @@ def repair_ply(data: bytes, target: Path) -> bool:
 
 
 def known_rows(whole: bytes, known: np.ndarray) -> np.ndarray | None:
-    """Rows of a PLY of which every byte arrived, bool (N); None if its header did not.
+    """Mask of completely received rows of a PLY, bool (N); None if its header is incomplete.
 
     Args:
         whole: The complete file.
-        known: Which of its bytes arrived, bool.
+        known: Mask of the received bytes, bool.
     """
     found = _ply_rows(whole)
     assert found is not None
-    head, places = found
+    head, sections = found
     if not known[: len(head) + len(_END)].all():
         return None
-    rows = np.ones(places[b"vertex"][1], bool)
-    for name, (start, count, size) in places.items():
+    rows = np.ones(sections[b"vertex"][1], bool)
+    for name, (start, count, size) in sections.items():
         arrived = known[start : start + count * size].reshape(count, size).all(axis=1)
         rows &= np.repeat(arrived, _CHUNK_ROWS)[: len(rows)] if name == b"chunk" else arrived
     return rows
@@ -89,8 +89,8 @@ def repair_spz(data: bytes, target: Path) -> bool:
 def repair_sog(data: bytes, target: Path) -> bool:
     """Unpacks a bundled SOG without verifying checksums, by its directory or else by the headers of its members."""
     target.mkdir(exist_ok=True)
-    places = _directory(data) or _local_headers(data)
-    for name, (start, size) in places.items():
+    sections = _directory(data) or _local_headers(data)
+    for name, (start, size) in sections.items():
         if re.fullmatch(r"[\w.]+", name) and start < len(data):
             (target / name).write_bytes(data[start : start + size])
     return (target / "meta.json").exists()
@@ -133,17 +133,17 @@ REPAIRS: dict[str, Callable[[bytes, Path], bool]] = {
 
 
 class HacppFiles:
-    """The native files of a HAC++ model as one run of bytes, and which anchors a loss leaves whole.
+    """The native files of a HAC++ model as one run of bytes, and the anchors that a loss leaves complete.
 
     Order, batches and chunks are those of HAC++'s layout: anchors in raster order, z slowest, 3,000 to a batch; a file
-    for each batch and attribute; chunks of 10,000 symbols, each decoded from its first byte on. A symbol is taken to be
-    read if its share of its chunk's bytes comes before the first gap of the chunk: no decoder can do better, the
-    official one goes on and reads noise. Networks are taken to have arrived.
+    for each batch and attribute; chunks of 10,000 symbols, each decoded from its first byte on. A symbol counts as
+    read if its share of its chunk's bytes precedes the first gap of the chunk. No decoder can do better; the official
+    one continues and reads noise. Networks count as received.
 
     Args:
         folder: The model's `bitstreams`.
         voxels: Positions as integers (N, 3).
-        masks: Offsets that there are, bool (N, K).
+        masks: Mask of existing offsets, bool (N, K).
     """
 
     SHARED = ("xyz_gpcc.npz", "x_bound_min.pkl", "x_bound_max.pkl", "masks.b", "hash.b")

@@ -106,7 +106,7 @@ def main() -> None:
     parser.add_argument("capture", type=Path)
     parser.add_argument("--tracks", type=int, default=50_000)
     parser.add_argument("--delay", type=float, default=0.02, help="seconds, each way")
-    parser.add_argument("--rate", type=float, help="megabits per second that the server is told; else it finds out")
+    parser.add_argument("--rate", type=float, help="fixed rate in Mbit/s; by default the server estimates it")
     parser.add_argument("--megabits", type=float, default=20.0)
     parser.add_argument("--quality", default="default", help="as of `splatwire encode`")
     args = parser.parse_args()

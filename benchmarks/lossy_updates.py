@@ -6,7 +6,7 @@
 
 Server and receiver are the real ones, the path is simulated: 20 Mbit/s with a queue of 100 ms, 20 ms each way, losses
 both ways. With feedback, the receiver requests missing packets. Without, repair symbols are sent ahead, and an update
-of which a packet is missing at the end is requested as a whole again. Bytes are those of all datagrams to the receiver.
+with a missing packet at the end is requested again as a whole. Bytes are those of all datagrams to the receiver.
 
 `edits`: a ball of 2 % of the Gaussians (`updates.py`). `curve` is the mean PSNR over several transfers at the times
 `TIMES` after the request, in four views of the ball, against the edited scene: of the update, and of a transfer of the

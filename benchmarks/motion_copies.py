@@ -46,8 +46,8 @@ def best_tracks(clip: SequenceScene, share: float) -> list[np.ndarray]:
     everyone = np.ones(clip.num_gaussians, bool)
     for group in range(clip.timeline.num_groups):
         motion, length = clip.motion(group, everyone), np.zeros(clip.num_gaussians)
-        places = [motion.at(frame)[:, :3] for frame in range(len(clip.timeline.frames_of(group)))]
-        for one, other in itertools.pairwise(places):
+        positions = [motion.at(frame)[:, :3] for frame in range(len(clip.timeline.frames_of(group)))]
+        for one, other in itertools.pairwise(positions):
             length[motion.tracks] += np.linalg.norm(other - one, axis=1)
         worth = weights * length
         best = np.zeros(clip.num_gaussians, bool)
@@ -57,7 +57,7 @@ def best_tracks(clip: SequenceScene, share: float) -> list[np.ndarray]:
 
 
 def with_tracks(clip: SequenceScene, complete: SequenceScene, copies: list[np.ndarray]) -> SequenceScene:
-    """The received clip, to which the motion of the tracks `copies` is added in each group."""
+    """The received clip with the motion of the tracks `copies` added in each group."""
 
     def motion(group: int, available: np.ndarray) -> GroupMotion:
         part, full = clip.motion(group, available), complete.motion(group, available)

@@ -6,8 +6,8 @@ Each file is cut into packets of 1,200 bytes. Lost ones become zeros (`zeros`), 
 (`cut`). `strict` is the reader of splatwire with all checks of the format. `lenient` ignores checksums and lengths
 (`lenient_readers.py`). `rows known` is a PLY reader that knows the missing bytes and omits their rows. PSNR is against
 the same complete file, mean of the masks that leave a picture; `nothing` is the PSNR of an empty one. A mask that loses
-nothing is drawn again. The `.swz` is lost as a file, like the others, and as datagrams whose side information is
-protected, as over a network.
+nothing is drawn again. Losses of the `.swz` are those of a file, as for the others, and those of datagrams with
+protected side information, as over a network.
 """
 
 import argparse

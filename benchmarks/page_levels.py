@@ -45,7 +45,7 @@ Worker.prototype.addEventListener = function (kind, work, ...more) {
 """
 STEPS = ["up", "focus", "right", *["in"] * 6, "left", "focus", *["in"] * 5, *["right"] * 2, *["out"] * 8, "home"]
 LONGEST = 20.0
-"""Seconds for which a step is recorded until there is a picture: rasterisers draw large scenes for seconds."""
+"""Seconds that a step is recorded until its picture: rasterisers draw large scenes for seconds."""
 DRAGS = {"left": (-25, 0), "right": (25, 0), "up": (0, 100)}
 STATUS = f"{ELEMENT}?.status"
 PARTS = {"FunctionCall", "FireAnimationFrame", "TimerFire", "HandlePostMessage", "EventDispatch", "MajorGC", "MinorGC",

@@ -1,4 +1,4 @@
-"""The page beside Spark and SuperSplat's viewer: time to a complete picture, and blocking of the main thread, as JSON.
+"""The page against Spark and SuperSplat's viewer: time to a complete picture, and blocking of the main thread, as JSON.
 
     npm install three @sparkjsdev/spark @playcanvas/supersplat-viewer esbuild      # anywhere
     splatwire encode biker.spz -o biker.swz
@@ -6,10 +6,10 @@
 
 All pages show the same scene in the same view, over one link that the local server emulates: 2.5 MB/s for all
 connections together, and 40 ms before each response. Scripts are minified, compressed and cross the link, too. The
-browser starts anew for each page. Pages alternate, and each figure is the median of the rounds.
+browser is restarted for each page. Pages alternate, and each figure is the median of the rounds.
 
 `first_s` is the time from navigation to the first picture other than the background. `complete_s` is the time to the
-first picture from which on all pictures are within 30 dB of the last one. `blocked_ms` is the total blocking time of
+picture after which all pictures are within 30 dB of the last one. `blocked_ms` is the total blocking time of
 the main thread: the part of each task beyond 50 ms, by the clock. `blocked_processor_ms` is the same by processor time,
 which does not depend on other programs. `main_ms` is the processor time of the main thread, `workers_ms` that of the
 page's other threads, and `total_s` that of the browser's processes until the complete picture. `tail_ms` is the
@@ -18,9 +18,9 @@ nothing in `--most` seconds has no figures of that round.
 
     python benchmarks/page_speed.py biker.swz --threads 1 4
 
-measures decoding alone, without a slow link, on a page whose device seems to have so many cores and whose element is
-hidden, because drawing by software uses both cores: seconds from the stream's head to its last Gaussian, and processor
-time of the threads.
+measures decoding alone, without a slow link: seconds from the stream's head to its last Gaussian, and processor time of
+the threads. The page sees a device with the given number of cores. Its element is hidden, because drawing by software
+uses both cores.
 """
 
 import argparse
@@ -77,7 +77,7 @@ window.Worker = class extends Threads {
     });
   }
 };</script>"""
-"""Start of a page whose worker sees a number of cores, and which notes the time of decoding."""
+"""Start of a page that records the time of decoding and shows its worker a given number of cores."""
 SPARK = """<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,">
 <style>body{margin:0;background:#000}</style><script type="module" src="spark.js"></script>"""
 SPARK_SCRIPT = """

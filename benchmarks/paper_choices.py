@@ -90,7 +90,7 @@ class PooledSearch:
 
 @contextmanager
 def replaced(place: Any, name: str, value: Any) -> Iterator[None]:
-    """Context in which a name has another value."""
+    """Context manager that gives a name another value."""
     before = getattr(place, name)
     setattr(place, name, value)
     try:

@@ -4,7 +4,7 @@ Datagrams: the planner chooses, side information included. `.pak` packets: side 
 paper's assumption), and parity covers a top tier (any K of K + R packets restore it). In both, a sketch of important
 anchors in the side information may take a part of the 8 %. The use of a sketch, the size of the tier and the parity are
 chosen on training photos with other losses than the reported ones. The mean over datagrams is defined as in
-`frontier.py`. Transfers without side information show the preview of the welcome, whose bytes are part of the 8 %.
+`rate_distortion.py`. Transfers without side information show the preview of the welcome. Its bytes are part of the 8 %.
 
     python benchmarks/protection.py SCENE --data PHOTOS [--limit 0.08] [--views 4] [--pictures 8] [--sketch 0.01 0.025]
         [--units datagram pak]
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from frontier import PLANNING_SEED, REPORTED_SEED, Bench, Variant
+from rate_distortion import PLANNING_SEED, REPORTED_SEED, Bench, Variant
 
 from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.calibration.sketch import sketch_of
@@ -45,7 +45,7 @@ def sketches(bench: Bench, stream: SceneStream, shares: list[float]) -> list[byt
 def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.Namespace) -> dict:
     """Results with datagram losses: the planner chooses within the byte limit."""
     loss = parse_loss(loss_name)
-    plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=1e12, trials=60,
+    plan = plan_protection([variant.planned for variant in variants], loss, budget_bytes=1e12, trials=60,
                            rendered_trials=4, seed=PLANNING_SEED, max_protection=arguments.limit)  # fmt: skip
     found = variants[plan.variant].expected(plan.protection, loss_name, 1e12, arguments.pictures)
     return {"unit": "datagram", "loss": loss_name, **found,
@@ -65,8 +65,8 @@ class Pak(NamedTuple):
         spent: Bytes of sketch and parity.
         total: Bytes of the stream with sketch and parity.
         top: Mask of the packets of the protected tier, bool (P).
-        places: When packets and then parity leave: the tier, the other packets and parity each evenly over the
-            transfer, lane by lane, so that a burst takes a little of everything; places, int64 (P + repair).
+        slots: Position of each packet, then of each parity packet, in the sending order, int64 (P + repair). The
+            tier, the other packets and parity are each spread evenly, lane by lane, so that a burst hits few of each.
         cuts: Anchors of each packet.
     """
 
@@ -77,7 +77,7 @@ class Pak(NamedTuple):
     spent: int
     total: int
     top: np.ndarray
-    places: np.ndarray
+    slots: np.ndarray
     cuts: list[np.ndarray]
 
 
@@ -96,25 +96,25 @@ def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
             repair = min(int(max(room, 0) / largest), 2 * int(top.sum()))
             spent = repair * largest + len(section)
             if room >= 0:
-                places = spread_out(top, lane_by_lane, repair)
-                ways.append(Pak(share, repair, largest, number, spent, stream.num_bytes + spent, top, places, cuts))
+                slots = spread_out(top, lane_by_lane, repair)
+                ways.append(Pak(share, repair, largest, number, spent, stream.num_bytes + spent, top, slots, cuts))
     return ways
 
 
 def spread_out(top: np.ndarray, order: np.ndarray, repair: int) -> np.ndarray:
-    """Places of packets and parity, see `Pak`; `order` lists the packets lane by lane."""
+    """Positions of packets and parity in the sending order, see `Pak.slots`; `order` lists the packets lane by lane."""
     due = np.empty(len(top) + repair)
     for members in (order[top[order]], order[~top[order]], len(top) + np.arange(repair)):
         due[members] = (np.arange(len(members)) + 0.5) / max(len(members), 1)
-    places = np.empty(len(due), dtype=np.int64)
-    places[np.argsort(due, kind="stable")] = np.arange(len(due))
-    return places
+    slots = np.empty(len(due), dtype=np.int64)
+    slots[np.argsort(due, kind="stable")] = np.arange(len(due))
+    return slots
 
 
 def pak_scores(way: Pak, pictures: LossyPictures, loss_name: str, seeds: int, seed: int) -> list[float]:
     scores = []
     for row in draw_losses(parse_loss(loss_name), seeds, len(way.cuts) + way.repair, seed):
-        arrived = row[way.places]
+        arrived = row[way.slots]
         there = arrived[: len(way.cuts)].copy()
         if arrived[len(way.cuts) :].sum() + there[way.top].sum() >= way.top.sum():
             there[way.top] = True

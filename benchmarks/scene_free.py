@@ -1,4 +1,4 @@
-"""The scene-free concealers of anchors and Gaussians: trains one, or scores it beside others. Prints one JSON object.
+"""The scene-free concealers of anchors and Gaussians: trains one, or compares it with others. Prints one JSON object.
 
     python benchmarks/scene_free.py anchors train A=data/a B=data/b -o scene_free.safetensors
     python benchmarks/scene_free.py anchors score C=data/c --weights scene_free.safetensors

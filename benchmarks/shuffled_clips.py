@@ -1,13 +1,12 @@
-"""Small generated clips whose Gaussians have another order in every frame, and the damage of losses on them.
+"""Small generated clips with another order of Gaussians in every frame, and the damage of losses on them.
 
     python benchmarks/shuffled_clips.py > benchmarks/results/shuffled_clips.json
     python benchmarks/shuffled_clips.py walker smoke --seeds 1 --frames 20
     python benchmarks/shuffled_clips.py monkey=FRAMES/ --seeds 1
 
 `waves`, `cloth`, `dancer`: bodies that move; the Gaussians are the same in all frames. `smoke`: Gaussians appear and
-fade. `walker`, `ripples`: surfaces that are sampled anew in each frame. `flipbook`: a turning body whose frames are
-fitted one by one, so that every Gaussian jitters and some are replaced. Settings were chosen on `walker` and
-`flipbook`.
+fade. `walker`, `ripples`: surfaces with other random points in each frame. `flipbook`: a turning body with separately
+fitted frames, so that every Gaussian jitters and some are replaced. Settings were chosen on `walker` and `flipbook`.
 `grow` hides lost tracks and enlarges the received ones.
 """
 
@@ -44,7 +43,7 @@ Shape = Callable[[np.ndarray, float], np.ndarray]
 
 
 def waves(at: np.ndarray, seconds: float) -> np.ndarray:
-    """Water: three travelling waves, whose points move on circles."""
+    """Water: three travelling waves; points move on circles."""
     flat = np.stack([at[:, 0] * 2 - 1, np.zeros(len(at)), at[:, 1] * 2 - 1], axis=1)
     moved = flat.copy()
     for size, angle, wave, speed in ((0.07, 0.3, 5.0, 6.0), (0.05, 1.4, 8.0, 8.0), (0.03, -0.8, 13.0, 11.0)):
@@ -110,7 +109,7 @@ def walker(at: np.ndarray, seconds: float) -> np.ndarray:
 def surface(shape: Shape, at: np.ndarray, seconds: float, spread: float = 0.75) -> Splats:
     """Flat Gaussians on a surface, as large as their mean distance, with a smooth pattern of colours."""
     step = 1e-4
-    places = shape(at, seconds)
+    positions = shape(at, seconds)
     sides = [(shape(at + step * axis, seconds) - shape(at - step * axis, seconds)) / (2 * step) for axis in np.eye(2)]
     first = sides[0] / (np.linalg.norm(sides[0], axis=1, keepdims=True) + 1e-12)
     normal = np.cross(sides[0], sides[1])
@@ -121,7 +120,7 @@ def surface(shape: Shape, at: np.ndarray, seconds: float, spread: float = 0.75) 
     scales = size * np.array([1.0, 1.0, 0.15]) * np.exp(0.25 * np.sin(91 * at[:, :1] + 57 * at[:, 1:]))
     hue = np.stack([np.sin(9 * at[:, 0] + 1), np.sin(7 * at[:, 1]), np.sin(6 * at[:, 0] - 8 * at[:, 1])], axis=1)
     stripes = 0.3 * np.sign(np.sin(40 * at[:, :1]) * np.sin(30 * at[:, 1:]))
-    return splats(places, quats, scales, np.full(len(at), 0.9), 0.6 * hue + stripes)
+    return splats(positions, quats, scales, np.full(len(at), 0.9), 0.6 * hue + stripes)
 
 
 def quaternions(matrices: np.ndarray) -> np.ndarray:
@@ -141,10 +140,10 @@ def quaternions(matrices: np.ndarray) -> np.ndarray:
 
 
 def splats(
-    places: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray
+    positions: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray
 ) -> Splats:
     """Gaussians without view-dependent colour."""
-    values = (places, quats, scales, opacities, colours[:, None])
+    values = (positions, quats, scales, opacities, colours[:, None])
     return Splats(*(np.ascontiguousarray(value, np.float32) for value in values))
 
 
@@ -161,17 +160,17 @@ def smoke(rng: np.random.Generator, count: int) -> Callable[[float], Splats]:
         height = 1.5 * age
         swirl = 0.25 * age * np.concatenate([np.sin(6 * height - 4 * seconds + grey[there]), 0 * age,
                                              np.cos(5 * height - 3 * seconds)], axis=1)  # fmt: skip
-        places = start[there] * (1 + 2 * age) + height * [0, 1, 0] + swirl + drift[there] * age
+        positions = start[there] * (1 + 2 * age) + height * [0, 1, 0] + swirl + drift[there] * age
         scales = np.repeat(0.03 + 0.05 * age, 3, axis=1)
         quats = np.tile([1.0, 0, 0, 0], (len(there), 1))
         opacities = np.maximum(0.5 * np.sin(np.pi * share), 0.01)
-        return splats(places, quats, scales, opacities, grey[there] + np.array([0.3, 0.1, 0]))
+        return splats(positions, quats, scales, opacities, grey[there] + np.array([0.3, 0.1, 0]))
 
     return frame
 
 
 def flipbook(rng: np.random.Generator, count: int) -> Callable[[float], Splats]:
-    """A turning body, each frame of which is fitted on its own."""
+    """A turning body with separately fitted frames."""
     sites, colours = rng.random((count, 2)), rng.normal(0, 0.3, (count, 1, 3))
 
     def frame(seconds: float) -> Splats:
@@ -187,7 +186,7 @@ def flipbook(rng: np.random.Generator, count: int) -> Callable[[float], Splats]:
 
 
 def fixed_points(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float], Splats]]:
-    """Shape whose points stay the same in all frames."""
+    """Shape with the same points in all frames."""
 
     def begin(rng: np.random.Generator, count: int) -> Callable[[float], Splats]:
         at = rng.random((count, 2))
@@ -197,7 +196,7 @@ def fixed_points(shape: Shape) -> Callable[[np.random.Generator, int], Callable[
 
 
 def resampled_points(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float], Splats]]:
-    """Shape whose points are sampled anew in each frame."""
+    """Shape with other random points in each frame."""
     return lambda rng, count: lambda seconds: surface(shape, rng.random((count, 2)), seconds)
 
 
@@ -208,13 +207,13 @@ CLIPS = {
 
 
 def shuffled_frames(name: str, *, count: int = COUNT, frames: int = FRAMES, seed: int = 1) -> Iterator[Splats]:
-    """Frames of a generated clip, each in an order of its own.
+    """Frames of a generated clip, each in another order.
 
     Args:
         name: One of `CLIPS`.
         count: Number of Gaussians.
         frames: Number of frames, at `RATE` frames a second.
-        seed: Seed of places and orders.
+        seed: Seed of the positions and of the order of Gaussians.
     """
     rng = np.random.default_rng(seed)
     made = CLIPS[name](rng, count)

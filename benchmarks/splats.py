@@ -5,8 +5,8 @@
     python benchmarks/splats.py scale truck.splat --counts 100000 1000000 -o splats_scale.json
     python benchmarks/splats.py scale bonsai.ply --counts 500000 --threads 2 -o splats_threads.json
 
-DIR holds a SOG and an SPZ of each PLY, of the same name, made by `splat-transform` of npm. Missing files are written by
-`splatwire.io.formats` and marked. Eight of the given cameras are measured, and half of the rest determine the precision
+DIR contains a SOG and an SPZ of each PLY, of the same name, made by `splat-transform` of npm. Missing files are written
+by `splatwire` and marked. Eight of the given cameras are measured, and half of the rest determine the precision
 classes. A file after --ready is its own source: bytes are compared with its own. Of bonsai_30k:
 
     splatwire import hacpp bonsai_30k -o bonsai.scene
@@ -238,7 +238,7 @@ def plot(results: dict, output: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("rates", "plot", "scale"))
+    parser.add_argument("task", choices=("rates", "plot", "scale"))
     parser.add_argument("files", nargs="*", type=Path)
     parser.add_argument("--others", type=Path)
     parser.add_argument("--ready", nargs="*", type=Path, default=[])
@@ -248,10 +248,10 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path)
     args = parser.parse_args()
     use_single_thread()
-    if args.what == "plot":
+    if args.task == "plot":
         plot(json.loads(args.files[0].read_text()), args.output)
         return
-    if args.what == "scale":
+    if args.task == "scale":
         publish(scale(args.files[0], args.counts, args.threads), args.output)
         return
     cameras = dict(pair.split("=", 1) for pair in args.cameras)

@@ -115,7 +115,7 @@ def _encode_joined(tables, stream, models, statistics, box_bits, defaults, sourc
 
 
 def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) -> int:
-    """Bytes of a stream in which the packets of each block are joined; side information and manifest stay the same."""
+    """Bytes of a stream with the packets of each block joined, and with the same side information and manifest."""
     plan = stream.manifest.plan
     info = read_side_info(stream.side_info, plan.num_blocks)
     source, total = SourceScene.of(scene.splats, plan, classes, None, QUALITIES["default"]), 0
@@ -149,7 +149,7 @@ def packets_of(path: Path, _: argparse.Namespace) -> dict[str, object]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("conceal", "packets"))
+    parser.add_argument("task", choices=("conceal", "packets"))
     parser.add_argument("scenes", nargs="+", type=Path)
     parser.add_argument("--shares", type=float, nargs="*", default=[0.01, 0.04])
     parser.add_argument("--seeds", type=int, nargs="*", default=[0, 1, 2])
@@ -161,10 +161,10 @@ def main() -> None:
     numba.set_num_threads(1)
     scenes: dict[str, dict] = {}
     for path in options.scenes:
-        made = {"conceal": conceal_scene, "packets": packets_of}[options.what](path, options)
+        made = {"conceal": conceal_scene, "packets": packets_of}[options.task](path, options)
         scenes[path.name] = made
         result: dict[str, object] = {"scenes": scenes}
-        if options.what == "conceal":
+        if options.task == "conceal":
             names = next(iter(scenes.values()))["rows"]
             gains = {n: [s["rows"][n]["psnr"] - s["rows"]["drop"]["psnr"] for s in scenes.values()] for n in names}
             result["gain over drop, mean of scenes"] = {n: sum(g) / len(g) for n, g in gains.items()}

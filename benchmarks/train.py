@@ -65,7 +65,7 @@ class Marks:
 
 
 def speed(rows: list[dict[str, Any]], official: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Our iterations per second beside the official ones, over the same iterations.
+    """Our iterations per second and the official ones, over the same iterations.
 
     `ratio_at_equal_anchors` takes the time of an iteration as proportional to its anchors.
     """

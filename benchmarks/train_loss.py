@@ -80,7 +80,7 @@ def under_loss(scene: AnchorScene, photos: tuple[Dataset, Dataset], options: arg
 def cut_off(scene: AnchorScene, train: Dataset, test: Dataset, cuts: list[float], views: int) -> dict[str, Any]:
     """PSNR of the first share of the bytes, side information included, with each concealer, by order of sending.
 
-    `tiers` sends important anchors first, `interleaved` anchors from everywhere alike.
+    `tiers` sends important anchors first, `interleaved` an even sample of all anchors.
     """
     importance = footprint_importance(scene, train.cameras)
     tiers = importance.tiers(TIERS, scene.anchors.mask.any(axis=1))

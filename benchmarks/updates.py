@@ -5,7 +5,7 @@
 A ball of 2 % of the Gaussians around one of `CENTRES` random Gaussians is deleted, moved by its radius, or recoloured.
 Quantisation steps, precision classes, context tables, boxes and means of blocks are those of the first stream.
 
-`replaced`: Gaussians that stay keep their packet. A packet with a Gaussian that is gone is encoded again without it;
+`replaced`: Gaussians that stay keep their packet. A packet with a removed Gaussian is encoded again without it;
 a recoloured Gaussian stays in its packet. Gaussians that moved are in new packets.
 
 `listed`: updates as `encode_update` makes them. No packet is replaced: removed Gaussians are listed, and all new or
@@ -67,9 +67,9 @@ def packet_bytes(stream: SceneStream, info: SideInfo, scene: SplatScene, n: int,
     corner, bits = info.boxes.corners[block], int(info.boxes.bits[block])
     everything = to_lattice(scene.splats.means[members].astype(np.float64), info.unit, info.size_log) - corner
     at, some = cell_shift(everything, bits), scene.splats.select(left)
-    places, s = everything[np.searchsorted(members, left)], to_sources(some, info.size_log)
+    positions, s = everything[np.searchsorted(members, left)], to_sources(some, info.size_log)
     source = BlockSource(
-        np.int64(at), np.int64(1), block_codes(places, bits), places, scene.coding.classes[left].astype(np.int64),
+        np.int64(at), np.int64(1), block_codes(positions, bits), positions, scene.coding.classes[left].astype(np.int64),
         s.logs, s.axes, s.colours, transformed(some, info.transform),
     )  # fmt: skip
     return encode_block(source, info, block, np.array([len(left)]), 0).payloads[0]

@@ -80,7 +80,7 @@ def walks(splats: Splats) -> dict[str, Walk]:
 
 
 def cameras(way: list[tuple[np.ndarray, np.ndarray]]) -> Cameras:
-    """Cameras at some places, each directed at a target."""
+    """Cameras at given positions, each directed at a target."""
     poses = []
     for eye, target in way:
         ahead = (target - eye) / np.linalg.norm(target - eye)
@@ -109,7 +109,7 @@ class StreamedSog:
         sizes: Bytes of each file.
         low: Corners of each leaf.
         high: Corners of each leaf.
-        base: Distance up to which the finest level is wanted; each further level up to three times as far.
+        base: Maximum distance for the finest level; each further level has three times that of the level before.
     """
 
     leaves: list[list[Splats]]
@@ -150,7 +150,7 @@ def streamed_sog(splats: Splats) -> StreamedSog:
             for number, leaf in enumerate(level):
                 waiting.append(leaf)
                 if number == len(level) - 1 or sum(part.num_gaussians for part in waiting) + LEAF > FILE:
-                    # Written leaf by leaf to know whose Gaussians are whose; a file's size is that of all of them.
+                    # The file's size is that of all leaves. Each leaf is also written alone, to know its Gaussians.
                     write_sog([joined(waiting)], path)
                     sizes.append(path.stat().st_size)
                     for part in waiting:

@@ -4,9 +4,9 @@
     python benchmarks/watched_training.py tandt_truck_opensplat_116k.splat guitar.compressed.ply > training.json
 
 The training is simulated: all attributes approach those of the scene by 8 % a second, and each step jitters them. Each
-second, an update contains a share of the Gaussians: those whose change since they were sent changes pictures most. PSNR
-is that of `HELD_OUT_VIEWS` views of the scene, for the trainer and for a receiver of all updates. No update is chosen
-in these views.
+second, an update contains a share of the Gaussians: those with the largest effect on pictures by their change since
+their last transmission. PSNR is that of `HELD_OUT_VIEWS` views of the scene, for the trainer and for a receiver of all
+updates. No update is chosen in these views.
 """
 
 import argparse

@@ -4,7 +4,7 @@
     python benchmarks/why_not_http.py a.ply b.spz c.sog --full -o all.json          # every loss, round trip and rate
     python benchmarks/why_not_http.py plot why_not_http.json -o why_not_http.webp
 
-Real stacks run over an emulated link (`click_link.py`): kernel TCP with CUBIC and with BBR, HTTP/3 of aioquic, and
+Real stacks run over an emulated link (`emulated_link.py`): kernel TCP with CUBIC and with BBR, HTTP/3 of aioquic, and
 splatwire's datagrams with retransmission, with and without parity. Losses go both ways. SOG and SPZ show nothing before
 their last byte; received packets of a stream are decoded, concealed with `grow` and rendered. Pictures are those of the
 file that was given. Seconds are the network's: decoding and drawing are not among them. A transfer ends after `--limit`
@@ -38,7 +38,7 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_precision_classes
 from splatwire.types import SplatScene
 
-LINK = Path(__file__).with_name("click_link.py")
+LINK = Path(__file__).with_name("emulated_link.py")
 WAYS: dict[str, dict[str, Any]] = {
     "SOG, HTTP/1.1, CUBIC": {"scheme": "http1", "congestion": "cubic", "kind": "sog"},
     "SOG, HTTP/1.1, BBR": {"scheme": "http1", "congestion": "bbr", "kind": "sog"},
@@ -83,7 +83,7 @@ def curve(way: dict, log: dict, path: Path, whole: SceneStream, screen: Screen) 
         return [(rows[-1][0], screen.psnr(SplatScene(read_splats(path))))] if log["complete"] else []
     found = []
     if way["scheme"] == "datagrams":
-        head = next((place for place, (_, what) in enumerate(rows) if what == "head"), len(rows))
+        head = next((row for row, (_, event) in enumerate(rows) if event == "head"), len(rows))
         arrivals, packets = rows[head + 1 :], {repr(packet.id): packet for packet in whole.packets}
         for at, _ in moments(arrivals) if arrivals else ():
             there = [packets[name] for seconds, name in arrivals if seconds <= at]

@@ -13,7 +13,7 @@ import pytest
 
 import type_checks
 
-jaxtyping.jaxtyped = type_checks.checking  # set before any import of the package, whose import hook calls it
+jaxtyping.jaxtyped = type_checks.checking  # set before any import of the package: its import hook calls this
 # OpenMP threads, including those of torch, sleep while they wait, as on the command line. On a busy machine spinning
 # takes ten times the time of the work. The variable must be set before torch is loaded.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")

@@ -1,4 +1,4 @@
-"""A stand-in for gsplat without a GPU: the one used function, on the plain reference renderer."""
+"""Fake gsplat without a GPU: the one function that is used, computed by the plain reference renderer."""
 
 import types
 

@@ -1,6 +1,6 @@
 """Calls every public function and constructor with wrong arguments, one at a time, and prints the raw errors as JSON.
 
-Runs as a program: the suite's own checks of annotations would come before those of the package.
+Runs as a program, because the suite's checks of annotations would precede those of the package.
 
 Usage: python hostile_arguments.py FOLDER PACKAGE
 """
@@ -38,7 +38,7 @@ PACKAGES = (
     "evaluation", "sequence", "lod", "transport", "view", "planning", "calibration", "paper", "neural.training",
     "neural.importers",
 )  # fmt: skip
-"""Packages whose public names are tried; the empty name is `splatwire` itself."""
+"""Packages with public names to call; the empty name is `splatwire` itself."""
 NAMES = {
     "planning": (
         "candidates.PlanConstraints", "candidates.arrival_within", "candidates.baseline_candidates",
@@ -68,7 +68,7 @@ RESULTS = frozenset(
 )  # fmt: skip
 """Names that are not called by users: protocols, an enumeration, and types of results."""
 UNFINISHED = ("import_hacpp", "import_scaffold", "register_format", "register_schema", "Gnn", "train_scene")
-"""Names whose call with the values of `Pool` fails, because a valid one needs a model folder or a plug-in."""
+"""Names that cannot be called with the values of `Pool`, because a valid call needs a model folder or a plug-in."""
 SYNONYMS = {
     "width": "pixels", "height": "pixels", "arrival_bad": "bad state", "arrival_good": "good state",
     "data": "byte|JSON|not a|is no plan",
@@ -78,7 +78,7 @@ SYNONYMS = {
     "test": "at least 2 views", "options": "at least 2 views|Options", "state": "at least 2 views|TrainState",
     "listener": "at least 2 views",
 }  # fmt: skip
-"""Words of messages that stand for a parameter."""
+"""Words by which messages name a parameter."""
 SECONDS = 120
 """Time limit of a call."""
 
@@ -255,7 +255,7 @@ class Pool:
             "tiles_of.stream": lambda: self.levels, "tiles": lambda: self._tiles,
             "cut_of.received": lambda: self._received,
             "cut_of.viewpoint": Viewpoint(np.eye(4), 100.0, 64, 64), "viewmat": np.eye(4), "focal": 100.0, "width": 64,
-            "height": 64, "what": "a file", "Packetization.order": "morton", "SequenceOptions.order": "auto",
+            "height": 64, "description": "a file", "Packetization.order": "morton", "SequenceOptions.order": "auto",
             "hidden": network.hidden,
             "url": "udp://127.0.0.1/scene", "streams": {"scene": self.stream}, "reference": self.scene,
             **self._of_transfers(), "starts": np.array([0, 300]), "symbols_digest": "0" * 64, "writer": "test",
@@ -449,7 +449,7 @@ def problems(package: str, pool: Pool) -> dict[str, str]:
         for p in parameters:
             for what, value in hostile().items():
                 if what == "class" and p.name in ("progress", "received"):
-                    continue  # a class can be called: what it raises is its own
+                    continue  # a class is callable, and its errors are its own
                 if own := outcome(call, {**valid, p.name: value}, p):
                     found[f"{name}({p.name}={what})"] = own
     return found

@@ -1,7 +1,7 @@
 """A counter of kernel launches and blocking copies of an iteration, without a GPU.
 
 It counts forward and backward operations on tensors of the pretend device. Views launch no kernel. The renderer is
-excluded, because its stand-in has many operations and a real one has few kernels.
+excluded, because its replacement has many operations and a real one has few kernels.
 """
 
 from collections import Counter

@@ -39,7 +39,7 @@ class Watched:
     repaired: int = 0
     """Packets that parity restored."""
     missed: int = 0
-    """Packets that did not arrive although they were sent after the receiver had joined."""
+    """Lost packets, of those that were sent after the receiver had joined."""
     arrived: set[PacketId] = field(default_factory=set)
     left: list[SceneStream] = field(default_factory=list)
     """Periods that ended."""

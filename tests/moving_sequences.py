@@ -62,7 +62,7 @@ def cut_frames(count: int, frames: int, sizes: Collection[float]) -> list[Splats
 
 
 def lasting_frames(frames: int, sizes: Collection[float], lasting: int = 40) -> list[Splats]:
-    """Frames with scene cuts as of `cut_frames`, in which some more Gaussians of the first size move on and on."""
+    """Frames with the scene cuts of `cut_frames`; some further Gaussians of the first size move in all frames."""
     last = moving_frames(lasting, frames * len(sizes), seed=9)
     scenes = [moving_frames(300, frames, seed=number) for number in range(len(sizes))]
     found = []

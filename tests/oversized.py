@@ -54,7 +54,7 @@ def oversized_streams(gaussians: SceneStream) -> Iterator[tuple[str, SceneStream
     """Creates streams of at most a megabyte.
 
     Args:
-        gaussians: A small stream of explicit Gaussians with harmonics, whose header and contexts are taken.
+        gaussians: A small stream of explicit Gaussians with harmonics; its header and contexts are copied.
     """
     for blocks in (60, 400, 4000):
         yield f"gaussians announced in {blocks} blocks", of_gaussians(gaussians, LARGEST, 65_535 * blocks, 0)
@@ -193,7 +193,7 @@ def stream_of(
     tiers: tuple[TierShape, ...] = (),
     packets: int | None = None,
 ) -> SceneStream:
-    """A stream whose first packets are empty; it announces a number of packets, or one per block and part."""
+    """A stream with empty first packets; it announces a number of packets, or one per block and part."""
     shape = () if layout is None else (layout.feature_dim, layout.num_offsets, layout.feature_groups)
     parts = 2 + len(layout.feature_groups) if packetization.separated and layout else 1
     blocks = math.ceil(num / packetization.block_size)

@@ -19,7 +19,7 @@ class Numbers(Twister):
         self._spare: float | None = None
 
     def randn(self, *shape: int) -> np.ndarray:
-        """Normal numbers, float32; of fewer than sixteen, each pair comes from two numbers of 53 bits."""
+        """Normal numbers, float32; if fewer than sixteen, each pair is computed from two numbers of 53 bits."""
         count = math.prod(shape)
         found = self.normal(count) if count >= 16 else np.array([self._one() for _ in range(count)], np.float32)
         return found.reshape(shape)

@@ -39,7 +39,7 @@ HALF_SIDE = 48
 
 
 def tiny_scene(seed: int = 0, num_anchors: int = 300, config: ModelConfig = SMALL_CONFIG) -> AnchorScene:
-    """Creates a scene of random anchors whose attributes follow its random context model.
+    """Creates a scene of random anchors with attributes drawn from its random context model.
 
     Args:
         seed: Seed of all random choices.
@@ -112,7 +112,7 @@ def _with_positive_scales(network: Mlp, columns: slice, center: float = 2.0) -> 
 
 
 def _prior_network(config: ModelConfig, rng: Numbers) -> Mlp:
-    """A random prior whose scalings and offsets have the size of a scene of this extent."""
+    """A random prior with scalings and offsets of the size of a scene of this extent."""
     features, offsets = config.layout.feature_dim, 3 * config.layout.num_offsets
     widths = [features] * 3 + [6] * 2 + [offsets] * 2 + [3]
     gains = [1.5, 0.3, 0.5, 0.02, 0.002, 0.3, 0.1, 0.3]

@@ -1,6 +1,6 @@
 """Run-time type checks with little overhead.
 
-beartype checks all functions. Functions with shapes in their annotations also get a context in which jaxtyping compares
+beartype checks all functions. Functions with shapes in their annotations also get a context; there, jaxtyping compares
 the dimensions of arguments and result; `jaxtyping.jaxtyped` itself checks all arguments twice. A check is generated
 when its function is called first: most processes call a part of the package.
 """
@@ -56,7 +56,7 @@ def _checked(found: Any, *, typechecker: Callable[[Any], Any]) -> Any:
 
 
 def _with_shapes(found: Callable[..., Any], make: Callable[[], Callable[..., Any]]) -> Callable[..., Any]:
-    """Wraps a function whose checks compare the dimensions of arguments and result."""
+    """Wraps a function so that checks compare the dimensions of arguments and result."""
     checked: Callable[..., Any] | None = None
 
     @functools.wraps(found)

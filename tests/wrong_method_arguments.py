@@ -1,6 +1,6 @@
 """Calls methods of scenes, Gaussians, cameras and loss masks with wrong arguments, and prints the errors as JSON.
 
-Runs as a program: the suite's own checks of annotations would come before those of the package.
+Runs as a program, because the suite's checks of annotations would precede those of the package.
 """
 
 import json

@@ -34,14 +34,14 @@ class Rule(NamedTuple):
     """Run-time check of a value against one type annotation.
 
     Attributes:
-        what: Description of accepted values; empty if every value is accepted.
+        expected: Description of accepted values; empty if every value is accepted.
         accepts: Returns True for accepted values.
         convert: Converts an accepted value to the annotated type; None if values are used unchanged.
         kind: The class of accepted values if the annotation is a class such as `Splats`; None for other annotations.
         dims: Size of each array dimension: a number, or a letter for a size that several fields share.
     """
 
-    what: str
+    expected: str
     accepts: Callable[[Any], bool]
     convert: Callable[[Any], Any] | None = None
     kind: type | None = None
@@ -108,14 +108,14 @@ def rule_of(hint: Any, arrays: Callable[[Any], Rule]) -> Rule:
     if getattr(kind, "_is_protocol", False):
         return _protocol_rule(kind)
     reader = READERS.get(kind.__name__)
-    what = kind.__name__ + (f" (`{reader}` returns one)" if reader else "")
-    return Rule(what, lambda value: isinstance(value, kind), kind=kind)
+    expected = kind.__name__ + (f" (`{reader}` returns one)" if reader else "")
+    return Rule(expected, lambda value: isinstance(value, kind), kind=kind)
 
 
 def _union(rules: list[Rule]) -> Rule:
     if _PLAIN[str] in rules and (paths := _PLAIN[os.PathLike]) in rules:
         rules = [rule for rule in rules if rule not in (_PLAIN[str], paths)] + [_PATH]
-    if not all(rule.what for rule in rules):
+    if not all(rule.expected for rule in rules):
         return _ANYTHING
     exact = [rule for rule in rules if rule.convert is None]
     loose = [rule for rule in rules if rule.convert is not None]
@@ -128,11 +128,11 @@ def _union(rules: list[Rule]) -> Rule:
         assert rule.convert is not None
         return rule.convert(value)
 
-    others = any(rule.kind is not None or rule.what[:2] in ("a ", "an ") for rule in rules)
-    whats = list(dict.fromkeys("its name" if rule is _PLAIN[str] and others else rule.what for rule in rules))
-    what = " or ".join([", ".join(whats[:-1]), whats[-1]] if len(whats) > 1 else whats)
+    others = any(rule.kind is not None or rule.expected[:2] in ("a ", "an ") for rule in rules)
+    words = list(dict.fromkeys("its name" if rule is _PLAIN[str] and others else rule.expected for rule in rules))
+    expected = " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
     return Rule(
-        what,
+        expected,
         lambda value: any(rule.accepts(value) for rule in rules),
         convert if loose else None,
         kinds[0] if len(kinds) == 1 and len(rules) == 1 else None,
@@ -199,10 +199,12 @@ def _tuplerule_of(args: tuple[Any, ...], arrays: Callable[[Any], Rule]) -> Rule:
             _as_tuple,
         )
     items = [rule_of(arg, arrays) for arg in args]
-    whats = {item.what for item in items}
-    what = f"of {len(items)} {_plural(items[0])}" if len(whats) == 1 else f"({', '.join(i.what for i in items)})"
+    words = {item.expected for item in items}
+    expected = (
+        f"of {len(items)} {_plural(items[0])}" if len(words) == 1 else f"({', '.join(i.expected for i in items)})"
+    )
     return Rule(
-        f"a tuple {what}",
+        f"a tuple {expected}",
         lambda value: (
             isinstance(value, tuple | list)
             and len(value) == len(items)
@@ -214,7 +216,7 @@ def _tuplerule_of(args: tuple[Any, ...], arrays: Callable[[Any], Rule]) -> Rule:
 
 def _plural(item: Rule) -> str:
     """Converts the description of a value, such as `a number`, to the plural for error messages."""
-    plain = item.what.removeprefix("a ")
+    plain = item.expected.removeprefix("a ")
     return f"{plain}s" if plain.endswith("number") else plain or "items"
 
 
@@ -230,8 +232,8 @@ def _mapping_rule(kind: type, rules: list[Rule]) -> Rule:
             return False
         return all(map(key.accepts, value)) and all(map(item.accepts, value.values()))
 
-    what = f"a dictionary of {_plural(item)} by {key.what or 'key'}" if rules else "a dictionary"
-    return Rule(what, accepts)
+    expected = f"a dictionary of {_plural(item)} by {key.expected or 'key'}" if rules else "a dictionary"
+    return Rule(expected, accepts)
 
 
 def _items_rule(kind: type, item: Rule) -> Rule:
@@ -260,8 +262,8 @@ def _items_rule(kind: type, item: Rule) -> Rule:
     def convert(value: Any) -> Any:
         return _checked_items(value, item) if isinstance(value, abc.Iterator) else value
 
-    what = f"a sequence of {_plural(item)}"
-    return Rule(what, accepts, convert) if not sized and item.what else Rule(what, accepts)
+    expected = f"a sequence of {_plural(item)}"
+    return Rule(expected, accepts, convert) if not sized and item.expected else Rule(expected, accepts)
 
 
 def _checked_items(values: Any, item: Rule) -> Any:
@@ -276,7 +278,7 @@ def _checked_items(values: Any, item: Rule) -> Any:
     """
     for value in values:
         if not item.accepts(value):
-            raise InvalidValueError(f"expected {item.what} in each item, not {shown(value)}")
+            raise InvalidValueError(f"expected {item.expected} in each item, not {shown(value)}")
         yield value
 
 

@@ -89,7 +89,9 @@ def check_fields(record: Any) -> None:
             for dim, extent in zip(rule.dims, value.shape, strict=True):
                 if extent != (int(dim) if dim.isdigit() else extents.setdefault(dim, extent)):
                     fits = f" ({dim} = {extents[dim]})" if dim in extents else ""
-                    raise InvalidValueError(f"{kind.__name__}.{name}: expected {rule.what}, not {shown(value)}{fits}")
+                    raise InvalidValueError(
+                        f"{kind.__name__}.{name}: expected {rule.expected}, not {shown(value)}{fits}"
+                    )
 
 
 class CheckedFields:
@@ -120,7 +122,7 @@ def _rules(owner: Any, names: list[str], arrays: Callable[[Any], Rule]) -> dict[
     for name in names:
         hint = annotation_of(owner, name)
         rule = rule_of(hint, arrays)
-        if rule.what:
+        if rule.expected:
             found[name] = rule
     return found
 
@@ -131,7 +133,7 @@ def _check(rule: Rule, value: Any, name: str, owner: str = "") -> Any:
     where = f"{owner}.{name}" if owner else name
     if rule.kind is not None and (reader := READERS.get(rule.kind.__name__)) is not None:
         check_kind(value, rule.kind, reader, where)
-    raise InvalidValueError(f"{where}: expected {rule.what}, not {shown(value)}")
+    raise InvalidValueError(f"{where}: expected {rule.expected}, not {shown(value)}")
 
 
 def array_of(
@@ -157,21 +159,21 @@ def array_of(
     words = {"f": "numbers", "i": "whole numbers", "b": "True and False"}[kind]
     limits = "" if least is None or most is None else f" from {least:g} to {most:g}"
     extents = "" if shape is None else f" ({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
-    what = f"{name}: expected an array{extents} of {words}{limits}"
+    expected = f"{name}: expected an array{extents} of {words}{limits}"
     try:
         found = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value)
     except (TypeError, ValueError, RuntimeError) as error:
-        raise InvalidValueError(f"{what}, not {shown(value)}") from error
+        raise InvalidValueError(f"{expected}, not {shown(value)}") from error
     fits = shape is None or (
         len(found.shape) == len(shape)
         and all(isinstance(extent, str) or extent == own for extent, own in zip(shape, found.shape, strict=True))
     )
     if not fits or found.dtype.kind not in {"f": "fiu", "i": "iu", "b": "b"}[kind]:
-        raise InvalidValueError(f"{what}, not {shown(found)}")
+        raise InvalidValueError(f"{expected}, not {shown(found)}")
     if found.size and (least is not None or most is not None):
         low, high = found.min(), found.max()  # NaN if one value is
         if not ((least is None or low >= least) and (most is None or high <= most)):
-            raise InvalidValueError(f"{what}, not {low:.4g} to {high:.4g}")
+            raise InvalidValueError(f"{expected}, not {low:.4g} to {high:.4g}")
     return found
 
 

@@ -173,12 +173,12 @@ class DivergedError(SplatwireError):
 
     Args:
         iteration: Iteration at which this was detected.
-        what: The reason.
+        reason: The reason.
     """
 
-    def __init__(self, iteration: int, what: str = "the loss is not finite") -> None:
+    def __init__(self, iteration: int, reason: str = "the loss is not finite") -> None:
         super().__init__(
-            f"training diverged in iteration {iteration}: {what}; go on from an earlier checkpoint, "
+            f"training diverged in iteration {iteration}: {reason}; go on from an earlier checkpoint, "
             "or check the poses and the scale of the scene"
         )
         self.iteration = iteration

@@ -83,9 +83,9 @@ def test_partial_scene_round_trips_bit_identically(tiny_partial, tmp_path):
 def test_tier_sizes_round_trip(tiny_partial, tmp_path):
     save_partial(tiny_partial, tmp_path / "none")
     assert load_partial(tmp_path / "none").tier_sizes is None
-    told = tiny_partial.with_records(TierSizes(np.linspace(1e-3, 1, 7, dtype=np.float32)))
-    save_partial(told, tmp_path / "told")
-    assert np.array_equal(load_partial(tmp_path / "told").tier_sizes, told.tier_sizes)
+    with_sizes = tiny_partial.with_records(TierSizes(np.linspace(1e-3, 1, 7, dtype=np.float32)))
+    save_partial(with_sizes, tmp_path / "with_sizes")
+    assert np.array_equal(load_partial(tmp_path / "with_sizes").tier_sizes, with_sizes.tier_sizes)
     save_partial(tiny_partial.with_records(TierSizes(np.linspace(0, 1, 7, dtype=np.float32))), tmp_path / "damaged")
     with pytest.raises(BitstreamError, match=r"'anchors\.tier_sizes' has a size"):
         load_partial(tmp_path / "damaged")

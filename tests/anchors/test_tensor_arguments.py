@@ -1,4 +1,4 @@
-"""Tensors where arrays are expected, in a process of its own: this suite's checks of annotations would come first."""
+"""Tensors in place of arrays give an error. Runs in a separate process, without this suite's checks of annotations."""
 
 import subprocess
 import sys

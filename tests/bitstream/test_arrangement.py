@@ -163,7 +163,7 @@ def test_contradictions_are_refused(changes):
         Packetization(**{"block_size": 50, "lanes": 1, "grouping": "hashed", "packet_bytes": 128, **changes})
 
 
-def test_plan_alone_cannot_list_hashed_packets():
+def test_packets_grouped_by_hash_are_not_listed_without_side_information():
     plan = PacketPlan(PRESETS["datagram"], 5000)
     for question in (lambda: plan.ids, plan.packet_index_of, lambda: plan.members(PacketId(0, 0))):
         with pytest.raises(InvalidValueError):

@@ -29,13 +29,13 @@ def cameras() -> Cameras:
 
 
 def test_preview_is_closer_to_the_views_than_the_background(scene: AnchorScene, cameras: Cameras) -> None:
-    told: list[float] = []
-    result = preview_for_scene(scene, CalibrationViews(cameras), QUICK, progress=lambda _, share: told.append(share))
+    shares: list[float] = []
+    result = preview_for_scene(scene, CalibrationViews(cameras), QUICK, progress=lambda _, share: shares.append(share))
     assert result.psnr["preview"] > result.psnr["background"] + 3
     assert result.psnr["complete"] == 100.0
     assert len(result.section) <= QUICK.num_bytes
     assert read_preview(result.section).num_gaussians == result.num_gaussians == gaussians_within(400)
-    assert told[-1] == 1.0
+    assert shares[-1] == 1.0
     assert preview_for_scene(scene, CalibrationViews(cameras), QUICK).section == result.section
 
 

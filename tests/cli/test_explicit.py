@@ -160,8 +160,8 @@ def test_evaluate_warns_of_a_reference_that_is_another_scene(run, ply, stream, t
     write_splats([replace(splats, means=splats.means * factor + shift)], tmp_path / "other.ply")
     words = ("--views", "1", "--lpips-views", "1", "--json")
     assert "another scene" not in run("evaluate", stream, "--reference", ply, *words).err
-    told = run("evaluate", stream, "--reference", tmp_path / "other.ply", *words).err
-    assert f"splatwire: warning: {stream} is of another scene than {tmp_path / 'other.ply'}: centre (" in told
+    stderr = run("evaluate", stream, "--reference", tmp_path / "other.ply", *words).err
+    assert f"splatwire: warning: {stream} is of another scene than {tmp_path / 'other.ply'}: centre (" in stderr
 
 
 def test_evaluate_of_a_stream_without_received_gaussians_has_a_table(run, ply, stream, tmp_path):

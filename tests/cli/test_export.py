@@ -100,15 +100,15 @@ def test_export_measures_quality_only_on_request(run, curved, journey, tmp_path)
 
 
 def test_dropped_harmonics_are_reported(run, curved, tmp_path):
-    told = "one colour for all directions; the scene's harmonics, of degree 3"
-    assert told in run("export", "splat", curved, "-o", tmp_path / "a.splat").err
+    warning = "one colour for all directions; the scene's harmonics, of degree 3"
+    assert warning in run("export", "splat", curved, "-o", tmp_path / "a.splat").err
     assert read_splats(tmp_path / "a.splat").degree == 0
     done = run("export", "splat", curved, "-o", tmp_path / "b.splat", "--degree", 2)
     assert done.status == 2
     assert "one colour for all directions" in done.err
     assert run("encode", curved, "-o", tmp_path / "a.swz").status == 0
-    assert told in run("decode", tmp_path / "a.swz", "-o", tmp_path / "c.splat").err
-    assert told not in run("decode", tmp_path / "a.swz", "-o", tmp_path / "c.ply").err
+    assert warning in run("decode", tmp_path / "a.swz", "-o", tmp_path / "c.splat").err
+    assert warning not in run("decode", tmp_path / "a.swz", "-o", tmp_path / "c.ply").err
 
 
 @pytest.mark.parametrize("name", ["x.ksplat", "x.txt", "-"])

@@ -40,7 +40,7 @@ def test_verbs_work_in_a_shell_pipe(journey, tmp_path):
 
 
 @pytest.mark.parametrize("words", [("verify",), ("verify", "--json"), ("inspect",), ("inspect", "--json")])
-def test_damaged_input_fails_even_if_nobody_reads_the_output(journey, tmp_path, words):
+def test_damaged_input_fails_even_if_the_output_is_not_read(journey, tmp_path, words):
     content = (journey / "tiny.swz").read_bytes()
     (tmp_path / "cut.swz").write_bytes(content[: len(content) * 3 // 4])
     line = f"{sys.executable} -m splatwire {' '.join(words)} cut.swz | true; exit ${{PIPESTATUS[0]}}"
@@ -48,14 +48,14 @@ def test_damaged_input_fails_even_if_nobody_reads_the_output(journey, tmp_path, 
 
 
 @pytest.mark.parametrize(("name", "status"), [("cut.swz", 3), ("none.swz", 2)])
-def test_bad_input_fails_even_if_nobody_reads_the_errors(journey, tmp_path, name, status):
+def test_bad_input_fails_even_if_the_errors_are_not_read(journey, tmp_path, name, status):
     content = (journey / "tiny.swz").read_bytes()
     (tmp_path / "cut.swz").write_bytes(content[: len(content) * 3 // 4])
     line = f"{sys.executable} -m splatwire verify {name} 2>&1 | true; exit ${{PIPESTATUS[0]}}"
     assert subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, check=False).returncode == status
 
 
-def test_commands_go_on_if_nobody_reads_their_progress(journey, tmp_path):
+def test_commands_continue_if_their_progress_is_not_read(journey, tmp_path):
     line = (
         f"{sys.executable} -m splatwire convert {journey / 'tiny.swz'} -o copy.swz 2>&1 | true; exit ${{PIPESTATUS[0]}}"
     )

@@ -19,7 +19,7 @@ def broken(tmp_path):
 
 
 def test_every_verb_skips_the_same_gaussians_and_reports_once(run, broken, tmp_path):
-    told = [
+    expected = [
         f"splatwire: {broken}: 3 of 60 Gaussians draw nothing and are left out",
         f"splatwire: warning: {broken}: 1 of 60 Gaussians cannot be drawn and are left out (the first is row 7)",
     ]
@@ -37,7 +37,7 @@ def test_every_verb_skips_the_same_gaussians_and_reports_once(run, broken, tmp_p
     ):
         done = run(*words)
         assert done.status == 0, words
-        assert [line for line in done.err.splitlines() if line.startswith("splatwire:")] == told, words
+        assert [line for line in done.err.splitlines() if line.startswith("splatwire:")] == expected, words
     assert run("inspect", tmp_path / "a.swz", "--json").json["num_elements"] == 56
 
 

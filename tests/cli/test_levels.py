@@ -18,10 +18,10 @@ def scene(tmp_path_factory):
 def test_levels_are_encoded_inspected_and_concealed(scene, tmp_path, run):
     stream, lossy, out = (str(tmp_path / name) for name in ("a.swz", "b.swz", "c.ply"))
     assert run("encode", str(scene), "-o", stream, "--levels", "auto", "--block-size", "60").status == 0
-    told = json.loads(run("inspect", stream, "--json").out)
-    assert list(told["levels"]) == ["level 0", "level 1", "level 2"]
-    assert told["levels"]["level 0"]["Gaussians"] == 900
-    assert told["levels"]["level 2"]["error"] > told["levels"]["level 1"]["error"] > 0
+    facts = json.loads(run("inspect", stream, "--json").out)
+    assert list(facts["levels"]) == ["level 0", "level 1", "level 2"]
+    assert facts["levels"]["level 0"]["Gaussians"] == 900
+    assert facts["levels"]["level 2"]["error"] > facts["levels"]["level 1"]["error"] > 0
     assert run("transmit", stream, "-o", lossy, "--loss", "bernoulli:0.3", "--seed", "3").status == 0
     assert run("decode", lossy, "-o", out, "--conceal", "coarse").status == 0
     kept = json.loads(run("inspect", out, "--json").out)["num_gaussians"]

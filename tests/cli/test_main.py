@@ -48,10 +48,10 @@ def test_every_verb_has_help_and_json(run, words):
 def test_help_fits_a_narrow_terminal(run, words, monkeypatch):
     """Numbers are not broken at a comma, lines are filled, and no default is shown as None."""
     monkeypatch.setenv("COLUMNS", "80")
-    told = run(*words, "--help").out
-    assert "None" not in told
-    assert not re.search(r"\d,\s*│\n│\s+\d", told)
-    lines = [line[1:-1].strip() for line in told.splitlines() if line.startswith("│")]
+    help_text = run(*words, "--help").out
+    assert "None" not in help_text
+    assert not re.search(r"\d,\s*│\n│\s+\d", help_text)
+    lines = [line[1:-1].strip() for line in help_text.splitlines() if line.startswith("│")]
     for line, after in itertools.pairwise(lines):
         option = after.startswith(("-", "─")) or line.startswith(("-", "─")) or not after
         assert option or line.endswith((".", ")")) or len(line) + len(after.split()[0]) > 45, line
@@ -64,9 +64,9 @@ def test_help_states_the_default_gop_length(run, verb, monkeypatch):
 
 
 def test_overview_mentions_version_and_completion(run):
-    told = run("--help").out
-    assert "--version" in told
-    assert "--tyro-print-completion" in told
+    help_text = run("--help").out
+    assert "--version" in help_text
+    assert "--tyro-print-completion" in help_text
     assert "complete" in run("--tyro-print-completion", "bash").out
 
 
@@ -107,9 +107,9 @@ def test_a_renamed_option_works_under_its_former_name_with_a_warning(capsys):
     words = ["x.ply", "--old-size", "60", "--old_size=7", "-o", "old-size", "--lanes", "2"]
     now = with_current_names("encode", words, renamed)
     assert now == ["x.ply", "--block-size", "60", "--block-size=7", "-o", "old-size", "--lanes", "2"]
-    told = capsys.readouterr().err.splitlines()
-    assert len(told) == 2
-    assert all("--old-size is now --block-size" in line for line in told)
+    warned = capsys.readouterr().err.splitlines()
+    assert len(warned) == 2
+    assert all("--old-size is now --block-size" in line for line in warned)
     assert with_current_names("decode", words, renamed) == words
 
 
@@ -217,7 +217,7 @@ def test_help_in_a_narrow_terminal_leaves_the_environment(run, monkeypatch, widt
     ],
 )
 def test_ctrl_c_waits_while_an_error_would_be_lost(module, function):
-    """LLVM and Python ignore errors of the functions that they call back; an error in a lock could leave it held."""
+    """LLVM and Python ignore errors of callbacks; after an error inside a lock, the lock could stay locked."""
     code = (
         f"def {function}():\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
@@ -361,7 +361,7 @@ def test_ctrl_c_stops_the_compilation_of_a_kernel():
 
     def compile_kernel() -> None:
         numba.njit(lambda: callee())()
-        threading.Event().wait(60)  # an interrupt that came too late ends the wait
+        threading.Event().wait(60)  # ended by a late interrupt
 
     before = signal.signal(signal.SIGINT, SignalErrors(lambda _: KeyboardInterrupt()).handle)
     try:

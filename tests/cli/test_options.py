@@ -121,7 +121,7 @@ def _options(verb, settings):
 
 
 def _plain(kind):
-    """Types to which one word of an option may be converted."""
+    """Possible types of one word of an option."""
     if isinstance(kind, type):
         return {kind} - {types.NoneType}
     if typing.get_origin(kind) is typing.Literal:
@@ -133,7 +133,7 @@ def _plain(kind):
 def _every_option():
     for verb in VERBS:
         if verb == "calibrate":
-            for part in typing.get_args(typing.get_type_hints(Calibrate, include_extras=True)["what"]):
+            for part in typing.get_args(typing.get_type_hints(Calibrate, include_extras=True)["addition"]):
                 settings, subcommand = typing.get_args(part)
                 yield from _options(f"calibrate {subcommand.name}", settings)
         else:
@@ -241,7 +241,7 @@ def test_invalid_option_value_is_refused(run, here, option):
             named = (*spellings, value.split()[0], *value.split("/"))
             assert any(name in message for name in named), (words, message)
             assert (option.verb, option.name) in LATE or not re.search(r" s\] (?!loading)", message), (
-                f"told after some work: {message}"
+                f"reported after some work: {message}"
             )
     assert _listing(here) == before
 

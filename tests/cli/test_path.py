@@ -31,12 +31,12 @@ def command(folder, *options):
 
 def test_path_evaluation_reports_quality_over_time(folder, tmp_path, run):
     outcome = run(*command(folder, "--rate", "200k", "--seconds", "1", "--json", "-o", str(tmp_path / "report")))
-    told = json.loads(outcome.out)
-    moments = told["moments"]
+    report = json.loads(outcome.out)
+    moments = report["moments"]
     assert [moment["seconds"] for moment in moments if moment["seconds"] % 0.25 == 0] == [0, 0.25, 0.5, 0.75, 1]
-    assert told["rate"] == 200e3
-    assert moments[-1]["psnr"] > told["first_picture"]["psnr"] > moments[0]["psnr"]
-    assert told["first_picture"]["num_bytes"] < moments[-1]["num_bytes"] <= 200e3 / 8
+    assert report["rate"] == 200e3
+    assert moments[-1]["psnr"] > report["first_picture"]["psnr"] > moments[0]["psnr"]
+    assert report["first_picture"]["num_bytes"] < moments[-1]["num_bytes"] <= 200e3 / 8
     text = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert text.count("<figure>") == 10
     table = run(*command(folder, "--rate", "10M", "--seconds", "1", "--loss", "bernoulli:0.1", "--seeds", "2")).out

@@ -35,8 +35,8 @@ def test_serve_accepts_a_plan_file(run, datagrams, tmp_path):
     assert content["protection"] == json.loads(json.dumps(vars(protection)))
     (program,) = _run_serve._served_streams(serve, protection, planned).served.values()
     assert program.schedule == make_served_stream(stream, protection).schedule
-    told = run("plan", datagrams, *words).out
-    assert f"splatwire serve {datagrams} --plan {target}" in told
+    printed = run("plan", datagrams, *words).out
+    assert f"splatwire serve {datagrams} --plan {target}" in printed
 
 
 def test_plan_of_another_stream_or_with_conflicting_options_is_refused(run, journey, datagrams, tmp_path):

@@ -69,7 +69,7 @@ def test_a_thumbnail_shows_all_of_the_scene(run, cloud, tmp_path, suffix):
     with Image.open(io.BytesIO((tmp_path / f"a.{suffix}").read_bytes())) as image:
         pixels = np.asarray(image.convert("RGB")).astype(int)
     assert pixels.shape == (120, 200, 3)
-    assert pixels.max() > 60  # the scene is there
+    assert pixels.max() > 60  # the scene is shown
     edges = [pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]]
     assert max(int(edge.mean()) for edge in edges) < pixels[40:80, 80:120].mean() / 4  # and nothing of it is cut off
 

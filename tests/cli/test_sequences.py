@@ -24,7 +24,7 @@ FRAMES = 6
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Folder of frames whose names sort by number, and a file that is no frame."""
+    """Folder of frames with names that sort by number, and a file that is not a frame."""
     target = tmp_path_factory.mktemp("frames")
     for number, splats in enumerate(moving_frames(300, FRAMES)):
         write_splats([splats], target / f"frame_{number + 5}.ply")
@@ -173,7 +173,7 @@ def test_render_writes_a_clip_as_an_animation(run, clip, tmp_path):
 
 
 def test_pictures_of_a_very_long_clip_are_refused_before_drawing(run, clip, tmp_path, monkeypatch):
-    """A stream of 30 kB can announce 131,072 frames, whose pictures would take 103 GB."""
+    """A stream of 30 kB can announce 131,072 frames, and their pictures would take 103 GB."""
     monkeypatch.setattr("splatwire.evaluation.sequence.moving_picture.MAX_PICTURE_BYTES", 10_000)
     outcome = run("render", clip, "-o", tmp_path / "clip.webp", "--scale", 0.1)
     assert outcome.status == 2
@@ -308,9 +308,9 @@ def test_a_clip_is_planned_and_served_with_parity_for_each_group(run, clip, tmp_
     assert [list(pair) for pair in protection.motion] == content["protection"]["motion"]
     (program,) = _run_serve._served_streams(serve, protection, planned).served.values()
     assert program.sizes()["packet_protection"] == content["parity_bytes"]
-    told = run("plan", clip, *words).out
-    assert "group 1: parity" in told
-    assert f"splatwire serve {clip} --plan {target}" in told
+    printed = run("plan", clip, *words).out
+    assert "group 1: parity" in printed
+    assert f"splatwire serve {clip} --plan {target}" in printed
 
 
 def test_encode_turns_a_splatv_file_into_a_clip(run, tmp_path):

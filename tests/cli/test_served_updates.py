@@ -79,7 +79,7 @@ def test_cut_and_foreign_files_are_reported_once(tmp_path: Path, caplog: pytest.
 def test_an_unexpected_error_is_logged_once_and_later_updates_are_served(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_run_serve, "LOOK_S", 0)
+    monkeypatch.setattr(_run_serve, "UPDATE_POLL_S", 0)
     answers = iter([ZeroDivisionError("a fault"), ZeroDivisionError("a fault"), {"room": "changed"}])
 
     def poll() -> dict[str, str]:
@@ -236,7 +236,7 @@ def test_updates_are_for_public_scenes(tmp_path: Path, run, option) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("quic", [False, True])
 def test_a_server_swaps_updates_in_for_receivers_and_pages(tmp_path: Path, quic: bool) -> None:
-    base = encode_splats(some_splats(), SMALL)  # its packets fit no datagrams: the server makes updates of its own
+    base = encode_splats(some_splats(), SMALL)  # its packets do not fit datagrams: the server encodes its own updates
     updates = edits(base)
     write_stream(base, tmp_path / "room.swz")
     (tmp_path / "updates").mkdir()

@@ -25,9 +25,9 @@ def folder(tmp_path_factory):
 def test_updates_are_encoded_inspected_verified_and_applied(folder, run):
     old, change, new, again = (str(folder / f"{name}.swz") for name in ("old", "change", "new", "again"))
     assert run("encode", str(folder / "old.ply"), "-o", old).status == 0
-    told = json.loads(run("encode", str(folder / "new.ply"), "--update", old, "-o", change, "--json").out)
-    assert (told["num_kept"], told["num_removed"], told["num_new"]) == (460, 40, 40)
-    assert 0 < told["share"] < 1
+    report = json.loads(run("encode", str(folder / "new.ply"), "--update", old, "-o", change, "--json").out)
+    assert (report["num_kept"], report["num_removed"], report["num_new"]) == (460, 40, 40)
+    assert 0 < report["share"] < 1
     facts = json.loads(run("inspect", change, "--json").out)
     assert (facts["codec"], facts["format_version"], facts["num_elements"]) == ("update", 5, 40)
     assert facts["update"]["base_digest"] == json.loads(run("inspect", old, "--json").out)["manifest_digest"]

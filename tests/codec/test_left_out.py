@@ -19,7 +19,7 @@ NAN, INF = float("nan"), float("inf")
 
 
 def _broken_anchors(scene: AnchorScene) -> AnchorScene:
-    """Scene whose anchors 2 to 6 are invalid in different ways, 7 is invisible and 8 has invalid hidden offsets."""
+    """Scene with invalid anchors 2 to 6, each for another reason; 7 is invisible, and 8 has invalid hidden offsets."""
     columns = {name: values.copy() for name, values in vars(scene.anchors).items()}
     columns["scalings"][2, 3] = -1
     columns["positions"][3, 1] = NAN

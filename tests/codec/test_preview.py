@@ -82,7 +82,7 @@ def test_truncated_and_extended_previews_are_refused(count: int) -> None:
 
 def test_errors_name_the_invalid_field() -> None:
     data = bytearray(write_preview(preview_of(3)))
-    for place, value, told in (
+    for place, value, message in (
         (0, b"\x02", "version 2"),
         (1, b"\0", "1 to 133 Gaussians"),
         (5, np.float32("nan").tobytes(), "middle"),
@@ -93,7 +93,7 @@ def test_errors_name_the_invalid_field() -> None:
     ):
         bad = bytes(data[:place]) + value + bytes(data[place + len(value) :])
         bad = bad[:53] if place == 1 else bad
-        with pytest.raises(UnsupportedVersionError if place == 0 else BitstreamError, match=told):
+        with pytest.raises(UnsupportedVersionError if place == 0 else BitstreamError, match=message):
             read_preview(bad)
 
 

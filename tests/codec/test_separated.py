@@ -1,4 +1,4 @@
-"""HAC++'s separated layout holds the same integers, and a lost file removes its attribute and dependent ones."""
+"""HAC++'s separated layout contains the same integers, and a lost file removes its attribute and dependent ones."""
 
 from dataclasses import replace
 

@@ -139,9 +139,9 @@ def test_stream_without_tier_sizes_is_concealed_as_before(cut: SceneStream):
 
 @pytest.mark.parametrize("name", ["grow", "scene_free"])
 def test_losing_small_anchors_causes_little_growth(cut: SceneStream, name: str):
-    told, without_them = decode_stream(cut), decode_stream(without_concealment(cut, SECTION))
-    known = told.loss_mask.known
-    with_sizes, without = (conceal(partial, name).hints.size_gain[known] for partial in (told, without_them))
+    sized, without_them = decode_stream(cut), decode_stream(without_concealment(cut, SECTION))
+    known = sized.loss_mask.known
+    with_sizes, without = (conceal(partial, name).hints.size_gain[known] for partial in (sized, without_them))
     assert 0.2 < float(known.astype(np.float32).mean()) < 0.5
     assert float(without.mean()) > 1.4
     assert float(with_sizes.mean()) < 1 + 0.6 * (float(without.mean()) - 1)

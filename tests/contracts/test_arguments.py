@@ -21,7 +21,7 @@ class Named(Protocol):
 
 
 class Slow:
-    """Has a name that must not be asked for its value."""
+    """Has a property that must not be read."""
 
     @property
     def name(self) -> str:

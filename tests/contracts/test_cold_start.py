@@ -42,7 +42,7 @@ def compiled(tmp_path_factory, pytestconfig):
     """Compilations of one round trip in a fresh process with an empty cache."""
     import os
 
-    # without optimisation, which changes no types, they take two thirds of the time
+    # Without optimisation, which does not change types, compiling takes two thirds of the time.
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path_factory.mktemp("cache")), "NUMBA_OPT": "0"}
     done = subprocess.run(
         [sys.executable, "-c", _COUNT], cwd=pytestconfig.rootpath, env=environment, capture_output=True, text=True,

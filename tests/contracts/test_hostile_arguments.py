@@ -1,6 +1,6 @@
 """Every public function and constructor answers wrong arguments with one error that names the argument.
 
-`hostile_arguments` makes the calls in a process of its own: this suite's checks of annotations would come first.
+`hostile_arguments` makes the calls in a separate process, without this suite's checks of annotations.
 """
 
 import json

@@ -42,7 +42,7 @@ def test_a_relay_runs_without_torch(package):
 
 
 def test_the_core_loads_without_torch():
-    """Every module outside of the neural part, in a fresh interpreter in which torch is not installed."""
+    """Imports every module outside of the neural part in a fresh interpreter without torch."""
     code = (
         "import importlib, pkgutil, sys\n"
         "class Absent:\n"

@@ -46,7 +46,7 @@ def test_cameras_and_photos_are_paired_by_name(scene):
     assert np.array_equal(picked.image(1), dataset.image(1))
 
 
-def test_text_and_binary_reconstructions_open_alike(scene, tmp_path):
+def test_text_and_binary_reconstructions_open_as_equal_data(scene, tmp_path):
     binary = open_dataset(scene.root, split="all").cameras
     for file in (scene.root / "sparse" / "0").glob("*.bin"):
         file.unlink()

@@ -75,7 +75,7 @@ def test_damaged_bungeenerf_files_are_refused(capture, extra, reason):
 
 @pytest.mark.parametrize("factor", [2, 4, 8])
 def test_mip_nerf_360_folders_scale_the_cameras(capture, factor):
-    """Writes `images`, `images_2`, `images_4` and `images_8` beside `sparse/0`.
+    """Writes `images`, `images_2`, `images_4` and `images_8` in the folder that contains `sparse/0`.
 
     Smaller photos may deviate from the ratio by a pixel.
     """

@@ -101,7 +101,7 @@ def test_photos_of_colmap_are_undistorted(tmp_path, model, parameters, bend, fy)
 
 
 @LENSES
-def test_reduced_photos_are_undistorted_alike(tmp_path, bend):
+def test_reduced_photos_are_undistorted_like_full_ones(tmp_path, bend):
     _write_transforms(tmp_path, bend)
     whole, half = (open_dataset(tmp_path, split="all", max_width=width) for width in (None, WIDTH // 2))
     np.testing.assert_allclose(half.cameras.Ks[0, :2], whole.cameras.Ks[0, :2] / 2, rtol=1e-6)

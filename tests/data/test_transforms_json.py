@@ -370,7 +370,7 @@ def test_vertical_angles_of_other_sensors_of_blender_are_no_contradiction(sensor
 
 
 def test_focal_lengths_of_frames_may_differ_from_a_common_angle_of_view(capture):
-    """As in captures of phones, which focus anew for each frame."""
+    """As in captures of phones, which change the focus for each frame."""
     path = capture.write_nerfstudio() / "transforms.json"
     content = json.loads(path.read_text()) | {"camera_angle_x": 2 * math.atan(20 / 33)}
     content["frames"][1] |= {"fl_x": 34.0, "fl_y": 36.0}

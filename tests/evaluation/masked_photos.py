@@ -1,4 +1,4 @@
-"""A nerfstudio folder of photos in which one test view has a mask with garbage outside."""
+"""A nerfstudio folder of photos; one test view has a mask, and its photo has garbage outside of it."""
 
 import json
 from pathlib import Path

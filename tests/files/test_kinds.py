@@ -141,7 +141,7 @@ def test_readers_name_the_kind_of_a_wrong_file(zoo, reader):
             READERS[reader](path)
         assert path.name.split("\0")[0] in str(caught.value)
         words = (
-            kind.what,
+            kind.description,
             *PARTICULAR.get((reader, kind.key), ()),
             *(["cannot be read", "expected the path"] * ("\0" in path.name)),
         )

@@ -1,4 +1,4 @@
-"""Arrays in temporary files hold the same values as arrays in memory and leave no file."""
+"""Arrays in temporary files have the same values as arrays in memory, and leave no file."""
 
 import os
 import tempfile

@@ -1,7 +1,7 @@
 """Pinned streams of explicit Gaussians and their decoded integers, for decoders of format 2 in any language.
 
-`gaussians_3.json` holds whole files in base64 and their content; this file, run as a program, writes it. The streams of
-`gaussians.json` are of version 2, which is no longer written.
+`gaussians_3.json` contains whole files in base64 and their content; this file, run as a program, writes it. The streams
+of `gaussians.json` are of version 2, which is no longer written.
 """
 
 import base64

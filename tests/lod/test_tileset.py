@@ -170,7 +170,7 @@ def address(tileset):
 
 
 @pytest.mark.slow
-def test_another_program_loads_finer_tiles_as_the_camera_comes_nearer(address, tileset):
+def test_another_program_loads_finer_tiles_as_the_camera_approaches(address, tileset):
     if reason := lacking():
         pytest.skip(reason)
 

@@ -165,7 +165,7 @@ def _lock_of(kernel: Any) -> Path:
 
 @pytest.fixture
 def suspended(tmp_path, monkeypatch):
-    """Two kernels, not yet compiled, whose locks another process seems to hold; waits of 0.3 s."""
+    """Two kernels that are not compiled yet, with locks that seem to belong to another process; waits of 0.3 s."""
     monkeypatch.setattr(compiled, "_TURN_S", 0.3)
     monkeypatch.setattr(compiled, "_NOTICE_S", 0.1)
     monkeypatch.setattr(compiled, "_IN_VAIN", threading.Event())
@@ -176,7 +176,7 @@ def suspended(tmp_path, monkeypatch):
 
 
 def _record_waits(monkeypatch) -> list[tuple[str, float, bool]]:
-    """Returns a list that will hold each wait for a lock: kernel, seconds, and if it was ever counted as compiling."""
+    """Returns a list that records each wait for a lock: kernel, seconds, and if it was ever counted as compiling."""
     waits: list[tuple[str, float, bool]] = []
     wait, sleep = compiled._wait_for, time.sleep
     seen: list[bool] = []
@@ -309,7 +309,7 @@ def test_every_kernel_uses_the_shared_cache():
 
 
 def test_a_read_only_installation_decodes_without_a_home(temporary):
-    """Simulates an ordinary container; files in place of folders stop even root from writing beside the source."""
+    """Simulates an ordinary container; files in place of folders prevent even root from writing next to the source."""
     installed = temporary.parent / "installed"
     shutil.copytree(SOURCE / "splatwire", installed / "splatwire", ignore=shutil.ignore_patterns("__pycache__"))
     for folder in [installed / "splatwire", *(installed / "splatwire").rglob("*/")]:

@@ -1,4 +1,4 @@
-"""A synthetic scene whose features are a smooth function of position, so neighbours predict lost features."""
+"""A synthetic scene. Features are a smooth function of position, so neighbours predict lost features."""
 
 import numpy as np
 import torch

@@ -145,7 +145,7 @@ def test_errors_of_impossible_targets_state_the_possible_range():
 
 
 class PretendedScene(EncodedScene):
-    """An encoded scene of which only these attributes exist."""
+    """An encoded scene with only these attributes."""
 
     psnr = 0.0
     value = 0.0

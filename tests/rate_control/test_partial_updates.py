@@ -145,7 +145,7 @@ def test_the_whole_scene_is_sent_again_if_updates_do_not_fit(change) -> None:
     assert state.chain.updates == ()
 
 
-def test_a_scene_that_nobody_can_draw_is_refused() -> None:
+def test_a_scene_that_cannot_be_drawn_is_refused() -> None:
     splats = some_splats()
     with pytest.raises(InvalidValueError, match="no Gaussian can be drawn"):
         PartialUpdates.start(splats).pushed(replace(splats, opacities=np.zeros_like(splats.opacities)))

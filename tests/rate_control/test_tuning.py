@@ -46,7 +46,7 @@ def encoded(
 
 
 @pytest.mark.slow
-def test_streams_have_the_size_that_was_asked_for():
+def test_streams_have_the_size_that_was_requested():
     scene = shell(1000)
     size = 2 * encoded(scene, "fast", quality=quality_of("small")).stream.num_bytes // 3
     found = encoded(scene, tuning=ENOUGH, size=size)
@@ -56,7 +56,7 @@ def test_streams_have_the_size_that_was_asked_for():
 
 
 @pytest.mark.slow
-def test_streams_have_the_psnr_that_was_asked_for():
+def test_streams_have_the_psnr_that_was_requested():
     scene = shell(1000, degree=1)
     found = encoded(scene, tuning=ENOUGH, psnr=36.0)
     assert abs(found.psnr - 36.0) <= 0.2

@@ -76,7 +76,7 @@ class ReferencePacket(ReferenceBits):
         info: Side information.
         block: Block of the packet.
         payload: Its payload.
-        count: Gaussians that it holds.
+        count: Number of Gaussians in the packet.
     """
 
     def __init__(self, info: SideInfo, block: int, payload: bytes, count: int) -> None:

@@ -51,7 +51,7 @@ def reference_means(splats: Splats, size_log: int) -> np.ndarray:
 
 
 def reference_arrangement(codes: np.ndarray, contiguous: bool) -> np.ndarray:
-    """Indices of a block's Gaussians in the order in which packets are filled, from the codes of their cells."""
+    """Indices of a block's Gaussians in the order of packets, computed from the codes of their cells."""
     slots = np.zeros_like(codes)
     for bit in range(0 if contiguous else SLOT_BITS):
         slots |= ((codes >> bit) & 1) << (SLOT_BITS - 1 - bit)

@@ -26,7 +26,7 @@ class ReferenceMotion(ReferenceBits):
         self.count, self.frames, self.first_new = count, frames, first_new
 
     def decode(self) -> tuple[list[list[int]], list[list[list[int]]]]:
-        """Headers (track, state, first frame, frame after, tracks gone before and after), and residuals by channel."""
+        """Headers (track, state, first frame, frame after, ended tracks before and after), and residuals by channel."""
         headers = self.headers()
         orders = [self.below(self.frames + 1) for _ in range(5)]
         residuals = [[[0] * self.frames for _ in KINDS] for _ in headers]

@@ -1,4 +1,4 @@
-"""Antialiased Gaussians lose as much opacity as they are widened, in Python, in streams and in files."""
+"""Antialiasing widens Gaussians and lowers their opacity by the same factor, in Python, streams and files."""
 
 import json
 import struct

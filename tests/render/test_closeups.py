@@ -22,7 +22,7 @@ def sphere(count: int, radius: float) -> Splats:
 
 
 def covered(count: int, radius: float, coverage: float) -> Splats:
-    """A sphere whose Gaussians have `coverage` times its area."""
+    """A sphere of Gaussians with `coverage` times the area of the sphere."""
     size = radius * np.sqrt(4 * coverage / (0.95 * count))
     return replace(sphere(count, radius), scales=np.full((count, 3), size, np.float32))
 
@@ -54,7 +54,7 @@ def test_large_scenes_of_which_a_sample_is_searched_keep_their_surfaces():
     assert (abs(shares - (1 - CLOSER)) < 0.1).sum() >= 14
 
 
-def test_surfaces_are_found_in_front_of_what_they_hide():
+def test_surfaces_are_found_in_front_of_hidden_ones():
     both = joined(sphere(3000, 2.0), sphere(300, 0.7))
     outside = np.linalg.norm(closeup_cameras(both, 24, 224).centers, axis=1) > 2.0
     assert outside.sum() >= 20

@@ -23,7 +23,7 @@ def _splats(means, size):
 
 
 def _seen(splats, cameras, view):
-    """Share of the Gaussians whose centre is inside the picture and in front of the camera."""
+    """Share of the Gaussians with centres inside the picture and in front of the camera."""
     found = project(splats.means, splats.scales, rotation_matrices(splats.quats), cameras, view)
     inside = ((found.means2d > 0) & (found.means2d < SIZE)).all(axis=1) & (found.depths > 0)
     return float(inside.mean())

@@ -73,7 +73,7 @@ def test_elements_between_those_of_a_sample_are_in_the_pictures(caplog, monkeypa
     assert not caplog.text
 
 
-def test_large_elements_beside_the_picture_are_in_the_pictures(caplog):
+def test_large_elements_centred_outside_the_picture_are_in_the_pictures(caplog):
     warn_of_near_plane(wall(2, (-0.6, 0.6), 3.0), camera())
     assert not caplog.text
     warn_of_near_plane(wall(2, (-0.6, 0.6), 1e-3), camera())

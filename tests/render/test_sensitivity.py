@@ -33,7 +33,7 @@ def error_of(scene, **changes) -> float:
 
 
 def test_removal_estimate_equals_the_cost_of_omitting_an_anchor(scene, measured) -> None:
-    """Estimates are first order: an anchor whose Gaussians hide each other has a smaller true effect."""
+    """Estimates are first order: the true effect of an anchor is smaller if its Gaussians hide each other."""
     estimates, truths = [], []
     for anchor in np.argsort(-measured.removal)[:8]:
         left_out = np.zeros(60, np.bool_)
@@ -80,7 +80,7 @@ def test_quick_sensitivity_approximates_full_sensitivity(scene) -> None:
 def test_quick_sensitivity_covers_the_requested_number_of_anchors(scene) -> None:
     cameras = tiny_cameras(num_views=4, width=48, height=32)
     few, all_of_them = (quick_sensitivity(scene, cameras, chosen=chosen, probes=2, seed=3) for chosen in (20, 60))
-    told = few.removal > 0
-    assert 10 < int(told.sum()) <= 20
-    assert np.array_equal(few.removal[told], all_of_them.removal[told])
+    estimated = few.removal > 0
+    assert 10 < int(estimated.sum()) <= 20
+    assert np.array_equal(few.removal[estimated], all_of_them.removal[estimated])
     assert float(few.removal.sum()) > 0.6 * float(all_of_them.removal.sum())

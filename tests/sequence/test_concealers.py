@@ -37,7 +37,7 @@ def lossy(frames):
 @pytest.fixture
 def known(monkeypatch):
     """Restores the registry afterwards."""
-    concealer_names()  # what is installed registers once in a process
+    concealer_names()  # installed packages register once in a process
     for name in ("_entries", "_sources"):
         monkeypatch.setattr(registry.CONCEALERS, name, dict(getattr(registry.CONCEALERS, name)))
 

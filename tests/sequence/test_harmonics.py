@@ -30,5 +30,5 @@ def test_changing_harmonics_are_warned_about_once(caplog: pytest.LogCaptureFixtu
     for splats in with_harmonics(moving_frames(60, 6), step):
         encoder.push(splats)
     encoder.finish()
-    told = [record for record in caplog.records if "harmonics above degree 0" in record.getMessage()]
-    assert len(told) == warnings
+    warned = [record for record in caplog.records if "harmonics above degree 0" in record.getMessage()]
+    assert len(warned) == warnings

@@ -180,19 +180,19 @@ def test_packets_of_each_block_are_sent_by_importance():
     stream = encoder.finish()
     persistent = [manifest.plan.persistent(packet.id.block) for packet in packets]
     assert persistent == sorted(persistent, reverse=True)
-    told, found = stream_importance(stream), encoder.importance(packets)
-    motion = [worth for worth, lasts in zip(found, persistent, strict=True) if not lasts]
+    offline, found = stream_importance(stream), encoder.importance(packets)
+    motion = [importance for importance, lasts in zip(found, persistent, strict=True) if not lasts]
     assert len(motion) > 3
     blocks = [packet.id.block for packet, lasts in zip(packets, persistent, strict=True) if not lasts]
-    turns = [blocks[:place].count(block) for place, block in enumerate(blocks)]
+    turns = [blocks[:index].count(block) for index, block in enumerate(blocks)]
     assert turns == sorted(turns)
     for _, some in itertools.groupby(zip(turns, motion, strict=True), lambda pair: pair[0]):
-        worth = [own for _, own in some]
-        assert worth == sorted(worth, reverse=True)
+        importance = [own for _, own in some]
+        assert importance == sorted(importance, reverse=True)
     for block in set(blocks):
-        worth = [own for own, other in zip(motion, blocks, strict=True) if other == block]
-        assert worth == sorted(worth, reverse=True)
-    wanted = [told[packet.id] for packet, lasts in zip(packets, persistent, strict=True) if not lasts]
+        importance = [own for own, other in zip(motion, blocks, strict=True) if other == block]
+        assert importance == sorted(importance, reverse=True)
+    wanted = [offline[packet.id] for packet, lasts in zip(packets, persistent, strict=True) if not lasts]
     assert motion == pytest.approx(wanted, rel=0.2)
     bases = found[: len(found) - len(motion)]
     assert bases == sorted(bases, reverse=True)
@@ -334,10 +334,10 @@ def test_group_code_numbers_are_stable_and_protect_the_most_important_packets(fr
         found, own = alive[0], groups[alive[0]]
         assert {group for kind, group, _ in edition.schedule if kind == PARITY} == {found}
         newest = [packet_from_bytes(data, STREAM_ID) for data in edition.packets[edition.newest :]]
-        worth = encoder.importance(newest)
+        importance = encoder.importance(newest)
         start = own.start - edition.newest
-        inside = worth[start : start + own.size]
-        outside = worth[start + own.size :]
+        inside = importance[start : start + own.size]
+        outside = importance[start + own.size :]
         assert inside
         assert not outside or min(inside) >= max(outside)
 

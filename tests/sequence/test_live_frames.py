@@ -1,4 +1,4 @@
-"""Writing of received live frames: memory is bounded if frames are written more slowly than they arrive."""
+"""Writing of received live frames: memory is bounded if writing is slower than arrival."""
 
 import threading
 from collections.abc import Iterable, Iterator

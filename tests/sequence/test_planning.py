@@ -42,7 +42,7 @@ def load(stream, worth):
 
 
 def variant_of_stream(load, slope: float = 0.01, base: float = 1e-4) -> SequenceVariant:
-    """Sequence whose quality falls in proportion to its lost motion."""
+    """Sequence with a quality that falls in proportion to its lost motion."""
     groups = len(load.groups)
     shares = np.tile([0.0, 1.0], (groups, 1))
     mse = np.tile(np.array([base, base + slope])[None, :, None], (groups, 1, 2))

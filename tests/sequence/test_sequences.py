@@ -122,7 +122,7 @@ def test_encoding_frame_by_frame_gives_the_same_packets(frames, stream):
 
 
 def test_decoder_keeps_packets_instead_of_decoded_motion(stream, monkeypatch):
-    """The integers of motion take many times their coded bytes, so they are decoded again on demand."""
+    """Decoded motion takes many times its coded bytes, so packets are decoded again on demand."""
     inner = SequenceDecoder(stream.manifest, stream.side_info)._decoder._decoder
     monkeypatch.setattr(memory, "FREE_BYTES", inner.working_bytes(stream.packets))
     monkeypatch.setattr(memory, "BYTES_PER_BYTE", 0)

@@ -11,7 +11,7 @@ from moving_sequences import cloud, cut_frames, drawn, errors, lasting_frames, m
 from splatwire.bitstream import Packet, SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.side_info import write_header
-from splatwire.codec.sequence.layout import MAX_PLACE, MAX_SPACING, NUM_CHANNELS
+from splatwire.codec.sequence.layout import MAX_COORD, MAX_SPACING, NUM_CHANNELS
 from splatwire.codec.sequence.side_info import SequenceInfo, Shot, open_side_info, write_side_info
 from splatwire.codec.sequence.steps import in_other_units
 from splatwire.errors import BitstreamError
@@ -95,7 +95,7 @@ def test_tracks_move_on_through_shots_with_other_units(sizes):
 
 
 @pytest.mark.parametrize(("speed", "stands"), [(0.0, False), (100.0, True)])
-def test_tracks_too_fast_for_the_units_after_a_cut_stand_still_with_a_warning(caplog, speed, stands):
+def test_tracks_too_fast_for_the_units_after_a_cut_are_static_with_a_warning(caplog, speed, stands):
     frames = lasting_frames(FRAMES, [1.0, 2e-6], lasting=40)
     for number in range(FRAMES, 2 * FRAMES):
         frames[number].means[:40, 0] += speed * (number - FRAMES)
@@ -119,7 +119,7 @@ def test_units_change_without_loss_to_finer_ones_and_back():
     assert np.array_equal(back[1], shifts)
     mixed = in_other_units(places, shifts, np.array([-3, 20]))[0]
     assert mixed.tolist() == [[0, -1, 1 << 37], [0, 1 << 20, -(1 << 20)]]
-    assert np.abs(in_other_units(places, shifts, np.array([40, 40]))[0]).max() == MAX_PLACE
+    assert np.abs(in_other_units(places, shifts, np.array([40, 40]))[0]).max() == MAX_COORD
 
 
 def test_shots_of_like_sizes_keep_version_2_and_others_take_version_3(stream):
@@ -166,7 +166,7 @@ def changed(info: SequenceInfo, first: int = 1, **fields: Any) -> SequenceInfo:
 
 
 def with_spacing(info: SequenceInfo, spacing: int) -> SequenceInfo:
-    """Side information with a second shot whose position lattice is coarser than the first one's by some octaves."""
+    """Side information with a second shot on a position lattice that is some octaves coarser than the first one's."""
     level = info.keyframes.size_log - info.keyframes.unit + spacing
     return changed(info, size_log=max(level, 0), unit=max(-level, 0))
 

@@ -145,7 +145,7 @@ def test_non_scene_files_name_their_reader(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("hello")
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare" / "pak_lane0_s0.pak").touch()
-    for name, told in (
+    for name, message in (
         ("photos", "a folder of posed photos"),
         ("empty", "an empty folder"),
         ("text", "a text file"),
@@ -153,7 +153,7 @@ def test_non_scene_files_name_their_reader(tmp_path: Path) -> None:
         ("bare", "manifest.json is missing"),
     ):
         for read in (splatwire.open_scene, lambda path: splatwire.open_scene(path, "drop"), read_scene_file):
-            with pytest.raises(SplatwireError, match=told) as caught:
+            with pytest.raises(SplatwireError, match=message) as caught:
                 read(tmp_path / name)
             assert name in str(caught.value)
 

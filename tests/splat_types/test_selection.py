@@ -75,7 +75,7 @@ def test_errors_of_selections_name_the_accepted_indices() -> None:
 def messages() -> dict[str, str]:
     """Errors of the calls of `wrong_method_arguments`, by name.
 
-    The calls are made in a process of its own, because this suite's checks of annotations would come first.
+    The calls are made in a separate process, without this suite's checks of annotations.
     """
     program = Path(__file__).resolve().parents[1] / "wrong_method_arguments.py"
     done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, check=True)

@@ -222,21 +222,21 @@ class LiveSplatwire(Splatwire):
 
     def _program(self) -> ServedStream:
         first = (self.bases + self.motion) * len(self.firsts)
-        places = range(first, first + self.bases + self.motion)
+        indices = range(first, first + self.bases + self.motion)
         persistent = (b"\1" * self.bases + bytes(self.motion)) * (len(self.firsts) + 1)
         packets = tuple(_PROGRAM.packets[0] if lasts or n >= first else b"" for n, lasts in enumerate(persistent))
         self.firsts.append(first)
         self.network.at(self.network.now + GROUP_S, self._renew)
         fields = {f.name: getattr(_PROGRAM, f.name) for f in dataclasses.fields(ServedStream)}
-        schedule = ((SIDE, 0, 0), *((DATA, 0, place) for place in places))
-        told = {
+        schedule = ((SIDE, 0, 0), *((DATA, 0, index) for index in indices))
+        changes = {
             "packets": packets,
             "schedule": schedule,
             "parity_ranges": (ParityRange(0, 0, 0),),
             "resend": None,
             "is_live": True,
         }
-        return LiveState(**{**fields, **told}, persistent=persistent, newest=first)
+        return LiveState(**{**fields, **changes}, persistent=persistent, newest=first)
 
     def _renew(self) -> None:
         self.transfer.update(self._program())

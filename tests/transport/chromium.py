@@ -252,9 +252,9 @@ class Browser(Page):
         return json.loads(data)
 
 
-def processor_seconds(told: dict[str, Any]) -> float:
+def processor_seconds(info: dict[str, Any]) -> float:
     """Processor time that all processes of the browser have used so far, seconds."""
-    return float(sum(process["cpuTime"] for process in told["processInfo"]))
+    return float(sum(process["cpuTime"] for process in info["processInfo"]))
 
 
 @contextlib.contextmanager

@@ -182,10 +182,10 @@ def test_repeated_requests_are_answered_rarely_and_not_after_feedback():
     serving, here = server(), ("192.0.2.1", 1)
     request = encode(Request(7, token(serving, here, 7, 0.0), ""))
     answers = [serving.receive(here, request, n / 1000) for n in range(10_000)]
-    told = [answer for answer in answers if answer]
-    assert len(told) == MAX_WELCOMES
+    responses = [answer for answer in answers if answer]
+    assert len(responses) == MAX_WELCOMES
     assert len([answer for answer in answers[:1000] if answer]) <= 1 + 1 / WELCOME_INTERVAL_S
-    assert sum(map(len, told)) < 0.2 * len(request) * len(answers)
+    assert sum(map(len, responses)) < 0.2 * len(request) * len(answers)
     fresh = begin(serving, ("192.0.2.2", 1), 8, 0.0)
     assert isinstance(fresh, Welcome)
     serving.receive(("192.0.2.2", 1), encode(Feedback(fresh.session, 0, 0, 0, 3)), 0.1)

@@ -29,8 +29,8 @@ class Clock:
 
 def test_certificate_is_valid_for_browsers_at_any_time():
     """Checked hourly for two months: within its dates, with an hour of margin, for less than 14 days."""
-    clock, told = Clock(), list[Identity]()
-    identity, seen = RenewedIdentity(clock=clock, on_renewed=told.append), set()
+    clock, renewals = Clock(), list[Identity]()
+    identity, seen = RenewedIdentity(clock=clock, on_renewed=renewals.append), set()
     for hours in range(24 * 60):
         clock.now = BEGAN + datetime.timedelta(hours=hours)
         shown = identity().certificate
@@ -38,7 +38,7 @@ def test_certificate_is_valid_for_browsers_at_any_time():
         assert min(early, late) >= datetime.timedelta(hours=1)
         assert early + late < datetime.timedelta(days=14)
         seen.add(identity().fingerprint)
-    assert len(seen) == 60 // RENEWED_DAYS == len(told) + 1
+    assert len(seen) == 60 // RENEWED_DAYS == len(renewals) + 1
     assert RENEWED_DAYS < DAYS
 
 

@@ -186,7 +186,7 @@ def test_a_scene_that_does_not_arrive_at_first_is_an_error(monkeypatch: pytest.M
 
 
 def test_a_follower_may_start_an_update_each_second() -> None:
-    """Transfers of updates have a limit of their own, since a follower starts one for each update."""
+    """Transfers of updates have a separate limit, since a follower starts one for each update."""
 
     async def work() -> None:
         chain = UpdateChain(BASE, BASE).extended(UPDATES[0])
@@ -262,7 +262,7 @@ def test_errors_that_waiting_does_not_end_are_raised(error: Exception) -> None:
         run(work())
 
 
-def test_pauses_of_an_outage_grow_and_start_anew_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_backoff_grows_during_an_outage_and_restarts_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
     outage, pauses, warnings = [OSError(errno.ENETDOWN, "Network is down")] * 5, list[float](), list[str]()
     answers = iter([*outage, Done("complete", UPDATES[0]), *outage, Done("no such stream", None)])
 

@@ -54,12 +54,12 @@ def finish(server: Server, receiver: Receiver) -> list[Event]:
     while receiver.finished is None and now < 3.0:
         now += 0.02
         for _, data in server.poll(now, max_datagrams=1000):
-            out, told = receiver.receive(data, now)
-            events += told
+            out, new_events = receiver.receive(data, now)
+            events += new_events
             for reply in out:
                 server.receive("client", reply, now)
-        out, told = receiver.poll(now)
-        events += told
+        out, new_events = receiver.poll(now)
+        events += new_events
         for data in out:
             server.receive("client", data, now)
     return events

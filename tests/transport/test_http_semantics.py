@@ -17,7 +17,7 @@ STREAM = "/streams/city.swz"
 def ask(
     content: PageContent, method: str = "GET", target: str = STREAM, host: str = "127.0.0.1", **headers: str
 ) -> tuple[int, dict[str, str], bytes]:
-    """Status, headers by name and body of a response; underscores in names of headers stand for hyphens."""
+    """Status, headers by name and body of a response; underscores in names of headers mean hyphens."""
     lines = [f"{method} {target} HTTP/1.1", f"Host: {host}"]
     lines += [f"{name.replace('_', '-')}: {value}" for name, value in headers.items()]
     answer = content.answer(("\r\n".join(lines) + "\r\n\r\n").encode("latin-1"))
@@ -141,7 +141,7 @@ def test_monitoring_answers_http_1_0_without_a_host():
     assert monitoring.answer(b"GET /healthz HTTP/1.0\r\n\r\n").head.startswith(b"HTTP/1.1 200 ")
 
 
-def test_options_may_ask_about_the_whole_server():
+def test_options_request_may_concern_the_whole_server():
     assert ask(LOCAL, "OPTIONS", "*")[0] == 204
 
 

@@ -167,7 +167,7 @@ def test_invalid_proxy_is_refused(text):
 
 @pytest.mark.parametrize(("trusted", "statuses"), [(True, [200, 503, 200]), (False, [503, 503, 503])])
 def test_limits_behind_a_trusted_proxy_are_those_of_its_clients(trusted, statuses):
-    """A client that reads nothing holds its only slot; another client of the same proxy is served."""
+    """A client that reads nothing occupies its only slot; another client of the same proxy is served."""
     content = PageContent({"big": bytes(8 << 20)})
     limits = PageLimits(per_network=1, request_s=60.0, chunk_s=60.0)
     proxies = parse_networks(["127.0.0.1"] if trusted else ["192.0.2.1"])

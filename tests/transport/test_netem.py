@@ -1,6 +1,6 @@
-"""A real sender and a real receiver in a network namespace whose loopback loses, delays and reorders (tc netem).
+"""A real sender and receiver in a network namespace; its loopback loses, delays and reorders (tc netem).
 
-Where the kernel has no netem they skip; `benchmarks/with_netem.sh` runs them under one that has.
+The tests are skipped if the kernel has no netem; `benchmarks/with_netem.sh` runs them under one that has.
 """
 
 import contextlib
@@ -50,8 +50,8 @@ def serving(namespace: str, stream: Path) -> Iterator[int]:
     """A server process in a namespace; yields its port."""
     words = ["ip", "netns", "exec", namespace, sys.executable, "-m", "splatwire"]
     command = [*words, "serve", str(stream), "--port", "0", "--json"]
-    with server_process(command, polite=False) as told:
-        yield int(told["port"])
+    with server_process(command, polite=False) as ready:
+        yield int(ready["port"])
 
 
 @pytest.mark.parametrize(

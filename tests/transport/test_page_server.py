@@ -180,7 +180,7 @@ def test_one_network_holds_at_most_its_share_of_connections():
 
 
 def test_networks_holding_all_connections_yield_to_others():
-    """Slow readers of nine networks hold all connections; honest readers of a tenth are answered at once."""
+    """Slow readers of nine networks occupy all connections; honest readers of a tenth are answered at once."""
     limits = replace(PATIENT, slots=36, per_network=4)
 
     async def work() -> None:
@@ -296,7 +296,7 @@ def test_refused_requests_get_their_answer_however_long_they_are(request_head: b
 
 
 def test_mutated_requests_get_answers_with_fixed_headers():
-    """No byte of a request appears in an answer's header: names and values come from a fixed set."""
+    """No byte of a request appears in an answer's header: names and values are from a fixed set."""
     rng = random.Random(6)
     good = [
         b"GET / HTTP/1.1\r\nHost: [::1]:80\r\nOrigin: https://a.org\r\nAccept-Encoding: gzip\r\n\r\n",

@@ -21,7 +21,7 @@ STREAM = datagram_stream(num_anchors=500, side_bytes=3000)
 def capture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[int, int, bytes]]]:
     """Capture of a real transfer, with its ports and content."""
     pytest.importorskip("raptorq", reason="the package raptorq is not installed")
-    path, told = tmp_path_factory.mktemp("capture") / "transfer.pcap", []
+    path, datagrams = tmp_path_factory.mktemp("capture") / "transfer.pcap", []
 
     async def work() -> None:
         server = UdpServer({"s": make_served_stream(STREAM)}, "127.0.0.1", 0)
@@ -30,28 +30,28 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[
                 writer = Capture(file.write)
 
                 def tap(source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
-                    writer.add(source, target, data, 1_700_000_000.25 + len(told))
-                    told.append((source[1], target[1], data))
+                    writer.add(source, target, data, 1_700_000_000.25 + len(datagrams))
+                    datagrams.append((source[1], target[1], data))
 
                 receiver = await receive_udp(Address("127.0.0.1", server.port), ReceiverOptions(), None, tap)
             assert receiver.stream() == STREAM
-            assert writer.num_datagrams == len(told) > 20
+            assert writer.num_datagrams == len(datagrams) > 20
         finally:
             server.close()
 
     asyncio.run(asyncio.wait_for(work(), 30))
-    return path, told
+    return path, datagrams
 
 
 def test_independent_reader_finds_the_same_datagrams(capture):
     dpkt = pytest.importorskip("dpkt", reason="the package dpkt is not installed")
-    path, told = capture
+    path, datagrams = capture
     with path.open("rb") as file:
         reader = dpkt.pcap.Reader(file)
         assert reader.datalink() == 101
         records = list(reader)
-    assert len(records) == len(told)
-    for n, ((seconds, data), (source, target, payload)) in enumerate(zip(records, told, strict=True)):
+    assert len(records) == len(datagrams)
+    for n, ((seconds, data), (source, target, payload)) in enumerate(zip(records, datagrams, strict=True)):
         packet = dpkt.ip.IP(data)
         assert float(seconds) == pytest.approx(1_700_000_000.25 + n)
         assert (packet.data.sport, packet.data.dport, packet.data.data) == (source, target, payload)
@@ -65,11 +65,11 @@ def test_independent_reader_finds_the_same_datagrams(capture):
 def test_public_tools_read_the_capture(capture, tool):
     if shutil.which(tool) is None:
         pytest.skip(f"{tool} is not installed")
-    path, told = capture
+    path, datagrams = capture
     words = {"tcpdump": ["-nvvr", str(path)], "tshark": ["-r", str(path), "-o", "udp.check_checksum:TRUE", "-V"]}[tool]
     read = subprocess.run([tool, *words], capture_output=True, text=True, timeout=240, check=True).stdout
     found = {"tcpdump": "udp sum ok", "tshark": "Checksum Status: Good"}[tool]
-    assert read.count(found) >= len(told)
+    assert read.count(found) >= len(datagrams)
     assert "bad udp" not in read
     assert "Malformed" not in read
 

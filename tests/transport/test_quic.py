@@ -203,12 +203,14 @@ def test_limits_are_enforced_and_reported():
             assert "the server is full" in (await fetch(server.port)).finished.reason
             assert server.num_refused == 1
         async with serving(ServerLimits(per_network=2)) as server:  # in separate connections
-            reasons = [told.finished.reason for told in await asyncio.gather(*(fetch(server.port) for _ in range(3)))]
+            reasons = [
+                receiver.finished.reason for receiver in await asyncio.gather(*(fetch(server.port) for _ in range(3)))
+            ]
             assert sorted(reasons) == ["complete", "complete", "too many transfers from this network"]
         async with serving(ServerLimits(fixed_rate=2e5), QuicLimits(per_network=2)) as server:
-            told = [receiver.finished for receiver in await asyncio.gather(*(fetch(server.port) for _ in range(4)))]
-            assert sum(over.ok for over in told) == 2
-            assert sum("your network has its share" in over.reason for over in told) == 2
+            ends = [receiver.finished for receiver in await asyncio.gather(*(fetch(server.port) for _ in range(4)))]
+            assert sum(end.ok for end in ends) == 2
+            assert sum("your network has its share" in end.reason for end in ends) == 2
             assert server.networks.total() == len(server.connections)
 
     run(work())
@@ -234,14 +236,14 @@ def test_only_the_expected_certificate_is_accepted():
         async with serving() as server:
             for trust in (Trust(insecure=True), Trust(authority=authority)):
                 assert (await fetch(server.port, ReceiverOptions(name="other"), trust)).stream() == OTHER
-            for trust, told in (
+            for trust, message in (
                 (Trust(), "not trusted: self-signed certificate. Trust it with --fingerprint"),
                 (Trust(fingerprint="0" * 64), "another fingerprint"),
                 (Trust(authority=stranger), "self-signed"),
             ):
                 receiver = await fetch(server.port, None, trust)
                 assert not receiver.finished.ok
-                assert told in receiver.finished.reason
+                assert message in receiver.finished.reason
                 assert receiver.stream() is None
             while server.core.num_transfers:
                 await asyncio.sleep(0.01)
@@ -352,7 +354,7 @@ def test_transfer_resumes_over_another_connection(how):
 def test_transfer_survives_a_time_without_a_route_to_the_server(
     monkeypatch: pytest.MonkeyPatch, returns: bool, error: OSError
 ) -> None:
-    """No socket can be connected then. Without an end of the outage, what arrived is kept."""
+    """No socket can be connected then. If the outage does not end, the received part is kept."""
     opened, refused = 0, 0
 
     def open_socket(family: Any, target: Any) -> Any:

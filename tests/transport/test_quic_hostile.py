@@ -59,9 +59,9 @@ class Client(QuicConnectionProtocol):
         if isinstance(event, events.StreamDataReceived) and event.stream_id == self.stream:
             self.frames += self._reader.feed(event.data)
             return  # aioquic would treat data on such a stream as HTTP
-        for told in self.http.handle_event(event) if self.http else []:
-            if isinstance(told, HeadersReceived):
-                self.statuses.append(int(dict(told.headers)[b":status"]))
+        for http_event in self.http.handle_event(event) if self.http else []:
+            if isinstance(http_event, HeadersReceived):
+                self.statuses.append(int(dict(http_event.headers)[b":status"]))
 
     def connect_to(self, path: str = WEBTRANSPORT_PATH, **changed: str) -> int:
         """Requests a WebTransport session."""
@@ -91,7 +91,7 @@ async def connected(port: int, alpn: str) -> Client:
 async def until(true: Callable[[], Any], seconds: float = 15.0) -> None:
     end = asyncio.get_running_loop().time() + seconds
     while not true():
-        assert asyncio.get_running_loop().time() < end, "it did not come"
+        assert asyncio.get_running_loop().time() < end, "no answer arrived"
         await asyncio.sleep(0.01)
 
 
@@ -176,7 +176,7 @@ def test_unvalidated_address_gets_few_bytes(busy):
                     victim.sendto(data, ("127.0.0.1", server.port))
                 first = asyncio.get_running_loop().sock_recv(victim, 2048)
                 answers = [await asyncio.wait_for(first, 60)]
-                await asyncio.sleep(1.5)  # for answers that must not come
+                await asyncio.sleep(1.5)  # for answers that must not arrive
                 while True:
                     try:
                         answers.append(victim.recv(2048))
@@ -192,7 +192,7 @@ def test_unvalidated_address_gets_few_bytes(busy):
 
 @pytest.mark.parametrize("others", [4, 24])
 def test_many_networks_of_one_provider_yield_to_others(others: int, monkeypatch: pytest.MonkeyPatch):
-    """Clients of many networks in one wide network hold all connections and yield to others.
+    """Clients of many networks in one wide network occupy all connections, and are displaced by others.
 
     Without that, 24 of them would block every new handshake.
     """

@@ -25,9 +25,9 @@ ENDLESS = encode_uint_var(1 << 40)
 @pytest.fixture
 def failures() -> Iterator[list[Any]]:
     """Unexpected exceptions of the event loop; none may occur."""
-    told: list[Any] = []
-    yield told
-    assert told == []
+    problems: list[Any] = []
+    yield problems
+    assert problems == []
 
 
 def watch(failures: list[Any]) -> None:

@@ -26,7 +26,7 @@ LIMITS = ServerLimits(fixed_rate=250_000.0)
 
 @dataclass
 class Path:
-    """A path between a receiver and a server, both of which may change over time.
+    """A path between a receiver and a server; both may change over time.
 
     Attributes:
         server: The server; None during an outage.

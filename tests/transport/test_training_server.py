@@ -97,7 +97,7 @@ def test_the_waiting_scene_is_replaced_by_a_newer_one(monkeypatch: pytest.Monkey
         for number in range(3):
             arrays["means"][0, 0] = number
             server.push(**arrays)
-        arrays["means"][0, 0] = 7  # a trainer goes on in place
+        arrays["means"][0, 0] = 7  # a trainer changes its arrays in place
         go_on.set()
         arrays["means"][0, 0] = 9
         server.push(**arrays, wait=True)

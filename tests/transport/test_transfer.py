@@ -398,7 +398,7 @@ def test_retransmission_of_the_init_segment_sends_new_symbols():
 
 
 def test_preview_is_part_of_the_first_answer():
-    """The preview arrives even if no symbol of the side information does, and may hold any bytes."""
+    """The preview may contain any bytes, and arrives even if no symbol of the side information does."""
     preview = random.Random(0).randbytes(MAX_PREVIEW)
     program = make_served_stream(STREAM, preview=preview)
     sent = itertools.count()

@@ -1,5 +1,5 @@
 """Two servers that encode one live source, behind nginx with the configuration in deploy/: transfers are shared, and
-new ones work while one server is gone."""
+new ones work while one server is down."""
 
 import asyncio
 import contextlib
@@ -89,9 +89,10 @@ def test_transfers_are_shared_and_go_to_the_server_that_is_left(tmp_path: Path, 
             ports = [json.loads(server.stdout.readline())["port"] for server in servers]
             listening = free_port()
             await stack.enter_async_context(running(nginx_words(tmp_path, listening, ports), (), tmp_path))
-            await asyncio.sleep(1)  # nothing tells when nginx listens on a UDP port; clients try again for 5 seconds
+            # nginx does not report when it listens on a UDP port. Clients try again for 5 seconds.
+            await asyncio.sleep(1)
             url = f"{scheme}://127.0.0.1:{listening}"
-            trust = ("--insecure",) if scheme == "quic" else ()  # each server has a certificate of its own
+            trust = ("--insecure",) if scheme == "quic" else ()  # each server has its own certificate
             for name in ("first", "second"):
                 stack.enter_context(splatwire("receive", url, "-o", tmp_path / name, "--json", *trust))
             give(range(4))

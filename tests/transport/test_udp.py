@@ -130,7 +130,7 @@ def test_unreachable_server_is_reported_at_once():
 
 
 def test_responses_that_the_socket_does_not_accept_are_bounded():
-    """A slow uplink accepts fewer responses than a flood of requests asks for."""
+    """A slow uplink accepts fewer responses than there are requests in a flood."""
 
     class Blocked:
         def __init__(self) -> None:

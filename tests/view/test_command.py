@@ -31,10 +31,10 @@ def test_view_serves_a_page_until_a_signal(stream, how):
     command = [sys.executable, "-m", "splatwire", "view", str(stream), "--port", "0", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
-            told = json.loads(process.stdout.readline())
-            with urllib.request.urlopen(told["url"], timeout=120) as answer:
+            ready = json.loads(process.stdout.readline())
+            with urllib.request.urlopen(ready["url"], timeout=120) as answer:
                 assert "<splat-wire" in answer.read().decode()
-            with urllib.request.urlopen(told["url"] + "streams/tiny.swz", timeout=120) as answer:
+            with urllib.request.urlopen(ready["url"] + "streams/tiny.swz", timeout=120) as answer:
                 assert stream_from_bytes(answer.read())[0].manifest.codec == CAUSAL
             process.send_signal(how)
             rest, problems = process.communicate(timeout=240)

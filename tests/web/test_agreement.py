@@ -393,14 +393,14 @@ def test_python_and_typescript_decoders_agree(tmp_path: Path, part: int) -> None
     indexes = {str(tmp_path / "tiny_levels.swz"): hostile_indexes(streams["tiny_levels"], cases, rng)}
     taken = sum(said is not None for _, said in indexes[str(tmp_path / "tiny_levels.swz")])
     assert cases / 20 < taken < cases * 0.95, "too few indexes of one kind"
-    told = {
+    fields = {
         "manifests": pairs, "packets": packets, "heads": heads, "frames": frames, "cuts": cuts, "indexes": indexes,
         "tiled": str(tmp_path / "tiled.swz"),
     }  # fmt: skip
     small = Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=250)
     tiled = encode_levels(SplatScene(some_splats(2000)), small)
     write_stream(tiled, tmp_path / "tiled.swz")
-    answers.write_text(json.dumps(told))
+    answers.write_text(json.dumps(fields))
     done = subprocess.run(
         ["node", "scripts/test.mjs", "only", "agreement"], cwd=WEB, capture_output=True, text=True, timeout=1200,
         env={**os.environ, "ANSWERS": str(answers)}, check=False,

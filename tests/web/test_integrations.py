@@ -245,7 +245,7 @@ def antialiased_stream() -> SceneStream:
 
 
 def built(project: Path, name: str, script: str, code: str) -> tuple[dict[str, str], dict[str, str]]:
-    """Pages and scripts of a project whose page runs this script and, as `example`, this code."""
+    """Pages and scripts of a project; its page runs this script and, as `example`, this code."""
     (project / "example.ts").write_text(code)
     (project / f"{name}.ts").write_text(script)
     (project / f"{name}.html").write_text(PAGE.format(name=name))

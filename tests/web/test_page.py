@@ -97,11 +97,11 @@ def test_redundant_copies_count_neither_as_received_nor_as_lost(stream: SceneStr
     packed = tmp_path / "packed.html"
     packed.write_bytes(pack_stream(with_copies(stream), "a ball with copies"))
     rows = f"[...{ELEMENT}.shadowRoot.querySelectorAll('dt')]"
-    told = f"{rows}.find((dt) => dt.textContent === 'PSNR')?.nextSibling.textContent"
+    psnr_text = f"{rows}.find((dt) => dt.textContent === 'PSNR')?.nextSibling.textContent"
     with isolated_page() as page:
         assert opened(page, packed.as_uri()) == "complete"
         page.wait_for(f"{ELEMENT}.view && {ELEMENT}.controlPanel.settings.concealer === 'sketch'")
-        assert page.wait_for(told) == "no loss"
+        assert page.wait_for(psnr_text) == "no loss"
         assert status(page, "gaussians") == stream.manifest.num_elements
         check_pictures(page, stream, 40, "sketch")
         page.evaluate(f"{ELEMENT}.controlPanel.set({{show: 'lossless'}})")
@@ -229,9 +229,9 @@ def test_page_server_serves_only_its_files_and_streams(programs: dict[str, Serve
     assert "connect-src 'self' https://*:4840;" in page
     assert 'session=":4840/splatwire"' in page
     assert "10.0.0.1" not in page
-    told = json.loads(answered(content, b"GET /streams.json HTTP/1.1\r\nHost: 10.0.0.1").partition(b"\r\n\r\n")[2])
-    assert told["streams"] == ["/streams/ball.swz", "/streams/anchors.swz"]
-    assert told["port"] == 4840
+    listing = json.loads(answered(content, b"GET /streams.json HTTP/1.1\r\nHost: 10.0.0.1").partition(b"\r\n\r\n")[2])
+    assert listing["streams"] == ["/streams/ball.swz", "/streams/anchors.swz"]
+    assert listing["port"] == 4840
 
 
 def test_range_request_returns_that_part_of_a_stream(programs: dict[str, ServedStream]) -> None:
@@ -270,9 +270,9 @@ def test_stream_answers_are_cacheable_until_changed(programs: dict[str, ServedSt
         lines = head.decode().split("\r\n")
         return lines[0].encode(), dict(line.split(": ", 1) for line in lines[1:])
 
-    status, told = asked(content)
-    tag = told["ETag"]
-    assert (status[9:12], told["Cache-Control"]) == (b"200", "no-cache")
+    status, headers = asked(content)
+    tag = headers["ETag"]
+    assert (status[9:12], headers["Cache-Control"]) == (b"200", "no-cache")
     assert "immutable" in asked(content, f"?{tag[1:-1]}")[1]["Cache-Control"]
     assert asked(other, f"?{tag[1:-1]}")[1]["Cache-Control"] == "no-cache"
     assert asked(content, "", f"If-None-Match: {tag}\r\n")[0][9:12] == b"304"

@@ -291,9 +291,9 @@ def test_dropped_link_is_retried_and_a_reloaded_page_resumes(stream: SceneStream
         page.wait_for(f"{ELEMENT}?.status?.packets > 0")
         host.cut.set()
         assert page.wait_for("events.find(([kind]) => kind === 'lost')")[1]["retryMs"] > 0
-        told = page.wait_for(f"{ELEMENT}.status.packets > 0 && {PANEL}.includes('Connection lost') && {PANEL}")
-        assert "none" not in told.partition("missing")[2].partition("received")[0]
-        assert "no loss" not in told
+        panel = page.wait_for(f"{ELEMENT}.status.packets > 0 && {PANEL}.includes('Connection lost') && {PANEL}")
+        assert "none" not in panel.partition("missing")[2].partition("received")[0]
+        assert "no loss" not in panel
         assert page.evaluate(f"{ELEMENT}.status.finished") is None
         page.wait_for("events.filter(([kind]) => kind === 'lost').length > 1")
         host.deliver = lambda request, body: None

@@ -1,4 +1,4 @@
-"""Scene in a headset (WebXR), with a stand-in for `navigator.xr` that has two eyes and draws into the canvas."""
+"""Scene in a headset (WebXR), with a fake `navigator.xr` that has two eyes and draws into the canvas."""
 
 import base64
 import io
@@ -193,7 +193,7 @@ def test_too_little_memory_in_a_headset_ends_the_session_with_one_error(packed: 
         assert page.evaluate(f"[failures.length, session.ended, {ELEMENT}.view]") == [1, True, None]
 
 
-def test_a_headset_that_refuses_is_a_message_and_the_page_goes_on(packed: str) -> None:
+def test_a_headset_that_refuses_gives_a_message_and_the_page_continues(packed: str) -> None:
     with browser() as page:
         page.prepare(FAKE)
         opened(page, packed)

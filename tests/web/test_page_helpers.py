@@ -42,7 +42,7 @@ def threads(page: Browser) -> int:
     return page.alive()["WorkerGlobalScopes"]
 
 
-def test_a_page_that_forbids_workers_says_why(stream: SceneStream) -> None:
+def test_a_page_that_forbids_workers_shows_the_reason(stream: SceneStream) -> None:
     def work(host: Host, page: Browser) -> None:
         page.open(f"{host.url}trusted_types")
         page.wait_for(f"{STATUS}?.failed")

@@ -101,7 +101,7 @@ def test_difference_disappears_once_its_picture_changes(streams: dict[str, bytes
 
 def test_figures_of_an_incomplete_scene_name_their_reference(streams: dict[str, bytes]) -> None:
     rows = f"[...{ELEMENT}.shadowRoot.querySelectorAll('dt')]"
-    told = f"{rows}.find((dt) => dt.textContent === 'PSNR').nextSibling.textContent"
+    psnr_row = f"{rows}.find((dt) => dt.textContent === 'PSNR').nextSibling.textContent"
 
     def work(page: Browser) -> None:
         assert page.evaluate(f"{ELEMENT}.status.complete") is False
@@ -109,9 +109,9 @@ def test_figures_of_an_incomplete_scene_name_their_reference(streams: dict[str, 
         page.evaluate(f"{ELEMENT}.controlPanel.set({{concealer: 'grow'}})")
         page.wait_for("gains.includes(null)")  # the picture of what arrived
         page.resolve(f"{ELEMENT}.picture({json.dumps(CAMERA)})")  # after the comparison
-        page.wait_for(f"{told} === 'of what arrived: nothing dropped'")
+        page.wait_for(f"{psnr_row} === 'of what arrived: nothing dropped'")
         page.evaluate(f"{ELEMENT}.controlPanel.set({{dropped: 0.5}})")
-        page.wait_for(f"/^of what arrived: [0-9.]+ dB$/.test({told})")
+        page.wait_for(f"/^of what arrived: [0-9.]+ dB$/.test({psnr_row})")
 
     driven(streams, "part", work)
 

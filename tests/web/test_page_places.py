@@ -39,7 +39,7 @@ HELD = """<script>{
     listen.call(this, kind, (event) => void go.then(() => handler.call(this, event)));
   };
 }</script>"""
-"""Page that holds the worker's messages until `go()`."""
+"""Page that delays the worker's messages until `go()` is called."""
 PAGES = {
     "none": ONE.format(src="levels.swz", more="", style=f"{SIZE}; display: none"),
     "anchors": f'{SCRIPT}<splat-wire src="anchors.swz" style="{SIZE}"></splat-wire>'.format(),
@@ -142,7 +142,7 @@ def test_scene_appears_without_a_canvas_for_the_first_pictures(streams: dict[str
 
 
 def test_viewpoints_that_show_nothing_are_ignored(streams: dict[str, bytes]) -> None:
-    """A viewpoint without a direction is refused; one from which nothing can be drawn gives way to the default."""
+    """A viewpoint without a direction is refused; one that shows nothing is replaced by the default."""
 
     def work(host: Host, page: Browser) -> None:
         opened(page, f"{host.url}nowhere")

@@ -53,7 +53,7 @@ class HalfServer(QuicServer):
 class RestServer(QuicServer):
     """Loses packets until the page has named those that it has, and records both kinds.
 
-    A session that a busy machine breaks is followed by another one, in which the page names more packets.
+    If a busy machine breaks a session, another one follows, and the page names more packets there.
     """
 
     def __init__(self, *given: Any, **more: Any) -> None:
@@ -129,8 +129,8 @@ def test_broken_session_is_resumed_by_a_new_one(back: bool) -> None:
                 assert packets == len(stream.packets)
                 assert ("datagrams" in way) is back
                 assert await seen(f"{LOST}.length > 0")
-                told = await seen(f"{ELEMENT}.shadowRoot.querySelector('.laboratory').innerText")
-                assert "dropped " in " ".join(str(told).split())
+                text = await seen(f"{ELEMENT}.shadowRoot.querySelector('.laboratory').innerText")
+                assert "dropped " in " ".join(str(text).split())
                 if isinstance(second, RestServer):
                     assert len(second.held) >= half
                     assert second.held | second.places == set(range(len(stream.packets)))

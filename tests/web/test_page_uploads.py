@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not i
 SCENE = '<script type="module" src="splatwire.js"></script>\
 <splat-wire src="ball.swz" style="width: 240px; height: 180px"></splat-wire>'
 LARGE = SCENE.replace("180px", "340px")
-"""Size of the element beside its panel: a smaller view need not load the finest tiles."""
+"""Size of the element without its panel: a smaller view need not load the finest tiles."""
 LATE = f"""<script>const listen = EventTarget.prototype.addEventListener;
 Worker.prototype.addEventListener = function (kind, handler) {{
   listen.call(this, kind, (event) => {{
@@ -124,7 +124,7 @@ FULL_GPU = (
     + """<script>
 context.getError = function () { return isFull(this) ? this.OUT_OF_MEMORY : getError.call(this); };</script>"""
 )
-"""Page on which WebGL refuses memory at first, as it reports on request."""
+"""Page with a WebGL that refuses memory at first, and reports it on request."""
 FULL_PROCESS = (
     FULL
     + """<script>
@@ -133,7 +133,7 @@ context.texSubImage2D = function (...given) {
   return texSubImage2D.apply(this, given);
 };</script>"""
 )
-"""Page on which memory of the process is exhausted at first."""
+"""Page in a process that has no memory left at first."""
 FULL_FRAME = (
     FULL
     + """<script>
@@ -143,9 +143,9 @@ context.drawElementsInstanced = function (...given) {
   return drawElementsInstanced.apply(this, given);
 };</script>"""
 )
-"""Page on which a frame fails for lack of memory."""
+"""Page with one frame that fails for lack of memory."""
 FULL_DEFECT = FULL_FRAME.replace('RangeError("Array buffer allocation failed")', 'TypeError("a defect")')
-"""Page on which a frame fails for another reason."""
+"""Page with one frame that fails for another reason."""
 FULL_PAGES = {
     f"{name}-{attempts}": page.replace("ATTEMPTS", str(attempts)) + SCENE
     for name, page in (("gpu", FULL_GPU), ("process", FULL_PROCESS), ("frame", FULL_FRAME), ("defect", FULL_DEFECT))

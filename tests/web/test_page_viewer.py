@@ -59,8 +59,8 @@ def test_a_clip_is_played_paused_and_sought_from_a_program(clip: str) -> None:
         page.evaluate(f"{ELEMENT}.currentTime = 4 / {RATE}")
         page.wait_for(f"{ROOT}.querySelector('.player output').textContent === 'frame 5 of {FRAMES}'")
         assert page.evaluate(f"{ELEMENT}.currentTime") == 4 / RATE
-        told = page.evaluate(f"(() => {{ try {{ {ELEMENT}.currentTime = NaN }} catch (e) {{ return e.name }} }})()")
-        assert (told, page.evaluate(f"{ELEMENT}.currentTime")) == ("TypeError", 4 / RATE)
+        error = page.evaluate(f"(() => {{ try {{ {ELEMENT}.currentTime = NaN }} catch (e) {{ return e.name }} }})()")
+        assert (error, page.evaluate(f"{ELEMENT}.currentTime")) == ("TypeError", 4 / RATE)
         page.evaluate(f"{ELEMENT}.play()")
         page.wait_for(f"!{ELEMENT}.paused && {ELEMENT}.currentTime !== 4 / {RATE}")
         page.evaluate(f"{ROOT}.querySelector('.scene').focus()")

@@ -111,5 +111,7 @@ def test_svelte_and_vue_types_include_the_element(project: Path) -> None:
 
 @pytest.mark.parametrize("entry", ["splatwire", "splatwire/strict"])
 def test_element_is_importable_without_a_document(project: Path, entry: str) -> None:
-    told = called(["node", "-e", f"import('{entry}').then(({{SplatWire}}) => console.log(typeof SplatWire))"], project)
-    assert told.strip() == "function"
+    printed = called(
+        ["node", "-e", f"import('{entry}').then(({{SplatWire}}) => console.log(typeof SplatWire))"], project
+    )
+    assert printed.strip() == "function"

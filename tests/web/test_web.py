@@ -101,13 +101,13 @@ def test_npm_unit_tests_pass(tmp_path: Path) -> None:
     vectors["causal"] = read_stream(Path(__file__).parents[1] / "golden" / "tiny_causal.swz")[0]
     files = [write(stream, tmp_path / f"{name}.swz") for name, stream in (streams() | vectors).items()]
     (tmp_path / "expected.json").write_text(answers(files, preview()))
-    told = {
+    environment = {
         "STREAMS": ":".join(str(path) for path, _ in files),
         "EXPECTED": str(tmp_path / "expected.json"),
         "CASES": os.environ.get("SPLATWIRE_FUZZ_CASES", "50"),
     }
     done = subprocess.run(
-        ["npm", "--silent", "test"], cwd=WEB, env=os.environ | told, capture_output=True, text=True, timeout=1200
+        ["npm", "--silent", "test"], cwd=WEB, env=os.environ | environment, capture_output=True, text=True, timeout=1200
     )
     assert done.returncode == 0, done.stdout + done.stderr
     for count in ("fail 0", "skipped 0"):

@@ -9,10 +9,10 @@ export class ByteReader {
   #at = 0;
   readonly #view: DataView;
 
-  /** Starts at the first byte. `what` names the data in error messages. */
+  /** Starts at the first byte. `subject` names the data in error messages. */
   constructor(
     readonly bytes: Uint8Array,
-    readonly what: string,
+    readonly subject: string,
   ) {
     this.#view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   }
@@ -56,11 +56,11 @@ export class ByteReader {
       value += (byte & 127) * scale;
       if (byte < 128) {
         if (value > Number.MAX_SAFE_INTEGER)
-          throw new BitstreamError(`${this.what}: an integer is larger than 2^53 - 1`);
+          throw new BitstreamError(`${this.subject}: an integer is larger than 2^53 - 1`);
         return value;
       }
     }
-    throw new BitstreamError(`${this.what}: an integer has more than 9 bytes`);
+    throw new BitstreamError(`${this.subject}: an integer has more than 9 bytes`);
   }
 
   /** Reads a signed integer in zigzag coding. */
@@ -78,11 +78,11 @@ export class ByteReader {
   }
 
   finish(): void {
-    if (this.left) throw new BitstreamError(`${this.what}: ${this.left} unexpected bytes at the end`);
+    if (this.left) throw new BitstreamError(`${this.subject}: ${this.left} unexpected bytes at the end`);
   }
 
   #advance(size: number): number {
-    if (size > this.left) throw new BitstreamError(`${this.what}: ${size} bytes expected, ${this.left} left`);
+    if (size > this.left) throw new BitstreamError(`${this.subject}: ${size} bytes expected, ${this.left} left`);
     this.#at += size;
     return this.#at - size;
   }

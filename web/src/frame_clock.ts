@@ -6,11 +6,11 @@ import { JitterBuffer } from "./jitter_buffer.ts";
 export interface FrameClock {
   /** True after the last frame. */
   readonly ended: boolean;
-  /** Announces that the first frame is on the screen. Before, the clock of a clip stands still. */
+  /** Announces that the first frame is on the screen. Before, the clock of a clip is paused. */
   start(now: number): void;
   play(now: number): void;
   pause(now: number): void;
-  /** Sets the time of a clip, seconds. It then stands still until `play`. */
+  /** Sets the time of a clip, seconds, and pauses the clock until `play`. */
   seek(seconds: number): void;
   /** Returns the frame to show at time `now`; null before the first one. */
   due(now: number, loop: boolean): number | null;

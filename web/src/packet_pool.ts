@@ -5,7 +5,7 @@ import type { FromHelper, PacketBody, ToHelper } from "./packet_helper.ts";
 
 /** Largest number of helpers. */
 const MAX_HELPERS = 4;
-/** Minimum number of Gaussians for which helpers save more time than their start takes. */
+/** Minimum number of Gaussians at which helpers save more time than their start takes. */
 const MIN_COUNT = 20_000;
 /** Largest number of packets in a batch, and number of batches that a helper has at once. */
 const MAX_BATCH = 8,
@@ -53,7 +53,7 @@ export class PacketPool {
   #helpers: Helper[] = [];
   #number = 0;
 
-  /** Starts `count` helpers for the stream whose file begins with `file`. Threads that do not start are left out. */
+  /** Starts `count` helpers for the stream with `file` as the first bytes. Threads that do not start are left out. */
   constructor(file: Uint8Array, start: () => HelperThread, count: number) {
     for (let n = 0; n < count; n++) {
       try {

@@ -99,7 +99,7 @@ export class WorkerReceiver implements Receiver {
   /** Helper threads; `#batches` are the batches in decoding, in order of arrival. */
   #pool: PacketPool | null = null;
   readonly #batches: Batch[] = [];
-  /** Complete scene to which updates are applied; null until updates are requested. */
+  /** Complete scene for the application of updates; null until updates are requested. */
   #updated: UpdatedScene | null = null;
   /** True while updates are wanted. */
   #follows = false;
@@ -140,7 +140,7 @@ export class WorkerReceiver implements Receiver {
     this.#reportFacts(received);
   }
 
-  /** Starts helpers for a stream whose packets other threads can decode. `file` has the bytes of its head. */
+  /** Starts helpers for a stream that several threads can decode. `file` has the bytes of its head. */
   #startPool({ decoder }: DecodedStream, file: Uint8Array): void {
     this.#closePool();
     this.#isVerified = false;

@@ -15,7 +15,7 @@ import { random, readStream, STREAMS } from "./vectors.ts";
 
 const next = random(3),
   points = Float32Array.from({ length: 3 * 400 }, () => Math.round(next() * 60));
-const places = Int32Array.from({ length: 400 }, (_, i) => i);
+const indices = Int32Array.from({ length: 400 }, (_, i) => i);
 const always = (): Promise<boolean> => Promise.resolve(true);
 
 test("nearest neighbours equal those of an exhaustive search", () => {
@@ -41,13 +41,13 @@ test("gains are 1 without losses and increase with the lost share", async () => 
     known = new Uint8Array(400).fill(1);
   assert.ok(
     (await grow(
-      { positions: points, sizes, tierSizes: null, opacities, known, places, logScales: null, anchors: null },
+      { positions: points, sizes, tierSizes: null, opacities, known, indices, logScales: null, anchors: null },
       always,
     ))!.every((gain) => gain === 1),
   );
   for (let i = 0; i < 400; i += 2) known[i] = 0;
   const gains = (await grow(
-      { positions: points, sizes, tierSizes: null, opacities, known, places, logScales: null, anchors: null },
+      { positions: points, sizes, tierSizes: null, opacities, known, indices, logScales: null, anchors: null },
       always,
     ))!,
     most = (1.08 * Math.SQRT2) ** 2;
@@ -66,7 +66,7 @@ test("lost elements of small tiers cause less growth than their number suggests"
   const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2),
     sizes = new Float32Array(400).fill(1);
   const small = sizes.map((_, i) => (known[i] ? 1 : 1 / 16)),
-    all = { positions: points, sizes, opacities: null, known, places, logScales: null, anchors: null };
+    all = { positions: points, sizes, opacities: null, known, indices, logScales: null, anchors: null };
   const gains = (await grow({ ...all, tierSizes: small }, always))!,
     heads = (await grow({ ...all, tierSizes: null }, always))!;
   assert.deepEqual([...heads], [...(await grow({ ...all, tierSizes: sizes }, always))!]);
@@ -87,7 +87,7 @@ test("a concealer stops once its result is no longer needed", async () => {
         tierSizes: null,
         opacities: new Float32Array(400).fill(0.5),
         known,
-        places,
+        indices,
         logScales: null,
         anchors: null,
       },

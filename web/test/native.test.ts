@@ -183,9 +183,9 @@ test("WebAssembly and plain TypeScript decode any bytes to the same integers", (
 function anyBases(headers: Int32Array, random: (below: number) => number): TrackBases {
   const count = headers.length / HEAD,
     extent = 2 ** random(30),
-    places = Float64Array.from({ length: 3 * count }, () => random(3) && random(extent)),
+    positions = Float64Array.from({ length: 3 * count }, () => random(3) && random(extent)),
     shifts = Int32Array.from({ length: NUM_CHANNELS * count }, () => random(31));
-  return { places, shifts };
+  return { positions, shifts };
 }
 
 /** Returns side information of motion; bytes decode to many tracks with long trajectories where `odds` is large. */

@@ -376,9 +376,9 @@ def serve_training(
         ...     server.drain()
     """
     _check_share(share)
-    for what, number in (("port", port), ("page", page or 0)):
+    for name, number in (("port", port), ("page", page or 0)):
         if not 0 <= number < 1 << 16:
-            raise InvalidValueError(f"{what}: expected a port from 0 to 65535, not {shown(number)}")
+            raise InvalidValueError(f"{name}: expected a port from 0 to 65535, not {shown(number)}")
     settings = _Settings(host, port, page, share, antialiased, protection or Protection(), limits or ServerLimits())
     server = TrainingServer(settings)
     try:

@@ -159,8 +159,8 @@ class PacketIntake:
         """
         if not self._plan.fits(packet.id, packet.num_elements):
             count = self._plan.count(packet.id)
-            what = f"it holds {packet.num_elements} elements where the manifest's plan has {count}"
-            raise CorruptPacketError(packet.id.filename, what)
+            problem = f"it holds {packet.num_elements} elements where the manifest's plan has {count}"
+            raise CorruptPacketError(packet.id.filename, problem)
         if self._plan.packetization.hashed:
             self._check_hashed(packet)
 

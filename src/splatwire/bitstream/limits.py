@@ -54,7 +54,7 @@ BYTES_PER_BYTE = 160
 
 MAX_POSITION_BITS = 63
 """Maximum size of the Morton code of an anchor's voxel, counted from the origin, bits."""
-MAX_PLACE = 1 << 40
+MAX_COORD = 1 << 40
 """Largest coordinate of the origin and of the scene's centre, and largest scene extent, voxels."""
 MAX_FAR = 1 << 25
 """Maximum distance between origin and scene centre, in scene extents; keeps positions relative to the extent exact in

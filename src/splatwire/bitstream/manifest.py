@@ -172,8 +172,8 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
         raise BitstreamError(f"{name} is not a manifest of schema '{SCHEMA}'")
     version = content.get("format_version")
     if type(version) is int and version > FORMAT_VERSION:
-        what = f"{name} has format version {version!r:.20}, this release reads up to {FORMAT_VERSION}"
-        raise UnsupportedVersionError(what)
+        problem = f"{name} has format version {version!r:.20}, this release reads up to {FORMAT_VERSION}"
+        raise UnsupportedVersionError(problem)
     if type(version) is not int or version < 1:
         raise BitstreamError(f"{name}: format_version is {version!r:.20}, not a number from 1 to {FORMAT_VERSION}")
     digest = content.pop("digest", None)

@@ -1,7 +1,7 @@
 """Importance tiers: elements are grouped by importance into separate packets, with different protection.
 
-Every element has two indices: its *rank*, which is the index in coding order, and its *place*, which is the index after
-sorting by tier, then by rank. With one tier, both are equal.
+Every element has two indices: its *rank*, which is the index in coding order, and its *plan index*, which is the index
+after sorting by tier, then by rank. With one tier, both are equal.
 """
 
 from dataclasses import dataclass

@@ -6,12 +6,12 @@ from typing import Any
 from splatwire.errors import InvalidValueError
 
 
-def check_settings(settings: Any, what: str, counts: Sequence[str], **sensible: bool) -> None:
+def check_settings(settings: Any, operation: str, counts: Sequence[str], **sensible: bool) -> None:
     """Raises an error if a field of a settings object is invalid.
 
     Args:
         settings: A dataclass instance.
-        what: Name of the operation that uses the settings, for the error message.
+        operation: Name of the operation that uses the settings, for the error message.
         counts: Names of fields that must be at least 1.
         **sensible: For other fields, by name: True if the caller found the value valid.
 
@@ -21,4 +21,4 @@ def check_settings(settings: Any, what: str, counts: Sequence[str], **sensible: 
     bad = [name for name in counts if getattr(settings, name) < 1]
     bad += [name for name, fine in sensible.items() if not fine]
     if bad:
-        raise InvalidValueError(f"{what} cannot run with {', '.join(f'{n}={getattr(settings, n)}' for n in bad)}")
+        raise InvalidValueError(f"{operation} cannot run with {', '.join(f'{n}={getattr(settings, n)}' for n in bad)}")

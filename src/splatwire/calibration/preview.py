@@ -28,8 +28,8 @@ from splatwire.render.cpu import Picture, float_arrays, keep_freed_memory, rende
 from splatwire.render.importance import footprint_importance
 from splatwire.types import Cameras, Gaussians
 
-_PLACE, _SIZE, _COLOR, _OPACITY = 0.02, 0.04, 0.03, 0.03
-RATES = (_PLACE, _PLACE, _PLACE, _SIZE, _SIZE, _SIZE, _COLOR, _COLOR, _COLOR, _OPACITY)
+_POSITION, _SIZE, _COLOR, _OPACITY = 0.02, 0.04, 0.03, 0.03
+RATES = (_POSITION, _POSITION, _POSITION, _SIZE, _SIZE, _SIZE, _COLOR, _COLOR, _COLOR, _OPACITY)
 """Learning rates of a Gaussian's parameters, in the order of `PreviewFrame.values`."""
 BACKGROUND_RATE = 0.01
 _LOWEST = (*[-MAX_DISTANCE_ASINH] * 3, *[-6.0] * 3, 0.0, 0.0, 0.0, 1 / 32)
@@ -189,13 +189,13 @@ class _Fit:
         if not shown:
             raise InvalidValueError("no view shows anything of the scene: there is nothing to preview")
         chosen = self._rng.choice(len(share), min(count, shown), replace=False, p=share / share.sum())
-        places = to_numpy(scene.positions)[chosen]
-        middle = lower_median(places)
+        positions = to_numpy(scene.positions)[chosen]
+        middle = lower_median(positions)
         spread = 0.5 * float(lower_median(np.linalg.norm(to_numpy(self._pictures.cameras.centers) - middle, axis=1)))
         frame = PreviewFrame.fitting(middle.tolist(), max(spread, 1e-3), (*_LOWEST[:3], -6.0), (*_HIGHEST[:3], 3.0))
-        values = np.full((len(places), len(RATES)), 0.5, np.float32)
-        values[:, :3] = np.arcsinh((places - middle) / frame.spread)
-        near = nearest_neighbors(places, places, 3)[1].max(axis=1, keepdims=True)
+        values = np.full((len(positions), len(RATES)), 0.5, np.float32)
+        values[:, :3] = np.arcsinh((positions - middle) / frame.spread)
+        near = nearest_neighbors(positions, positions, 3)[1].max(axis=1, keepdims=True)
         values[:, 3:6] = np.log(np.maximum(near / 2 / frame.spread, 1e-2))
         values[:, 9] = _FIRST_OPACITY
         return frame, values
@@ -254,9 +254,9 @@ class _Fit:
         shift = np.zeros((count, 3), np.float32)
         shift[rows, axis] = _SPLIT_SHIFT * np.exp(halves[rows, 3 + axis]) / np.cosh(halves[rows, axis])
         halves[rows, 3 + axis] -= _SPLIT_SHRINK
-        for places, sign in ((worst, -1), (least, 1)):
-            values[places] = np.concatenate([halves[:, :3] + sign * shift, halves[:, 3:]], axis=1)
-            self._raw.forget(places)
+        for targets, sign in ((worst, -1), (least, 1)):
+            values[targets] = np.concatenate([halves[:, :3] + sign * shift, halves[:, 3:]], axis=1)
+            self._raw.forget(targets)
         self._raw.values[:] = values / self._rates
 
     def _weights_and_errors(self) -> tuple[Float[np.ndarray, "G"], Float[np.ndarray, "G"]]:

@@ -93,7 +93,7 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the price of a bit at which about `count` anchors are worth a copy.
+        """Returns the price of a bit at which copies of about `count` anchors pay off.
 
         The price is a squared error in the pictures: the Lagrange multiplier for `fit_sketch`.
 

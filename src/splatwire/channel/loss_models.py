@@ -16,9 +16,9 @@ datagrams and is lost with any of them. The same share of lost packets thus need
 """
 
 
-def _check_share(what: str, value: float | int) -> None:
+def _check_share(name: str, value: float | int) -> None:
     if not 0 <= value <= 1:  # also rejects NaN
-        raise InvalidValueError(f"{what} must be a share from 0 to 1, not {value:g}")
+        raise InvalidValueError(f"{name} must be a share from 0 to 1, not {value:g}")
 
 
 def _format_number(number: float | int) -> str:

@@ -116,6 +116,6 @@ class CheckedLoss:
         """
         found = np.asarray(self.model.received(n, rng))
         if found.shape != (n,) or found.dtype != np.bool_:
-            what = f"{found.dtype} of shape {found.shape}, not {n} booleans"
-            raise InvalidValueError(f"loss model '{self.name}' returned {what}")
+            result = f"{found.dtype} of shape {found.shape}, not {n} booleans"
+            raise InvalidValueError(f"loss model '{self.name}' returned {result}")
         return found

@@ -74,18 +74,18 @@ def _behind(options: ReferenceOptions, scene: Scene) -> Background:
     return scene.background if chosen is None else chosen
 
 
-def stream_output(path: Path, what: str) -> Path:
+def stream_output(path: Path, addition: str) -> Path:
     """Checks that the output path of a calibration is a stream that can be written, and returns the path.
 
     Args:
         path: The path.
-        what: Name of the addition to the stream, such as `sketch`, for the message.
+        addition: Name of the addition to the stream, such as `sketch`, for the message.
 
     Raises:
         InvalidValueError: If the file name suffix is not that of a stream, or the file cannot be written.
     """
     if path.suffix != ".swz":
-        raise InvalidValueError(f"a {what} travels in the stream: the output must end in .swz, not {path}")
+        raise InvalidValueError(f"a {addition} travels in the stream: the output must end in .swz, not {path}")
     return prepared_output(path)
 
 

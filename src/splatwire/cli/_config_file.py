@@ -105,7 +105,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _option_words(path: Path, key: str, value: object) -> list[str]:
-    """Returns the command-line arguments that stand for an option's value in a configuration file.
+    """Returns the command-line arguments for an option's value in a configuration file.
 
     Args:
         path: The configuration file, for error messages.

@@ -48,7 +48,7 @@ def refiner(steps: int) -> Callable[..., Scene]:
         steps: Number of training steps.
 
     Raises:
-        InvalidValueError: If there cannot be so many steps.
+        InvalidValueError: If this number of steps is not possible.
     """
     from splatwire.neural.training import refine  # imports torch
 

@@ -191,7 +191,7 @@ def check_output(verb: Any) -> None:
     Raises:
         InvalidValueError: If the output cannot be written.
     """
-    for holder in (verb, getattr(verb, "what", None)):
+    for holder in (verb, getattr(verb, "addition", None)):
         output = getattr(holder, "output", None)
         if output is not None and str(output) != STANDARD:
             path = Path(output)

@@ -68,20 +68,20 @@ def public_origin(listening: Listening) -> str | None:
     return None if listening.public_url is None else parse_origin(listening.public_url)
 
 
-def print_ready(listening: Listening, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
+def print_ready(listening: Listening, port: int, facts: "Mapping[str, str]", content: str, **more: Any) -> None:
     """Prints the addresses of a server that is ready, and the information that clients need to connect.
 
     Args:
         listening: Options of the server.
         port: Port on which the server receives.
         facts: Names and values to print, such as the fingerprint of the certificate.
-        what: Description of what is served.
+        content: Description of what is served.
         **more: Further values, for JSON output only.
     """
     if listening.json:
         print_json({"host": listening.host, "port": port, **more, **facts})
     else:
-        print(f"{what} on {'quic' if listening.over_quic else 'udp'}://{url_host(listening.host)}:{port}")
+        print(f"{content} on {'quic' if listening.over_quic else 'udp'}://{url_host(listening.host)}:{port}")
         for name, value in facts.items():
             print(f"{name}: {value}")
     sys.stdout.flush()

@@ -44,7 +44,7 @@ class Listening:
     page: int | None = None
     """TCP port of a web page that receives and renders the streams; 0 lets the system choose. Implies --quic."""
     public_url: str | None = None
-    """With --page: address by which visitors reach the page, e.g. https://splats.example.org, through a proxy."""
+    """With --page: public address of the page, e.g. https://splats.example.org, behind a proxy."""
     proxy: tuple[str, ...] = ()
     """With --page: addresses or networks of trusted proxies, e.g. 127.0.0.1. Their header X-Forwarded-For gives the
     address of the visitor, to which limits and the log apply."""

@@ -25,15 +25,15 @@ from splatwire.types import ReceivedScene
 
 def run(command: Calibrate) -> None:
     """Runs `splatwire calibrate`."""
-    what = command.what
-    if isinstance(what, CalibrateGnn):
+    addition = command.addition
+    if isinstance(addition, CalibrateGnn):
         from splatwire.cli import _run_calibrate_gnn  # imports torch
 
-        _run_calibrate_gnn.run(what)
-    elif isinstance(what, CalibrateSketch):
-        _sketch(what)
+        _run_calibrate_gnn.run(addition)
+    elif isinstance(addition, CalibrateSketch):
+        _sketch(addition)
     else:
-        _preview(what)
+        _preview(addition)
 
 
 def _read_and_decode(command: CalibrateSketch | CalibratePreview, show: Reporter) -> tuple[SceneStream, ReceivedScene]:

@@ -28,8 +28,8 @@ def run(command: Import) -> None:
         seconds = time.perf_counter() - started
         print_json({"output": command.output, **result, "num_bytes": num_bytes, "seconds": seconds})
     else:
-        count, what = (result.get(key) for key in ("num_anchors", "num_gaussians"))
-        text = f"{count:,} anchors" if count is not None else f"{what:,} Gaussians"
+        anchors, gaussians = (result.get(key) for key in ("num_anchors", "num_gaussians"))
+        text = f"{anchors:,} anchors" if anchors is not None else f"{gaussians:,} Gaussians"
         print_summary(f"{text}, {num_bytes:,} bytes -> {command.output}", command.output)
 
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from splatwire.cli._served_updates import UpdateFolder
 
 LOG = logging.getLogger("splatwire.transport.serve")
-LOOK_S = 0.2
+UPDATE_POLL_S = 0.2
 """Interval between two checks of the folder of updates, seconds."""
 
 
@@ -248,7 +248,7 @@ async def _watch_updates(scenes: _Scenes, running: RunningServer) -> None:
     # An unexpected error is logged, once if it repeats itself, and the next updates are still served.
     last = ""
     while True:
-        await asyncio.sleep(LOOK_S)
+        await asyncio.sleep(UPDATE_POLL_S)
         folder = scenes.folder
         assert folder is not None
         try:

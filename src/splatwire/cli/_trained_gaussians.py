@@ -68,7 +68,7 @@ def check_gaussian_options(command: Train) -> None:
     if not command.output.lower().endswith(FILE_SUFFIX):
         form = format_for(command.output)
         if form.scene_type not in (None, SplatScene):
-            raise InvalidValueError(f"{command.output}: {form.what} does not hold explicit Gaussians")
+            raise InvalidValueError(f"{command.output}: {form.description} does not hold explicit Gaussians")
     _config(command)
 
 

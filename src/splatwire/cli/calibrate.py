@@ -99,7 +99,7 @@ class CalibratePreview(StreamCalibration):
 class Calibrate:
     """Add a network, a sketch or a preview to the stream of a finished scene: calibrate gnn|sketch|preview."""
 
-    what: (
+    addition: (
         Annotated[CalibrateGnn, tyro.conf.subcommand("gnn")]
         | Annotated[CalibrateSketch, tyro.conf.subcommand("sketch")]
         | Annotated[CalibratePreview, tyro.conf.subcommand("preview")]

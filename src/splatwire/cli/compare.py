@@ -16,11 +16,11 @@ class Compare:
     files: tyro.conf.Positional[tuple[Path, ...]]
     """Two or more streams, scene files or files of explicit Gaussians (PLY, SPZ, SOG, ...); one with --reference."""
     reference: Path | None = None
-    """File whose renders are the references; the first file where absent."""
+    """File that is rendered for the references. Default: the first file."""
     cameras: Path | None = None
-    """Cameras file; 15 views around the reference, from which nothing is fitted, where absent."""
+    """Cameras file. Default: 15 views around the reference that no encoder fits."""
     views: int | None = None
-    """Maximum number of views, spread evenly; all where absent."""
+    """Maximum number of views, spread evenly. Default: all."""
     renderer: str = "cpu"
     """Renderer: cpu, reference or gsplat."""
     background: BackgroundOption = None

@@ -26,7 +26,7 @@ class Convert:
     with levels of detail), or a format of an installed package. A clip is converted to swz, usdc, 4dgs or splat4d, or
     to a folder with one file of another format per frame. Default: the suffix of the output."""
     jobs: int = 1
-    """Number of inputs that are converted at the same time, each in a process of its own."""
+    """Number of inputs that are converted at the same time, each in a separate process."""
     accept_damage: bool = False
     """Exit with status 0 even if bytes of a stream are damaged. Missing packets do not need this option."""
     json: JsonFlag = False

@@ -26,7 +26,7 @@ class Encode:
     lanes: int | None = None
     """Number of packets into which a block is split."""
     tiers: tuple[float, ...] = ()
-    """Importance tiers with packets of their own: shares of the elements, most important tier first, e.g. 0.05 or 0.05
+    """Importance tiers with separate packets: shares of the elements, most important tier first, e.g. 0.05 or 0.05
     0.15."""
     levels: Literal["auto", "none"] | None = None
     """auto: add levels of detail, coarser Gaussians that replace distant or lost ones, for scenes larger than a view.

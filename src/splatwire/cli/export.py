@@ -24,7 +24,7 @@ class Export:
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
     """Dataset folder: anchors are fitted to its training views; its test views and photos measure the export."""
     cameras: Path | None = None
-    """Cameras file whose views are fitted to and measured on, instead of a dataset."""
+    """Cameras file with the views for fitting and measurement, instead of a dataset."""
     views: int | None = None
     """Number of views on a sphere around the scene, instead of --data and --cameras; every eighth is used only to
     measure. Default: 64 for anchors; Gaussians are measured only with --data, --cameras or --views."""

@@ -23,6 +23,6 @@ class Import:
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Scene file or PLY to write."""
     appearance: int | None = None
-    """Scaffold-GS with an appearance embedding: the number of the training camera whose colours are kept."""
+    """Scaffold-GS with an appearance embedding: number of the training camera that determines the colours."""
     json: JsonFlag = False
     """Print one JSON object."""

@@ -82,7 +82,7 @@ def _flush_stdout(status: Any) -> Any:
 def _discard_stdout() -> None:
     """Redirects standard output to the null device.
 
-    It is called when nobody reads standard output any more. Python would otherwise try to write the rest at exit, and
+    It is called when standard output is no longer read. Python would otherwise try to write the rest at exit, and
     report an error.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -137,7 +137,7 @@ def _signals_as_exit(*, in_process: bool) -> Iterator[None]:
     ignored, or have a handler of the caller, keep their action.
 
     Args:
-        in_process: True if the process goes on after the command; the action of Ctrl-C is then restored, too.
+        in_process: True if the process continues after the command; the action of Ctrl-C is then restored, too.
     """
 
     def stop(number: int) -> BaseException:

@@ -21,7 +21,7 @@ class Render:
     """Cameras file. Default: the test views of --data, or views around the scene. The frames of a clip use the cameras
     in turn."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
-    """Dataset folder whose test views are rendered, instead of a cameras file."""
+    """Dataset folder with the test views to render, instead of a cameras file."""
     scale: float = 1.0
     """Scale factor of the picture size."""
     conceal: str | None = None

@@ -42,12 +42,12 @@ def decode_stream(
     check_progress(progress)
     check_threads(threads)
     manifest, digest = stream.manifest, hashlib.sha256()
-    what = f"decoding {manifest.num_elements:,} {manifest.elements}"
+    activity = f"decoding {manifest.num_elements:,} {manifest.elements}"
     complete = len(stream.packets) == manifest.num_packets
-    with allocating(what):
+    with allocating(activity):
         decoder = open_decoder(manifest, stream.side_info, stream.num_bytes)
         working = decoder.working_bytes(stream.packets)
-        threads = threads_within(decoder.scene_bytes, working, stream.num_bytes, what, threads)
+        threads = threads_within(decoder.scene_bytes, working, stream.num_bytes, activity, threads)
         decoder.expect(threads)
 
         def decode_run(run: Run) -> tuple[int, SymbolRows | None]:

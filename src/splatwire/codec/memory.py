@@ -42,13 +42,13 @@ def allowed_bytes(stream_bytes: int | None) -> int:
     return MAX_BYTES if stream_bytes is None else min(FREE_BYTES + BYTES_PER_BYTE * stream_bytes, MAX_BYTES)
 
 
-def check_memory(needed: int, stream_bytes: int | None, what: str) -> None:
+def check_memory(needed: int, stream_bytes: int | None, activity: str) -> None:
     """Checks a memory requirement against a stream's limit.
 
     Args:
         needed: Bytes of memory.
         stream_bytes: Received bytes of the stream, which determine the limit; None if its size is not known yet.
-        what: Activity that needs the memory, for the error message.
+        activity: Activity that needs the memory, for the error message.
 
     Raises:
         BitstreamError: If the limit is exceeded.
@@ -57,13 +57,13 @@ def check_memory(needed: int, stream_bytes: int | None, what: str) -> None:
     if needed > allowed:
         size = "a stream" if stream_bytes is None else f"a stream of {stream_bytes:,} bytes"
         raise BitstreamError(
-            f"{what} would take {needed / 1e9:.2f} GB of memory, and {size} may take {allowed / 1e9:.2f} GB: "
+            f"{activity} would take {needed / 1e9:.2f} GB of memory, and {size} may take {allowed / 1e9:.2f} GB: "
             f"set {VARIABLE}={needed / 1e9 + 0.01:.2f} in the environment to allow it"
         )
 
 
 def threads_within(
-    shared_bytes: int, thread_bytes: int, stream_bytes: int | None, what: str, threads: int | None = None
+    shared_bytes: int, thread_bytes: int, stream_bytes: int | None, activity: str, threads: int | None = None
 ) -> int:
     """Returns the number of threads that decoding may use within a stream's memory limit.
 
@@ -71,13 +71,13 @@ def threads_within(
         shared_bytes: Bytes of memory that decoding needs regardless of the number of threads.
         thread_bytes: Additional bytes of memory for each thread.
         stream_bytes: Received bytes of the stream, which determine the limit; None if its size is not known yet.
-        what: Activity that needs the memory, for the error message.
+        activity: Activity that needs the memory, for the error message.
         threads: Upper bound; None for the number of processors.
 
     Raises:
         BitstreamError: If the limit is too low for one thread.
     """
-    check_memory(shared_bytes + thread_bytes, stream_bytes, what)
+    check_memory(shared_bytes + thread_bytes, stream_bytes, activity)
     room = (allowed_bytes(stream_bytes) - shared_bytes) // max(thread_bytes, 1)
     return max(1, min(threads or allowed_threads(), room))
 
@@ -89,11 +89,11 @@ def words_bytes(packets: Sequence[Packet]) -> int:
 
 
 @contextmanager
-def allocating(what: str) -> Iterator[None]:
+def allocating(activity: str) -> Iterator[None]:
     """Returns a context manager that reports a failed memory allocation as a `BitstreamError`.
 
     Args:
-        what: Activity that needs the memory, for the error message.
+        activity: Activity that needs the memory, for the error message.
 
     Raises:
         BitstreamError: If the machine does not have enough memory.
@@ -101,8 +101,8 @@ def allocating(what: str) -> Iterator[None]:
     try:
         yield
     except MemoryError as error:
-        raise BitstreamError(f"{what} takes more memory than there is here") from error
+        raise BitstreamError(f"{activity} takes more memory than there is here") from error
     except RuntimeError as error:
         if "allocate memory" not in str(error):  # torch's allocator raises a plain RuntimeError
             raise
-        raise BitstreamError(f"{what} takes more memory than there is here") from error
+        raise BitstreamError(f"{activity} takes more memory than there is here") from error

@@ -22,8 +22,8 @@ from splatwire.types.received_scene import ReceivedScene
 class ProgressiveDecoder(Arrivals):
     """Decoder for use during a transfer: adds each packet to the scene at its arrival.
 
-    Packets may come in any order and from several threads. Duplicate, damaged and foreign packets are only counted, in
-    `report`.
+    Packets may arrive in any order and from several threads. Duplicate, damaged and foreign packets are only counted,
+    in `report`.
 
     Args:
         manifest: The stream's manifest.
@@ -60,7 +60,7 @@ class ProgressiveDecoder(Arrivals):
         if not self._decoder.packets_independent:
             raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
         self._threads, self._progress = threads, progress
-        self._what = f"decoding {manifest.num_elements:,} {manifest.elements}"
+        self._activity = f"decoding {manifest.num_elements:,} {manifest.elements}"
         self._found: dict[PacketId, tuple[Packet, SymbolRows | None]] = {}
         self._blocks: dict[int, list[Packet]] = {}
         self._checked, self._num_known = False, 0
@@ -78,8 +78,8 @@ class ProgressiveDecoder(Arrivals):
         """
         with self.lock:
             if self._partial is None:
-                check_memory(self.scene_bytes, None, self._what)
-                with allocating(self._what):
+                check_memory(self.scene_bytes, None, self._activity)
+                with allocating(self._activity):
                     self._allocate()
             assert self._partial is not None
             return self._partial
@@ -105,8 +105,8 @@ class ProgressiveDecoder(Arrivals):
         Raises:
             InvalidValueError: If the stream has no such packet.
         """
-        places, order = self.manifest.plan.members(packet.id, packet.num_elements), self._decoder.order
-        return places if order is None else order[places]
+        indices, order = self.manifest.plan.members(packet.id, packet.num_elements), self._decoder.order
+        return indices if order is None else order[indices]
 
     def snapshot(self) -> ReceivedScene:
         """Returns a copy of the scene decoded so far, independent of later packets."""
@@ -132,10 +132,10 @@ class ProgressiveDecoder(Arrivals):
         taken, new = self.take(packets), [np.empty(0, dtype=np.int64)]
         held = 0 if self._decoder.redecode_on_demand else self.num_taken * (self._decoder.row_bytes + 8)
         working = self._decoder.working_bytes(taken)
-        what = f"decoding {self.num_taken:,} {self.manifest.elements} that arrived"
-        threads = threads_within(held, working, self.num_bytes, what, self._threads)
+        activity = f"decoding {self.num_taken:,} {self.manifest.elements} that arrived"
+        threads = threads_within(held, working, self.num_bytes, activity, self._threads)
         runs = list(runs_of(self._decoder, self.manifest, taken))
-        with allocating(self._what):
+        with allocating(self._activity):
             # Starting a thread costs more than decoding one datagram.
             for run, rows in ordered_map(self._decode, runs, threads if len(runs) > 1 else 1):
                 with self.lock:

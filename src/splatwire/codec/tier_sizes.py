@@ -68,10 +68,10 @@ def read_tier_sizes(sections: Mapping[str, bytes], manifest: Manifest) -> np.nda
     """
     if SECTION not in sections:
         return None
-    data, what = sections[SECTION], f"section '{SECTION}'"
+    data, subject = sections[SECTION], f"section '{SECTION}'"
     if len(data) != len(manifest.tiers):
-        raise BitstreamError(f"{what} has {len(data)} bytes for {len(manifest.tiers)} tiers")
+        raise BitstreamError(f"{subject} has {len(data)} bytes for {len(manifest.tiers)} tiers")
     steps = np.frombuffer(data, dtype=np.uint8)
     if not len(steps) or steps.min() > 0:
-        raise BitstreamError(f"{what}: no tier is the largest")
+        raise BitstreamError(f"{subject}: no tier is the largest")
     return np.exp2(steps / -_STEPS).astype(np.float32)

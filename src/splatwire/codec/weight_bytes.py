@@ -33,12 +33,14 @@ def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
     _write_linear(writer, mlp.output)
 
 
-def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, max_weights: int = MAX_WEIGHTS) -> QuantisedMlp:
+def read_mlp(
+    reader: ByteReader, subject: str, inputs: int, outputs: int, max_weights: int = MAX_WEIGHTS
+) -> QuantisedMlp:
     """Parses a network written by `write_mlp`.
 
     Args:
         reader: Source of the bytes.
-        what: Name of the network, for error messages.
+        subject: Name of the network, for error messages.
         inputs: Required number of inputs.
         outputs: Required number of outputs.
         max_weights: Maximum number of weights.
@@ -50,14 +52,14 @@ def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, max_weigh
     flags = reader.u8()
     hidden = shape[1]
     if flags > (LEAKY | WITH_COLUMN_SCALES):
-        raise BitstreamError(f"{what} network: flags {flags} that this version does not know")
+        raise BitstreamError(f"{subject} network: flags {flags} that this version does not know")
     if shape[0] != inputs or shape[2] != outputs or not 0 < hidden <= MAX_WIDTH:
-        raise BitstreamError(f"{what} network: shape {shape} where {inputs} inputs and {outputs} outputs are needed")
+        raise BitstreamError(f"{subject} network: shape {shape} where {inputs} inputs and {outputs} outputs are needed")
     if (inputs + outputs) * hidden > max_weights:
-        raise BitstreamError(f"{what} network: {shape} is too large: networks have {MAX_WEIGHTS:,} weights at most")
+        raise BitstreamError(f"{subject} network: {shape} is too large: networks have {MAX_WEIGHTS:,} weights at most")
     columns = bool(flags & WITH_COLUMN_SCALES)
-    first = _read_linear(reader, what, inputs, hidden, columns)
-    return QuantisedMlp(first, _read_linear(reader, what, hidden, outputs, columns), bool(flags & LEAKY))
+    first = _read_linear(reader, subject, inputs, hidden, columns)
+    return QuantisedMlp(first, _read_linear(reader, subject, hidden, outputs, columns), bool(flags & LEAKY))
 
 
 def write_networks(networks: Iterable[QuantisedMlp]) -> bytes:
@@ -131,7 +133,7 @@ def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return scale_index(np.sqrt(row)), np.rint(SCALE_STEPS * np.log2(column) / 2).astype(np.int64)
 
 
-def _read_linear(reader: ByteReader, what: str, inputs: int, outputs: int, columns: bool) -> QuantisedLinear:
+def _read_linear(reader: ByteReader, subject: str, inputs: int, outputs: int, columns: bool) -> QuantisedLinear:
     steps, shifts = read_integers(reader, outputs), read_integers(reader, inputs)
     bias, scales = read_integers(reader, outputs), read_integers(reader, outputs)
     further = read_integers(reader, inputs) if columns else np.zeros(inputs, dtype=np.int64)
@@ -143,8 +145,8 @@ def _read_linear(reader: ByteReader, what: str, inputs: int, outputs: int, colum
         ("column scale", further, -NUM_SCALES, NUM_SCALES),
     ):
         if values.min() < low or values.max() > high:
-            raise BitstreamError(f"{what} network: a {name} is not between {low} and {high}")
+            raise BitstreamError(f"{subject} network: a {name} is not between {low} and {high}")
     symbols = decode_symbols(reader.blob(), zero_mean_cells(scales, further))
     if np.abs(symbols).max() > MAX_SYMBOL:
-        raise BitstreamError(f"{what} network: a weight is beyond the range of the format")
+        raise BitstreamError(f"{subject} network: a weight is beyond the range of the format")
     return QuantisedLinear(symbols.reshape(outputs, inputs).astype(np.int32), steps, shifts, bias.astype(np.int32))

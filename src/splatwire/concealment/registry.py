@@ -113,8 +113,8 @@ def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | N
 
     Args:
         sections: Names of the sections in the stream's side information.
-        provides: Types of elements and side information in the stream; None if they are unknown, so that concealers are
-            listed whatever types they need.
+        provides: Types of elements and side information in the stream; None if they are unknown; concealers are then
+            listed for all types.
     """
     available = {None, *sections}
     return tuple(

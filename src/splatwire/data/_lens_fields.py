@@ -8,7 +8,7 @@ _KIND = re.compile(
     r"model|(?:is[-_]?)?(?:cam(?:era)?|sensor|lens|projection|distortion)(?:[-_]?(?:type|model|kind|projection|lens))?",
     re.I,
 )
-"""Pattern of names of fields whose text names a lens or projection."""
+"""Pattern of the names of fields with the name of a lens or projection."""
 _NAMED = re.compile(
     r"(?:is[-_]?)?(?:fish[-_]?eye|equirect(?:angular)?|panorama|panoramic|spherical|omnidirectional|orthographic)", re.I
 )

@@ -101,8 +101,8 @@ def warn_of_other_reconstructions(folder: Path) -> None:
         )
 
 
-def _has(folder: Path, what: str) -> bool:
-    return any((folder / f"{what}.{suffix}").is_file() for suffix in _SUFFIXES)
+def _has(folder: Path, table: str) -> bool:
+    return any((folder / f"{table}.{suffix}").is_file() for suffix in _SUFFIXES)
 
 
 def read_views(folder: Path) -> list[ColmapView]:
@@ -115,7 +115,7 @@ def read_views(folder: Path) -> list[ColmapView]:
         DatasetError: If a file is missing or damaged, a pose is not finite, or a camera model is not supported.
     """
     views = _views(folder, _SUFFIXES)
-    if all((folder / f"{what}.{suffix}").is_file() for what in ("cameras", "images") for suffix in _SUFFIXES):
+    if all((folder / f"{table}.{suffix}").is_file() for table in ("cameras", "images") for suffix in _SUFFIXES):
         _warn_of_other_text(folder, views)
     return views
 
@@ -190,16 +190,16 @@ def read_points(folder: Path) -> SparsePoints | None:
     return SparsePoints(positions, colors.astype(np.float32) / 255)
 
 
-def _read(folder: Path, what: str, suffixes: tuple[str, ...] = _SUFFIXES):  # type: ignore[no-untyped-def]  # the return type depends on `what`
+def _read(folder: Path, table: str, suffixes: tuple[str, ...] = _SUFFIXES):  # type: ignore[no-untyped-def]  # the return type depends on `table`
     for suffix in suffixes:
         module = _colmap_binary if suffix == "bin" else _colmap_text
-        path = folder / f"{what}.{suffix}"
+        path = folder / f"{table}.{suffix}"
         if path.is_file():
             try:
-                return getattr(module, f"read_{what.lower()}")(path)
+                return getattr(module, f"read_{table.lower()}")(path)
             except OSError as error:
                 raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
-    raise DatasetError(f"{folder}: has neither {what}.bin nor {what}.txt")
+    raise DatasetError(f"{folder}: has neither {table}.bin nor {table}.txt")
 
 
 def _viewmat(folder: Path, image: RawImage) -> np.ndarray:

@@ -293,7 +293,7 @@ def _transforms_views(
     if kind == DATASET:
         raise DatasetError(f"{path}: not a dataset: {why}{hint}")
     if kind == PHOTOS and hint:  # no need for poses
-        raise DatasetError(f"{path}: not a dataset; it looks like {PHOTOS.what}{hint}")
+        raise DatasetError(f"{path}: not a dataset; it looks like {PHOTOS.description}{hint}")
     raise DatasetError(is_not(path, "a dataset", "" if kind == PHOTOS or hint else why) + hint)
 
 

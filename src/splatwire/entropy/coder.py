@@ -101,7 +101,7 @@ def fresh_models(num_contexts: int) -> np.ndarray:
     """Returns adaptive models of bits in their initial state.
 
     Args:
-        num_contexts: Number of models. Each context of a bit has a model of its own.
+        num_contexts: Number of models. Each context of a bit has a separate model.
 
     Returns:
         Two estimates of the probability that a bit is 0, for each context, in units of 2**-16, int64 (contexts, 2).

@@ -32,7 +32,7 @@ def compare_export(
     background = np.array(scene.background)
     rows = []
     shown = (scene, written)
-    pairs = zip(*(iterate_views(what, cameras, background=background) for what in shown), strict=True)
+    pairs = zip(*(iterate_views(drawn, cameras, background=background) for drawn in shown), strict=True)
     for view, (neural, explicit) in enumerate(pairs):
         row = [float(psnr(explicit[None], neural[None])[0])]
         if photos is not None:

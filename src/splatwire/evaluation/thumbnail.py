@@ -32,7 +32,7 @@ MAX_SIDE = 4096
 SUFFIXES = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".webp": "WEBP"}
 """Formats of pictures by file name suffix."""
 _TRIAL_PIXELS = 128
-"""Width and height of the pictures whose detail is compared, pixels."""
+"""Width and height of the pictures that are compared by detail, pixels."""
 _JPEG_QUALITY = 85
 
 

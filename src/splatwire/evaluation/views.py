@@ -107,7 +107,7 @@ def held_out_cameras(scene: Scene) -> Cameras:
     Raises:
         InvalidValueError: If the scene has no elements.
     """
-    # They differ from the cameras by which encoders choose their settings, as test views should.
+    # As test views, these cameras differ from those that encoders use to choose settings.
     return surrounding_cameras(scene, HELD_OUT_VIEWS, HELD_OUT_SIZE)
 
 

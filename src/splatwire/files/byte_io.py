@@ -49,13 +49,13 @@ class ByteReader:
 
     Args:
         data: The bytes.
-        what: Description of the data for error messages.
+        subject: Description of the data for error messages.
     """
 
-    def __init__(self, data: bytes, what: str) -> None:
+    def __init__(self, data: bytes, subject: str) -> None:
         self._data = data
         self._at = 0
-        self._what = what
+        self._subject = subject
 
     def take(self, size: int) -> bytes:
         """Reads and returns the next `size` bytes.
@@ -65,7 +65,7 @@ class ByteReader:
         """
         if size > len(self._data) - self._at:
             raise TruncatedStreamError(
-                f"{self._what}: {size} bytes expected at offset {self._at}, {len(self._data) - self._at} left"
+                f"{self._subject}: {size} bytes expected at offset {self._at}, {len(self._data) - self._at} left"
             )
         self._at += size
         return self._data[self._at - size : self._at]
@@ -89,10 +89,10 @@ class ByteReader:
             byte = self.u8()
             value |= (byte & 127) << shift
             if byte < 128 and value >> 53:
-                raise BitstreamError(f"{self._what}: {value} is too large a number")
+                raise BitstreamError(f"{self._subject}: {value} is too large a number")
             if byte < 128:
                 return value
-        raise BitstreamError(f"{self._what}: an integer at offset {self._at} does not end")
+        raise BitstreamError(f"{self._subject}: an integer at offset {self._at} does not end")
 
     def signed(self) -> int:
         """Reads a zigzag varint."""
@@ -119,4 +119,4 @@ class ByteReader:
             BitstreamError: If there are trailing bytes.
         """
         if self._at != len(self._data):
-            raise BitstreamError(f"{self._what}: {len(self._data) - self._at} unexpected bytes at the end")
+            raise BitstreamError(f"{self._subject}: {len(self._data) - self._at} unexpected bytes at the end")

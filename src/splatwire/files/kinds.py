@@ -38,16 +38,16 @@ class Kind:
 
     Attributes:
         key: Short identifier.
-        what: Description with its article, such as `a PLY file`, for messages.
+        description: Description with its article, such as `a PLY file`, for messages.
         use: Operations available for this format, as the end of a sentence in error messages; may be empty.
     """
 
     key: str
-    what: str
+    description: str
     use: str = ""
 
     def __str__(self) -> str:
-        return f"{self.what}: {self.use}" if self.use else self.what
+        return f"{self.description}: {self.use}" if self.use else self.description
 
 
 _VERBS = "`inspect`, `encode`, `render`, `export` and `evaluate`"
@@ -305,7 +305,7 @@ def model_nearby(path: Path, *kinds: Kind) -> str:
         *kinds: Any number of kinds of model folders that are accepted.
     """
     found = folder_nearby(path, lambda folder: folder != path and file_kind(folder) in kinds)
-    return "" if found is None else f"; {found} looks like {file_kind(found).what}"
+    return "" if found is None else f"; {found} looks like {file_kind(found).description}"
 
 
 def folder_nearby(path: Path, accepts: Callable[[Path], bool]) -> Path | None:
@@ -353,7 +353,7 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
 
 def kind_of_format(file_format: FileFormat) -> Kind:
     """Returns the kind of file for a scene format that another package has registered."""
-    return Kind(file_format.name, file_format.what, _EXPLICIT if file_format.scene_type is None else SCENE.use)
+    return Kind(file_format.name, file_format.description, _EXPLICIT if file_format.scene_type is None else SCENE.use)
 
 
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
@@ -420,7 +420,7 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
 
 
 def _has_ksplat_header(head: bytes) -> bool:
-    """True if a file begins as `.ksplat` files do, whatever its name is.
+    """True if a file begins as `.ksplat` files do; its name does not matter.
 
     The format has no signature: the unused 4,052 bytes of the header are 0, and the used ones are plausible.
     """

@@ -38,21 +38,24 @@ def real_path(path: Path) -> Path:
     return Path(os.path.realpath(path))  # `Path.resolve` fails for a link to itself
 
 
-def path_of(value: object, what: str = "a file or folder") -> Path:
+def path_of(value: object, content: str = "a file or folder") -> Path:
     """Validates a path argument of a public function, and converts it to a `Path`.
 
     Args:
         value: Text or a path.
-        what: Expected content at the path, for the message.
+        content: Expected content at the path, for the message.
 
     Raises:
         InvalidValueError: If `value` has another type (also bytes), is empty or is not a valid path.
     """
     if not isinstance(value, (str, os.PathLike)) or not isinstance(os.fspath(value), str):
+        found = type(value).__name__
         raise InvalidValueError(
-            f"expected the path of {what}, such as 'scene.ply' or pathlib.Path('scene.ply'), not {type(value).__name__}"
+            f"expected the path of {content}, such as 'scene.ply' or pathlib.Path('scene.ply'), not {found}"
         )
     text = os.fspath(value)
     if not text or "\0" in text:
-        raise InvalidValueError(f"expected the path of {what}, not {'an empty text' if not text else repr(text[:60])}")
+        raise InvalidValueError(
+            f"expected the path of {content}, not {'an empty text' if not text else repr(text[:60])}"
+        )
     return value if isinstance(value, Path) else Path(text)

@@ -16,7 +16,7 @@ class FileFormat:
 
     Attributes:
         name: Name in messages and in `splatwire export`, such as `spz`.
-        what: Description of such a file with its article, such as `an SPZ file`, for messages.
+        description: Description of such a file with its article, such as `an SPZ file`, for messages.
         recognises: Returns True for a file of this format, given its first bytes (up to 65,536) and the suffix of its
             name in lower case (`.spz`). Called for files of no other known format. None for built-in formats.
         read: Function that reads a file into `splatwire.io.formats.FileContent` or `splatwire.types.splats.Splats`;
@@ -32,7 +32,7 @@ class FileFormat:
     """
 
     name: str
-    what: str
+    description: str
     recognises: Callable[[bytes, str], bool] | None = None
     read: Callable[..., Any] | None = None
     write: Callable[..., Any] | None = None

@@ -46,8 +46,8 @@ SLOWER = 0.5
 _CHECKED_RECEPTIONS = 2
 """Number of simulated packet losses with which checks measure the loss, if the channel loses packets."""
 MIN_SCALE = 10**-4.6
-"""Smallest mean squared error by which gradients are divided, 46 dB. Views that were better at first have no more
-weight than this: otherwise they would determine the direction of every step."""
+"""Minimum divisor of gradients, as a mean squared error (46 dB). Without it, views that were better at first would have
+so much weight that they determine the direction of every step."""
 
 
 @dataclass(frozen=True)

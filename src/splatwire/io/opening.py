@@ -213,6 +213,6 @@ def _coding(path: Path, kind: Kind, splats: Splats) -> SplatCoding | None:
     return coding_from_bytes(steps.content, steps.classes, splats.degree)
 
 
-def _has_gaps(path: Path, lost: int, what: str) -> BitstreamError:
+def _has_gaps(path: Path, lost: int, elements: str) -> BitstreamError:
     how = "`splatwire decode --conceal NAME`, or in Python `open_scene(path, conceal=NAME)`"
-    return BitstreamError(f"{path}: {lost:,} of the {what} were lost; conceal it first: {how}")
+    return BitstreamError(f"{path}: {lost:,} of the {elements} were lost; conceal it first: {how}")

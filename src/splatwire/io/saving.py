@@ -105,7 +105,7 @@ def _saved_as_own_type(scene: Scene, target: Path) -> bool:
     if not isinstance(scene, form.scene_type):
         found = type(scene).__name__
         raise InvalidValueError(
-            f"{target}: {form.what} holds scenes of the type {form.scene_type.__name__}, not {found}"
+            f"{target}: {form.description} holds scenes of the type {form.scene_type.__name__}, not {found}"
         )
     write_with(form, scene, target)
     return True

@@ -30,7 +30,7 @@ LOG = logging.getLogger(__name__)
 LEAF = 1 << 14
 """Maximum number of Gaussians of the finest level per leaf of the tree."""
 LEAVES_PER_CHUNK = 16
-"""Number of leaves whose Gaussians of one level share a SOG folder."""
+"""Number of leaves that share a SOG folder for the Gaussians of one level."""
 FACTOR = 4
 """Reduction of the number of Gaussians from level to level."""
 _MAX_LEVELS = 6

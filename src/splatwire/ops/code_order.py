@@ -1,4 +1,4 @@
-"""Sorting of elements by integer codes, in little memory beside the codes and the result."""
+"""Sorting of elements by integer codes, with little memory apart from the codes and the result."""
 
 import itertools
 

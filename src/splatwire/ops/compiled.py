@@ -133,7 +133,7 @@ def _compile_once(kernel: Any) -> Callable[[Any], Any]:
 
 @contextmanager
 def _file_lock(path: Path, kernel: str) -> Iterator[None]:
-    """Context that holds a file lock, so that only one process compiles a kernel.
+    """Context manager with a file lock, so that only one process compiles a kernel.
 
     The context begins without the lock in three cases: the file cannot be opened, the system has no locks, or another
     process holds the lock for too long (see `_wait_for`). Two processes may then compile and store the same kernel,

@@ -65,7 +65,7 @@ _LIMIT = threading.Event()
 def use_single_thread() -> None:
     """Makes the function `share`, which distributes work over threads, do all work on the calling thread.
 
-    This holds for the rest of the process.
+    This limit stays for the rest of the process.
     """
     _LIMIT.set()
 

@@ -53,8 +53,8 @@ class MaskVote:
             return torch.ones_like(share, dtype=torch.bool)
         if self.rule == "count":
             order = share.argsort(dim=1, descending=True, stable=True)
-            places = torch.arange(share.shape[1]).expand_as(order)
-            rank = torch.empty_like(order).scatter_(1, order, places)
+            columns = torch.arange(share.shape[1]).expand_as(order)
+            rank = torch.empty_like(order).scatter_(1, order, columns)
             exists = rank < share.sum(dim=1, keepdim=True).round()
         else:
             exists = share >= self.threshold - 1e-6  # tolerance for rounding errors at exactly half of the votes

@@ -141,7 +141,7 @@ def encode_controlled(
     def choosing(task: str, share: float) -> None:
         progress("choosing Gaussians", share)
 
-    # The search without fine-tuning comes first, so that impossible targets are errors before the fine-tuning.
+    # The search without fine-tuning is done first, so that impossible targets are errors before the fine-tuning.
     untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
     tunable = plan.with_precision_for_tuning(quality)
     if target.psnr is None:

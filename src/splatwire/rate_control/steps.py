@@ -143,11 +143,11 @@ def measured_colour_precision(
 
 
 def _only(offsets: Offsets, name: str) -> Offsets:
-    """Returns rounding errors in which all attributes except one are exact.
+    """Returns the rounding errors of one attribute; those of all others are 0.
 
     Args:
         offsets: Rounding errors of all attributes.
-        name: Name of the attribute whose errors are kept.
+        name: Name of the attribute.
     """
     none = {each: np.zeros_like(values) for each, values in vars(offsets).items()}
     none["quats"][:, 0] = 1

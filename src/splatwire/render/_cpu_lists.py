@@ -150,7 +150,7 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     # time.
     strips, starts = np.empty((num_columns, 2), np.int32), np.zeros((last_row - first_row) * grid_x + 1, np.int64)
     corners = np.empty((order.shape[0], 2), np.int32)  # tile of the first column in the first row; number of columns
-    place_starts, place, strip = np.zeros(order.shape[0] + 1, np.int64), 0, 0
+    entry_starts, entry, strip = np.zeros(order.shape[0] + 1, np.int64), 0, 0
     for k in range(order.shape[0]):
         if k + AHEAD < order.shape[0]:
             prefetch(splats, np.int64(order[k + AHEAD]) * SPLAT)
@@ -167,12 +167,12 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
             for _ in range(low, high):
                 starts[tile] += 1
                 tile += grid_x
-            place += high - low
+            entry += high - low
         strip += columns
-        place_starts[k + 1] = place
+        entry_starts[k + 1] = entry
     for t in range(starts.shape[0] - 1):
         starts[t + 1] += starts[t]
-    return starts, *_build_tile_lists(order, corners, strips, starts, grid_x), place_starts
+    return starts, *_build_tile_lists(order, corners, strips, starts, grid_x), entry_starts
 
 
 @njit(inline="always", error_model="numpy")
@@ -193,8 +193,8 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
         Three arrays, as returned by `fill_tiles`: the lists of all tiles, the pixel rows that each entry covers, and
         the entries sorted by Gaussian.
     """
-    num, heads, place, strip = starts[-1], starts[:-1].copy(), 0, 0
-    ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)
+    num, heads, entry, strip = starts[-1], starts[:-1].copy(), 0, 0
+    ids, spans, entries = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)
     for k in range(order.shape[0]):
         for i in range(np.int64(corners[k, 1])):
             top, bottom = np.int64(strips[strip, 0]), np.int64(strips[strip, 1])
@@ -203,12 +203,12 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
             for ty in range(low, high):
                 at = heads[tile]
                 heads[tile] = at + 1
-                ids[at], places[place] = order[k], at
+                ids[at], entries[entry] = order[k], at
                 spans[at, 0], spans[at, 1] = max(top - ty * TILE, 0), min(bottom - ty * TILE, TILE)
-                place += 1
+                entry += 1
                 tile += grid_x
             strip += 1
-    return ids, spans, places
+    return ids, spans, entries
 
 
 @njit(inline="always")

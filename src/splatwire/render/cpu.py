@@ -93,8 +93,8 @@ class _Band(NamedTuple):
         starts: Start of each tile's list in `ids`, and the end of the last list.
         ids: Lists of all tiles, one after another: indices of Gaussians, nearest first.
         spans: Pixel rows that each entry of `ids` covers in its tile: first row and end (exclusive).
-        places: Positions in `ids`, sorted by Gaussian in the order of `order`.
-        place_starts: Start of each Gaussian's entries in `places`, and the end of the last.
+        entries: Indices of the entries of `ids`, sorted by Gaussian in the order of `order`.
+        entry_starts: Start of each Gaussian's entries in `entries`, and the end of the last.
     """
 
     first_row: int
@@ -102,8 +102,8 @@ class _Band(NamedTuple):
     starts: np.ndarray
     ids: np.ndarray
     spans: np.ndarray
-    places: np.ndarray
-    place_starts: np.ndarray
+    entries: np.ndarray
+    entry_starts: np.ndarray
 
 
 class Picture:
@@ -224,7 +224,7 @@ class Picture:
         )
         share(
             lambda piece: _cpu_gradients.add_rows(
-                rows, band.order[piece], band.places, band.place_starts[piece.start : piece.stop + 1], sums
+                rows, band.order[piece], band.entries, band.entry_starts[piece.start : piece.stop + 1], sums
             ),
             _pieces(band.order.shape[0]),
         )

@@ -52,7 +52,7 @@ views around a scene."""
 
 
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
-    """Places cameras around a scene that has no cameras of its own, to measure how the scene looks.
+    """Places cameras around a scene without given cameras, to measure how the scene looks.
 
     Args:
         scene: The scene.
@@ -122,8 +122,8 @@ def _moved(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float)
     """Multiplies the distances of cameras from the scene's centre by a factor."""
     middle = lower_median(positions)
     poses = cameras.viewmats.copy()
-    places = middle + factor * (cameras.centers - middle)
-    poses[:, :3, 3] = -np.einsum("vij,vj->vi", poses[:, :3, :3], places)
+    centers = middle + factor * (cameras.centers - middle)
+    poses[:, :3, 3] = -np.einsum("vij,vj->vi", poses[:, :3, :3], centers)
     return replace(cameras, viewmats=poses)
 
 
@@ -172,11 +172,11 @@ def cameras_around(
     # The centre is the median position, the radius twice the median distance from it. Distant background of an
     # unbounded scene therefore does not push the cameras away.
     _check(num_views, size, len(positions))
-    places = to_numpy(positions).astype(np.float64)
-    middle = lower_median(places)
-    radius = max(2 * float(lower_median(np.linalg.norm(places - middle, axis=1))), closest)
-    place = np.arange(num_views) + 0.5
-    return _cameras_on_sphere(middle, radius, 1 - 2 * place / num_views, place * math.pi * (3 - math.sqrt(5)), size)
+    points = to_numpy(positions).astype(np.float64)
+    middle = lower_median(points)
+    radius = max(2 * float(lower_median(np.linalg.norm(points - middle, axis=1))), closest)
+    step = np.arange(num_views) + 0.5
+    return _cameras_on_sphere(middle, radius, 1 - 2 * step / num_views, step * math.pi * (3 - math.sqrt(5)), size)
 
 
 _UPRIGHT = {
@@ -209,8 +209,8 @@ def orbiting_cameras(
     """
     _check(num_views, size, 1)
     turn = np.array(_UPRIGHT[up])
-    place = np.arange(num_views, dtype=np.float64)
-    height, angle = np.full_like(place, -0.25), place * 2 * math.pi / max(num_views, 1)
+    step = np.arange(num_views, dtype=np.float64)
+    height, angle = np.full_like(step, -0.25), step * 2 * math.pi / max(num_views, 1)
     upright = turn @ np.array([*middle], np.float64)
     around = _cameras_on_sphere(upright, _ROOM * radius / math.sin(math.pi / 6), height, angle, size)
     turned = np.eye(4)

@@ -31,13 +31,13 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
     cameras = cameras.select(slice(None, None, max(-(-cameras.num_views // _MAX_VIEWS), 1)))
     positions, sizes = to_numpy(scene.positions), largest_sizes(scene)
     step = -(-max(scene.num_elements, 1) // _MAX_POSITIONS)
-    places, reach = _finite(positions[::step], sizes[::step])
-    if not cameras.num_views or not len(places):
+    sample, reach = _finite(positions[::step], sizes[::step])
+    if not cameras.num_views or not len(sample):
         return
-    views = [_View.of(places, reach, cameras, view) for view in range(cameras.num_views)]
+    views = [_View.of(sample, reach, cameras, view) for view in range(cameras.num_views)]
     seen = np.concatenate([np.empty(0), *(view.depths[view.inside] for view in views if not view.is_dot)])
     if not len(seen) and any(view.is_dot for view in views):
-        _warn_of_place(scene, cameras, places, "the scene is smaller than a pixel in the pictures")
+        _warn_of_distance(scene, cameras, sample, "the scene is smaller than a pixel in the pictures")
         return
     if not len(seen):  # the sample may miss all elements in view, and centres outside have elements that reach in
         parts = [slice(first, first + _MAX_POSITIONS) for first in range(0, scene.num_elements, _MAX_POSITIONS)]
@@ -51,7 +51,7 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
         )
     if not len(seen):
         element = scene.ELEMENTS.removesuffix("s")
-        _warn_of_place(scene, cameras, places, f"no {element} of the scene is in the pictures")
+        _warn_of_distance(scene, cameras, sample, f"no {element} of the scene is in the pictures")
     elif (hidden := float((seen <= cameras.near_depth).mean())) > _HIDDEN:
         LOG.warning(
             "%.0f %% of the %s in the pictures are nearer than %g to the cameras (median: %.3g) and are not drawn: "
@@ -78,17 +78,19 @@ class _View:
     is_dot: bool
 
     @staticmethod
-    def of(places: Float64[np.ndarray, "N 3"], sizes: Float64[np.ndarray, "N"], cameras: Cameras, view: int) -> "_View":
+    def of(
+        positions: Float64[np.ndarray, "N 3"], sizes: Float64[np.ndarray, "N"], cameras: Cameras, view: int
+    ) -> "_View":
         """Projects the elements into a picture.
 
         Args:
-            places: Position of each element, relative to the same origin as the cameras.
+            positions: Position of each element, relative to the same origin as the cameras.
             sizes: Largest size of each element, world units.
             cameras: The cameras.
             view: Index of the camera.
         """
         pose, K = (to_numpy(values[view]).astype(np.float64) for values in (cameras.viewmats, cameras.Ks))
-        local = places @ pose[:3, :3].T + pose[:3, 3]
+        local = positions @ pose[:3, :3].T + pose[:3, 3]
         ahead = local[:, 2] > 0
         local, depths = local[ahead], local[ahead, 2]
         pixels = local[:, :2] / depths[:, None] * K[[0, 1], [0, 1]] + K[:2, 2]
@@ -98,24 +100,25 @@ class _View:
         inside = ((pixels >= 0) & (pixels <= end)).all(axis=1)
         reaches_in = ((pixels >= -reach) & (pixels <= end + reach)).all(axis=1)
         is_dot = bool(
-            inside.sum() > max(len(places) / 2, 1)
+            inside.sum() > max(len(positions) / 2, 1)
             and np.ptp(pixels[inside], axis=0).max() <= _DOT_PX
-            and np.ptp(places, axis=0).max() > 0
+            and np.ptp(positions, axis=0).max() > 0
             and radii[inside].max() <= _DOT_PX
         )
         return _View(depths, inside, reaches_in, is_dot)
 
 
-def _finite(places: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    finite = np.isfinite(places).all(axis=1)
-    return places[finite].astype(np.float64), sizes[finite]
+def _finite(positions: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    finite = np.isfinite(positions).all(axis=1)
+    return positions[finite].astype(np.float64), sizes[finite]
 
 
-def _warn_of_place(scene: Scene, cameras: Cameras, places: np.ndarray, what: str) -> None:
+def _warn_of_distance(scene: Scene, cameras: Cameras, positions: np.ndarray, problem: str) -> None:
     centers = to_numpy(cameras.centers).astype(np.float64)
     LOG.warning(
-        "%s: it is around (%s), and the cameras are around (%s): their coordinates may be of different systems", what,
-        *(_described(np.median(points, axis=0) + np.array(origin_of(scene))) for points in (places, centers)),
+        "%s: it is around (%s), and the cameras are around (%s): their coordinates may be of different systems",
+        problem,
+        *(_described(np.median(points, axis=0) + np.array(origin_of(scene))) for points in (positions, centers)),
     )  # fmt: skip
 
 

@@ -43,7 +43,7 @@ the ends of a long one, such as the headstock of guitar."""
 FRAMING_WEIGHT, CLOSEUP_WEIGHT = 0.3, 0.15
 """Weights of the means over the framing and the close views, relative to that over the views around the scene."""
 _HIDDEN_CONTRAST = 0.1
-"""Assumed difference of colour between a Gaussian and what it covers, besides the measured difference. It keeps
+"""Assumed difference of colour between a Gaussian and the surface behind it, added to the measured difference. It keeps
 Gaussians that are visible but have the colour of what is behind them. Without it, kept halves of `playbot` lose 2.4 dB.
 """
 FINEST_SHARE = 0.98

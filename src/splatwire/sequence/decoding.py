@@ -12,7 +12,7 @@ from splatwire.codec.memory import check_memory
 from splatwire.concealment import conceal
 from splatwire.concealment.temporal.concealers import DEFAULT, TemporalConcealer, temporal_concealer
 from splatwire.concealment.temporal.concealment import conceal_group
-from splatwire.concealment.temporal.neighbors import PLACE
+from splatwire.concealment.temporal.neighbors import POSITION
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
 from splatwire.errors import BitstreamError
 from splatwire.ops.threads import share
@@ -233,7 +233,7 @@ def covering_gains(
         means, known = splats.means.copy(), np.ones(sequence.num_gaussians, bool)
         known[hidden.tracks] = False
         for some in (poses, hidden):
-            means[some.tracks] += some.at(0)[:, PLACE]
+            means[some.tracks] += some.at(0)[:, POSITION]
         around = _growth_factors(replace(splats, means=means), np.union1d(poses.tracks, hidden.tracks), known)
         size, opacity = size * around[0], opacity * around[1]
     return RenderHints(size, np.zeros(sequence.num_gaussians, np.bool_), opacity)

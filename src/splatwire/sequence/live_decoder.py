@@ -120,10 +120,10 @@ class LiveDecoder:
         assert self._manifest is not None
         if self._decoder is not None and self._decoder.manifest is self._manifest:
             return self._decoder
-        num_bytes, what = len(self._side_info) + self._num_bytes, f"decoding {self._manifest.num_elements:,} tracks"
+        num_bytes, activity = len(self._side_info) + self._num_bytes, f"decoding {self._manifest.num_elements:,} tracks"
         opened = TracksDecoder(self._manifest, self._side_info, num_bytes)
-        check_memory(opened.scene_bytes, num_bytes, what)
-        with allocating(what):
+        check_memory(opened.scene_bytes, num_bytes, activity)
+        with allocating(activity):
             opened.expect(None)
             if self._decoder is not None:
                 # The keyframe Gaussians are not decoded again.

@@ -62,8 +62,8 @@ def _problems(
         ).any(axis=1),
     }
     remarks = [
-        f"{what}: {int(rows.sum()):,} of {len(rows):,}, first row {int(rows.argmax())}"
-        for what, rows in found.items()
+        f"{problem}: {int(rows.sum()):,} of {len(rows):,}, first row {int(rows.argmax())}"
+        for problem, rows in found.items()
         if rows.any()
     ]
     if len(means) > 1 and core == 0:

@@ -53,11 +53,11 @@ class ElementValidity:
         """
         total = len(self.kept)
         if self.num_invisible:
-            what = f"{self.num_invisible:,} of {total:,} {elements} draw nothing and are left out"
-            LOG.info("%s: %s", source, what)
+            message = f"{self.num_invisible:,} of {total:,} {elements} draw nothing and are left out"
+            LOG.info("%s: %s", source, message)
         if self.num_invalid:
-            what = f"{self.num_invalid:,} of {total:,} {elements} cannot be drawn and are left out"
-            LOG.warning("%s: %s (the first is row %d)", source, what, self.first_invalid)
+            message = f"{self.num_invalid:,} of {total:,} {elements} cannot be drawn and are left out"
+            LOG.warning("%s: %s (the first is row %d)", source, message, self.first_invalid)
 
 
 def validity_of_splats(splats: Splats) -> ElementValidity:

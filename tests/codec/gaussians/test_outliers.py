@@ -83,7 +83,7 @@ def test_outlier_does_not_degrade_other_gaussians(
     name: str, usual: tuple[dict[str, float], int], caplog: pytest.LogCaptureFixture
 ) -> None:
     """Without the fix, a colour of 1e6 raised errors 1.4 times (3.7 without harmonics), a position of 1e6 twice."""
-    column, where, value, told = CASES[name]
+    column, where, value, warning = CASES[name]
     splats = cloud()
     getattr(splats, column)[where] = value
     found, num_bytes = errors(splats)
@@ -93,8 +93,8 @@ def test_outlier_does_not_degrade_other_gaussians(
         assert error < (1.5 if attribute in ("scale", "rotation") else 1.2) * before[attribute], attribute
     assert num_bytes < 1.06 * bytes_before
     messages = [record.getMessage() for record in caplog.records]
-    assert len(messages) == (told is not None)
-    assert told is None or told in messages[0]
+    assert len(messages) == (warning is not None)
+    assert warning is None or warning in messages[0]
 
 
 def test_relocated_outlier_keeps_its_angular_position_and_size() -> None:

@@ -63,7 +63,7 @@ def test_coordinates_of_blocks_equal_the_lattice() -> None:
     means, corner = gaussians(500).means, np.array([-5000, -6000, -7000])
     indices = np.random.default_rng(4).permutation(500).astype(np.uint32)
     coords, codes = np.empty(means.shape, np.int64), np.empty(500, np.int64)
-    most, used = kernels.write_block_places(indices, means, 2.0**7, corner, 3, coords, codes)
+    most, used = kernels.write_block_positions(indices, means, 2.0**7, corner, 3, coords, codes)
     lattice = to_lattice(means[indices].astype(np.float64), 9, 2)
     np.testing.assert_array_equal(coords, lattice - corner)
     np.testing.assert_array_equal(codes, morton_encode((lattice - corner) >> 3))

@@ -42,9 +42,9 @@ def test_lifetimes_round_trip():
 def test_most_visible_lifetimes_are_kept():
     lifetimes = Lifetimes(some(1, 5), some(1, 1), some(5, 7, 9), some(4, 5, 6))
     kept = lifetimes.most_seen(np.arange(13.0), 2)
-    assert (kept.late.tolist(), kept.early.tolist()) == ([], [7, 9])
+    assert (kept.begin_tracks.tolist(), kept.end_tracks.tolist()) == ([], [7, 9])
     kept = lifetimes.most_seen(-np.arange(13.0), 2)
-    assert (kept.late.tolist(), kept.early.tolist(), kept.ends.tolist()) == ([1, 5], [5], [4])
+    assert (kept.begin_tracks.tolist(), kept.end_tracks.tolist(), kept.end_frames.tolist()) == ([1, 5], [5], [4])
 
 
 def section(*lists: list[tuple[int, int]]) -> bytes:

@@ -167,7 +167,7 @@ def test_stream_with_losses_is_an_error(folder, tmp_path):
         compare_files([folder / "source.ply", tmp_path / "lossy.swz"], views=2)
 
 
-def test_files_with_equal_names_are_told_apart_by_their_paths(folder, tmp_path):
+def test_files_with_equal_names_are_distinguished_by_their_paths(folder, tmp_path):
     other = tmp_path / "source.ply"
     write_splats([ball_of_gaussians()], other)
     names = [score.name for score in compare_files([folder / "source.ply", other, folder / "copy.ply"], views=1).scores]

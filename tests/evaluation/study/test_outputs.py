@@ -123,7 +123,7 @@ def test_photo_and_render_references_have_separate_means(done):
     assert {summary.scene for summary in dataset_means(result, alike)} == {"mean of 5 scenes of made up"}
 
 
-def test_published_figures_are_listed_beside_measured_ones(done):
+def test_published_figures_are_listed_next_to_measured_ones(done):
     (table,) = result_tables(done[1], summarize(done[1]))
     column = table.columns.index("paper: Paper scenes")
     assert [row[column] for row in table.rows] == ["", "", "20.00", "22.50"]
@@ -238,7 +238,7 @@ def test_saved_pictures_show_the_worst_loss(edited, tmp_path):
 
 
 def test_missing_pictures_are_rendered_again(done, tmp_path):
-    """A report needs pictures besides records, so missing ones are rendered again after a killed run or new seeds."""
+    """A report needs records and pictures. Missing pictures are rendered again after a killed run or new seeds."""
     store, result = done
     shown = next(cell for cell in result.cells if cell.row.key == "idw" and cell.seed == 0)
     path = store.root / shown.unit.picture(0)

@@ -26,7 +26,7 @@ def test_reference_renders_are_computed_once_and_yielded_singly(tmp_path):
         return scene
 
     def prepare(background, stamp="x"):
-        return prepare_references(study, entry, background, drawn, stamp, Store(tmp_path / "store"), lambda *told: None)
+        return prepare_references(study, entry, background, drawn, stamp, Store(tmp_path / "store"), lambda *_: None)
 
     images = render_scene(scene, cameras)
     first, again = prepare(scene.background), prepare(scene.background)

@@ -47,7 +47,7 @@ def straight(dataset: Dataset, config: TrainConfig) -> TrainState:
 
 @pytest.fixture(scope="module")
 def saved(dataset: Dataset, config: TrainConfig, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """A checkpoint whose context is trained."""
+    """A checkpoint with a trained context model."""
     path, state = tmp_path_factory.mktemp("saved") / "run.checkpoint", initial_state(dataset, config)
     _train(state, dataset, config, 38)
     save_checkpoint(state, config, path)

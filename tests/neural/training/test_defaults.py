@@ -67,9 +67,9 @@ def _run(words: list[object]) -> int:
 def test_missing_data_selects_no_recipe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for data in (tmp_path, tmp_path / "absent"):
         assert _run(["train", data, "-o", tmp_path / "out.scene"]) == 2
-        told = capsys.readouterr().err
-        assert str(data) in told
-        assert "recipe mip" not in told
+        stderr = capsys.readouterr().err
+        assert str(data) in stderr
+        assert "recipe mip" not in stderr
 
 
 @pytest.mark.parametrize(("option", "color"), [((), BLACK), (("--background", 1, 0.5, 0), (1.0, 0.5, 0.0))])
@@ -83,16 +83,16 @@ def test_background_option_has_the_common_syntax(option: tuple[object, ...], col
 
 def test_progress_line_fits_into_80_columns() -> None:
     """A long line is truncated in favour of the counter."""
-    told = io.StringIO()
-    console = Console(file=told, width=80, force_terminal=True, color_system=None)
+    output = io.StringIO()
+    console = Console(file=output, width=80, force_terminal=True, color_system=None)
     bars = Bars(*columns(), console=console, expand=True, get_time=itertools.count(step=3).__next__)
     task = bars.add_task(f"{line(_FAR)}, test 27.31 dB", total=30_000, left=time_left(_FAR))
     for iteration in range(19_990, 20_001, 2):
         bars.update(task, completed=iteration)
     console.print(bars.get_renderable())
-    assert "20000/30000" in told.getvalue()
-    assert re.search(r"\d:\d\d:\d\d", told.getvalue())
-    assert "loss 0.1234" in told.getvalue()
+    assert "20000/30000" in output.getvalue()
+    assert re.search(r"\d:\d\d:\d\d", output.getvalue())
+    assert "loss 0.1234" in output.getvalue()
 
 
 def test_time_left_excludes_compilation(dataset: Dataset) -> None:
@@ -100,12 +100,12 @@ def test_time_left_excludes_compilation(dataset: Dataset) -> None:
     config = create_config("mipnerf360", iterations=2400)
     state, means = initial_state(dataset, config), RunningMeans(config.milestones.iterations)
     report = StepReport(torch.tensor(0.1), torch.tensor(0.1), None, num_sampled=0, drawn=torch.tensor(1))
-    told = []
+    times = []
     for iteration, seconds in enumerate([40.0, 12.0, 9.0] + [0.1] * 30, 1):
         state.iteration = iteration
-        told.append(time_left(means.after(state, report, seconds, 0.0)))
-    assert told[0] == "-:--:--"
-    assert set(told[9:]) <= {f"0:03:{second}" for second in range(50, 60)}
+        times.append(time_left(means.after(state, report, seconds, 0.0)))
+    assert times[0] == "-:--:--"
+    assert set(times[9:]) <= {f"0:03:{second}" for second in range(50, 60)}
 
 
 def test_chosen_recipe_is_printed_and_recorded(
@@ -199,9 +199,9 @@ def test_invalid_data_is_one_error_line_before_any_work(
     damage(folder)
     output = tmp_path / "out.scene"
     assert _run(["train", folder, "-o", output, "--iterations", 20, "--voxel-size", 0.2]) == 2
-    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("splatwire: error: ")]
-    assert len(told) == 1
-    assert message in told[0]
+    errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("splatwire: error: ")]
+    assert len(errors) == 1
+    assert message in errors[0]
     assert not output.exists()
 
 

@@ -82,9 +82,9 @@ def test_finetune_command_runs(
     with pytest.raises(SystemExit) as stopped:
         main([*map(str, words), "--loss", "bernoulli:0.2", "gilbert:0.2,3"])
     assert stopped.value.code == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["recipe"]["losses"]["models"] == ["bernoulli:0.2", "gilbert:0.2,3"]
-    assert told["recipe"]["background"] == [0.0, 0.5, 0.0]
+    report = json.loads(capsys.readouterr().out)
+    assert report["recipe"]["losses"]["models"] == ["bernoulli:0.2", "gilbert:0.2,3"]
+    assert report["recipe"]["background"] == [0.0, 0.5, 0.0]
     assert load_scene(output).anchors.num_anchors <= scene.anchors.num_anchors
     for option in (("--voxel-size", "0.1"), ("--loss-share", "0.5")):
         with pytest.raises(SystemExit) as stopped:

@@ -83,7 +83,7 @@ def test_rewriting_a_read_file_gives_equal_bytes(end: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("flips", [SPZ_FLIPS, GLTF_FLIPS])
-def test_flipped_axes_render_alike_from_a_flipped_camera(flips: tuple[float, float, float]) -> None:
+def test_flipped_axes_render_equally_from_a_flipped_camera(flips: tuple[float, float, float]) -> None:
     splats, signs, eye = some_splats(), np.array(flips), np.array([0.3, -2.0, 5.0], np.float32)
     flipped = flip_axes(splats, flips)
     seen, expected = flipped.seen_from(eye * signs), splats.seen_from(eye)
@@ -230,7 +230,7 @@ def _pointing_at(accessor: object) -> list[dict[str, object]]:
 
 
 def _shorter() -> list[dict[str, object]]:
-    """Accessors of a glTF with Gaussians of degree 3, from which one row of harmonics is missing."""
+    """Accessors of a glTF with Gaussians of degree 3, without one row of harmonics."""
     kinds = ["VEC3", "VEC4", "VEC3", "SCALAR", *["VEC3"] * 16]
     return [
         {"bufferView": i, "componentType": 5126, "count": 20 - (i >= 4), "type": kind} for i, kind in enumerate(kinds)

@@ -230,7 +230,7 @@ def test_invalid_gaussians_are_not_written(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.parametrize("suffix", ["ply", "compressed.ply", "splat", "spz", "sog", "glb"])
 @pytest.mark.parametrize("factor", [0.2, 5.0])
-def test_rotations_of_any_length_are_written_alike(tmp_path: Path, suffix: str, factor: float) -> None:
+def test_rotations_of_any_length_are_written_as_equal_bytes(tmp_path: Path, suffix: str, factor: float) -> None:
     splats = some_splats(40, degree=0)
     unit = replace(splats, quats=splats.quats / np.linalg.norm(splats.quats, axis=1, keepdims=True))
     write_splats([unit], tmp_path / f"a.{suffix}")

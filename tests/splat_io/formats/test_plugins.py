@@ -1,4 +1,4 @@
-"""File formats of installed packages: read, written and refused as those that come with splatwire."""
+"""File formats of installed packages are read, written and refused like built-in ones."""
 
 import csv
 import json
@@ -59,7 +59,7 @@ def register():
 
 def toy(**changes):
     parts = {
-        "name": "toy", "what": "a toy file", "recognises": lambda head, suffix: head.startswith(HEAD),
+        "name": "toy", "description": "a toy file", "recognises": lambda head, suffix: head.startswith(HEAD),
         "read": lambda path: some_splats(), "write": lambda parts, path: path.write_bytes(HEAD),
     }  # fmt: skip
     return FileFormat(**{**parts, **changes})
@@ -169,7 +169,7 @@ def test_scene_properties_that_a_format_cannot_store_give_a_warning(register, tm
     ("changes", "sentence"),
     [
         ({"name": "A B"}, "file format 'A B' is not complete: its name must be 1 to 32 lower-case letters"),
-        ({"what": ""}, "what must name such a file"),
+        ({"description": ""}, "its description must name such a file"),
         ({"read": None, "write": None}, "it neither reads nor writes"),
         ({"recognises": None}, "recognises is missing"),
         ({"read": 3}, "read cannot be called"),

@@ -90,7 +90,7 @@ def test_splat_record_bytes_are_pinned(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])
-def test_ksplat_files_with_another_name_are_read_as_what_they_are(level: int, tmp_path: Path) -> None:
+def test_ksplat_files_with_another_suffix_are_read(level: int, tmp_path: Path) -> None:
     data = ksplat(level)
     for name in ("a.ksplat", "a.splat", "a"):
         (tmp_path / name).write_bytes(data + bytes(-len(data) % 32))

@@ -309,7 +309,7 @@ def test_a_count_below_the_pixels_gives_a_warning(tmp_path: Path, caplog: pytest
 
 
 def test_colours_of_transparent_pixels_are_no_gaussians(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """As in files of splat-transform, whose WebP has other colours in pixels beyond the Gaussians."""
+    """As in files of splat-transform: its WebP images have other colours in pixels after the last Gaussian."""
     files, changed = _files(tmp_path / "a.sog", some_splats(300, 1)), io.BytesIO()
     pixels = np.array(Image.open(io.BytesIO(files["quats.webp"])).convert("RGBA"))
     pixels.reshape(-1, 4)[300:] = 112, 140, 127, 0

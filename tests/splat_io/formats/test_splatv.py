@@ -59,7 +59,7 @@ def test_undrawable_gaussians_are_reported_once(tmp_path, caplog):
 def test_damage_is_one_error_line(tmp_path):
     path, good = tmp_path / "a.splatv", splatv()
     begin = good.index(b"}]") + 2
-    for data, told in (
+    for data, message in (
         (good[:6], "not a .splatv file"),
         (good[:4] + b"\xff" * 4 + good[8:], "a list of 4294967295 bytes"),
         (good[:-1], "cut"),
@@ -71,7 +71,7 @@ def test_damage_is_one_error_line(tmp_path):
         (good[:begin] + bytes(len(good) - begin), "no Gaussian"),
     ):
         path.write_bytes(data)
-        with pytest.raises(DatasetError, match=told):
+        with pytest.raises(DatasetError, match=message):
             read_splatv(path)
 
 

@@ -258,14 +258,14 @@ def test_small_scenes_off_the_origin_keep_their_positions_or_give_a_warning(
     assert ("move the scene to the origin" in caplog.text) != keeps
 
 
-def test_gaussians_too_small_for_any_step_are_not_told_to_move(
+def test_warning_of_gaussians_too_small_for_any_step_gives_no_advice_to_move(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     splats = some_splats(200, 0)
     write_splats([replace(splats, scales=np.full_like(splats.scales, 1e-30))], tmp_path / "a.spz")
-    (told,) = caplog.messages
-    assert "scales of 200 of 200 Gaussians are outside of" in told
-    assert "give the scene another size first" in told
+    (warning,) = caplog.messages
+    assert "scales of 200 of 200 Gaussians are outside of" in warning
+    assert "give the scene another size first" in warning
 
 
 @pytest.mark.parametrize("size", [1e-1, 1e-4, 1e-6, 1e-9])

@@ -54,9 +54,9 @@ def test_present_chunks_are_read_and_missing_ones_reported(folder, caplog):
     for path in (folder, folder / "lod-meta.json"):
         assert file_kind(path) == SOG_LEVELS
         assert np.array_equal(read_splats(path).means, expected)
-    told = " ".join(record.getMessage() for record in caplog.records)
-    assert "1 of 4 chunks are not here: 0_1" in told
-    assert "1 leaves are read at a coarser level" in told
+    logged = " ".join(record.getMessage() for record in caplog.records)
+    assert "1 of 4 chunks are not here: 0_1" in logged
+    assert "1 leaves are read at a coarser level" in logged
 
 
 def changed(**fields):

@@ -49,7 +49,7 @@ def test_a_comment_of_a_zip_is_part_of_it(tmp_path: Path, caplog: pytest.LogCapt
     assert not caplog.messages
 
 
-def test_a_sog_is_read_whichever_member_comes_first(tmp_path: Path) -> None:
+def test_a_sog_is_read_with_its_members_in_any_order(tmp_path: Path) -> None:
     """Members are larger than the buffer of a file."""
     write_splats([some_splats(8000, degree=0)], tmp_path / "a.sog")
     with zipfile.ZipFile(tmp_path / "a.sog") as source:

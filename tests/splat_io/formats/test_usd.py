@@ -182,7 +182,7 @@ def test_damaged_and_incomplete_files_are_one_error(tmp_path, content, message):
 
 
 def test_errors_of_usd_core_after_opening_are_one_error(tmp_path, monkeypatch):
-    """As for the empty name of an attribute in a damaged file, which only this function asks for."""
+    """As for the empty name of an attribute in a damaged file; only this function requests it."""
 
     def damaged(prim):
         Tf.RaiseRuntimeError("the property has no name")
@@ -447,7 +447,7 @@ def test_sublayers_outside_of_the_folder_and_expressions_are_refused(around):
     path = around / "a.usda"
     path.write_text("#usda 1.0\n(\n    subLayers = [@../other.usda@]\n)\n")
     with pytest.raises(DatasetError, match="outside of its folder"):
-        read_splats(path)  # in a process of its own, as users read
+        read_splats(path)  # in a separate process, as users read
     text = '#usda 1.0\n(\n    expressionVariables = {\n        string P = "../other.usda"\n    }\n)\n'
     path.write_text(text + 'def Xform "A" (references = @`"${P}"`@</Scene>) {}\n')
     with pytest.raises(DatasetError, match="by the expression"):
@@ -582,7 +582,7 @@ def test_a_transform_that_is_not_finite_is_refused(tmp_path):
         read_here(edited(tmp_path, move))
 
 
-def test_stand_ins_are_left_out(tmp_path, caplog):
+def test_usd_proxies_and_guides_are_left_out(tmp_path, caplog):
     def add(stage, prim):
         copy = stage.DefinePrim("/World/Proxy")
         copy.GetReferences().AddInternalReference(prim.GetPath())

@@ -32,7 +32,7 @@ export class AnchorPart implements Part {
     return this.ranks.length;
   }
 
-  get places(): Int32Array {
+  get indices(): Int32Array {
     return this.ranks;
   }
 

@@ -193,8 +193,8 @@ export class StreamDecoder {
     this.#check(count * this.schema.concealmentBytes, `concealing ${count} elements`);
   }
 
-  #check(needed: number, what: string): void {
-    checkMemory(needed, this.#numBytes, what);
+  #check(needed: number, activity: string): void {
+    checkMemory(needed, this.#numBytes, activity);
   }
 
   /**

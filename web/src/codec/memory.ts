@@ -13,9 +13,9 @@ export const allowedMemory = (arrived: number): number => FREE_BYTES + BYTES_PER
  * Throws `BitstreamError` if `needed` bytes of memory exceed the limit for `arrived` received bytes. `what` begins the
  * message.
  */
-export function checkMemory(needed: number, arrived: number, what: string): void {
+export function checkMemory(needed: number, arrived: number, activity: string): void {
   const allowed = allowedMemory(arrived);
   if (needed <= allowed) return;
   const [wanted, most] = [needed, allowed].map((bytes) => `${Math.ceil(bytes / 1e6)} MB`);
-  throw new BitstreamError(`${what} needs ${wanted} of memory; the limit for ${arrived} received bytes is ${most}`);
+  throw new BitstreamError(`${activity} needs ${wanted} of memory; the limit for ${arrived} received bytes is ${most}`);
 }

@@ -16,7 +16,7 @@ export interface Part {
   readonly packet: Packet | null;
   readonly count: number;
   /** Index of each element in the scene. */
-  readonly places: Int32Array;
+  readonly indices: Int32Array;
   /** Returns the Gaussians for a camera. The camera has no effect for explicit Gaussians. */
   forCamera(camera: Camera): ViewGaussians;
 }

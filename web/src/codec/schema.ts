@@ -76,7 +76,7 @@ export interface Schema<P extends Part = Part> {
   read(packet: Packet): P;
   /**
    * Decodes a packet without changing the schema, so that another thread can do it. Returns null for packets that are
-   * decoded when they are drawn, as those with motion. Absent if all packets of a stream of this kind are.
+   * decoded only for drawing, such as those with motion. Absent if that is true for all packets of the kind of stream.
    */
   decode?(packet: Packet): DecodedPacket | null;
   /** Adds a packet that `decode` decoded, here or in another thread. Replaces `read`. */

@@ -37,8 +37,8 @@ export function readNetworks(
   shapes: readonly (readonly [string, number, number])[],
 ): QuantisedMlp[] {
   let left = MAX_WEIGHTS;
-  const found = shapes.map(([what, inputs, outputs]) => {
-    const network = readMlp(reader, what, inputs, outputs, left);
+  const found = shapes.map(([subject, inputs, outputs]) => {
+    const network = readMlp(reader, subject, inputs, outputs, left);
     left -= (inputs + outputs) * network.hidden.outputs;
     return network;
   });
@@ -46,12 +46,12 @@ export function readNetworks(
   return found;
 }
 
-function readMlp(reader: ByteReader, what: string, inputs: number, outputs: number, most: number): QuantisedMlp {
+function readMlp(reader: ByteReader, subject: string, inputs: number, outputs: number, most: number): QuantisedMlp {
   const shape = [reader.unsigned(), reader.unsigned(), reader.unsigned()],
     flags = reader.u8(),
     hidden = shape[1];
   const fail = (text: string): never => {
-    throw new BitstreamError(`${what} network: ${text}`);
+    throw new BitstreamError(`${subject} network: ${text}`);
   };
   if (flags > (LEAKY | WITH_COLUMN_SCALES)) fail(`flags ${flags} are unknown`);
   if (shape[0] !== inputs || shape[2] !== outputs || hidden < 1 || hidden > MAX_WIDTH)

@@ -12,7 +12,7 @@ export interface Elements {
   readonly opacities: Float32Array | null;
   readonly known: Uint8Array;
   /** Index of each element in the scene. It decides ties between equally distant elements. */
-  readonly places: Int32Array;
+  readonly indices: Int32Array;
   /** Log lengths of the received Gaussians' axes, shape (received, 3), largest first; null for anchors. */
   readonly logScales: Float32Array | null;
   /** Further properties of the received anchors, which are the first elements; null for explicit Gaussians. */

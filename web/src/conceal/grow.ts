@@ -23,7 +23,7 @@ export interface Rule {
 }
 
 /** Properties that the growth of elements depends on. */
-export type GrowingElements = Pick<Elements, "positions" | "sizes" | "tierSizes" | "opacities" | "known" | "places">;
+export type GrowingElements = Pick<Elements, "positions" | "sizes" | "tierSizes" | "opacities" | "known" | "indices">;
 
 export const RULE: Rule = { exponent: 0.5, maxExcess: 1.08 };
 
@@ -78,8 +78,8 @@ export class Growth {
   constructor(elements: GrowingElements, rule: Rule = RULE) {
     this.#elements = elements;
     this.#rule = rule;
-    const { positions, known, places } = elements;
-    this.#tree = new KdTree(positions, Math.min(NEIGHBOURS, known.length - 1), places);
+    const { positions, known, indices } = elements;
+    this.#tree = new KdTree(positions, Math.min(NEIGHBOURS, known.length - 1), indices);
     this.#share = receivedShare(elements);
   }
 

@@ -49,13 +49,13 @@ export async function sceneFree(
   pause: Pause,
   { base, trust } = GROWTH,
 ): Promise<Float32Array | null> {
-  const { positions, known, opacities, places } = elements,
+  const { positions, known, opacities, indices } = elements,
     count = known.length,
     gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
   const look = new NeighbourhoodFeatures(elements, received),
-    tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places),
+    tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), indices),
     network = perceptron(GAUSSIANS),
     signature = new Float64Array(GAUSSIANS.inputs);
   for (let i = 0; i < count; i++) {

@@ -35,14 +35,14 @@ export async function sceneFreeAnchors(
   rule: Rule = RULE,
   trust = CORRECTION_WEIGHT,
 ): Promise<Float32Array | null> {
-  const { positions, known, places } = elements,
+  const { positions, known, indices } = elements,
     count = known.length,
     gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
   const look = new NeighbourhoodFeatures(elements, received),
     there = receivedShare(elements),
-    tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places),
+    tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), indices),
     network = perceptron(ANCHORS),
     signature = new Float64Array(ANCHORS.inputs);
   for (let i = 0; i < received; i++) {
@@ -77,7 +77,7 @@ class SizeClass {
     this.#tree = new KdTree(
       points,
       Math.min(CLASS_NEIGHBOURS, members.length),
-      members.map((member) => elements.places[member]),
+      members.map((member) => elements.indices[member]),
     );
   }
 
@@ -102,7 +102,7 @@ class NeighbourhoodFeatures {
     readonly elements: Elements,
     received: number,
   ) {
-    const { sizes, places } = elements,
+    const { sizes, indices } = elements,
       count = sizes.length;
     this.#logs = Float64Array.from(sizes, (size) => Math.log(Math.max(size, MIN_LENGTH)));
     this.#areas = this.#logs.map((log) => Math.exp(2 * log));
@@ -110,7 +110,7 @@ class NeighbourhoodFeatures {
     this.#medianLogSize = this.#logs.slice().sort()[(count - 1) >> 1];
     this.#minLogSize = this.#logs.reduce((least, log) => Math.min(least, log), Infinity);
     const bySize = Int32Array.from({ length: count }, (_, i) => i).sort(
-      (a, b) => sizes[b] - sizes[a] || places[a] - places[b],
+      (a, b) => sizes[b] - sizes[a] || indices[a] - indices[b],
     );
     this.#classes = CLASS_SHARES.map(
       (share) => new SizeClass(elements, bySize.slice(0, Math.max(Math.floor(count / share), MIN_CLASS))),
@@ -132,9 +132,9 @@ class NeighbourhoodFeatures {
     COUNTS.forEach((count, n) => (out[1 + n] = logGain(lostShareByNumber(known, close.subarray(0, count)))));
     let at = 4;
     for (const reach of REACHES) {
-      const { gone, whole } = this.#lostArea(i, close, far, reach);
-      out[at++] = logGain(gone / Math.max(whole, MIN_SUM));
-      if (reach === MIDDLE_REACH) out[at++] = Math.log1p(gone / own2);
+      const { lost, all } = this.#lostArea(i, close, far, reach);
+      out[at++] = logGain(lost / Math.max(all, MIN_SUM));
+      if (reach === MIDDLE_REACH) out[at++] = Math.log1p(lost / own2);
     }
     let all = 0,
       lost = 0,
@@ -150,10 +150,10 @@ class NeighbourhoodFeatures {
     out[at++] = logGain(lost / Math.max(all, MIN_SUM));
     for (const members of this.#classes) {
       const { indices, far } = members.near(i),
-        { gone, whole } = this.#lostArea(i, indices, far, MIDDLE_REACH);
+        { lost, all } = this.#lostArea(i, indices, far, MIDDLE_REACH);
       out[at++] = logGain(lostShareByNumber(known, indices));
-      out[at++] = logGain(gone / Math.max(whole, MIN_SUM));
-      out[at++] = Math.log1p(gone / own2);
+      out[at++] = logGain(lost / Math.max(all, MIN_SUM));
+      out[at++] = Math.log1p(lost / own2);
     }
     const spacing = end ? logDistance(far[Math.min(SPACING_RANK, end - 1)]) : expected,
       farthest = end ? logDistance(far[end - 1]) : expected;
@@ -171,21 +171,21 @@ class NeighbourhoodFeatures {
   }
 
   /**
-   * Sums the areas of the neighbours, attenuated by distance in relation to the sizes. `gone` is the sum over lost
-   * ones, `whole` that over all including element `i`.
+   * Sums the areas of the neighbours, attenuated by distance in relation to the sizes. `lost` is the sum over lost
+   * ones, `all` that over all including element `i`.
    */
-  #lostArea(i: number, near: Int32Array, far: Float64Array, reach: number): { gone: number; whole: number } {
+  #lostArea(i: number, near: Int32Array, far: Float64Array, reach: number): { lost: number; all: number } {
     const { known } = this.elements,
       areas = this.#areas;
-    let gone = 0,
-      whole = areas[i];
+    let lost = 0,
+      all = areas[i];
     for (let n = 0; n < near.length; n++) {
       const j = near[n],
         weight = areas[j] * Math.exp(-far[n] / (2 * (areas[j] + areas[i]) * reach));
-      whole += weight;
-      if (!known[j]) gone += weight;
+      all += weight;
+      if (!known[j]) lost += weight;
     }
-    return { gone, whole };
+    return { lost, all };
   }
 }
 

@@ -10,7 +10,7 @@ export function readIntegers(reader: ByteReader, count: number): Float64Array {
   const mean = reader.signed(),
     scale = reader.unsigned();
   if (Math.abs(mean) > MAX_SYMBOL || scale >= NUM_SCALES)
-    throw new BitstreamError(`${reader.what}: the mean or scale of a distribution is out of range`);
+    throw new BitstreamError(`${reader.subject}: the mean or scale of a distribution is out of range`);
   const coder = new RangeDecoder(reader.blob()),
     normal = new Mixture(mean * 2 ** MEAN_BITS, scale);
   return Float64Array.from({ length: count }, () => normal.decode(coder));

@@ -105,7 +105,7 @@ export class Mixture {
     return this.#low + left;
   }
 
-  /** Computes all intervals, and the symbols from which the search for an interval begins. */
+  /** Computes all intervals, and the first symbols of the searches for an interval. */
   #tabulate(): void {
     const guesses = new Uint16Array(GUESSES);
     for (let guess = 0, at = 0; guess < GUESSES; guess++) {

@@ -15,10 +15,10 @@ const MIN_CAPACITY = 4096;
  * requires it. Throws for devices without WebGL.
  */
 export class ClipEntity extends Entity {
-  /** Child whose scale is the unit of length of the frames. */
+  /** Child entity; its scale is the unit of length of the frames. */
   readonly #child: Entity;
   #drawn: GpuGaussians | null = null;
-  /** Gaussians of the frame before, whose memory is reused once the newest frame is sorted. */
+  /** Gaussians of the previous frame; their memory is reused once the newest frame is sorted. */
   #previous: GpuGaussians | null = null;
   /** True if a camera has not sorted the newest frame yet. It draws the one before until then. */
   #isWaiting = false;

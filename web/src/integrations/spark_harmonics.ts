@@ -9,7 +9,7 @@ const PLACES = [
 ];
 
 /** Returns the texture and component of each coefficient of a degree, from the first one. */
-export const placesOf = (degree: number): readonly (readonly [keyof typeof TEXTURE_NAMES, number])[] =>
+export const coefficientSlots = (degree: number): readonly (readonly [keyof typeof TEXTURE_NAMES, number])[] =>
   PLACES.slice(0, (degree + 1) ** 2 - 1);
 
 /** Name under which Spark keeps the texture of each array in `extra`. */

@@ -4,7 +4,7 @@ import { ExtSplats, utils } from "@sparkjsdev/spark";
 
 import { type Gaussians, type ReceiveOptions, receive } from "../decoder.ts";
 import { withoutQuery } from "../transport/http_error.ts";
-import { placesOf } from "./spark_harmonics.ts";
+import { coefficientSlots } from "./spark_harmonics.ts";
 
 export { ClipMesh } from "./three_clip.ts";
 
@@ -38,7 +38,7 @@ export const blurOf = ({
 function harmonicsOf({ count, degree, harmonics }: Gaussians, length: number): Record<string, Uint32Array> {
   const number = (degree + 1) ** 2 - 1,
     found: Record<string, Uint32Array> = {};
-  for (const [j, [name, word]] of placesOf(degree).entries()) {
+  for (const [j, [name, word]] of coefficientSlots(degree).entries()) {
     const texels = (found[name] ??= new Uint32Array(length));
     for (let i = 0; i < count; i++) {
       const at = 3 * (i * number + j);

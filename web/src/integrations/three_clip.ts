@@ -4,7 +4,7 @@ import { ExtSplats, SplatMesh, utils } from "@sparkjsdev/spark";
 
 import type { Clip, ClipFrame } from "../clip.ts";
 import { HALF_FLOAT_VALUES, type Packed } from "../render/packed.ts";
-import { placesOf, TEXTURE_NAMES } from "./spark_harmonics.ts";
+import { coefficientSlots, TEXTURE_NAMES } from "./spark_harmonics.ts";
 
 /**
  * Mesh that shows a clip: `scene.add(new ClipMesh(clip))`. Call `updateClip` before each picture. Keeps the axes of the
@@ -42,7 +42,7 @@ export class ClipMesh extends SplatMesh {
 /** Returns memory for `room` Gaussians of a degree. */
 function emptySplats(room: number, degree: number): ExtSplats {
   const texels = (): Uint32Array => new Uint32Array(4 * room),
-    names = new Set(placesOf(degree).map(([name]) => name));
+    names = new Set(coefficientSlots(degree).map(([name]) => name));
   return new ExtSplats({
     extArrays: [texels(), texels()],
     numSplats: room,
@@ -78,7 +78,7 @@ function fill(splats: ExtSplats, packed: Packed, size: number): void {
   for (const texture of textures) texture.needsUpdate = true;
   const harmonic = (i: number, n: number): number =>
     value[(packed.harmonics[n >> 3][4 * i + ((n >> 1) & 3)] >>> (16 * (n & 1))) & 0xffff];
-  for (const [j, [name, word]] of placesOf(degree).entries()) {
+  for (const [j, [name, word]] of coefficientSlots(degree).entries()) {
     const texels = extra[name] as Uint32Array;
     for (let i = 0; i < count; i++)
       texels[4 * i + word] = utils.encodeExtRgb(harmonic(i, 3 * j), harmonic(i, 3 * j + 1), harmonic(i, 3 * j + 2));

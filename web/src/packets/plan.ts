@@ -80,7 +80,7 @@ export class Plan {
     return (grouping === "hashed" ? count <= room : count === room) && bytes.length <= packetBytes;
   }
 
-  /** Returns the places of a packet's elements, in ascending order or in the order of their hashes. */
+  /** Returns the indices of a packet's elements, in ascending order or in the order of their hashes. */
   members({ block, lane, count }: Pick<Packet, "block" | "lane" | "count">): Int32Array {
     const isHashed = this.manifest.packetization.grouping === "hashed",
       first = isHashed ? lane : this.#laneCounts(block).reduce((sum, size, n) => (n < lane ? sum + size : sum), 0);
@@ -88,7 +88,7 @@ export class Plan {
   }
 
   /**
-   * Returns the places of a block's elements, packet by packet, or in the order of their hashes, so that any run of
+   * Returns the indices of a block's elements, packet by packet, or in the order of their hashes, so that any run of
    * them is spread over the block. They are kept: each packet of a block would need another pass over the block.
    */
   order(block: number): Int32Array {
@@ -100,7 +100,7 @@ export class Plan {
       start = first + (block - firstBlock) * blockSize,
       order = Int32Array.from({ length: this.blockCount(block) }, (_, n) => start + n);
     if (grouping === "hashed") {
-      const hashes = Array.from(order, (place) => splitmix((place ^ low) >>> 0, high));
+      const hashes = Array.from(order, (index) => splitmix((index ^ low) >>> 0, high));
       order.sort((a, b) => hashes[a - start][1] - hashes[b - start][1] || hashes[a - start][0] - hashes[b - start][0]);
     } else if (grouping === "stratified") {
       let end = 0;

@@ -4,7 +4,7 @@ import type { Orbit } from "../render/orbit.ts";
 
 /** Default speed, degrees per second. */
 const DEFAULT_SPEED = 12;
-/** Time after the last input of the visitor before the rotation goes on, milliseconds. */
+/** Time after the last input of the visitor before the rotation continues, milliseconds. */
 const PAUSE_MS = 3000;
 
 export class AutoRotation {

@@ -364,11 +364,11 @@ export class Controller {
     density?.addEventListener("change", () => this.#followDensity(window, signal), { once: true, signal });
   }
 
-  /** Applies the page's viewpoint. `anew` applies it even if the visitor has moved the camera. */
-  #viewpoint(anew: boolean): void {
+  /** Applies the page's viewpoint. With `force`, also if the visitor has moved the camera. */
+  #viewpoint(force: boolean): void {
     const viewpoint = viewpointOf(this.host.getAttribute("viewpoint"));
     if (!viewpoint) return;
-    if (anew) Object.assign(this.stage.orbit, { placed: false, touched: false, turned: false });
+    if (force) Object.assign(this.stage.orbit, { placed: false, touched: false, turned: false });
     this.stage.setViewpoint(viewpoint);
   }
 
@@ -502,7 +502,7 @@ export class Controller {
     if (this.status.complete && this.#file) this.#send({ kind: "follow", file: this.host.updates ? this.#file : "" });
   }
 
-  /** Swaps an update in: the removed Gaussians disappear in the picture in which the new ones appear. */
+  /** Swaps an update in: removed Gaussians disappear in the same picture that first shows the new ones. */
   #update({ hidden, packed, numRemoved, numNew, gaussians }: FromWorker & { kind: "update" }): void {
     const { stage, panel, status } = this;
     if (hidden) stage.update(hidden, packed);

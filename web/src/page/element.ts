@@ -154,7 +154,7 @@ export class SplatWire extends Base {
     this.#set("max-gaussians", value);
   }
 
-  /** True to request updates of the scene, which are files beside that of the scene, and to show them. */
+  /** True to request and show updates of the scene, which are files in the folder of the scene's file. */
   get updates(): boolean {
     return (this.getAttribute("updates") ?? "false") !== "false"; // React 18 writes `false` as text
   }

@@ -42,7 +42,7 @@ const SCRIPT = "/splatwire.js";
 /** Query of a stream's URL on the servers of splatwire. It pins the current version, which caches keep for a year. */
 const VERSION = /^\?[0-9a-f]{16}$/;
 
-/** Attributes of the element that embed code repeats, because they change the picture. */
+/** Attributes of the element that change the picture. Embed code repeats them. */
 export const EMBEDDED = ["up", "viewpoint", "concealer", "autorotate", "camera-limits", "updates"] as const;
 
 /**

@@ -21,8 +21,8 @@ export function showPacketStatistics(
 }
 
 /**
- * Shows the texts of a scene, and its origin if it is georeferenced. The title goes into the bar unless the page names
- * the scene itself (`isNamed`).
+ * Shows the texts of a scene, and its origin if it is georeferenced. The title is shown in the bar unless the page
+ * names the scene itself (`isNamed`).
  */
 export function showMetadata(panel: Panel, { texts, origin }: Facts, isNamed: boolean): void {
   if (texts.title && !isNamed) panel.title = texts.title;

@@ -79,10 +79,10 @@ export class SessionStatus {
     this.dispatch("load", { complete: true, verified: same });
   }
 
-  /** Resolves to the result of the digest check. `ask` starts the check if there is none yet. */
-  verify(ask: () => void): Promise<boolean> {
+  /** Resolves to the result of the digest check. `start` is called if no check has run yet. */
+  verify(start: () => void): Promise<boolean> {
     if (this.status.verified !== null) return Promise.resolve(this.status.verified);
-    ask();
+    start();
     return new Promise((resolve) => this.#digestWaiters.push(resolve));
   }
 }

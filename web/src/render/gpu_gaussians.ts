@@ -112,15 +112,15 @@ export class GpuGaussians extends GSplatContainer {
    * the range of changed texels and returns its size in bytes.
    */
   setGains(gains: Float32Array): number {
-    const places = this.#centers,
+    const centers = this.#centers,
       colours = this.#colours,
       count = Math.min(gains.length / 2, this.count);
     let first = count,
       end = count;
     for (let n = 0; n < count; n++) {
       const opacity = toHalfFloat(Math.min(this.#opacities[n] * gains[2 * n + 1], 1));
-      if (places[4 * n + 3] === gains[2 * n] && colours[4 * n + 3] === opacity) continue;
-      places[4 * n + 3] = gains[2 * n];
+      if (centers[4 * n + 3] === gains[2 * n] && colours[4 * n + 3] === opacity) continue;
+      centers[4 * n + 3] = gains[2 * n];
       colours[4 * n + 3] = opacity;
       if (first === count) first = n;
       end = n + 1;

@@ -134,7 +134,7 @@ export class Orbit {
     this.#restore(this.stateOf(eye, target));
   }
 
-  /** Returns the state with an eye position and a target. The direction stays if they are one point. */
+  /** Returns the state with an eye position and a target. The direction stays if both are the same point. */
   stateOf(eye: Vec3, target: Vec3, turned = this.turned): OrbitState {
     const back = new Vec3().sub2(eye, target),
       distance = back.length(),

@@ -6,7 +6,7 @@ import { GpuGaussians } from "./gpu_gaussians.ts";
 import type { Packed } from "./packed.ts";
 
 const MIN_CAPACITY = 4096;
-/** Memory is reserved for at most this number of Gaussians before they arrive. */
+/** Maximum number of Gaussians for which memory is reserved before their arrival. */
 const MAX_RESERVED = 1 << 18;
 
 export class SingleMesh {

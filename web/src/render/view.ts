@@ -44,7 +44,7 @@ const IDLE_MS = SORT_MS;
 const MIN_INTERVAL_MS = 500,
   MAX_INTERVAL_MS = 4000,
   GPU_MULTIPLE = 4;
-/** Interval at which waiting uploads and pictures check whether they may begin, milliseconds. */
+/** Interval of the checks of waiting uploads and pictures, milliseconds. */
 const POLL_MS = 10;
 
 /** Largest number of canvas pixels per CSS pixel. */
@@ -396,8 +396,9 @@ export class View {
   }
 
   /**
-   * Hides Gaussians in the frame that first draws the `added` ones: at once if there are none, since PlayCanvas copies
-   * an equal number of Gaussians only now, and in memory that is not drawn yet, whose Gaussians are hidden already.
+   * Hides Gaussians in the frame that first draws the `added` ones. Hides them at once if there are none, since
+   * PlayCanvas copies an equal number of Gaussians only now. Gaussians in memory that is not drawn yet are hidden
+   * already.
    */
   #hideLater(all: readonly Int32Array[], added: number): void {
     const [manager] = this.#managers,

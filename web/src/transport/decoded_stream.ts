@@ -201,10 +201,10 @@ export class DecodedStream {
 
   /** Returns the indices of the redundant copies of elements that are not in these parts. */
   #copiesOfMissing(parts: readonly Part[]): Int32Array {
-    const copied = this.#copies?.part.places;
+    const copied = this.#copies?.part.indices;
     if (!copied) return new Int32Array();
     const there = new Uint8Array(this.decoder.head.manifest.count);
-    for (const { places } of parts) for (const place of places) there[place] = 1;
+    for (const { indices } of parts) for (const index of indices) there[index] = 1;
     return copied.map((_, n) => n).filter((n) => !there[copied[n]]);
   }
 

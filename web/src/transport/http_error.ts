@@ -21,7 +21,7 @@ export class HttpError extends Error {
 }
 
 /**
- * Error for a server whose responses the browser withholds from the page (CORS). A retry may help, because proxies send
+ * Error if the browser withholds a server's responses from the page (CORS). A retry may help, because proxies send
  * their own errors, such as 502, without the header.
  */
 export class Unreadable extends Error {

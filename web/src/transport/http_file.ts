@@ -25,7 +25,7 @@ const GROWTH = 1.5;
 const MAX_USELESS = 3;
 /** Number of consecutive failed range requests without packets after which the whole file is requested once. */
 const MAX_FAILURES = 3;
-/** Number of requests for a range whose responses are shorter than it. Each may have half of the rest. */
+/** Maximum number of requests for a range if responses are too short. Each may have half of the rest. */
 const MAX_SHORT = 24;
 /** Number of requests without a response after which it is checked if the browser withholds the responses. */
 const MAX_WITHHELD = 3;

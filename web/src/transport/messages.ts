@@ -17,7 +17,7 @@ export type ToWorker =
   /** Requests a frame of a clip. Answered by `frame`. */
   | { kind: "frame"; number: number; choice: LossSimulation }
   | { kind: "digest" }
-  /** Requests updates of the scene beside its file, once it is complete; none any more if `file` is empty. */
+  /** Requests updates of the scene at the location of its file, once it is complete; ends that if `file` is empty. */
   | { kind: "follow"; file: string };
 
 /** Properties of a stream. */

@@ -1,4 +1,4 @@
-// Updates of a scene over HTTP: a file beside that of the scene, named after the state that it changes.
+// Updates of a scene over HTTP: a file in the folder of the scene's file, named after the state that it changes.
 
 import { sha256 } from "../sha256.ts";
 import { HttpError } from "./http_error.ts";
@@ -29,8 +29,8 @@ export const updateUrl = (file: string, digest: string): string =>
   new URL(`update.${digest.slice(0, NAME_LETTERS)}.swz${new URL(file).search}`, file).href;
 
 /**
- * Returns the content of a file; null if it does not exist, or if it is the stream whose manifest has the digest
- * `known`: the rest of it is then not downloaded. Throws if the server refuses, sends more than `most` bytes, or sends
+ * Returns the content of a file; null if it does not exist. Also null for a stream with the digest `known` in
+ * its manifest, without downloading the rest. Throws if the server refuses, sends more than `most` bytes, or sends
  * nothing for `IDLE_MS`.
  */
 export async function readWhole(url: string, most = MAX_FILE_BYTES, known = ""): Promise<Uint8Array | null> {

@@ -1,4 +1,4 @@
-"""Conversion of an anchor scene to explicit Gaussians that look alike in many views."""
+"""Conversion of an anchor scene to explicit Gaussians that look the same in many views."""
 
 from collections.abc import Callable, Iterator
 
@@ -63,7 +63,7 @@ def fit_splats(
     if cameras.num_views > MAX_VIEWS:
         cameras = cameras.select([i * cameras.num_views // MAX_VIEWS for i in range(MAX_VIEWS)])
     counts = FitCounts() if counts is None else counts
-    report = progress or (lambda what, share: None)
+    report = progress or (lambda label, share: None)
     slots = slots_of(scene)
     counts.possible = slots.num_slots
     areas = visible_areas(scene, slots, cameras, find, lambda share: report("measuring visibility", share))

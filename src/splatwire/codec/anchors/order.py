@@ -97,7 +97,7 @@ def prepare_anchor_repack(
     Raises:
         InvalidValueError: If the stream has sections that depend on another order of anchors.
     """
-    # With any section besides `own` and the background, the order of the anchors must not change.
+    # With any section except `own` and the background, the order of the anchors must not change.
     sections = sections_of(stream)
     tier_of = read_tiers(sections, stream.manifest)
     if packetization.order != stream.manifest.packetization.order:
@@ -195,7 +195,7 @@ def update_digest(digest: Any, rows: SymbolRows) -> None:
         digest: hashlib object that is updated.
         rows: Arrays of decoded integers; the first contains all integers of each anchor in one row.
     """
-    # The manifest contains the hash of all integers. A receiver compares it with the hash of its own integers.
+    # The manifest contains the hash of all integers. A receiver compares it with the hash of its decoded integers.
     digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)
 
 

@@ -15,7 +15,7 @@ NARROW_BITS = 11
 LANES = 8
 FARTHEST, OUTSIDE = np.float32(3 << 23), np.float32(-(1 << 13))
 """Limit of squared distances between cells of at most `NARROW_BITS` bits, exact in a float32 and above all of them; and
-coordinate of the places before the first Gaussian, whose distance is above this limit.
+coordinate of the padding before the first Gaussian, so that its distance is above this limit.
 """
 NONE = np.int32(0x7FFFFFFF)
 _AGE_BITS, _AGES = np.int32(6), np.int64(WINDOW - 1)

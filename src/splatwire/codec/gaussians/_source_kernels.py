@@ -141,11 +141,11 @@ def _write_axes(scales, quat, axes):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def write_codes(places, shift, codes):
+def write_codes(positions, shift, codes):
     """Computes Morton codes of positions after dropping the lowest bits of each coordinate.
 
     Args:
-        places: Positions, int64 (n, 3), not negative.
+        positions: Lattice positions, int64 (n, 3), not negative.
         shift: Number of dropped bits of a coordinate. At most `MAX_CELL_BITS` bits remain.
         codes: Output, int64 (n).
 
@@ -154,7 +154,7 @@ def write_codes(places, shift, codes):
     """
     used = np.int64(0)
     for i in range(len(codes)):
-        x, y, z = places[i, 0] >> shift, places[i, 1] >> shift, places[i, 2] >> shift
+        x, y, z = positions[i, 0] >> shift, positions[i, 1] >> shift, positions[i, 2] >> shift
         used |= x | y | z
         codes[i] = _spread(x) | (_spread(y) << 1) | (_spread(z) << 2)
     return used
@@ -198,7 +198,7 @@ def snap_to_cells(means, shifts, factor, half_unit):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def write_block_places(indices, centres, factor, corner, shift, places, codes):
+def write_block_positions(indices, centres, factor, corner, shift, positions, codes):
     """Computes lattice positions within the bounding box of a block, and their Morton codes; see `write_codes`.
 
     Args:
@@ -207,7 +207,7 @@ def write_block_places(indices, centres, factor, corner, shift, places, codes):
         factor: Reciprocal of the spacing of the lattice, a power of two.
         corner: Lower corner of the bounding box, in lattice spacings, int64 (3).
         shift: Number of low bits of each coordinate that the codes omit.
-        places: Output: positions relative to the corner, int64 (n, 3).
+        positions: Output: lattice positions relative to the corner, int64 (n, 3).
         codes: Output, int64 (n).
 
     Returns:
@@ -221,8 +221,8 @@ def write_block_places(indices, centres, factor, corner, shift, places, codes):
         for a in range(3):
             value = np.floor(np.float64(centres[index, a]) * factor)
             most = max(most, abs(value))
-            places[i, a] = np.int64(value) - corner[a]
-        x, y, z = places[i, 0] >> shift, places[i, 1] >> shift, places[i, 2] >> shift
+            positions[i, a] = np.int64(value) - corner[a]
+        x, y, z = positions[i, 0] >> shift, positions[i, 1] >> shift, positions[i, 2] >> shift
         used |= x | y | z
         codes[i] = _spread(x) | (_spread(y) << 1) | (_spread(z) << 2)
     return most, used
@@ -314,9 +314,9 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
         for a in range(3):
             value = np.floor(np.float64(centres[index, a]) * factor)
             most = max(most, abs(value))
-            place = np.int64(value)
-            ends[0, a] = min(ends[0, a], place) if i else place
-            ends[1, a] = max(ends[1, a], place) if i else place
+            coord = np.int64(value)
+            ends[0, a] = min(ends[0, a], coord) if i else coord
+            ends[1, a] = max(ends[1, a], coord) if i else coord
         _write_logs(opacities[index], scales[index], size_log, logs)
         _write_colour(sh[index, 0], matrix, grey, colour)
         means[0] += logs[0]

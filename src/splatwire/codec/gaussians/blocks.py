@@ -85,9 +85,9 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     def compressed(positions: np.ndarray) -> np.ndarray:
         """Compresses positions far from the centre (asinh), so that outliers do not make the Morton codes coarse."""
         # Otherwise, distant Gaussians would make the Morton codes of all others coarse.
-        places = positions - middle
-        places /= spread / 2
-        return np.arcsinh(places, out=places)
+        warped = positions - middle
+        warped /= spread / 2
+        return np.arcsinh(warped, out=warped)
 
     first, last = compressed(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
     size = max(float((last - first).max()), 1e-30)
@@ -95,11 +95,11 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     codes = large_empty((len(means),), np.int64)
 
     def find(begin: int) -> None:
-        places = compressed(means[begin : begin + ROWS].astype(np.float64))
-        places -= first
-        places /= size
-        places *= (1 << MAX_AXIS_BITS) - 1
-        used = kernels.write_codes(np.rint(places, out=places).astype(np.int64), 0, codes[begin : begin + ROWS])
+        warped = compressed(means[begin : begin + ROWS].astype(np.float64))
+        warped -= first
+        warped /= size
+        warped *= (1 << MAX_AXIS_BITS) - 1
+        used = kernels.write_codes(np.rint(warped, out=warped).astype(np.int64), 0, codes[begin : begin + ROWS])
         if used >> MAX_AXIS_BITS:  # not 0 for negative numbers either
             raise ValueError("positions must be finite to have a code")
 

@@ -27,20 +27,20 @@ def write_indices(indices: np.ndarray, num_gaussians: int) -> bytes:
         indices: int64, index of each copied Gaussian in stream order.
         num_gaussians: Number of Gaussians in the stream, which determines the width.
     """
-    width = _place_bits(num_gaussians)
+    width = _index_bits(num_gaussians)
     return np.packbits(indices[:, None] >> np.arange(width)[::-1] & 1).tobytes()
 
 
 def _read_indices(reader: ByteReader, count: int, num_gaussians: int) -> np.ndarray:
-    width = _place_bits(num_gaussians)
+    width = _index_bits(num_gaussians)
     bits = np.unpackbits(np.frombuffer(reader.take((count * width + 7) // 8), np.uint8), count=count * width)
     indices = bits.reshape(count, width).astype(np.int64) @ (1 << np.arange(width)[::-1])
     if indices.max() >= num_gaussians or len(np.unique(indices)) < count:
-        raise BitstreamError("section 'sketch': places of copies are not those of different Gaussians")
+        raise BitstreamError("section 'sketch': an index of a copy is repeated or out of range")
     return indices
 
 
-def _place_bits(num_gaussians: int) -> int:
+def _index_bits(num_gaussians: int) -> int:
     return max((num_gaussians - 1).bit_length(), 1)
 
 

@@ -70,7 +70,7 @@ class GaussianDecoder:
         self._records = () if copies is None else (copies,)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the memory that each decoding thread needs besides the scene, bytes."""
+        """Returns the memory that each decoding thread needs in addition to the scene, bytes."""
         # Integers of several pending blocks, floats of `SLICE_GAUSSIANS` Gaussians, and words of the largest packet.
         spans = (span for span in self._plan.spans if span.num_elements)
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
@@ -168,7 +168,7 @@ def decode_packets(
         Decoded integers of all Gaussians, packet by packet: int64 (n, columns) for all attributes except harmonics, and
         int32 (n, harmonics) for the spherical harmonics.
     """
-    assert max(counts, default=0) <= MAX_BLOCK_SIZE, "one of more places than there are intervals has none"
+    assert max(counts, default=0) <= MAX_BLOCK_SIZE, "larger blocks have more rows than there are intervals"
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8).copy()
     ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)

@@ -46,7 +46,7 @@ class Quality:
         check_fields(self)
         if not -8 <= self.level <= 24 or not -16 <= self.position <= 16:
             raise InvalidValueError(
-                f"a quality of level {self.level} with places {self.position} finer is not possible"
+                f"a quality of level {self.level} with positions finer by {self.position} is not possible"
             )
         if len(self.precision) != len(STEPS) or not all(-16 <= octaves <= 16 for octaves in self.precision):
             raise InvalidValueError(f"a precision has {len(STEPS)} numbers from -16 to 16, not {self.precision}")

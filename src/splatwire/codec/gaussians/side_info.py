@@ -199,7 +199,7 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
     if degree > MAX_DEGREE or abs(size_log) > MAX_SIZE_LOG or not 0 <= unit <= MAX_LATTICE_BITS:
         raise BitstreamError(f"side information: degree {degree}, size {size_log} or unit {unit} are impossible")
     if coarsest > MAX_LATTICE_BITS:
-        raise BitstreamError(f"side information: cells of places of 2**{coarsest} units are impossible")
+        raise BitstreamError(f"side information: position cells of 2**{coarsest} units are impossible")
     if np.abs(bases).max() > 64 << STEP_BITS:
         raise BitstreamError(f"side information: impossible steps {bases.tolist()}")
     side = (degree + 1) ** 2 - 1

@@ -213,14 +213,14 @@ class SourceScene:
         centres = self.centres if indices is members else self.centres.take(members, axis=0)
         check_reach(
             sources.summarise_block(
-                indices, centres, scene.scales, scene.opacities, scene.sh, self._places_per_unit, self.size_log,
+                indices, centres, scene.scales, scene.opacities, scene.sh, self._steps_per_unit, self.size_log,
                 LUMA_CHROMA * DC, GREY, np.empty((2, 4), np.int64), ends, means,
             )
         )  # fmt: skip
         return ends, np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
 
     @property
-    def _places_per_unit(self) -> float:
+    def _steps_per_unit(self) -> float:
         """Number of lattice spacings per world unit, a power of two."""
         return 2.0 ** (self.unit - self.size_log)
 
@@ -244,7 +244,7 @@ class SourceScene:
         arrays = (*vars(self.splats).values(), self.centres)
         return all(a.dtype == np.float32 and a.flags.c_contiguous and a.flags.writeable for a in arrays)
 
-    def _arranged_places(self, block: int, info: SideInfo) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
+    def _arranged_positions(self, block: int, info: SideInfo) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
         """Returns lattice positions of a block's Gaussians, and the order in which packets are filled.
 
         Args:
@@ -257,15 +257,15 @@ class SourceScene:
             the Gaussians within the block in the order in which packets are filled, int64 (n).
         """
         members, bits = self.order[self.members(block)], int(info.boxes.bits[block])
-        places, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
+        positions, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
         centres, dropped = kernel_array(self.centres), max(bits - MAX_CELL_BITS, 0)
-        most, used = sources.write_block_places(
-            members, centres, self._places_per_unit, info.boxes.corners[block], dropped, places, codes
+        most, used = sources.write_block_positions(
+            members, centres, self._steps_per_unit, info.boxes.corners[block], dropped, positions, codes
         )
         check_reach(most)
         check_codes(used, bits)
-        at = cell_shift(places, bits)
-        return places, codes, at, sources.sort_cells(codes, 3 * (at - dropped), self.contiguous)
+        at = cell_shift(positions, bits)
+        return positions, codes, at, sources.sort_cells(codes, 3 * (at - dropped), self.contiguous)
 
     def ranked(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
         """Returns the coding order of a block's Gaussians, as indices in `splats`, int64 (n).
@@ -275,7 +275,7 @@ class SourceScene:
             info: Side information with the bounding boxes of blocks.
             sizes: Number of Gaussians in each packet of the block.
         """
-        _, codes, _, by = self._arranged_places(block, info)
+        _, codes, _, by = self._arranged_positions(block, info)
         # Within a packet Gaussians are sorted along the curve, as in the kernels.
         packet = np.repeat(np.arange(len(sizes)), sizes)
         return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
@@ -289,7 +289,7 @@ class SourceScene:
                 steps. Harmonics that these steps make 0 are 0 in the result.
             selection: Part of this order to return; by default all.
         """
-        places, codes, at, by = self._arranged_places(block, info)
+        positions, codes, at, by = self._arranged_positions(block, info)
         by = by[selection]
         members = self.order[self.members(block)].take(by)
         scene, indices = self._kernel_splats(members)
@@ -303,8 +303,8 @@ class SourceScene:
             harmonics,
         )  # fmt: skip
         return BlockSource(
-            np.int64(at), np.int64(not self.contiguous), codes.take(by), places.take(by, axis=0), classes, logs, axes,
-            colours, harmonics,
+            np.int64(at), np.int64(not self.contiguous), codes.take(by), positions.take(by, axis=0), classes, logs,
+            axes, colours, harmonics,
         )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from splatwire.ops.compiled import njit
 
 LANES = 2 * NUM_NEIGHBOURS
 """Number of columns in which squared distances are compared in parallel (SIMD)."""
-_PLACE_BITS, _MOST = 13, np.int64((1 << 63) - 1)
+_INDEX_BITS, _MOST = 13, np.int64((1 << 63) - 1)
 
 
 @njit(borrows=True, error_model="numpy")
@@ -89,7 +89,7 @@ def _smallest_candidates(squares, candidates, count):
     # wrongly.
     a = b = c = d = e = f = g = h = _MOST
     for n in range(count):
-        key = (np.int64(squares[candidates[n]]) << _PLACE_BITS) | candidates[n]
+        key = (np.int64(squares[candidates[n]]) << _INDEX_BITS) | candidates[n]
         a, key = (key, a) if key < a else (a, key)
         b, key = (key, b) if key < b else (b, key)
         c, key = (key, c) if key < c else (c, key)
@@ -130,10 +130,10 @@ def nearest(
     found = 0
     for key in _smallest_candidates(squares, candidates, _find_candidates(squares, count, group_minima, candidates)):
         if found < count:
-            squared_distances[found], neighbours[found] = key >> _PLACE_BITS, known[key & ((1 << _PLACE_BITS) - 1)]
+            squared_distances[found], neighbours[found] = key >> _INDEX_BITS, known[key & ((1 << _INDEX_BITS) - 1)]
             found += 1
     return found
 
 
 assert NUM_NEIGHBOURS == 8, "`_smallest_candidates` names each of them"
-assert MAX_CANDIDATES < 1 << _PLACE_BITS, "places of a packet's tracks fit the low bits"
+assert MAX_CANDIDATES < 1 << _INDEX_BITS, "indices of a packet's tracks fit the low bits"

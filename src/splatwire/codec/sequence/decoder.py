@@ -70,7 +70,7 @@ class TracksDecoder:
         self.row_bytes = max(8 * int(COLUMNS) + 4 * info.keyframes.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the memory that each decoding thread needs besides the scene, bytes."""
+        """Returns the memory that each decoding thread needs in addition to the scene, bytes."""
         # Integers of several pending blocks, and words of the largest packet.
         largest = max((span.block_size for span in self._plan.spans if span.num_elements), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)

@@ -161,11 +161,11 @@ class TracksEncoder:
         self._groups.append(Group(len(born), motions))
         count = sum(packet.num_bytes for packet in [*births(), *moved]) // BYTES_OF_ONE
         numbers, begins, ends = numbers[by], group.begins[by], group.ends[by]
-        late, early = (numbers >= first_new) & (begins > 0), ends < group.moves.num_frames
-        lifetimes = Lifetimes(numbers[late], begins[late], numbers[early], self._num_frames + ends[early])
+        begin, end = (numbers >= first_new) & (begins > 0), ends < group.moves.num_frames
+        lifetimes = Lifetimes(numbers[begin], begins[begin], numbers[end], self._num_frames + ends[end])
         lifetimes = lifetimes.with_ended(np.setdiff1d(self._known.alive, numbers, assume_unique=True), self._num_frames)
         self._lifetimes.append(lifetimes.most_seen(self._known.weights, count))
-        self._known = replace(self._known, alive=numbers[~early])
+        self._known = replace(self._known, alive=numbers[~end])
         self._num_frames += group.moves.num_frames
         self._packets += [*births(), *moved]
         return by_importance(births(), self.importance) + interleave_blocks(moved, self.importance)

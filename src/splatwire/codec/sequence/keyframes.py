@@ -16,7 +16,7 @@ from splatwire.codec.gaussians.layout import STEP_BITS
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_blocks, write_side_info
 from splatwire.codec.gaussians.source_scene import SourceScene, coded_classes
-from splatwire.codec.sequence.layout import MAX_PLACE, MAX_SPACING
+from splatwire.codec.sequence.layout import MAX_COORD, MAX_SPACING
 from splatwire.codec.sequence.side_info import Shot, spacing_of
 from splatwire.codec.sequence.steps import motion_shifts
 from splatwire.codec.threads import ordered_map
@@ -300,4 +300,4 @@ def scene_positions(rows: np.ndarray, info: SideInfo, block: int, spacing: int) 
     """
     positions = rows[:, :3] + 2 * info.boxes.corners[block]
     scaled = positions << spacing if spacing > 0 else positions >> -spacing
-    return np.clip(scaled, -MAX_PLACE, MAX_PLACE)
+    return np.clip(scaled, -MAX_COORD, MAX_COORD)

@@ -36,7 +36,7 @@ PLACE_BITS = 20
 """Number of bits per axis of a position in the search for neighbours."""
 MAX_SPACING = 20
 """Largest ratio of the lattice spacing of a shot to that of the first shot, octaves in either direction."""
-MAX_PLACE = 1 << 50
+MAX_COORD = 1 << 50
 """Largest coordinate of a keyframe Gaussian in the unit of motion; larger ones are clipped."""
 MAX_COEFFICIENT = 1 << 36
 MAX_QUANTISED = (1 << 30) - 1

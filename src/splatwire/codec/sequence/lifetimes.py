@@ -23,24 +23,24 @@ class Lifetimes:
     All other tracks exist from the first frame of their group to the end of the sequence.
 
     Attributes:
-        late: Indices of tracks that begin after the first frame of their group, ascending, int64 (m).
-        begins: First frame of each track in `late`, relative to the group in which the track begins, int64 (m).
-        early: Indices of tracks that end before the sequence does, ascending, int64 (k).
-        ends: End of each track in `early`: first frame of the sequence without the track, int64 (k).
+        begin_tracks: Indices of tracks that begin after the first frame of their group, ascending, int64 (m).
+        begin_frames: First frame of each of these tracks, counted from the start of its first group, int64 (m).
+        end_tracks: Indices of tracks that end before the sequence does, ascending, int64 (k).
+        end_frames: First frame of the sequence without each of these tracks, int64 (k).
     """
 
-    late: np.ndarray
-    begins: np.ndarray
-    early: np.ndarray
-    ends: np.ndarray
+    begin_tracks: np.ndarray
+    begin_frames: np.ndarray
+    end_tracks: np.ndarray
+    end_frames: np.ndarray
 
     @staticmethod
     def joined(parts: Sequence["Lifetimes"]) -> "Lifetimes":
         """Merges the lifetimes of several groups of frames."""
-        names = ("late", "begins", "early", "ends")
+        names = ("begin_tracks", "begin_frames", "end_tracks", "end_frames")
         values = {name: np.concatenate([np.zeros(0, np.int64), *(getattr(p, name) for p in parts)]) for name in names}
-        late, early = np.argsort(values["late"]), np.argsort(values["early"])
-        return Lifetimes(values["late"][late], values["begins"][late], values["early"][early], values["ends"][early])
+        begin, end = np.argsort(values["begin_tracks"]), np.argsort(values["end_tracks"])
+        return Lifetimes(*(values[name][order] for name, order in zip(names, (begin, begin, end, end), strict=True)))
 
     def with_ended(self, tracks: np.ndarray, frame: int) -> "Lifetimes":
         """Returns the lifetimes with entries added for tracks that end at a given frame.
@@ -64,7 +64,7 @@ class Lifetimes:
             last one, counted from the start of the sequence, int64 (T) each.
         """
         begins, ends = np.zeros(num_tracks, np.int64), np.full(num_tracks, num_frames)
-        begins[self.late], ends[self.early] = self.begins, self.ends
+        begins[self.begin_tracks], ends[self.end_tracks] = self.begin_frames, self.end_frames
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
@@ -74,18 +74,21 @@ class Lifetimes:
             seen: Visibility of each track (squared opacity times area), float64 (T).
             count: Maximum number of tracks to keep.
         """
-        some = np.union1d(self.late, self.early)
+        some = np.union1d(self.begin_tracks, self.end_tracks)
         keep = some[np.argsort(-seen[some], kind="stable")[:count]]
-        late, early = np.isin(self.late, keep), np.isin(self.early, keep)
-        return Lifetimes(self.late[late], self.begins[late], self.early[early], self.ends[early])
+        begin, end = np.isin(self.begin_tracks, keep), np.isin(self.end_tracks, keep)
+        return Lifetimes(self.begin_tracks[begin], self.begin_frames[begin], self.end_tracks[end], self.end_frames[end])
 
 
 def lifetimes_sections(lifetimes: Lifetimes) -> dict[str, bytes]:
     """Serialises lifetimes of tracks as a named section of the side information."""
-    if not len(lifetimes.late) + len(lifetimes.early):
+    if not len(lifetimes.begin_tracks) + len(lifetimes.end_tracks):
         return {}
     writer = ByteWriter()
-    for tracks, frames in ((lifetimes.late, lifetimes.begins), (lifetimes.early, lifetimes.ends)):
+    for tracks, frames in (
+        (lifetimes.begin_tracks, lifetimes.begin_frames),
+        (lifetimes.end_tracks, lifetimes.end_frames),
+    ):
         writer.unsigned(len(tracks))
         for apart, frame in zip((np.diff(tracks, prepend=-1) - 1).tolist(), frames.tolist(), strict=True):
             writer.unsigned(apart)
@@ -118,8 +121,9 @@ def read_lifetimes(sections: Mapping[str, bytes], births: Sequence[int], timelin
         values += list(np.array(pairs, np.int64).reshape(-1, 2).T)
     reader.finish()
     found = Lifetimes(*values)
-    some = np.union1d(found.late, found.early)
-    own = Lifetimes(np.searchsorted(some, found.late), found.begins, np.searchsorted(some, found.early), found.ends)
+    some = np.union1d(found.begin_tracks, found.end_tracks)
+    begin, end = (np.searchsorted(some, tracks) for tracks in (found.begin_tracks, found.end_tracks))
+    own = Lifetimes(begin, found.begin_frames, end, found.end_frames)
     begins, ends = own.by_track(len(some), timeline.num_frames)
     first = np.searchsorted(np.cumsum(births), some, side="right") * timeline.group_frames
     if (begins >= timeline.group_frames).any() or (first + begins >= ends).any():

@@ -6,7 +6,7 @@ from splatwire.codec.gaussians.layout import CLASS, DIRECTION_BITS, OPACITY, SCA
 from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
 from splatwire.codec.gaussians.tables import thinness_table
 from splatwire.codec.sequence import _step_kernels as kernels
-from splatwire.codec.sequence.layout import KIND_OF, MAX_PLACE, NUM_CHANNELS
+from splatwire.codec.sequence.layout import KIND_OF, MAX_COORD, NUM_CHANNELS
 
 MAX_SHIFT = 30
 
@@ -36,7 +36,7 @@ def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarr
     """Converts positions and motion quantisation steps of tracks to another unit, for example after a scene cut.
 
     Args:
-        positions: Positions of the keyframe Gaussians in the old unit, int64 (n, 3), at most `MAX_PLACE` in magnitude.
+        positions: Positions of the keyframe Gaussians in the old unit, int64 (n, 3), at most `MAX_COORD` in magnitude.
         shifts: log2 of the quantisation steps of motion in the old unit, int64 (n, channels).
         spacings: log2 of the ratio of the old to the new unit for each track, int64 (n).
 
@@ -47,7 +47,7 @@ def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarr
         return positions, shifts
     moved, steps = np.floor(np.ldexp(positions.astype(np.float64), spacings[:, None])), shifts.copy()
     steps[:, :3] = np.clip(steps[:, :3] + spacings[:, None], 0, MAX_SHIFT)
-    return np.clip(moved, -MAX_PLACE, MAX_PLACE).astype(np.int64), steps
+    return np.clip(moved, -MAX_COORD, MAX_COORD).astype(np.int64), steps
 
 
 assert DIRECTION_BITS == 14, "rotations are out of 2**14, as axes are"

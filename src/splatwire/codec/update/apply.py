@@ -177,14 +177,14 @@ def _check_base(base: SceneStream, digest: str) -> None:
         )
 
 
-def _check_complete(stream: SceneStream, what: str, consequence: str) -> None:
+def _check_complete(stream: SceneStream, subject: str, consequence: str) -> None:
     """Raises `InvalidValueError` if a packet of a stream is missing.
 
     Args:
         stream: The stream.
-        what: Name of the stream, for the error message.
+        subject: Name of the stream, for the error message.
         consequence: Consequence for the user, for the error message.
     """
     if missing := stream.manifest.num_packets - len(stream.packets):
-        count = f"{missing:,} of {stream.manifest.num_packets:,} packets of {what}"
+        count = f"{missing:,} of {stream.manifest.num_packets:,} packets of {subject}"
         raise InvalidValueError(f"{count} are missing: {consequence}")

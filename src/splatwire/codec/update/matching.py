@@ -32,8 +32,8 @@ def find_unchanged(
         # The same rounding for both, so that the few positions that it moves are found, too.
         steps = SplatCoding(**{**vars(coding), "classes": coding.classes[own]})
         known = _attribute_rows(round_splats(before.select(own), steps))
-        places = _find_rows(known, rounded)
-        found[left[places >= 0]] = own[places[places >= 0]]
+        rows = _find_rows(known, rounded)
+        found[left[rows >= 0]] = own[rows[rows >= 0]]
     return found
 
 

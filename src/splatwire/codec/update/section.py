@@ -14,7 +14,7 @@ _DIGEST_BYTES = 32
 
 
 class UpdateFields(NamedTuple):
-    """Fields of an update besides new Gaussians: digests of old and new stream, and removed Gaussians.
+    """Fields of an update, apart from new Gaussians: digests of old and new stream, and removed Gaussians.
 
     Attributes:
         base_digest: SHA-256 of the manifest before the update, hexadecimal.

@@ -68,14 +68,14 @@ def _checked_estimate(concealer: TemporalConcealer, lost: LostMotion) -> Conceal
         raise InvalidValueError(f"concealer '{concealer.name}' returned {found}, not ConcealedMotion")
     shown = np.asarray(result.shown)
     if shown.dtype != np.bool_ or shown.shape not in ((), shape[:1]):
-        what = f"a mask of shape {shown.shape} and type {shown.dtype} for {shape[0]:,} tracks"
-        raise InvalidValueError(f"concealer '{concealer.name}' returned {what}")
+        found = f"a mask of shape {shown.shape} and type {shown.dtype} for {shape[0]:,} tracks"
+        raise InvalidValueError(f"concealer '{concealer.name}' returned {found}")
 
     def at(frame: int, arrived: np.ndarray) -> np.ndarray:
         offsets = np.asarray(result.at(frame, arrived))
         if offsets.shape != shape:
-            what = f"motion of shape {offsets.shape} for {shape[0]:,} tracks of {shape[1]} channels"
-            raise InvalidValueError(f"concealer '{concealer.name}' returned {what}")
+            found = f"motion of shape {offsets.shape} for {shape[0]:,} tracks of {shape[1]} channels"
+            raise InvalidValueError(f"concealer '{concealer.name}' returned {found}")
         if not bool(np.isfinite(offsets).all()):
             raise InvalidValueError(f"concealer '{concealer.name}' returned motion that is not finite")
         return offsets

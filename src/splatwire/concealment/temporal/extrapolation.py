@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from splatwire.codec.sequence.layout import NUM_CHANNELS
-from splatwire.concealment.temporal.neighbors import OPACITY, PLACE, POSE, Neighbors
+from splatwire.concealment.temporal.neighbors import OPACITY, POSE, POSITION, Neighbors
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
 from splatwire.types.sequence_scene import SequenceScene
 
@@ -40,7 +40,7 @@ def extrapolate(
     whole = (arrived.begins == 0) & (arrived.ends == frames)
     if not (neighbors and whole.any()):
         speed = momentum * before.velocity[lost_tracks]
-        speed[:, PLACE.stop :] = 0
+        speed[:, POSITION.stop :] = 0
         return lambda frame, _arrived: start + (frame + 1) * speed if momentum else start
     observed, fresh = np.flatnonzero(whole), sequence.tracks.born == group
     same = _most_common_birth(sequence.tracks.born, arrived.tracks[observed])
@@ -94,8 +94,8 @@ def _query_neighbors(
     """
     positions = sequence.tracks.splats.means
     if origins is not None:
-        positions = positions + before.offsets[:, PLACE]
-        positions[tracks[observed]] = sequence.tracks.splats.means[tracks[observed]] + origins[:, PLACE]
+        positions = positions + before.offsets[:, POSITION]
+        positions[tracks[observed]] = sequence.tracks.splats.means[tracks[observed]] + origins[:, POSITION]
     colours = sequence.tracks.splats.sh[:, 0]
     return Neighbors.of(positions, colours, tracks, observed, lost_tracks, count, smooth=smooth)
 
@@ -143,6 +143,6 @@ def _kept_deviation(deviation: np.ndarray, rounding: np.ndarray, concealed: np.n
         Share by channel, 0 to 1, float (n, C).
     """
     # a small deviation is probably a rounding error; those of scale, opacity and colour are not kept
-    apart, kept = (deviation[:, PLACE] ** 2).sum(axis=1), np.zeros_like(deviation)
+    apart, kept = (deviation[:, POSITION] ** 2).sum(axis=1), np.zeros_like(deviation)
     kept[:, POSE] = (apart / (apart + rounding**2 + 1e-30) * ~concealed)[:, None]
     return kept

@@ -8,7 +8,7 @@ from splatwire.codec.sequence.layout import NUM_CHANNELS
 from splatwire.concealment.temporal import _neighbor_kernels as kernels
 from splatwire.ops.kd_tree import build_kd_tree
 
-PLACE, POSE, SHAPE, COLOUR = slice(0, 3), slice(0, 6), slice(6, 10), slice(10, None)
+POSITION, POSE, SHAPE, COLOUR = slice(0, 3), slice(0, 6), slice(6, 10), slice(10, None)
 OPACITY = 9
 """Index of the opacity channel of motion; the slices above select the channels of position; position and rotation;
 scales and opacity; colour."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from splatwire.concealment.temporal.extrapolation import MotionPrediction
-from splatwire.concealment.temporal.neighbors import PLACE
+from splatwire.concealment.temporal.neighbors import POSITION
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses, lifetimes
 from splatwire.ops.kd_tree import build_kd_tree
 from splatwire.ops.spherical_harmonics import DC
@@ -64,7 +64,7 @@ def select(
     if grow:
         errors[:, -1] *= HIDE
     tested = arrived.tracks[order]
-    positions, fresh = sequence.tracks.splats.means + before.offsets[:, PLACE], sequence.tracks.born == group
+    positions, fresh = sequence.tracks.splats.means + before.offsets[:, POSITION], sequence.tracks.born == group
     for kind in (fresh, ~fresh):  # the first frame of a new track is known, so that its motion is estimated better
         rows, lost = np.flatnonzero(kind[tested]), np.flatnonzero(kind[tracks])
         if len(rows) >= MIN_TESTS and len(lost):
@@ -110,16 +110,16 @@ def _errors(
         offsets, exists = arrived.at(frame), (arrived.begins <= frame) & (frame < arrived.ends)
         if not exists.any():
             continue
-        field = _Field(splats, arrived.tracks, offsets[:, PLACE], exists)
+        field = _Field(splats, arrived.tracks, offsets[:, POSITION], exists)
         for errors, tested, rest, ways in zip(found, folds, rests, estimates, strict=True):
             tracks = arrived.tracks[tested]
             begins, ends = lifetimes(sequence, group, tracks)
-            true = splats.means[tracks] + offsets[tested, PLACE], exists[tested]
+            true = splats.means[tracks] + offsets[tested, POSITION], exists[tested]
             at_true = field.colour_at(true[0], tested)
             hidden = true[0], np.zeros(len(tested), bool)
             errors[:, -1] += true[1] * field.error(at_true, tested, true, hidden)
             for number, estimate in enumerate(ways):
-                place = splats.means[tracks] + estimate(frame, offsets[rest])[:, PLACE]
+                place = splats.means[tracks] + estimate(frame, offsets[rest])[:, POSITION]
                 shown = place, (begins <= frame) & (frame < ends)
                 for local, counts in ((at_true, true[1]), (field.colour_at(place, tested), shown[1])):
                     errors[:, number] += counts * field.error(local, tested, true, shown)

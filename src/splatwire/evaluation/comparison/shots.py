@@ -12,7 +12,7 @@ from splatwire.evaluation.pixels import error_map, jpeg, to_pixels
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture of one view beside its reference, as JPEG data URLs.
+    """A picture of one view and its reference, as JPEG data URLs.
 
     Attributes:
         view: Index of the view.

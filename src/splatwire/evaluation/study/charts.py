@@ -77,16 +77,16 @@ def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None
     panels = figure.subplots(1, len(units), squeeze=False, sharey=True)[0]
     for axes, unit in zip(panels, units, strict=True):
         own = [loss for loss in losses if loss.unit == unit]
-        places, labels = _axis_positions(own)
+        ticks, labels = _axis_positions(own)
         for i, key in enumerate(dict.fromkeys(s.row.key for s in shown if s.loss is not None)):
-            points = [(p, s) for p, loss in zip(places, own, strict=True) for s in shown
+            points = [(p, s) for p, loss in zip(ticks, own, strict=True) for s in shown
                       if s.row.key == key and s.loss == loss and s.figures.get("psnr") is not None]  # fmt: skip
             means = [s.figures["psnr"].mean for _, s in points]  # type: ignore[union-attr]
             halves = [s.figures["psnr"].half_width or 0 for _, s in points]  # type: ignore[union-attr]
             label = points[0][1].row.label if points else key
             axes.errorbar([p for p, _ in points], means, yerr=halves, fmt="o-", ms=3, lw=1.2, capsize=2,
                           color=PALETTE[i % len(PALETTE)], label=label)  # fmt: skip
-        axes.set_xticks(places, labels, rotation=60 if len(own) > 5 else 0, fontsize=7)
+        axes.set_xticks(ticks, labels, rotation=60 if len(own) > 5 else 0, fontsize=7)
         axes.set_xlabel(f"loss per {unit}")
         axes.grid(alpha=0.25)
     panels[0].set_ylabel("PSNR (dB)")

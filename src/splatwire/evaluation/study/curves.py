@@ -51,8 +51,8 @@ def curves_of(study: Study, summaries: Sequence[Summary]) -> list[Curve]:
 
 def panels(curves: Sequence[Curve]) -> list[list[Curve]]:
     """Groups curves by scene and loss, for one chart each."""
-    places = dict.fromkeys((curve.scene, curve.loss) for curve in curves)
-    return [[curve for curve in curves if (curve.scene, curve.loss) == place] for place in places]
+    cases = dict.fromkeys((curve.scene, curve.loss) for curve in curves)
+    return [[curve for curve in curves if (curve.scene, curve.loss) == case] for case in cases]
 
 
 def title_of(panel: Sequence[Curve]) -> str:

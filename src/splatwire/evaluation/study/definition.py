@@ -257,9 +257,9 @@ class Study:
             "lpips_views": (self.lpips_views, 1),
             "picture_views": (self.picture_views, 0),
         }
-        for what, (count, least) in counts.items():
+        for name, (count, least) in counts.items():
             if count is not None and count < least:
-                raise InvalidValueError(f"{what} must be at least {least}, not {count}")
+                raise InvalidValueError(f"{name} must be at least {least}, not {count}")
         create_renderer(self.renderer)
         self._check_references()
 
@@ -342,12 +342,12 @@ def _known(kind: str, name: str, known: Sequence[str]) -> None:
         raise UnknownNameError(kind, name, known)
 
 
-def _unique(what: str, names: Sequence[str], *, least: int) -> None:
+def _unique(subject: str, names: Sequence[str], *, least: int) -> None:
     if len(names) < least:
-        raise InvalidValueError(f"there must be at least {least} {what}")
+        raise InvalidValueError(f"there must be at least {least} {subject}")
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
-        raise InvalidValueError(f"{what} {repeated[0]} is there {names.count(repeated[0])} times: once is right")
+        raise InvalidValueError(f"{subject} {repeated[0]} is there {names.count(repeated[0])} times: once is right")
 
 
 def common_word(words: Iterable[str]) -> str:

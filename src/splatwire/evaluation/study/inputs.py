@@ -342,17 +342,17 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
     path, about = f"{folder}/{row.variant}.swz", store.root / folder / f"{row.variant}.json"
     if (known := read_json(about)) is not None:
         return PreparedStream(**known)
-    what = f"{source.entry.name}: encoding {row.variant}"
+    label = f"{source.entry.name}: encoding {row.variant}"
     if (whole := source.stream) is not None and not whole.manifest.tiers and can_repack(whole):
         started = time.perf_counter()
-        stream = _repacked(whole, row, lambda share: progress(what, share))
+        stream = _repacked(whole, row, lambda share: progress(label, share))
     elif row.sections:
         raise InvalidValueError(f"row '{row.key}' needs sections of a stream without tiers: encode without --tiers")
     else:
         scene = source.scene
         started = time.perf_counter()
         classes = scene_precision_classes(scene)
-        stream = encode_scene(scene, row.packetization, classes=classes, progress=lambda share: progress(what, share))
+        stream = encode_scene(scene, row.packetization, classes=classes, progress=lambda share: progress(label, share))
     seconds = time.perf_counter() - started
     ordered = decode_stream(stream).scene
     store.write(path, stream_to_bytes(stream))

@@ -11,7 +11,7 @@ from splatwire.evaluation.study.definition import Study
 from splatwire.evaluation.study.lead import make_lead
 from splatwire.evaluation.study.masks import PacketLossRates, mask_bytes, measure_packet_loss
 from splatwire.evaluation.study.pictures import save_pictures, take_pictures
-from splatwire.evaluation.study.records import PLACE, table_to_bytes
+from splatwire.evaluation.study.records import RECORD_KEY, table_to_bytes
 from splatwire.evaluation.study.report import render_sizes_report, render_study_report
 from splatwire.evaluation.study.run import LPIPS_OF_MASKED, StudyResult
 from splatwire.evaluation.study.sizes import SceneSizes, size_tables
@@ -63,7 +63,7 @@ def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, 
     if curves := curves_of(result.study, everything):
         texts["curves"] = ("rate_distortion.csv", curves_csv(curves))
     files = {kind: atomic_write(folder / name, text.encode(), parents=True) for kind, (name, text) in texts.items()}
-    files["parquet"] = atomic_write(folder / "records.parquet", table_to_bytes(records, PLACE), parents=True)
+    files["parquet"] = atomic_write(folder / "records.parquet", table_to_bytes(records, RECORD_KEY), parents=True)
     for name, file in zip(result.scenes, distinct_names(result.scenes), strict=True):
         lines = leaderboard_csv([summary for summary in summaries if summary.scene == name])
         atomic_write(folder / "leaderboard" / f"{file}.csv", lines.encode(), parents=True)

@@ -14,7 +14,7 @@ CODE = f"{__version__}/{PROTOCOL_VERSION}"
 
 TIMINGS = ("seconds_decode", "seconds_conceal", "seconds_render", "seconds_score")
 """Fields that differ between executions; all other fields are reproducible."""
-PLACE = ("study", "row", "label")
+RECORD_KEY = ("study", "row", "label")
 """Leading columns of the output file with all records; they identify the table row (method)."""
 
 
@@ -108,7 +108,7 @@ class Record:
         return Record(**own, others={name: value for name, value in row.items() if name not in known})
 
 
-RECORD_COLUMNS = {item.name for item in fields(Record)} - {"psnr", "ssim", "lpips"} | set(PLACE)
+RECORD_COLUMNS = {item.name for item in fields(Record)} - {"psnr", "ssim", "lpips"} | set(RECORD_KEY)
 """Column names of records, which metrics must not use."""
 
 

@@ -228,12 +228,12 @@ def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
 
     Args:
         cells: Tasks to sort.
-        first: Tasks whose streams and masks come first in the order.
+        first: Tasks with the streams and masks to put first.
     """
-    place: dict[tuple[str, str], int] = {}
+    rank: dict[tuple[str, str], int] = {}
     for cell in (*first, *cells):
-        place.setdefault((cell.unit.stream.digest, cell.unit.mask_digest), len(place))
-    return sorted(cells, key=lambda cell: place[(cell.unit.stream.digest, cell.unit.mask_digest)])
+        rank.setdefault((cell.unit.stream.digest, cell.unit.mask_digest), len(rank))
+    return sorted(cells, key=lambda cell: rank[(cell.unit.stream.digest, cell.unit.mask_digest)])
 
 
 def lpips_digest() -> str:

@@ -219,8 +219,8 @@ def _published_table(study: Study, found: Sequence[SceneSizes]) -> list[Table]:
             lines.append((f"{row.label}: everything but weights", said, *cells))
         if "attribute_growth_percent" in entry.values:
             theirs = (f"{entry.values['attribute_growth_percent']:+.2f} % {published}", "")
-            for (what, growth), said in zip(_ATTRIBUTE_MEASURES, theirs, strict=True):
+            for (label, growth), said in zip(_ATTRIBUTE_MEASURES, theirs, strict=True):
                 cells = [_percent(growth(sizes, row.label)) for sizes in found]
-                lines.append((f"{row.label}: {what}", said, *cells))
+                lines.append((f"{row.label}: {label}", said, *cells))
     columns = ("growth over HAC++ files", "paper", *(sizes.scene for sizes in found))
     return [Table("Growth of the bitstream", columns, tuple(lines))] if lines else []

@@ -25,9 +25,9 @@ class SlurmOptions:
     memory_gb: int = 8
 
     def __post_init__(self) -> None:
-        for what, number in (("minutes", self.minutes), ("memory_gb", self.memory_gb)):
+        for option, number in (("minutes", self.minutes), ("memory_gb", self.memory_gb)):
             if number < 1:
-                raise InvalidValueError(f"{what} of a Slurm job must be 1 or more, not {number}")
-        for what, name in (("partition", self.partition), ("account", self.account)):
+                raise InvalidValueError(f"{option} of a Slurm job must be 1 or more, not {number}")
+        for option, name in (("partition", self.partition), ("account", self.account)):
             if name is not None and (not name or name.split() != [name]):
-                raise InvalidValueError(f"the {what} of a Slurm job is one word, not {name!r:.60}")
+                raise InvalidValueError(f"the {option} of a Slurm job is one word, not {name!r:.60}")

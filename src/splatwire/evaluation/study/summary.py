@@ -175,12 +175,12 @@ def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Sum
     return means
 
 
-def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> list[Summary]:
+def _means(summaries: Sequence[Summary], description: str, baseline: str | None) -> list[Summary]:
     """Averages the results of each method and loss over all scenes; methods that lack a scene are omitted.
 
     Args:
         summaries: Statistics per scene and method.
-        what: Description of the scenes, used as the scene name in the result.
+        description: Description of the scenes, used as the scene name in the result.
         baseline: Key of the table row of the baseline; None without a baseline.
 
     Returns:
@@ -192,11 +192,11 @@ def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> lis
     for key, loss in dict.fromkeys((s.row.key, s.loss) for s in summaries) if len(scenes) > 1 else ():
         group = [s for s in summaries if (s.row.key, s.loss) == (key, loss)]
         if len(group) == len(scenes):
-            means.append(_mean_of(group, what, summaries, baseline))
+            means.append(_mean_of(group, description, summaries, baseline))
     return means
 
 
-def _mean_of(group: Sequence[Summary], what: str, summaries: Sequence[Summary], baseline: str | None) -> Summary:
+def _mean_of(group: Sequence[Summary], description: str, summaries: Sequence[Summary], baseline: str | None) -> Summary:
     first = group[0]
     by_seed = {metric: _mean_columns([s.by_seed[metric] for s in group]) for metric in first.by_seed}
     delta: dict[str, Estimate | None] = {}
@@ -208,7 +208,7 @@ def _mean_of(group: Sequence[Summary], what: str, summaries: Sequence[Summary], 
             if len(others) == len(by_seed[metric]):
                 delta[metric] = Estimate.of([a - b for a, b in zip(by_seed[metric], others, strict=True)])
     return Summary(
-        scene=f"mean of {len(group)} scenes{what}",
+        scene=f"mean of {len(group)} scenes{description}",
         dataset=first.dataset,
         row=first.row,
         loss=first.loss,

@@ -113,7 +113,7 @@ def deliver(
     sender = _Sender(tiles, blocks, sizes, link, seconds)
     now = TRIPS_BEFORE * link.delay + 8 * head_bytes / link.rate
     head, sender.now = now + link.delay, now
-    reported: float | None = None  # before the first report a sender goes from coarse to fine
+    reported: float | None = None  # until the first report, the sender sends coarse levels first
     while sender.now < seconds:
         heard = None if reported is None else reported + link.delay
         sender.plan(None if reported is None else viewpoint_at(reported), reported)

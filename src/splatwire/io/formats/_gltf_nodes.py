@@ -69,20 +69,20 @@ def shown_instances(path: Path, document: dict[str, Any]) -> list[Instance]:
     return found
 
 
-def entry(path: Path, items: list[Any], index: Any, what: str) -> Any:
+def entry(path: Path, items: list[Any], index: Any, subject: str) -> Any:
     """Returns an entry of a list of the glTF document after checking its index.
 
     Args:
         path: The file, for messages.
         items: The list.
         index: Index according to the document; may have any type.
-        what: Name of the entries, such as `mesh`, for messages.
+        subject: Name of the entries, such as `mesh`, for messages.
 
     Raises:
         DatasetError: If the entry does not exist.
     """
     if type(index) is not int or not 0 <= index < len(items):
-        raise DatasetError(f"{path}: the glTF document is damaged: there is no {what} {index!r:.40}")
+        raise DatasetError(f"{path}: the glTF document is damaged: there is no {subject} {index!r:.40}")
     return items[index]
 
 

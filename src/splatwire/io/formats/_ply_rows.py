@@ -160,10 +160,10 @@ def _as_type(path: Path, values: np.ndarray, dtype: np.dtype, name: str) -> np.n
 
 
 def _wrong_length(path: Path, header: PlyHeader, early: bool) -> DatasetError:
-    what = "ends early" if early else "goes on after the last row"
+    problem = "ends early" if early else "goes on after the last row"
     elements = header.elements.items()
     sizes = {
         name: f"{d.itemsize} bytes" if header.order else f"{len(d.names or ())} numbers" for name, (_, d) in elements
     }
     rows = ", ".join(f"{count} {name} rows of {sizes[name]}" for name, (count, _) in elements)
-    return DatasetError(f"{path}: {what}: {rows} were promised")
+    return DatasetError(f"{path}: {problem}: {rows} were promised")

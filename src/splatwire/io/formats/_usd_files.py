@@ -73,10 +73,10 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
     for name in sorted(layer.GetCompositionAssetDependencies()):
         if name:  # else a reference within the layer
             yield name, True
-    places: list[Sdf.Path] = []
-    layer.Traverse(Sdf.Path.absoluteRootPath, places.append)
-    for place in places:
-        spec = layer.GetPrimAtPath(place)  # also the prim within a variant
+    paths: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    for path in paths:
+        spec = layer.GetPrimAtPath(path)  # also the prim within a variant
         if spec is not None and spec.HasInfo(_CLIPS):
             for name in _clip_files(layer, spec.GetInfo(_CLIPS)):
                 yield name, False
@@ -121,9 +121,9 @@ def _resolved_file(path: Path, layer: Sdf.Layer, name: str, opening: Callable[[P
     if name.startswith("`"):
         raise DatasetError(f"{path}: names a file by the expression {name[:80]}, which is not read")
     identifier = layer.ComputeAbsolutePath(name)
-    place = Sdf.Layer.SplitIdentifier(identifier)[0]  # without arguments of the file format
-    resolved = str(Ar.GetResolver().Resolve(place))
-    outer = Ar.SplitPackageRelativePathOuter(resolved or place)[0]
+    path = Sdf.Layer.SplitIdentifier(identifier)[0]  # without arguments of the file format
+    resolved = str(Ar.GetResolver().Resolve(path))
+    outer = Ar.SplitPackageRelativePathOuter(resolved or path)[0]
     if not is_in_folder_of(path, path.parent / outer):  # a name without a path is relative if no such file is found
         raise DatasetError(f"{path}: names {name[:200]}, which is outside of its folder: only files in there are read")
     if resolved:

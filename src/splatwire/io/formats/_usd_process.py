@@ -31,7 +31,7 @@ def read_in_process(task: str, path: Path) -> Generator[Any, None, None]:
     """Reads an OpenUSD scene in a separate process, and logs the warnings of that process.
 
     Args:
-        task: What to read: `SCENE`, `FRAMES` or `TIMES`.
+        task: Content to read: `SCENE`, `FRAMES` or `TIMES`.
         path: Path of the scene.
 
     Yields:
@@ -45,8 +45,8 @@ def read_in_process(task: str, path: Path) -> Generator[Any, None, None]:
         OSError: If the file does not exist, or the process cannot be started.
     """
     path.stat()
-    places = os.pathsep.join(place or os.getcwd() for place in sys.path)  # as imported here
-    environment = os.environ | dict.fromkeys(_ONE_THREAD, "1") | {"PYTHONPATH": places}
+    folders = os.pathsep.join(folder or os.getcwd() for folder in sys.path)  # as imported here
+    environment = os.environ | dict.fromkeys(_ONE_THREAD, "1") | {"PYTHONPATH": folders}
     command = [sys.executable, "-P", "-m", _WORKER, task, str(path)]
     with tempfile.TemporaryFile() as printed:
         process = subprocess.Popen(
@@ -118,7 +118,7 @@ def _exit_reason(status: int, printed: str) -> str:
 
     Args:
         status: Exit status, negative for a signal.
-        printed: What the process printed as errors.
+        printed: Error output of the process.
     """
     if -status == getattr(signal, "SIGXCPU", None) or re.search(r"^Timeout \(", printed, re.MULTILINE):
         return "it takes too much time for its size, so that it is probably damaged"

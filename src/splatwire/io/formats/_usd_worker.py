@@ -64,7 +64,7 @@ def answers(task: str, path: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
     """Reads a scene in this process and yields the results as messages.
 
     Args:
-        task: What to read: `SCENE`, `FRAMES` or `TIMES`.
+        task: Content to read: `SCENE`, `FRAMES` or `TIMES`.
         path: The scene.
         limits: Limits on the memory and time of this process.
 
@@ -89,7 +89,7 @@ def main(task: str, path: Path, sink: BinaryIO) -> None:
     """Reads a scene under limits on memory and time, and sends the results or an error as messages.
 
     Args:
-        task: What to read: `SCENE`, `FRAMES` or `TIMES`.
+        task: Content to read: `SCENE`, `FRAMES` or `TIMES`.
         path: The scene.
         sink: Output to which the messages are written.
     """

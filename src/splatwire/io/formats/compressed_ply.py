@@ -295,15 +295,15 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
     logs = np.log(splats.scales.astype(np.float64)).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     colours = splats.sh[:, 0].astype(np.float64) * DC
     kept = np.ones(splats.num_gaussians, bool)
-    for what, values, top in (("scales", logs, (1 << _WIDE[1]) - 1), ("colours", colours, (1 << _BYTES[0]) - 1)):
+    for attribute, values, top in (("scales", logs, (1 << _WIDE[1]) - 1), ("colours", colours, (1 << _BYTES[0]) - 1)):
         column, near, steps = _costly_values(values, top)
         if steps[0] < max(_COST * steps[1], _VISIBLE_STEP):
             continue
-        warn_of_outliers(path, treatment, what, column, (steps[0], steps[2]))
+        warn_of_outliers(path, treatment, attribute, column, (steps[0], steps[2]))
         if treatment == "prune":
             kept &= ~column.outside
         elif treatment == "clamp":
-            splats = _with_values(splats, what, column.outside, near)
+            splats = _with_values(splats, attribute, column.outside, near)
     return splats if kept.all() else splats.select(kept)
 
 

@@ -297,7 +297,7 @@ def write_splats(
     form = format_for(path)
     if form.scene_type is not None:
         held = form.scene_type.__name__
-        raise InvalidValueError(f"{path}: {form.what} holds scenes of the type {held}, not explicit Gaussians")
+        raise InvalidValueError(f"{path}: {form.description} holds scenes of the type {held}, not explicit Gaussians")
     facts = kept_facts(
         form, path, antialiased=antialiased, origin=origin, outliers=outliers, metadata=metadata, steps=steps
     )
@@ -383,7 +383,7 @@ def warn_of_antialiasing_in_extras(path: Path) -> None:
 
 
 def warn_of_background(path: Path, background: Background) -> None:
-    """Logs a warning if a scene has a background colour, which no file of explicit Gaussians holds."""
+    """Logs a warning if a scene has a background colour, because files of explicit Gaussians cannot store one."""
     if background != BLACK:
         LOG.warning(
             "%s: such files have no background colour: that of the scene (%s) will be lost",
@@ -416,8 +416,8 @@ def _problem(file_format: FileFormat) -> str:
         "[a-z0-9][a-z0-9_.]{0,31}", file_format.name, re.ASCII
     ):
         return "its name must be 1 to 32 lower-case letters, digits, dots and underscores"
-    if not isinstance(file_format.what, str) or not file_format.what:
-        return "what must name such a file, such as 'an SPZ file'"
+    if not isinstance(file_format.description, str) or not file_format.description:
+        return "its description must name such a file, such as 'an SPZ file'"
     if file_format.read is None and file_format.write is None:
         return "it neither reads nor writes"
     if file_format.recognises is None:
@@ -439,7 +439,7 @@ def _problem(file_format: FileFormat) -> str:
 
 
 _OWN_ORIGIN = ("compressed.ply", "spz", "sog")
-"""Formats that hold the origin only in a comment or metadata of this package."""
+"""Formats with the origin only in a comment or metadata of this package."""
 _FACTS = frozenset(("antialiased", "metadata", "steps", "origin", "outliers"))
 
 

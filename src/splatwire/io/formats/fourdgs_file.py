@@ -36,7 +36,7 @@ MAX_FRAMES = 20_000
 _FPS, _AXES, _Y_UP, _Z_UP = "splatwire:fps", "coordinate_system", "y-up-right-handed", "z-up-right-handed"
 _COLORS, _SRGB = "color_space", "srgb-rec709-display"
 _LOWEST, _HIGHEST = -4.0, 4.0
-"""Coefficients of harmonics that the bytes 0 and 255 stand for."""
+"""Coefficients of harmonics for the bytes 0 and 255."""
 
 
 @dataclass(frozen=True)

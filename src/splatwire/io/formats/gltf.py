@@ -400,12 +400,12 @@ class _Gltf:
         """
         indices, values = sparse["indices"], sparse["values"]
         dtype = np.dtype(_INDICES[indices["componentType"]])
-        places = self._rows(name, indices, dtype, (sparse["count"], 1))[:, 0]
+        changed = self._rows(name, indices, dtype, (sparse["count"], 1))[:, 0]
         new = self._rows(name, values, rows.dtype, (sparse["count"], rows.shape[1]))
-        if (places >= len(rows)).any():
+        if (changed >= len(rows)).any():
             raise DatasetError(f"{self._path}: attribute {name} replaces a row that it does not have")
         replaced = rows.copy()
-        replaced[places] = new
+        replaced[changed] = new
         return replaced
 
     def _rows(self, name: str, source: dict[str, Any], dtype: np.dtype, shape: tuple[int, int]) -> np.ndarray:

@@ -18,7 +18,7 @@ from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
 Outliers = Literal["clamp", "prune", "keep"]
-"""What to do with outliers: `clamp` moves them to the end of the range of the other values, `prune` removes them,
+"""Treatment of outliers: `clamp` moves them to the end of the range of the other values, `prune` removes them,
 `keep` writes them unchanged at the cost of the precision of the others."""
 DEFAULT: Outliers = "clamp"
 SHARES = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5)
@@ -196,12 +196,12 @@ def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
     )  # fmt: skip
 
 
-def warn_of_clipped(path: Path, what: str, values: np.ndarray, low: float, high: float) -> None:
+def warn_of_clipped(path: Path, attribute: str, values: np.ndarray, low: float, high: float) -> None:
     """Logs a warning if values of Gaussians are visibly clipped to the range of a format.
 
     Args:
         path: The file, for the message.
-        what: Name of the values, such as `base colours`.
+        attribute: Name of the values, such as `base colours`.
         values: Values before clipping, (N, ...).
         low: Smallest value that the format can represent.
         high: Largest value that the format can represent.
@@ -214,7 +214,7 @@ def warn_of_clipped(path: Path, what: str, values: np.ndarray, low: float, high:
         LOG.warning(
             "%s: %s of %s of %s Gaussians, from %.3g to %.3g, are clipped to the range of this format, %.3g to %.3g: "
             "the scene may look different; PLY keeps them",
-            path, what, f"{int(outside.sum()):,}", f"{len(rows):,}", rows[outside].min(), rows[outside].max(), low,
+            path, attribute, f"{int(outside.sum()):,}", f"{len(rows):,}", rows[outside].min(), rows[outside].max(), low,
             high,
         )  # fmt: skip
 
@@ -265,7 +265,7 @@ def morton_order(means: np.ndarray) -> np.ndarray:
     Returns:
         Index of the point at each place of the order, int64 (N).
     """
-    # with so many bits, even a small object in a scene a million times as large is sorted
+    # with this number of bits, even a small object in a scene a million times as large is sorted
     low = means.min(axis=0)
     extent = max(float((means - low).max()), 1e-30)
     cells = ((means - low) / extent * ((1 << 2 * MAX_AXIS_BITS) - 1)).astype(np.int64)
@@ -283,8 +283,8 @@ def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np
         low: Minimum coordinates of the box, (3).
         high: Maximum coordinates of the box, (3).
     """
-    places, scales = splats.means[index].astype(np.float64), splats.scales.copy()
-    ways = places - middle
+    origins, scales = splats.means[index].astype(np.float64), splats.scales.copy()
+    ways = origins - middle
     with np.errstate(divide="ignore", invalid="ignore"):
         room = np.where(ways > 0, (high - middle) / ways, np.where(ways < 0, (low - middle) / ways, np.inf))
     factors = np.minimum(room.min(axis=1), 1)[:, None]
@@ -317,14 +317,19 @@ def treated_positions(
 
 
 def warn_of_outliers(
-    path: Path, treatment: Outliers, what: str, column: Column, steps: tuple[float, float], count: int | None = None
+    path: Path,
+    treatment: Outliers,
+    attribute: str,
+    column: Column,
+    steps: tuple[float, float],
+    count: int | None = None,
 ) -> None:
     """Logs a warning about extreme values (outliers) in a scene: their number, effect and treatment.
 
     Args:
         path: The file.
         treatment: Treatment of the outliers: `clamp`, `prune` or `keep`.
-        what: Name of the attribute that has outliers, such as `positions`.
+        attribute: Name of the attribute that has outliers, such as `positions`.
         column: Values of the attribute, and a mask of the outliers.
         steps: Two quantisation steps of the other values: with the outliers unchanged, and with the outliers treated.
         count: Number of outliers that are moved or removed; None for all outliers of `column`.
@@ -334,5 +339,5 @@ def warn_of_outliers(
     LOG.warning(
         "%s: %s of %s Gaussians have outlying %s, up to %.4g from the median (the others up to %.4g); with them steps "
         "of the others are %.3g, without them %.3g; outliers are %s",
-        path, f"{number:,}", f"{total:,}", what, far, usual, *steps, _DONE[treatment],
+        path, f"{number:,}", f"{total:,}", attribute, far, usual, *steps, _DONE[treatment],
     )  # fmt: skip

@@ -113,7 +113,7 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
 
 
 def warn_of_other_gaussians(elements: dict[str, PlyElement]) -> None:
-    """Logs a warning if elements besides `vertex` also have Gaussians, which are not read."""
+    """Logs a warning if elements other than `vertex` also have Gaussians, which are not read."""
     found = [one for one in elements.values() if one.name != "vertex" and {"x", "opacity"} <= set(one.names)]
     if found:
         LOG.warning(

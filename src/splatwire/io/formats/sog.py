@@ -246,7 +246,7 @@ class _Sog:
         """Returns the rotations as quaternions (N, 4)."""
         picture = self._picture("quats", 0, pixels=self._count)
         pixels, padding = picture[: self._count], picture[self._count :]
-        # Colours of transparent pixels are arbitrary: WebP changes them unless it is told to keep them.
+        # Colours of transparent pixels are arbitrary: WebP changes them unless an option keeps them.
         if num_more := int((padding[:, :3].any(axis=1) & (padding[:, 3] >= _FIRST_CODE)).sum()):
             LOG.warning(
                 "%s: its images have values of %s more Gaussians than the %s of %s: those are left out",

@@ -72,7 +72,7 @@ def sog_files(
     Args:
         splats: At least one Gaussian; spatial order makes the images smaller.
         antialiased: True if the Gaussians were trained with antialiasing.
-        origin: World coordinates of the point that positions are relative to; stored beside the metadata.
+        origin: World coordinates of the point that positions are relative to; stored next to the metadata.
         metadata: Metadata of the scene.
     """
     pictures: dict[str, np.ndarray] = {}

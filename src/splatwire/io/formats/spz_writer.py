@@ -80,7 +80,7 @@ def write_spz(
         harmonic_bits: Bits of spherical harmonics of degree 1 and of higher degrees, 1 to 8 each; fewer bits make the
             file smaller.
         antialiased: True if the scene was trained with antialiasing; stored in the header.
-        origin: World coordinates of the point that positions are relative to; stored beside the metadata.
+        origin: World coordinates of the point that positions are relative to; stored next to the metadata.
         metadata: Metadata of the scene.
         version: 4 (zstd), or 3 (gzip) for programs without support for 4.
         outliers: Treatment of a few distant Gaussians that would make all other positions coarse: `clamp`, `prune` or

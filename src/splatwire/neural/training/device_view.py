@@ -43,7 +43,7 @@ class ViewConstants:
 
     @staticmethod
     def of(cameras: Cameras) -> "ViewConstants":
-        """Computes the parameters of `cameras`, on the device that holds the tensors of `cameras`."""
+        """Computes the parameters of `cameras`, on the device of their tensors."""
         sides = (cameras.width, cameras.height)
         size, tiled = (cameras.Ks.new_tensor(values) for values in (sides, [-(-side // TILE) * TILE for side in sides]))
         focals, middles = cameras.Ks.diagonal(dim1=1, dim2=2)[:, :2].contiguous(), cameras.Ks[:, :2, 2].contiguous()

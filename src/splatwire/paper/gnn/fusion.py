@@ -79,11 +79,11 @@ def branches(raw: RawResiduals, prior: Prior, interpolated: Anchors, settings: G
     # The network's residuals are clipped, multiplied by the confidence and added to the baseline.
     # an offset that the interpolation masks out has no interpolated position; the prior's mean is used instead
     exists = interpolated.mask.repeat_interleave(3, dim=1)
-    places = torch.where(exists, interpolated.offsets.flatten(1), prior.offset.mean)
+    offsets = torch.where(exists, interpolated.offsets.flatten(1), prior.offset.mean)
     return Branches(
         _branch(raw.feature, prior.feature, interpolated.features, settings),
         _branch(raw.scaling, prior.scaling, interpolated.scalings, settings),
-        _branch(raw.offset, prior.offset, places, settings),
+        _branch(raw.offset, prior.offset, offsets, settings),
         raw.mask_logit,
     )
 

@@ -56,27 +56,27 @@ class GnnSettings:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        for what, value in (
+        for label, value in (
             ("number of neighbours", self.neighbors), ("width", self.hidden), ("number of heads", self.heads),
         ):  # fmt: skip
-            check_at_least(what, value, 1)
+            check_at_least(label, value, 1)
         check_at_least("number of layers", self.layers, 0)
         check_at_least("sharpness of the confidence", self.sharpness, 0)
         check_at_least("clip of residuals", self.clip, 0)
         for name in ("feature", "scaling", "offset"):
             check_at_least(f"{name} threshold", getattr(self, f"{name}_threshold"), 0)
-        for what in ("hidden", "neighbors", "layers"):
-            whole_number(getattr(self, what), what, 0, 4096)
+        for name in ("hidden", "neighbors", "layers"):
+            whole_number(getattr(self, name), name, 0, 4096)
         if self.hidden % self.heads:
             raise InvalidValueError(f"a width of {self.hidden} with {self.heads} heads is not possible")
-        for what, name, known in (
+        for label, name, known in (
             ("metric", self.metric, METRICS),
             ("interpolation", self.interpolation, INTERPOLATIONS),
             ("query input", self.query_input, QUERY_INPUTS),
             ("baseline", self.baseline, BASELINES),
         ):
             if name not in known:
-                raise InvalidValueError(f"{what} must be one of {', '.join(known)}, not {name!r}")
+                raise InvalidValueError(f"{label} must be one of {', '.join(known)}, not {name!r}")
 
 
 GNN_PRESETS = {

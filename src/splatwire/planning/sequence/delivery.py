@@ -78,7 +78,7 @@ class MotionTransfer:
             arranged: Sending order of the packets, and the ranges of packets that share parity.
         """
         order, codes = np.array(arranged.order, np.int64), tuple(parity_groups(arranged.parity_ranges))
-        timing = Protection(parity_until=0.0)  # repair symbols are sent among the packets that they protect
+        timing = Protection(parity_until=0.0)  # repair symbols are sent among their packets
         items = build_send_schedule([], arranged.parity_ranges, [code.repair for code in codes], timing, [len(order)])
         table = np.array(items, np.int64).reshape(-1, 3)
         kind, group, symbol = table.T

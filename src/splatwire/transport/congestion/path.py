@@ -20,7 +20,7 @@ MEMORY = 2000.0
 MAX_BASELINE_LOSS = 0.3
 """Maximum baseline loss that the control accepts as unrelated to congestion."""
 CIRCUIT_BREAKER_LOSS = 0.45
-"""Loss rate above which a path is considered congested or broken, whatever the queuing delay (circuit breaker)."""
+"""Loss rate above which a path is considered congested or broken at any queuing delay (circuit breaker)."""
 BATCH = 500
 """Number of datagrams over which the loss rate of the circuit breaker is averaged."""
 EVENTS = 3
@@ -131,7 +131,7 @@ class LossMeter:
     def is_circuit_broken(self, seen: LossCounter) -> bool:
         """Returns True if the recent loss rate exceeds `CIRCUIT_BREAKER_LOSS`.
 
-        The path is then considered congested, whatever its queuing delay.
+        The path is then considered congested at any queuing delay.
 
         Args:
             seen: Numbers of datagrams sent and lost in the last control round (about one round trip).

@@ -42,7 +42,7 @@ FILES = {SCRIPT: "text/javascript", DRAWING: "text/javascript", STYLE: "text/css
 PART_TYPES = {"json": "application/json", "glb": "model/gltf-binary", "webp": "image/webp"}
 """Media types of files in folders of other formats, by suffix."""
 STREAMS, PRIVATE = "/streams/", "/private/"
-"""Folders of streams that everybody may read, and of streams that need a token."""
+"""Folders of public streams, and of streams that need a token."""
 _READABLE = "Access-Control-Expose-Headers: Content-Encoding, Content-Range, ETag, Retry-After\r\n"
 """CORS header that lets pages of other web origins read the named response headers."""
 METHODS = "GET, HEAD, OPTIONS"

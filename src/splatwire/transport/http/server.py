@@ -28,12 +28,12 @@ datagrams wait."""
 MIN_TURN_BYTES = 1200
 """Minimum size of such a turn, bytes."""
 YIELD_S = 0.002
-"""Time in which a response lets waiting datagrams go first, seconds."""
+"""Time that a response waits while datagrams are sent first, seconds."""
 LINGER_S, LINGER_BYTES = 1.0, 1 << 22
 """Limits on reading the rest of a refused request, seconds and bytes. Unread bytes would reset the connection, and the
 client could lose the response (RFC 9112, 9.6)."""
 _LAST_TURNS = 5
-"""Turns of the event loop in which a closing server ends connections."""
+"""Number of iterations of the event loop in which a closing server ends connections."""
 
 
 @dataclass(frozen=True)

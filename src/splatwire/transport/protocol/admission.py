@@ -29,7 +29,7 @@ def network_of(address: Hashable) -> Network:
     For IPv4, these are the /24 prefix and the address; for IPv6, the prefixes /32, /48 and /64.
 
     Args:
-        address: Socket address whose first item is the IP address as text. Any other value is a network of its own.
+        address: Socket address whose first item is the IP address as text. Any other value is a separate network.
     """
     if not (isinstance(address, tuple) and address and isinstance(address[0], str)):
         return (address,)
@@ -92,7 +92,7 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Returns the IP prefix from which most connections come, and their number; None without any connection.
+    """Returns the IP prefix with the most connections, and their number; None without any connection.
 
     Args:
         held: Number of connections per network, which is given by nested IP prefixes.

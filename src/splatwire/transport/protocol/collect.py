@@ -67,7 +67,7 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
         ),
         (covered == w.num_packets and groups_fit, "a protection that contradicts itself"),
     )
-    return next((f"the server announces {what}" for fine, what in checks if not fine), None)
+    return next((f"the server announces {problem}" for fine, problem in checks if not fine), None)
 
 
 class InitSegmentCollector:

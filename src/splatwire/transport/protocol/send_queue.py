@@ -15,7 +15,7 @@ Item = tuple[int, int, int]
 (0 for a packet); number of the symbol, or index of the packet in sending order.
 """
 MAX_LOGGED_DATAGRAMS = 8192
-"""Number of latest datagrams of which the packet indices are stored."""
+"""Number of latest datagrams with stored packet indices."""
 VIEW_UPDATE_COST_S = 2e-3
 """Time reserved to process a client's new viewpoint, seconds. About five times the actual cost, so that viewpoints use
 at most a fifth of the server's time.

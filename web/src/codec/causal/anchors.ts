@@ -16,7 +16,7 @@ const NUMBER = 2 ** 16,
 
 /** Returns the anchors and their feature vectors, shape (count, features). */
 export function toAnchors(
-  { count, places, masks, numbers }: Decoded,
+  { count, voxels, masks, numbers }: Decoded,
   info: SideInfo,
 ): { anchors: Anchors; features: Float32Array } {
   const { features: size, offsets: numOffsets, groups, steps } = info,
@@ -36,7 +36,7 @@ export function toAnchors(
     for (let c = 0; c < 3 * numOffsets; c++) offsets[3 * numOffsets * n + c] = numbers[form + FORM + c] * step;
   }
   return {
-    anchors: { count, numOffsets, positions: worldPlaces(places, info), scales, sizes, masks, offsets },
+    anchors: { count, numOffsets, positions: worldPositions(voxels, info), scales, sizes, masks, offsets },
     features,
   };
 }
@@ -47,8 +47,8 @@ export function featureSteps({ groups, steps }: SideInfo): number[] {
 }
 
 /** Converts voxel indices relative to the origin to world coordinates, shape (count, 3). */
-export function worldPlaces(places: Int32Array, { positions: { origin }, voxelSize }: SideInfo): Float32Array {
-  return Float32Array.from(places, (place, at) => (place + origin[at % 3]) * voxelSize);
+export function worldPositions(voxels: Int32Array, { positions: { origin }, voxelSize }: SideInfo): Float32Array {
+  return Float32Array.from(voxels, (voxel, at) => (voxel + origin[at % 3]) * voxelSize);
 }
 
 /** Returns two to the power of `log`, which has 24 fractional bits. */

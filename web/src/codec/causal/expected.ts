@@ -5,7 +5,7 @@ import type { Anchors } from "../../model/anchors.ts";
 import type { Pause } from "../../scheduler.ts";
 import { receivedRanksFirst } from "../anchor_part.ts";
 import { CONCEALMENT_BYTES } from "../memory.ts";
-import { exponential, featureSteps, worldPlaces } from "./anchors.ts";
+import { exponential, featureSteps, worldPositions } from "./anchors.ts";
 import type { PacketDecoder } from "./packet.ts";
 import { predictedPosition } from "./positions.ts";
 import { FORM, LOG_BITS } from "./side_info.ts";
@@ -35,7 +35,7 @@ export class AnchorPrediction {
   /**
    * Predicted voxel of each anchor relative to the origin, by rank. The first `#numPredicted` anchors are filled in.
    */
-  #places = new Int32Array();
+  #voxels = new Int32Array();
   /** Predicted logarithms of scale and sizes, and predicted log errors of features, scale and sizes. */
   #logs = new Float64Array();
   #spreads = new Int32Array();
@@ -74,7 +74,7 @@ export class AnchorPrediction {
       tierSizes: tierSizes && Float32Array.from(ranks, (rank) => tierSizes[rank]),
       opacities: null,
       known: new Uint8Array(this.count).fill(1, 0, numReceived),
-      places: ranks,
+      indices: ranks,
       logScales: null,
       anchors: () => (facts ??= this.#anchorFacts(received, ranks.subarray(0, numReceived))),
     };
@@ -150,8 +150,8 @@ export class AnchorPrediction {
 
   /** Returns the predicted positions of some anchors, world units. */
   positions(ranks: Int32Array): Float32Array {
-    return worldPlaces(
-      Int32Array.from({ length: 3 * ranks.length }, (_, n) => this.#places[3 * ranks[Math.floor(n / 3)] + (n % 3)]),
+    return worldPositions(
+      Int32Array.from({ length: 3 * ranks.length }, (_, n) => this.#voxels[3 * ranks[Math.floor(n / 3)] + (n % 3)]),
       this.packets.info,
     );
   }
@@ -159,7 +159,7 @@ export class AnchorPrediction {
   /** Returns the geometric means of the predicted sizes of all anchors, by rank. Computes them once, in batches. */
   async #predictSizes(pause: Pause): Promise<Float32Array | null> {
     if (this.#logs.length < FORM * this.count) {
-      this.#places = new Int32Array(3 * this.count);
+      this.#voxels = new Int32Array(3 * this.count);
       this.#logs = new Float64Array(FORM * this.count);
       this.#spreads = new Int32Array(this.#width * this.count);
     }
@@ -172,8 +172,8 @@ export class AnchorPrediction {
 
   #predictBatch(first: number, end: number): void {
     for (let rank = first; rank < end; rank++)
-      this.#places.set(predictedPosition(this.packets.info.positions, rank), 3 * rank);
-    const { logs, spreads } = this.packets.expected(this.#places.subarray(3 * first, 3 * end));
+      this.#voxels.set(predictedPosition(this.packets.info.positions, rank), 3 * rank);
+    const { logs, spreads } = this.packets.expected(this.#voxels.subarray(3 * first, 3 * end));
     this.#logs.set(logs, FORM * first);
     this.#spreads.set(spreads, this.#width * first);
     this.#numPredicted = end;

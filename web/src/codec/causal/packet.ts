@@ -17,7 +17,7 @@ const ONE = 2 ** ACTIVATION_BITS,
 export interface Decoded {
   readonly count: number;
   /** Voxels relative to the origin, shape (count, 3). */
-  readonly places: Int32Array;
+  readonly voxels: Int32Array;
   /** Existing offsets (1) of each anchor, shape (count, offsets). */
   readonly masks: Uint8Array;
   /** Numbers in steps with 16 fractional bits: features, four logarithms, offsets. Missing offsets are 0. */
@@ -42,7 +42,7 @@ export class PacketDecoder {
   /** Network inputs per anchor: the context from its position, then its decoded numbers. */
   readonly #stride: number;
   #inputs = new Float64Array();
-  #places = new Float64Array();
+  #positionInputs = new Float64Array();
   #outputs = new Float64Array();
 
   constructor(readonly info: SideInfo) {
@@ -61,8 +61,8 @@ export class PacketDecoder {
       last = info.stages[info.stages.length - 1];
     const masks = new Uint8Array(count * info.offsets),
       numbers = new Int32Array(count * this.width);
-    const places = decodePositions(coder, info.positions, ranks);
-    this.#computeContext(places, count);
+    const voxels = decodePositions(coder, info.positions, ranks);
+    this.#computeContext(voxels, count);
     for (const [s, stage] of info.stages.entries()) {
       const outputs = this.#predict(s, count),
         width = this.#networks[s].outputs;
@@ -70,18 +70,18 @@ export class PacketDecoder {
       this.#read(coder, stage, outputs, width, stage === last ? masks : null, numbers);
       if (stage !== last) this.#appendInputs(stage, numbers, count);
     }
-    return { count, places, masks, numbers };
+    return { count, voxels, masks, numbers };
   }
 
   /** Predicts the numbers, without offsets, of anchors with known or predicted positions. */
-  expected(places: Int32Array): ExpectedNumbers {
+  expected(voxels: Int32Array): ExpectedNumbers {
     const { info } = this,
-      count = places.length / 3,
+      count = voxels.length / 3,
       numbers = new Int32Array(count * this.width),
       logs = new Float64Array(FORM * count);
     const known = info.features + FORM,
       spreads = new Int32Array(known * count);
-    this.#computeContext(places, count);
+    this.#computeContext(voxels, count);
     for (const [s, stage] of info.stages.slice(0, -1).entries()) {
       const outputs = this.#predict(s, count),
         width = this.#networks[s].outputs,
@@ -100,7 +100,7 @@ export class PacketDecoder {
   }
 
   /** Evaluates the position network, which gives each anchor's context. */
-  #computeContext(places: Int32Array, count: number): void {
+  #computeContext(voxels: Int32Array, count: number): void {
     const rows = Math.ceil(count / ROWS) * ROWS,
       inputs = 3 * (1 + OCTAVES),
       {
@@ -111,19 +111,19 @@ export class PacketDecoder {
       } = this.info;
     const widest = Math.max(this.#position.outputs, ...this.#networks.map((network) => network.outputs));
     if (this.#inputs.length < rows * this.#stride) this.#inputs = new Float64Array(rows * this.#stride);
-    if (this.#places.length < rows * inputs) this.#places = new Float64Array(rows * inputs);
+    if (this.#positionInputs.length < rows * inputs) this.#positionInputs = new Float64Array(rows * inputs);
     if (this.#outputs.length < rows * widest) this.#outputs = new Float64Array(rows * widest);
     for (let n = 0; n < count; n++) {
       for (let a = 0; a < 3; a++) {
-        const u = contracted(places[3 * n + a] + origin[a] - middle[a], spread[a]),
+        const u = contracted(voxels[3 * n + a] + origin[a] - middle[a], spread[a]),
           at = n * inputs + a;
-        this.#places[at] = u;
+        this.#positionInputs[at] = u;
         for (let octave = 1; octave <= OCTAVES; octave++) {
-          this.#places[at + 3 * octave] = Math.abs((((u << octave) - ONE) & (4 * ONE - 1)) - 2 * ONE) - ONE;
+          this.#positionInputs[at + 3 * octave] = Math.abs((((u << octave) - ONE) & (4 * ONE - 1)) - 2 * ONE) - ONE;
         }
       }
     }
-    this.#position.run(this.#places, inputs, rows, this.#outputs);
+    this.#position.run(this.#positionInputs, inputs, rows, this.#outputs);
     const width = this.#position.outputs;
     for (let n = 0; n < count; n++) {
       for (let c = 0; c < context; c++) this.#inputs[n * this.#stride + c] = this.#outputs[n * width + c] >> 2;

@@ -3,7 +3,7 @@
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import { RangeDecoder } from "../../entropy/decoder.ts";
-import { MAX_LEAF, MAX_PLACE, MAX_POSITION_BITS } from "../../packets/limits.ts";
+import { MAX_COORD, MAX_LEAF, MAX_POSITION_BITS } from "../../packets/limits.ts";
 import { decodeTree, TREE_CONTEXTS } from "../code_tree.ts";
 
 const MAX_ROWS = MAX_POSITION_BITS / 3;
@@ -34,7 +34,7 @@ export function readPositions(bytes: Uint8Array, count: number): Positions {
   const origin = [reader.signed(), reader.signed(), reader.signed()],
     bits = reader.u8(),
     code = reader.rest();
-  if (bits > MAX_POSITION_BITS || bits % 3 || origin.some((value) => Math.abs(value) > MAX_PLACE))
+  if (bits > MAX_POSITION_BITS || bits % 3 || origin.some((value) => Math.abs(value) > MAX_COORD))
     throw new BitstreamError(`positions: ${bits} bits or the origin are out of range`);
   if (count > 8 * code.length) throw new BitstreamError(`positions: ${code.length} bytes cannot hold ${count} anchors`);
   const tree = decodeTreePositions(new RangeDecoder(code), count, bits, leaf);
@@ -69,12 +69,12 @@ function decodeTreePositions(coder: RangeDecoder, count: number, bits: number, l
  * positions.
  */
 export function decodePositions(coder: RangeDecoder, positions: Positions, ranks: Int32Array): Int32Array {
-  const places = new Int32Array(3 * ranks.length);
+  const voxels = new Int32Array(3 * ranks.length);
   ranks.forEach((rank, n) => {
-    places.set(positions.upperBits.subarray(3 * rank, 3 * rank + 3), 3 * n);
-    decodeLowBits(coder, positions, positions.numLowBits[rank], places, 3 * n);
+    voxels.set(positions.upperBits.subarray(3 * rank, 3 * rank + 3), 3 * n);
+    decodeLowBits(coder, positions, positions.numLowBits[rank], voxels, 3 * n);
   });
-  return places;
+  return voxels;
 }
 
 /** Decodes the lowest bits of one code: the number of zero triples at the end, then the other bits uncoded. */
@@ -82,7 +82,7 @@ function decodeLowBits(
   coder: RangeDecoder,
   { stopProbabilities }: Positions,
   numLowBits: number,
-  places: Int32Array,
+  voxels: Int32Array,
   at: number,
 ): void {
   const threes = Math.ceil(numLowBits / 3);
@@ -90,7 +90,7 @@ function decodeLowBits(
     zeros = 0;
   const append = (value: number, count: number): void => {
     for (let i = count - 1; i >= 0; i--, bit--)
-      places[at + (bit % 3)] = 2 * places[at + (bit % 3)] + ((value >> i) & 1);
+      voxels[at + (bit % 3)] = 2 * voxels[at + (bit % 3)] + ((value >> i) & 1);
   };
   while (zeros < threes) {
     const stop = stopProbabilities[threes][zeros];

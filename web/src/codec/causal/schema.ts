@@ -107,10 +107,10 @@ export class CausalSchema implements Schema<CausalPart> {
       { width } = this.#packets;
     for (const packet of blocks.flat()) {
       await pause();
-      const { count, places, masks, numbers } = this.#packets.decode(packet.payload, this.#ranks(packet)),
+      const { count, voxels, masks, numbers } = this.#packets.decode(packet.payload, this.#ranks(packet)),
         bytes = new DataView(new ArrayBuffer(4 * count * (3 + offsets + width)));
       for (let n = 0, at = 0; n < count; n++) {
-        for (let a = 0; a < 3; a++, at += 4) bytes.setInt32(at, places[3 * n + a], true);
+        for (let a = 0; a < 3; a++, at += 4) bytes.setInt32(at, voxels[3 * n + a], true);
         for (let k = 0; k < offsets; k++, at += 4) bytes.setInt32(at, masks[n * offsets + k], true);
         for (let c = 0; c < width; c++, at += 4) bytes.setInt32(at, numbers[n * width + c], true);
       }
@@ -147,8 +147,8 @@ export class CausalSchema implements Schema<CausalPart> {
   }
 
   #ranks(packet: Packet): Int32Array {
-    const places = this.plan.members(packet),
+    const indices = this.plan.members(packet),
       order = this.#order;
-    return order ? places.map((place) => order[place]) : places;
+    return order ? indices.map((index) => order[index]) : indices;
   }
 }

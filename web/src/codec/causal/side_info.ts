@@ -8,8 +8,8 @@ import {
   MAX_CAUSAL_GROUPS,
   MAX_CAUSAL_LOG_STEP,
   MAX_CAUSAL_OFFSETS,
+  MAX_COORD,
   MAX_FAR,
-  MAX_PLACE,
 } from "../../packets/limits.ts";
 import { readSections } from "../../packets/sections.ts";
 import { type QuantisedMlp, readNetworks } from "../weight_bytes.ts";
@@ -135,8 +135,8 @@ function readHeader(bytes: Uint8Array): Header {
     within([...steps, voxelSize], 1e-9, 1e9) &&
     within(logSteps, 1, MAX_CAUSAL_LOG_STEP) &&
     within(centres, -MAX_CAUSAL_CENTRE, MAX_CAUSAL_CENTRE) &&
-    within(spread, 1, MAX_PLACE) &&
-    within(middle, -MAX_PLACE, MAX_PLACE);
+    within(spread, 1, MAX_COORD) &&
+    within(middle, -MAX_COORD, MAX_COORD);
   if (!fine) throw new BitstreamError("side information: a number of the header is out of range");
   return { groups, features, offsets, context, steps, voxelSize, logSteps, centres, middle, spread };
 }

@@ -13,13 +13,13 @@ import type { Decoded } from "./packet.ts";
 export type Verification = {
   /** Memory for integers that are hashed later, bytes. */
   readonly keptBytes: number;
-  /** Size of a file whose packets are decoded at once, so that all its Gaussians lie in the same arrays. */
+  /** Size of a file if all packets are decoded at once, so that all Gaussians are in the same arrays. */
   readonly fileBytes?: number;
 } | null;
 
 /**
  * Computes the digest block by block: rows as 64-bit integers, then harmonics as 32-bit integers. Packets that are
- * added in the order of the plan, as those of a file, need not be decoded again. The same holds in any order as long as
+ * added in the order of the plan, as those of a file, need not be decoded again. The same is true in any order while
  * the integers of all packets take at most `keptBytes` bytes.
  */
 export class SymbolsDigest {

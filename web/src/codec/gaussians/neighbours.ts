@@ -2,7 +2,7 @@
 
 import { AXIS, CLASS, COLUMNS, FAR, LUMA, NUM_NEIGHBOURS, ONE, OPACITY, SPREADS, WINDOW } from "./layout.ts";
 
-/** Maximum bits of a cell's coordinate for which a squared distance and an index of the window fit in 32 bits. */
+/** Maximum bits of a cell's coordinate, so that a squared distance and an index of the window fit in 32 bits. */
 const NARROW_BITS = 11,
   AGE_BITS = 6,
   LANES = 8,

@@ -54,7 +54,7 @@ export interface Decoded {
   /** Empty if the numbers are in `integers`. */
   readonly rows: Float64Array;
   readonly harmonics: Int32Array;
-  /** The numbers of the rows as little-endian 64-bit integers; undefined if they are in `rows`. */
+  /** The numbers of the rows as little-endian 64-bit integers; undefined if `rows` contains the numbers. */
   readonly integers?: Uint8Array | undefined;
   /** The Gaussians made of the integers, if the decoder has them anyway. */
   readonly splats?: Splats;

@@ -11,7 +11,7 @@ export class GaussianPart implements Part {
     readonly where: () => Int32Array,
   ) {}
 
-  get places(): Int32Array {
+  get indices(): Int32Array {
     return this.where();
   }
 

@@ -23,7 +23,7 @@ export function predictedElements(info: SideInfo, plan: Plan, parts: readonly Ga
     sizes = new Float32Array(count),
     known = new Uint8Array(count);
   const logScales = new Float32Array(3 * count),
-    places = new Int32Array(count),
+    indices = new Int32Array(count),
     state = new Uint8Array(count);
   const opacities = new Float32Array(count),
     blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []),
@@ -34,8 +34,8 @@ export function predictedElements(info: SideInfo, plan: Plan, parts: readonly Ga
     positions.set(splats.means, 3 * at);
     opacities.set(splats.opacities, at);
     known.fill(1, at, at + splats.count);
-    places.set(part.places, at);
-    for (const place of places.subarray(at, at + splats.count)) state[place] = packet ? RECEIVED : COPIED;
+    indices.set(part.indices, at);
+    for (const index of indices.subarray(at, at + splats.count)) state[index] = packet ? RECEIVED : COPIED;
     for (let i = 0; i < splats.count; i++, at++) {
       const [a, b, c] = [0, 1, 2].map((axis) => Math.log(Math.max(splats.scales[3 * i + axis], MIN_SCALE)));
       logScales[3 * at] = Math.max(a, b, c);
@@ -55,15 +55,15 @@ export function predictedElements(info: SideInfo, plan: Plan, parts: readonly Ga
       end += 3 * splats.count;
     }
     orders[block]
-      .filter((place) => state[place] !== RECEIVED)
-      .forEach((place, gone, lost) => {
-        if (state[place] === COPIED) return;
+      .filter((index) => state[index] !== RECEIVED)
+      .forEach((index, gone, lost) => {
+        if (state[index] === COPIED) return;
         sizes[at] = size;
-        places[at] = place;
+        indices[at] = index;
         positions.set(predictedCentre(info, block, near, gone, lost.length), 3 * at++);
       });
   });
-  return { positions, sizes, tierSizes: null, opacities, known, places, logScales, anchors: null };
+  return { positions, sizes, tierSizes: null, opacities, known, indices, logScales, anchors: null };
 }
 
 function predictedCentre(

@@ -11,11 +11,11 @@ import { toSplats } from "./to_splats.ts";
 
 const VERSION = 1,
   GROWTH_UNIT = 64,
-  WHAT = "section 'sketch'";
+  SUBJECT = "section 'sketch'";
 
 export interface RedundantGaussians {
   /** Index of each copied Gaussian, all different. */
-  readonly places: Int32Array;
+  readonly indices: Int32Array;
   readonly splats: Splats;
   /** Growth of received Gaussians, fitted to these copies. */
   readonly growth: Growth;
@@ -23,31 +23,31 @@ export interface RedundantGaussians {
 
 /** Reads the copies of a stream of `count` Gaussians. Any bytes after the indices decode to some Gaussians. */
 export function readRedundantGaussians(bytes: Uint8Array, info: SideInfo, count: number): RedundantGaussians {
-  const reader = new ByteReader(bytes, WHAT),
+  const reader = new ByteReader(bytes, SUBJECT),
     version = reader.u8();
-  if (version !== VERSION) throw new BitstreamError(`${WHAT} has version ${version}, this version reads ${VERSION}`);
+  if (version !== VERSION) throw new BitstreamError(`${SUBJECT} has version ${version}, this version reads ${VERSION}`);
   const [size, opacity, trust] = [0, 1, 2].map(() => reader.u8() / GROWTH_UNIT),
     copies = reader.unsigned();
   if (copies < 1 || copies > Math.min(count, MAX_COPIES))
     throw new BitstreamError(
-      `${WHAT}: ${copies} copies for ${count} Gaussians, not 1 to ${Math.min(count, MAX_COPIES)}`,
+      `${SUBJECT}: ${copies} copies for ${count} Gaussians, not 1 to ${Math.min(count, MAX_COPIES)}`,
     );
   const here: SideInfo = { ...info, ...readBlocks(reader.blob(), 1) },
-    places = readPlaces(reader, copies, count);
+    indices = readIndices(reader, copies, count);
   const splats = toSplats(new FastPackets(here).decode(reader.rest(), 0, copies), here, 0);
-  return { places, splats, growth: { base: [size, opacity], trust } };
+  return { indices, splats, growth: { base: [size, opacity], trust } };
 }
 
 /** Reads the indices. Each has as many bits as the largest possible index, high bits first. */
-function readPlaces(reader: ByteReader, copies: number, count: number): Int32Array {
+function readIndices(reader: ByteReader, copies: number, count: number): Int32Array {
   const width = Math.max(32 - Math.clz32(count - 1), 1),
     bytes = reader.take(Math.ceil((copies * width) / 8)),
-    places = new Int32Array(copies);
+    indices = new Int32Array(copies);
   for (let bit = 0; bit < copies * width; bit++) {
     const at = Math.floor(bit / width);
-    places[at] = (places[at] << 1) | ((bytes[bit >> 3] >> (7 - (bit & 7))) & 1);
+    indices[at] = (indices[at] << 1) | ((bytes[bit >> 3] >> (7 - (bit & 7))) & 1);
   }
-  if (places.some((place) => place >= count) || new Set(places).size < copies)
-    throw new BitstreamError(`${WHAT}: an index of a copy is repeated or out of range`);
-  return places;
+  if (indices.some((index) => index >= count) || new Set(indices).size < copies)
+    throw new BitstreamError(`${SUBJECT}: an index of a copy is repeated or out of range`);
+  return indices;
 }

@@ -120,10 +120,10 @@ export class GaussianSchema implements Schema<GaussianPart> {
   }
 
   copies(): Promise<Copies<GaussianPart>> {
-    const { places, splats } = this.#readCopies(),
-      some = (which: Int32Array): Int32Array => which.map((n) => places[n]);
+    const { indices, splats } = this.#readCopies(),
+      some = (which: Int32Array): Int32Array => which.map((n) => indices[n]);
     return Promise.resolve({
-      part: new GaussianPart(null, splats, () => places),
+      part: new GaussianPart(null, splats, () => indices),
       select: (which) => new GaussianPart(null, selectSplats(splats, which), () => some(which)),
     });
   }

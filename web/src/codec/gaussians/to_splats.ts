@@ -44,8 +44,8 @@ function rgb(y: number, co: number, cg: number, out: Float32Array, at: number): 
 }
 
 /**
- * Converts the Gaussians of a packet to floating point. Writes them to `room`, which holds zeros, or to new arrays. The
- * result of a decoder that converts them itself is bit for bit the same.
+ * Converts the Gaussians of a packet to floating point. Writes them to `room`, which must be zero, or to new arrays.
+ * A decoder with its own conversion has the same result, bit by bit.
  */
 export function toSplats(decoded: Decoded, info: SideInfo, block: number, room?: Splats): Splats {
   const { splats } = decoded;
@@ -60,7 +60,7 @@ function copySplats(from: Splats, to: Splats): Splats {
   return to;
 }
 
-/** Converts integers to floating point. Writes the Gaussians to `splats`, which holds zeros, and returns it. */
+/** Converts integers to floating point. Writes the Gaussians to `splats`, which must be zero, and returns it. */
 export function convert({ rows, harmonics }: Decoded, info: SideInfo, block: number, splats: Splats): Splats {
   const { count, means, scales, opacities, colours, quats } = splats,
     { numHarmonics, transform } = info,

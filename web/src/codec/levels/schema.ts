@@ -36,7 +36,7 @@ class LevelPart implements Part {
     return this.packet.count;
   }
 
-  get places(): Int32Array {
+  get indices(): Int32Array {
     return this.schema.gaussians.plan.members(this.packet);
   }
 
@@ -160,7 +160,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     return this.#cachedTile!.splats.map((splats, n) => selectSplats(splats, parts[n].which(child, splats)));
   }
 
-  /** Returns the children for which Gaussians of a tile are drawn. The only entry is null for a finest tile. */
+  /** Returns the child tiles that a tile's Gaussians represent. The only entry is null for a finest tile. */
   drawnChildren(tile: number): (number | null)[] {
     const { children, count } = this.tiles;
     if (!children[tile].length) return this.#drawn.has(count + tile) ? [null] : [];

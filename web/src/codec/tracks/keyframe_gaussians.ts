@@ -4,7 +4,7 @@
 import { BitstreamError } from "../../bytes.ts";
 import { COLUMNS, LATTICE } from "../gaussians/layout.ts";
 import { emptySplats, type Splats } from "../splats.ts";
-import { HEAD, MAX_PLACE, NUM_CHANNELS, TRACK } from "./layout.ts";
+import { HEAD, MAX_COORD, NUM_CHANNELS, TRACK } from "./layout.ts";
 import type { TrackBases } from "./motion_packets.ts";
 import { type SequenceInfo, type Shot, shotOf } from "./side_info.ts";
 import { limitShift, MotionSteps } from "./steps.ts";
@@ -23,7 +23,7 @@ export class KeyframeGaussians {
   /** Birth group of each track, by slot. */
   birthGroups = new Int32Array(MIN_CAPACITY);
   /** Positions in the units of motion of the birth groups, shape (slots, 3). */
-  places = new Float64Array(3 * MIN_CAPACITY);
+  positions = new Float64Array(3 * MIN_CAPACITY);
   /** log2 of the motion steps, shape (slots, channels). */
   shifts = new Int32Array(NUM_CHANNELS * MIN_CAPACITY);
   splats: Splats;
@@ -64,7 +64,7 @@ export class KeyframeGaussians {
       this.tracks[slot] = first + i;
       this.birthGroups[slot] = group;
       for (let a = 0; a < 3; a++) {
-        this.places[3 * slot + a] = scaledPlace(rows[row + LATTICE + a] + 2 * corners[corner + a], scale);
+        this.positions[3 * slot + a] = scaledCoord(rows[row + LATTICE + a] + 2 * corners[corner + a], scale);
       }
       this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * slot);
     }
@@ -82,7 +82,7 @@ export class KeyframeGaussians {
   of(headers: Int32Array, group: number): TrackBases | null {
     const count = headers.length / HEAD,
       unit = this.info.units[group],
-      places = new Float64Array(3 * count),
+      positions = new Float64Array(3 * count),
       shifts = new Int32Array(NUM_CHANNELS * count);
     for (let i = 0; i < count; i++) {
       const slot = this.slots[headers[HEAD * i + TRACK]] ?? -1;
@@ -90,11 +90,11 @@ export class KeyframeGaussians {
       for (let c = 0; c < NUM_CHANNELS; c++) shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * slot + c];
       const octaves = this.info.units[this.birthGroups[slot]] - unit;
       for (let a = 0; a < 3; a++) {
-        places[3 * i + a] = scaledPlace(this.places[3 * slot + a], 2 ** octaves);
+        positions[3 * i + a] = scaledCoord(this.positions[3 * slot + a], 2 ** octaves);
         shifts[NUM_CHANNELS * i + a] = limitShift(shifts[NUM_CHANNELS * i + a] + octaves);
       }
     }
-    return { places, shifts };
+    return { positions, shifts };
   }
 
   #reserve(count: number): void {
@@ -107,13 +107,13 @@ export class KeyframeGaussians {
     this.splats = wider;
     this.tracks = copyInto(this.tracks, new Int32Array(larger));
     this.birthGroups = copyInto(this.birthGroups, new Int32Array(larger));
-    this.places = copyInto(this.places, new Float64Array(3 * larger));
+    this.positions = copyInto(this.positions, new Float64Array(3 * larger));
     this.shifts = copyInto(this.shifts, new Int32Array(NUM_CHANNELS * larger));
   }
 }
 
-function scaledPlace(place: number, scale: number): number {
-  return Math.min(Math.max(Math.floor(place * scale), -MAX_PLACE), MAX_PLACE);
+function scaledCoord(coord: number, scale: number): number {
+  return Math.min(Math.max(Math.floor(coord * scale), -MAX_COORD), MAX_COORD);
 }
 
 function stepsOf({ coarser }: SequenceInfo, { bases, spacing }: Shot): MotionSteps {

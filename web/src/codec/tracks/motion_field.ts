@@ -37,7 +37,7 @@ export class MotionField {
 
   /**
    * Rows `observedRows` of the received motion are placed at `origins` and contribute their changes from there. `null`
-   * stands for origins of 0.
+   * means origins of 0.
    */
   constructor(
     readonly arrived: TrackOffsets,

@@ -25,7 +25,7 @@ export interface DecodedMotion {
 /** Properties of the tracks' bases. */
 export interface TrackBases {
   /** Positions in units of motion, shape (tracks, 3). */
-  readonly places: Float64Array;
+  readonly positions: Float64Array;
   /** log2 of the steps, shape (tracks, channels). */
   readonly shifts: Int32Array;
 }
@@ -80,7 +80,7 @@ export class PlainMotionPackets implements MotionPackets {
     const size = frames * NUM_CHANNELS,
       moving = movingOf(headers),
       offsets = new Float32Array(size * count),
-      found = coefficients(bases.places, moving, bases.shifts, residuals, orders),
+      found = coefficients(bases.positions, moving, bases.shifts, residuals, orders),
       row = coefficientsOf(orders),
       units = unitsOf(this.info);
     for (let i = 0; i < count; i++) if (moving[i]) offsetsOf(found, i * row, frames, orders, units, offsets, i * size);
@@ -150,11 +150,11 @@ export class NativeMotionPackets implements MotionPackets {
     if (!bases) return null;
     const shiftsAt = headersAt + headers.byteLength;
     new Int32Array(memory.buffer, shiftsAt).set(bases.shifts);
-    const places = normalisedPositions(bases.places),
-      order = codingOrder(places, movingOf(headers), bases.shifts),
-      placesAt = 8 * Math.ceil((shiftsAt + bases.shifts.byteLength) / 8);
-    new Float64Array(memory.buffer, placesAt).set(places);
-    new Int32Array(memory.buffer, placesAt + places.byteLength).set(order);
+    const positions = normalisedPositions(bases.positions),
+      order = codingOrder(positions, movingOf(headers), bases.shifts),
+      positionsAt = 8 * Math.ceil((shiftsAt + bases.shifts.byteLength) / 8);
+    new Float64Array(memory.buffer, positionsAt).set(positions);
+    new Int32Array(memory.buffer, positionsAt + positions.byteLength).set(order);
     const at = offsets(order.length);
     return { headers, offsets: new Float32Array(memory.buffer, at, count * frames * NUM_CHANNELS).slice() };
   }

@@ -39,19 +39,19 @@ export class Extrapolation {
       birth = mostFrequent(observedRows.map((row) => birthGroup[slots[row]])),
       peers = observedRows.filter((row) => birthGroup[slots[row]] === birth),
       enough = peers.length >= NEIGHBOURS,
-      caseOf = (slot: number) => (enough && birthGroup[slot] === birth ? "alike" : past.isNew(slot) ? "fresh" : "old");
+      caseOf = (slot: number) => (enough && birthGroup[slot] === birth ? "peers" : past.isNew(slot) ? "new" : "old");
     queryTracks.forEach((slot, n) => {
-      if (!observedRows.length || caseOf(slot) !== "alike")
+      if (!observedRows.length || caseOf(slot) !== "peers")
         repeatLastOffset(past.lastOffsets, slot, out, n * frames, frames);
     });
-    for (const way of ["alike", "fresh", "old"]) {
-      const sources = way === "alike" ? peers : observedRows,
-        at = Int32Array.from(queryTracks.keys()).filter((n) => caseOf(queryTracks[n]) === way);
+    for (const kind of ["peers", "new", "old"]) {
+      const sources = kind === "peers" ? peers : observedRows,
+        at = Int32Array.from(queryTracks.keys()).filter((n) => caseOf(queryTracks[n]) === kind);
       if (!at.length || !sources.length) continue;
-      const field = this.#field(way, sources, birth, lost);
+      const field = this.#field(kind, sources, birth, lost);
       for (const n of at) {
         const own = out.subarray(n * frames * NUM_CHANNELS, (n + 1) * frames * NUM_CHANNELS);
-        if (way === "alike") field.predict(queryTracks[n], own);
+        if (kind === "peers") field.predict(queryTracks[n], own);
         else field.addChanges(queryTracks[n], own);
       }
     }
@@ -60,13 +60,13 @@ export class Extrapolation {
   }
 
   /** Returns the motion field of the rows `sources`. One field with all rows is kept, and leaves out the lost ones. */
-  #field(way: string, sources: Int32Array, birth: number, lost: Uint8Array): MotionField {
+  #field(kind: string, sources: Int32Array, birth: number, lost: Uint8Array): MotionField {
     const { arrived, past, frames } = this,
       make = (rows: Int32Array) =>
-        new MotionField(arrived, rows, motionOrigins(way, arrived, rows, past, frames), past, frames);
+        new MotionField(arrived, rows, motionOrigins(kind, arrived, rows, past, frames), past, frames);
     if (sources.length < NEIGHBOURS) return make(sources);
-    const name = `${way} ${birth}`,
-      all = this.completeRows.filter((row) => way !== "alike" || this.birthGroup[arrived.slots[row]] === birth),
+    const name = `${kind} ${birth}`,
+      all = this.completeRows.filter((row) => kind !== "peers" || this.birthGroup[arrived.slots[row]] === birth),
       field = this.#fields.get(name) ?? make(all);
     this.#fields.set(name, field);
     field.leaveOut(lost);
@@ -94,20 +94,20 @@ export function repeatLastOffset(
 }
 
 /**
- * Returns the reference offsets of the neighbours' motion, by case: null for tracks born together (`alike`), the first
- * frame of this group for new tracks (`fresh`), the end of the group before otherwise.
+ * Returns the reference offsets of the neighbours' motion, by case: null for tracks born together (`peers`), the first
+ * frame of this group for new tracks (`new`), the end of the group before otherwise.
  */
 function motionOrigins(
-  way: string,
+  kind: string,
   arrived: TrackOffsets,
   observedRows: Int32Array,
   past: PreviousState,
   frames: number,
 ): Float32Array | null {
-  if (way === "alike") return null;
+  if (kind === "peers") return null;
   const found = new Float32Array(observedRows.length * NUM_CHANNELS);
   observedRows.forEach((row, n) => {
-    const [values, at] = way === "fresh" ? [arrived.offsets, row * frames] : [past.lastOffsets, arrived.slots[row]];
+    const [values, at] = kind === "new" ? [arrived.offsets, row * frames] : [past.lastOffsets, arrived.slots[row]];
     found.set(values.subarray(at * NUM_CHANNELS, (at + 1) * NUM_CHANNELS), n * NUM_CHANNELS);
   });
   return found;

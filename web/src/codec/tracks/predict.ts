@@ -28,14 +28,14 @@ let buffer = new Float64Array(0);
 /**
  * Returns the coefficients, one row per track; 0 for tracks that do not move. The result is valid until the next call.
  *
- * @param places Positions of the bases, units of motion, shape (n, 3).
+ * @param positions Positions of the bases, units of motion, shape (n, 3).
  * @param moving Moving tracks (1), shape (n).
  * @param shifts log2 of the steps, shape (n, channels).
  * @param residuals Residuals in steps, shape (n, channels, F).
  * @param orders Number of coefficients per kind of channel.
  */
 export function coefficients(
-  places: Float64Array,
+  positions: Float64Array,
   moving: Uint8Array,
   shifts: Int32Array,
   residuals: Int32Array,
@@ -44,7 +44,7 @@ export function coefficients(
   const count = moving.length,
     frames = residuals.length / NUM_CHANNELS / Math.max(count, 1),
     size = coefficientsOf(orders),
-    small = normalisedPositions(places),
+    small = normalisedPositions(positions),
     known = new Int32Array(count),
     means = new Float64Array(size),
     plane = new Plane(small);
@@ -96,14 +96,14 @@ function weightedMeans(
 }
 
 /** Returns the positions relative to their lower corner, rounded to `PLACE_BITS` bits per axis. */
-export function normalisedPositions(places: Float64Array): Float64Array {
-  const found = places.slice();
+export function normalisedPositions(positions: Float64Array): Float64Array {
+  const found = positions.slice();
   let extent = 0,
     unit = 1;
   for (let a = 0; a < 3; a++) {
     let low = Infinity;
-    for (let n = a; n < places.length; n += 3) low = Math.min(low, places[n]);
-    for (let n = a; n < places.length; n += 3) extent = Math.max(extent, (found[n] -= low));
+    for (let n = a; n < positions.length; n += 3) low = Math.min(low, positions[n]);
+    for (let n = a; n < positions.length; n += 3) extent = Math.max(extent, (found[n] -= low));
   }
   while (Math.floor(extent / unit) >= 2 ** PLACE_BITS) unit *= 2;
   for (let n = 0; n < found.length; n++) found[n] = Math.floor(found[n] / unit);
@@ -160,7 +160,7 @@ class Plane {
   readonly #proximity = new Float64Array(NUM_NEIGHBOURS);
   readonly #offsets = new Float64Array(3 * NUM_NEIGHBOURS);
 
-  constructor(readonly places: Float64Array) {}
+  constructor(readonly positions: Float64Array) {}
 
   fit(known: Int32Array, found: number, i: number): void {
     this.#find(known, found, i);
@@ -174,17 +174,17 @@ class Plane {
 
   /** Finds the nearest tracks, nearest first. Among equal distances the earlier track counts. */
   #find(known: Int32Array, found: number, i: number): void {
-    const { places, indices } = this,
+    const { positions, indices } = this,
       far = this.#squaredDistances,
-      x = places[3 * i],
-      y = places[3 * i + 1],
-      z = places[3 * i + 2];
+      x = positions[3 * i],
+      y = positions[3 * i + 1],
+      z = positions[3 * i + 2];
     let count = 0;
     for (let m = 0; m < found; m++) {
       const j = known[m],
-        dx = places[3 * j] - x,
-        dy = places[3 * j + 1] - y,
-        dz = places[3 * j + 2] - z,
+        dx = positions[3 * j] - x,
+        dy = positions[3 * j + 1] - y,
+        dz = positions[3 * j + 2] - z,
         d = dx * dx + dy * dy + dz * dz;
       if (count === NUM_NEIGHBOURS && d >= far[count - 1]) continue;
       let at = count < NUM_NEIGHBOURS ? count++ : count - 1;
@@ -199,14 +199,15 @@ class Plane {
   }
 
   #plane(i: number): void {
-    const { places, indices, count, weights } = this,
+    const { positions, indices, count, weights } = this,
       far = this.#squaredDistances,
       near = this.#proximity,
       o = this.#offsets;
     let radius = 1,
       total = 0;
     for (let m = 0; m < count; m++)
-      for (let a = 0; a < 3; a++) radius = Math.max(radius, Math.abs(places[3 * indices[m] + a] - places[3 * i + a]));
+      for (let a = 0; a < 3; a++)
+        radius = Math.max(radius, Math.abs(positions[3 * indices[m] + a] - positions[3 * i + a]));
     let sx = 0,
       sy = 0,
       sz = 0,
@@ -219,7 +220,7 @@ class Plane {
     for (let m = 0; m < count; m++) {
       const w = (near[m] = 1 + Math.floor((2 * (far[0] + 1)) / (far[m] + 1)));
       for (let a = 0; a < 3; a++)
-        o[3 * m + a] = Math.floor(((places[3 * indices[m] + a] - places[3 * i + a]) * RADIUS) / radius);
+        o[3 * m + a] = Math.floor(((positions[3 * indices[m] + a] - positions[3 * i + a]) * RADIUS) / radius);
       const x = o[3 * m],
         y = o[3 * m + 1],
         z = o[3 * m + 2];

@@ -18,7 +18,7 @@ const WAYS = 3,
   MAX_TESTS = 1024,
   /** At most one received track in `MAX_SHARE` is treated as lost at the same time. */
   MAX_SHARE = 4,
-  /** Number of tested tracks around a lost track whose errors are added. */
+  /** Number of tested tracks around a lost track; their errors are added. */
   MIN_TESTS = 16,
   /** Number of received Gaussians that are considered at a position. */
   COVERING = 24,
@@ -57,7 +57,7 @@ export function select(
     if (peers.length < MIN_TESTS) continue;
     const slots = Int32Array.from(peers, (n) => arrived.slots[tested[n]]),
       tree = new KdTree(
-        placesOf(splats, slots, lastOffsets, (n) => slots[n]),
+        positionsOf(splats, slots, lastOffsets, (n) => slots[n]),
         MIN_TESTS,
       );
     queryTracks.forEach((slot, n) => {
@@ -103,13 +103,13 @@ function testErrors(
       absent = Uint8Array.from(order, (row) => Number(!exists(row))),
       count = absent.length - absent.reduce((sum, gone) => sum + gone, 0);
     if (!count) continue;
-    const places = placesOf(
+    const positions = positionsOf(
       splats,
       order.map((row) => slots[row]),
       offsets,
       (n) => order[n] * frames + frame,
     );
-    tree = new KdTree(places, Math.min(COVERING, count), null, tree);
+    tree = new KdTree(positions, Math.min(COVERING, count), null, tree);
     tree.leftOut = absent;
     const around = (point: Point, fold: number): Float64Array => {
       const sums = new Float64Array(4),
@@ -142,11 +142,11 @@ function testErrors(
 
 /** Position of a keyframe Gaussian with the offset in a row of `offsets`. */
 function moved(splats: Splats, slot: number, offsets: Float32Array, row: number): Point {
-  return placesOf(splats, [slot], offsets, () => row);
+  return positionsOf(splats, [slot], offsets, () => row);
 }
 
 /** Positions of keyframe Gaussians, shape (slots, 3), each with the offset in a row of `offsets`. */
-export function placesOf(
+export function positionsOf(
   { means }: Splats,
   slots: ArrayLike<number>,
   offsets: Float32Array,

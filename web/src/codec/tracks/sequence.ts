@@ -12,7 +12,7 @@ import { AFTER, BEFORE, BEGINS, ENDS, HEAD, NUM_CHANNELS, TRACK } from "./layout
 import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
 import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
 import type { PreviousState, TrackOffsets } from "./poses.ts";
-import { HELD, HIDDEN, MOVED, placesOf, select } from "./selection.ts";
+import { HELD, HIDDEN, MOVED, positionsOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
 import { movedSplats } from "./trajectories.ts";
@@ -299,7 +299,7 @@ export class Sequence implements SequenceDecoder {
     };
   }
 
-  /** Returns the first frame and the end frame of a track in a group, as far as they are known without its motion. */
+  /** Returns the first frame and the end frame of a track in a group, as known without its motion. */
   #lifetime(slot: number, group: number): [number, number] {
     const { bases, info } = this,
       frames = this.framesOf(group),
@@ -348,14 +348,14 @@ export class Sequence implements SequenceDecoder {
       { scales, opacities } = bases.splats,
       gains = new Float32Array(2 * slots.length),
       growth = new Growth({
-        positions: placesOf(bases.splats, slots, offsets, (row) => row * frames),
+        positions: positionsOf(bases.splats, slots, offsets, (row) => row * frames),
         sizes: Float32Array.from(slots, (slot) =>
           Math.cbrt(scales[3 * slot] * scales[3 * slot + 1] * scales[3 * slot + 2]),
         ),
         tierSizes: null,
         opacities: Float32Array.from(slots, (slot) => opacities[slot]),
         known: hidden.map((gone) => 1 - gone),
-        places: slots.map((slot) => bases.tracks[slot]),
+        indices: slots.map((slot) => bases.tracks[slot]),
       });
     for (let row = 0; row < slots.length; row++) if (!hidden[row]) gains.set(growth.of(row), 2 * row);
     return gains;

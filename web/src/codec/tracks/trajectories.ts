@@ -103,15 +103,15 @@ export function movedSplats(
 ): Splats {
   const found = emptySplats(rows.length, splats.degree),
     { means, quats, scales, opacities, colours, harmonics } = found,
-    { means: places, scales: sizes, colours: shades, quats: turns } = splats,
+    { means: centers, scales: sizes, colours: shades, quats: turns } = splats,
     width = 3 * ((splats.degree + 1) ** 2 - 1);
   for (let to = 0; to < rows.length; to++) {
     const i = 3 * from[to],
       n = 3 * to,
       at = stride * rows[to] + first;
-    means[n] = places[i] + offsets[at];
-    means[n + 1] = places[i + 1] + offsets[at + 1];
-    means[n + 2] = places[i + 2] + offsets[at + 2];
+    means[n] = centers[i] + offsets[at];
+    means[n + 1] = centers[i + 1] + offsets[at + 1];
+    means[n + 2] = centers[i + 2] + offsets[at + 2];
     scales[n] = changed(sizes[i], offsets[at + 6]);
     scales[n + 1] = changed(sizes[i + 1], offsets[at + 7]);
     scales[n + 2] = changed(sizes[i + 2], offsets[at + 8]);
@@ -125,7 +125,7 @@ export function movedSplats(
   return found;
 }
 
-/** Returns a scale whose logarithm changes by `change`; finite for any bytes in a packet. */
+/** Returns a scale with its logarithm changed by `change`; finite for any bytes in a packet. */
 const changed = (scale: number, change: number): number => Math.min(scale * exponential(change), MAX_FLOAT);
 
 /** Returns e to the power of `value`, which is often 0. */

@@ -141,20 +141,20 @@ export class UpdatedScene {
    */
   #curveOrder(): Int32Array {
     const { count } = this,
-      places = this.#places(),
+      coords = this.#coords(),
       least = [Infinity, Infinity, Infinity];
-    for (let i = 0; i < places.length; i++) least[i % 3] = Math.min(least[i % 3], places[i]);
+    for (let i = 0; i < coords.length; i++) least[i % 3] = Math.min(least[i % 3], coords[i]);
     let most = 0,
       shift = 0;
-    for (let i = 0; i < places.length; i++) most = Math.max(most, (places[i] -= least[i % 3]));
+    for (let i = 0; i < coords.length; i++) most = Math.max(most, (coords[i] -= least[i % 3]));
     while (most >= 2 ** (AXIS_BITS + shift)) shift++;
     const high = new Float64Array(count),
       low = new Float64Array(count);
     for (let n = 0; n < count; n++)
       for (let axis = 0; axis < 3; axis++) {
-        const place = Math.floor(places[3 * n + axis] / 2 ** shift);
-        high[n] += SPREAD[place >> LOW_BITS] * 2 ** axis;
-        low[n] += SPREAD[place & (LOW - 1)] * 2 ** axis;
+        const coord = Math.floor(coords[3 * n + axis] / 2 ** shift);
+        high[n] += SPREAD[coord >> LOW_BITS] * 2 ** axis;
+        low[n] += SPREAD[coord & (LOW - 1)] * 2 ** axis;
       }
     return Int32Array.from({ length: count }, (_, n) => n).sort(
       (a, b) => high[a] - high[b] || low[a] - low[b] || this.#compare(this.#visible[a], this.#visible[b]),
@@ -162,18 +162,18 @@ export class UpdatedScene {
   }
 
   /** Returns the lattice coordinates of the visible Gaussians, shape (count, 3). */
-  #places(): Float64Array {
+  #coords(): Float64Array {
     const { unit, sizeLog } = this.info,
       scale = 2 ** (unit - sizeLog),
-      places = new Float64Array(3 * this.count);
+      coords = new Float64Array(3 * this.count);
     let part = 0;
     this.#visible.forEach((n, to) => {
       while (n >= this.#firsts[part] + this.#parts[part].count) part++;
       const { means } = this.#parts[part],
         from = 3 * (n - this.#firsts[part]);
-      for (let axis = 0; axis < 3; axis++) places[3 * to + axis] = Math.floor(means[from + axis] * scale);
+      for (let axis = 0; axis < 3; axis++) coords[3 * to + axis] = Math.floor(means[from + axis] * scale);
     });
-    return places;
+    return coords;
   }
 
   /** Compares the attributes of two Gaussians in the order of the format. */

@@ -31,7 +31,7 @@ BYTES_PER_SYMBOL = 12
 """Buffer space per symbol, bytes. The longest code is an escape of 86 bits."""
 INPUT_SHIFT = 4
 """Right shift from numbers with 16 fractional bits to network inputs with 14, which also divides by four."""
-PLACE_SYMBOLS = 3
+POSITION_SYMBOLS = 3
 """Buffer space of a position, in symbols; a position takes at most 29 bytes."""
 LARGEST_SYMBOL = (1 << 14) - (1 << 10)
 MASK_BITS = np.int64(16)
@@ -162,7 +162,7 @@ def encode_packets(
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
     """
-    room, state = (masks.shape[1] + symbols.shape[1] + PLACE_SYMBOLS) * BYTES_PER_SYMBOL, np.empty(3, np.int64)
+    room, state = (masks.shape[1] + symbols.shape[1] + POSITION_SYMBOLS) * BYTES_PER_SYMBOL, np.empty(3, np.int64)
     for p in range(len(starts) - 1):
         lengths[p] = _encode_packet(
             starts[p], starts[p + 1], codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group,

@@ -33,7 +33,7 @@ from splatwire.types.causal_coding import CausalConfig
 
 _SCALINGS = [0, 0, 0, 1, 2, 3]
 """Index of the logarithm, out of an anchor's four, for each of its six scalings."""
-PLACE_BYTES = 32
+POSITION_BYTES = 32
 """Memory of an anchor's position in the side information, bytes; its decoded form takes four times that."""
 
 
@@ -44,7 +44,7 @@ def _num_values(config: CausalConfig) -> int:
 
 def _anchor_bytes(info: SideInfo) -> int:
     """Returns the working memory that decoding needs for each anchor, bytes."""
-    # It holds the activations of the largest network and the quantised attributes.
+    # The memory is for the activations of the largest network and the quantised attributes.
     hidden = max(len(network.hidden.symbols) for network in info.networks.values())
     outputs = max(len(network.output.symbols) for network in info.networks.values())
     inputs = 2 * info.config.context_dim + info.config.layout.feature_dim + 4
@@ -70,7 +70,7 @@ class CausalDecoder(AnchorDecoder):
         if manifest.packetization.order != "morton":
             raise BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise")
         num = manifest.num_elements
-        check_memory(num * PLACE_BYTES, num_bytes, f"reading the places of {num:,} anchors")
+        check_memory(num * POSITION_BYTES, num_bytes, f"reading the positions of {num:,} anchors")
         info = read_side_info(side_info, num)
         super().__init__(manifest, info.sections)
         layout = info.config.layout
@@ -78,7 +78,9 @@ class CausalDecoder(AnchorDecoder):
         self._features, self._offsets = layout.feature_dim, layout.num_offsets
         self._step = np.repeat(info.steps[:-1], layout.feature_groups)
         self.row_bytes = 4 * (3 + 4 * self._offsets + self._features + 4)
-        self.scene_bytes = self._num * (4 * PLACE_BYTES + 4 * (3 * _num_values(info.config) + info.config.context_dim))
+        self.scene_bytes = self._num * (
+            4 * POSITION_BYTES + 4 * (3 * _num_values(info.config) + info.config.context_dim)
+        )
         self.chunk_bytes = _anchor_bytes(info)
 
     def allocate(self) -> None:

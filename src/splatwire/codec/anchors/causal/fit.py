@@ -28,7 +28,7 @@ HEAD_TOLERANCE = 0.008
 """Tolerated noise of a rendering network's output. With 0.004 side information grows by 1.2 kB; this gains 0.02 dB for
 lego (at 0.4 % of its bytes) and nothing for snowmiku.
 """
-PLACE_SHARE = 2.0
+POSITION_NOISE_FACTOR = 2.0
 """Tolerated noise of the outputs of the position network relative to their standard deviation, as a multiple of the
 tolerated noise of a mean.
 """
@@ -106,7 +106,7 @@ def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarr
     """
     # Errors of these sizes cost about the same number of bits in every output.
     if name == "position":
-        return PLACE_SHARE * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)
+        return POSITION_NOISE_FACTOR * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)
     masks = coding.config.layout.num_offsets if name == "form" else 0
     spread = outputs[:, masks + (outputs.shape[1] - masks) // 2 :].astype(np.float64)
     typical = lower_median(2.0 ** spread.clip(-3, 13))

@@ -108,7 +108,7 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
         counts: Number of anchors in each packet, int64 (packets).
     """
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    room = (quantised.masks.shape[1] + quantised.symbols.shape[1] + kernels.PLACE_SYMBOLS) * kernels.BYTES_PER_SYMBOL
+    room = (quantised.masks.shape[1] + quantised.symbols.shape[1] + kernels.POSITION_SYMBOLS) * kernels.BYTES_PER_SYMBOL
     buffer = np.empty(len(quantised.masks) * room + 64 * len(starts), dtype=np.uint8)
     lengths = np.zeros(len(counts), dtype=np.int64)
     firsts = np.array([*(stage.first for stage in context.stages), quantised.symbols.shape[1]])

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.bitstream.limits import MAX_LEAF, MAX_PLACE, MAX_POSITION_BITS
+from splatwire.bitstream.limits import MAX_COORD, MAX_LEAF, MAX_POSITION_BITS
 from splatwire.codec.anchors.causal import _position_kernels as kernels
 from splatwire.codec.geometry import origin_of
 from splatwire.entropy.coder import fresh_models
@@ -104,7 +104,7 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
     reader = ByteReader(data, "positions")
     origin = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
     bits = reader.u8()
-    if bits > MAX_POSITION_BITS or bits % 3 or np.abs(origin).max() > MAX_PLACE:
+    if bits > MAX_POSITION_BITS or bits % 3 or np.abs(origin).max() > MAX_COORD:
         raise BitstreamError(f"positions: impossible extent of {bits} bits at {origin.tolist()}")
     code = reader.rest()
     if count > 8 * len(code):

@@ -13,8 +13,8 @@ from splatwire.bitstream.limits import (
     MAX_CAUSAL_GROUPS,
     MAX_CAUSAL_LOG_STEP,
     MAX_CAUSAL_OFFSETS,
+    MAX_COORD,
     MAX_FAR,
-    MAX_PLACE,
     SCHEMAS,
 )
 from splatwire.bitstream.sections import read_sections, write_sections
@@ -133,7 +133,7 @@ def _read_header(data: bytes, positions: SharedPositions) -> SideInfo:
     groups = tuple(reader.unsigned() for _ in range(num_groups))
     steps = np.array([reader.f64() for _ in range(num_groups + 1)])
     voxel_size = reader.f64()
-    unsigned = np.array([min(reader.unsigned(), MAX_PLACE + 1) for _ in range(5)], dtype=np.int64)
+    unsigned = np.array([min(reader.unsigned(), MAX_COORD + 1) for _ in range(5)], dtype=np.int64)
     signed = np.array([_clipped(reader.signed()) for _ in range(FORM + 3)], dtype=np.int64)
     reader.finish()
     try:
@@ -150,7 +150,7 @@ def _read_header(data: bytes, positions: SharedPositions) -> SideInfo:
 
 
 def _clipped(value: int) -> int:
-    return max(-MAX_PLACE - 1, min(value, MAX_PLACE + 1))
+    return max(-MAX_COORD - 1, min(value, MAX_COORD + 1))
 
 
 def _problem(info: SideInfo) -> str | None:
@@ -168,7 +168,7 @@ def _problem(info: SideInfo) -> str | None:
         return f"logarithmic steps {info.log_steps.tolist()}"
     if np.abs(info.centres).max() > MAX_CAUSAL_CENTRE:
         return f"sizes around {info.centres.tolist()}"
-    if not ((info.spread > 0).all() and (info.spread <= MAX_PLACE).all() and np.abs(info.middle).max() <= MAX_PLACE):
+    if not ((info.spread > 0).all() and (info.spread <= MAX_COORD).all() and np.abs(info.middle).max() <= MAX_COORD):
         return f"a scene {info.spread.tolist()} voxels around {info.middle.tolist()}"
     distances = np.abs(info.positions.known.origin - info.middle).tolist()
     if any(distance > MAX_FAR * extent for distance, extent in zip(distances, info.spread.tolist(), strict=True)):

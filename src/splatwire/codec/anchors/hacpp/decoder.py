@@ -17,7 +17,7 @@ from splatwire.codec.schema import Decoder, Run, SymbolRows
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import AnchorScene, Attribute, ReceivedScene
 
-PLACE_BYTES = 128
+POSITION_BYTES = 128
 """Memory of an anchor's position while side information is read, bytes."""
 
 
@@ -36,7 +36,7 @@ def open_side_info(manifest: Manifest, side_info: bytes, num_bytes: int) -> Side
     if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
     num = manifest.num_elements
-    check_memory(num * PLACE_BYTES, num_bytes, f"reading the places of {num:,} anchors")
+    check_memory(num * POSITION_BYTES, num_bytes, f"reading the positions of {num:,} anchors")
     info = read_side_info(side_info, num, manifest.packetization.order)
     layout = info.config.layout
     stated = (manifest.feature_dim, manifest.num_offsets, manifest.feature_groups)
@@ -49,7 +49,7 @@ def scene_bytes(info: SideInfo) -> int:
     """Returns the memory of the decoded attributes of all anchors and of the resulting scene, bytes."""
     config = info.config
     width = config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
-    return len(info.voxels) * (PLACE_BYTES + 4 * (3 * width + config.prior_dim + 2 * config.grid.context_dim))
+    return len(info.voxels) * (POSITION_BYTES + 4 * (3 * width + config.prior_dim + 2 * config.grid.context_dim))
 
 
 def row_bytes(info: SideInfo) -> int:

@@ -51,7 +51,7 @@ def shared_appearance(
 
 @torch.no_grad()
 def relocate(state: GaussianState, num_gaussians: int, dead_opacity: float) -> None:
-    """Moves nearly transparent Gaussians to the places of visible ones, and adds new Gaussians at visible ones.
+    """Moves nearly transparent Gaussians to the positions of visible ones, and adds new Gaussians at visible ones.
 
     Args:
         state: State of the training; changed in place.

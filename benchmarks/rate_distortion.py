@@ -11,8 +11,8 @@ it uses orbit views and renders as references. Results are means over 2000 simul
 are counted. Of the others, `--pictures` are rendered, spread evenly over the loss. (Most samples of 6 would miss a
 failure in one of 70 transfers.) `--update` scores nearly equal rows again with more transfers.
 
-    python benchmarks/frontier.py SCENE [--data PHOTOS] [--views 3] [--pictures 8] [--plot frontier.png] > frontier.json
-    python benchmarks/frontier.py SCENE --data PHOTOS --pictures 40 --update frontier.json > final.json
+    python benchmarks/rate_distortion.py SCENE [--data PHOTOS] [--views 3] [--pictures 8] [--plot plot.png] > rows.json
+    python benchmarks/rate_distortion.py SCENE --data PHOTOS --pictures 40 --update rows.json > final.json
 """
 
 import argparse
@@ -66,7 +66,7 @@ class Variant:
     ) -> None:
         self.pictures, self.planning, self.members = pictures, planning, packet_members(stream)
         self.cache: dict[bytes, float] = {}
-        self.offer = variant_of_stream(stream, planning, seed=7, concealment_bytes=concealment_bytes)
+        self.planned = variant_of_stream(stream, planning, seed=7, concealment_bytes=concealment_bytes)
         preview = stream_preview(stream.side_info, stream.manifest.codec)
         self.blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
 
@@ -81,9 +81,9 @@ class Variant:
 
     def expected(self, protection: Protection, loss_name: str, budget: float, pictures: int) -> dict:
         """Mean PSNR over many transfers with the losses of the report, and the parts of this mean."""
-        outline, load = model_transfer(self.offer.load, protection), self.offer.load
-        traces = draw_losses(parse_loss(loss_name), COUNTED, len(outline.kind), REPORTED_SEED)
-        arrival = arrival_within(outline, traces, self.offer.budget_after_preview(budget))
+        transfer, load = model_transfer(self.planned.load, protection), self.planned.load
+        traces = draw_losses(parse_loss(loss_name), COUNTED, len(transfer.kind), REPORTED_SEED)
+        arrival = arrival_within(transfer, traces, self.planned.budget_after_preview(budget))
         everything = arrival.side_info & arrival.packets.all(axis=1)
         parts = np.flatnonzero(arrival.side_info & ~everything)
         ranked = parts[np.argsort((~arrival.packets[parts]) @ load.elements, kind="stable")]
@@ -97,25 +97,28 @@ class Variant:
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
+class ReferenceViews:
     """Cameras and the reference pictures of their views."""
 
     cameras: Cameras
     pictures: list[np.ndarray]
 
 
-def looks_of(scene: Scene, arguments: argparse.Namespace) -> tuple[CalibrationViews, Looks, Looks]:
-    """Views for training, for the planner, and for the report; without photos, they are rendered."""
+def reference_views_of(
+    scene: Scene, arguments: argparse.Namespace
+) -> tuple[CalibrationViews, ReferenceViews, ReferenceViews]:
+    """Views for training, for the planner, and for the report; rendered if there are no photos."""
     if arguments.data:
         train, test = (open_dataset(arguments.data, split=split) for split in ("train", "test"))
         views = CalibrationViews.of_photos(train)
         seen, unseen = spread(train.num_views, arguments.planning_views), spread(test.num_views, arguments.views)
-        planning = Looks(train.cameras.select(seen), [train.image(view) for view in seen])
-        return views, planning, Looks(test.cameras.select(unseen), [test.image(view) for view in unseen])
+        planning = ReferenceViews(train.cameras.select(seen), [train.image(view) for view in seen])
+        return views, planning, ReferenceViews(test.cameras.select(unseen), [test.image(view) for view in unseen])
     planning_views, both = arguments.planning_views, arguments.planning_views + arguments.views
-    around = [surrounding_cameras(scene, num) for num in (planning_views, both)]  # other numbers, other places
+    # A circle of another number of cameras has other positions.
+    around = [surrounding_cameras(scene, num) for num in (planning_views, both)]
     around[1] = around[1].select(spread(both, arguments.views))
-    planning, reported = (Looks(cameras, list(iterate_views(scene, cameras))) for cameras in around)
+    planning, reported = (ReferenceViews(cameras, list(iterate_views(scene, cameras))) for cameras in around)
     return CalibrationViews(planning.cameras), planning, reported
 
 
@@ -124,7 +127,7 @@ class Bench:
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.scene, self.concealer = open_scene(arguments.scene), arguments.conceal
-        self.train, self.planning, self.reported = looks_of(self.scene, arguments)
+        self.train, self.planning, self.reported = reference_views_of(self.scene, arguments)
         seen_from = self.train.cameras.select(spread(self.train.cameras.num_views, 6))
         self.importance = footprint_importance(self.scene, seen_from)
         self.tiers = self.importance.tiers(tuple(arguments.tiers), self.scene.drawable)
@@ -143,17 +146,17 @@ class Bench:
         """A stream of the scene with lossy pictures for planning and for reporting, for a concealer."""
         complete = decode_stream(stream)
         seen, unseen = (
-            LossyPictures(complete, looks.cameras, concealer or self.concealer, photos=looks.pictures)
-            for looks in (self.planning, self.reported)
+            LossyPictures(complete, views.cameras, concealer or self.concealer, photos=views.pictures)
+            for views in (self.planning, self.reported)
         )
         return Variant(stream, unseen, seen, concealment_bytes)
 
 
-def bare(load: StreamLoad) -> float:
+def unprotected_bytes(load: StreamLoad) -> float:
     return float(model_transfer(load, Protection(side_repair=0.0)).num_bytes.sum())
 
 
-def frontier(variants: list[Variant], arguments: argparse.Namespace) -> list[dict]:
+def rate_distortion_rows(variants: list[Variant], arguments: argparse.Namespace) -> list[dict]:
     """Scores of each way to spend each budget on each channel; the first stream is the plain one."""
     rows, plain = [], variants[0]
     points = [(name, factor) for name in arguments.losses for factor in arguments.budgets]
@@ -162,12 +165,12 @@ def frontier(variants: list[Variant], arguments: argparse.Namespace) -> list[dic
         points = [(row["loss"], row["budget"]) for row in rows if margin_of(row) != 0 and margin_of(row) < LEVEL_DB]
     for name, factor in points:
         loss = parse_loss(name)
-        traces = draw_transfer_losses([variant.offer for variant in variants], loss, HEAD_TRIALS, PLANNING_SEED)
-        budget = factor * bare(plain.offer.load)
-        plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=budget, trials=60,
+        traces = draw_transfer_losses([variant.planned for variant in variants], loss, HEAD_TRIALS, PLANNING_SEED)
+        budget = factor * unprotected_bytes(plain.planned.load)
+        plan = plan_protection([variant.planned for variant in variants], loss, budget_bytes=budget, trials=60,
                                rendered_trials=arguments.drawn, seed=PLANNING_SEED)  # fmt: skip
         ways = {way: (plain, protection) for way, protection in
-                baseline_candidates(plain.offer.load, traces, PlanConstraints(budget)).items()}  # fmt: skip
+                baseline_candidates(plain.planned.load, traces, PlanConstraints(budget)).items()}  # fmt: skip
         ways["planner"] = (variants[plan.variant], plan.protection)
         row = {"loss": name, "budget": factor, "expected": plan.psnr, "tiers": plan.variant > 0,
                "repair": plan.protection.tier_repair, "side_repair": plan.protection.side_repair,
@@ -178,7 +181,7 @@ def frontier(variants: list[Variant], arguments: argparse.Namespace) -> list[dic
         rows = [other for other in rows if (other["loss"], other["budget"]) != (name, factor)] + [row]
         text = " ".join(f"{way} {row[way]['psnr']:.2f}" for way in ways)
         print(f"{name} {factor}: {text} (expected {plan.psnr:.2f})", file=sys.stderr, flush=True)
-    order = {name: place for place, name in enumerate(LOSSES)}
+    order = {name: rank for rank, name in enumerate(LOSSES)}
     return sorted(rows, key=lambda row: (order.get(row["loss"], len(order)), row["loss"], row["budget"]))
 
 
@@ -247,9 +250,12 @@ def main() -> None:
     bench = Bench(arguments)
     variants = [bench.variant(stream) for stream in bench.streams()]
     plain, whole = variants[0], np.ones(len(variants[0].members), dtype=np.bool_)
-    ceiling, plain_bytes = plain.psnr(True, whole), bare(plain.offer.load)
-    print(f"{plain_bytes} bytes, {bare(variants[1].offer.load)} with tiers, {ceiling:.2f} dB", file=sys.stderr)
-    rows = frontier(variants, arguments)
+    ceiling, plain_bytes = plain.psnr(True, whole), unprotected_bytes(plain.planned.load)
+    print(
+        f"{plain_bytes} bytes, {unprotected_bytes(variants[1].planned.load)} with tiers, {ceiling:.2f} dB",
+        file=sys.stderr,
+    )
+    rows = rate_distortion_rows(variants, arguments)
     if arguments.plot:
         draw(rows, ceiling, arguments.plot)
     print(json.dumps({

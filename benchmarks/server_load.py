@@ -1,6 +1,6 @@
 """Load of one server with many receivers of a scene with levels: processor time, packets and memory.
 
-python benchmarks/audience.py city.swz [--seconds 20]
+python benchmarks/server_load.py city.swz [--seconds 20]
 """
 
 import argparse
@@ -104,29 +104,30 @@ def process_usage(pid: int) -> tuple[float, int]:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE")
 
 
-def under_load(path: Path, stream: SceneStream, seconds: float, crowds: list[tuple[int, int]]) -> dict[str, Any]:
+def under_load(path: Path, stream: SceneStream, seconds: float, populations: list[tuple[int, int]]) -> dict[str, Any]:
     tiles, found = (
         read_tiles(stream.manifest, stream.side_info),
         dict[str, Any](tiles=int(stream.manifest.plan.num_blocks)),
     )
-    for idle, active in crowds:
+    for idle, active in populations:
         words = [sys.executable, "-m", "splatwire", "serve", str(path), "--port", "0", "--json", "--rate", "0.25",
                  "--clients", "2000", "--clients-per-address", "2000"]  # fmt: skip
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
             assert server.stdout is not None
             port = json.loads(server.stdout.readline())["port"]
             _, empty = process_usage(server.pid)
-            crowd = SimulatedReceivers(port, tiles, idle, active)
-            crowd.run((idle + active) / 400 + 12)  # until all receivers have started and have the opening
-            (before, _), data, views, began = process_usage(server.pid), crowd.data, crowd.views, time.perf_counter()
-            crowd.run(seconds)
+            receivers = SimulatedReceivers(port, tiles, idle, active)
+            receivers.run((idle + active) / 400 + 12)  # until all receivers have started and have the opening
+            data, views, began = receivers.data, receivers.views, time.perf_counter()
+            before, _ = process_usage(server.pid)
+            receivers.run(seconds)
             (after, memory), passed = process_usage(server.pid), time.perf_counter() - began
             server.terminate()
             found[f"{idle} idle, {active} active"] = {
                 "processor_share": round((after - before) / passed, 3),
-                "packets_s": round((crowd.data - data) / passed),
-                "views_s": round((crowd.views - views) / passed), "memory_mb": round(memory / 1e6),
-                "memory_of_server_alone_mb": round(empty / 1e6), "ended": crowd.end_reasons,
+                "packets_s": round((receivers.data - data) / passed),
+                "views_s": round((receivers.views - views) / passed), "memory_mb": round(memory / 1e6),
+                "memory_of_server_alone_mb": round(empty / 1e6), "ended": receivers.end_reasons,
             }  # fmt: skip
     return found
 

@@ -1,9 +1,9 @@
 """One transfer over an emulated link, as root: two namespaces, two TUN devices, and the link in this process.
 
-    python benchmarks/click_link.py '{"scheme": "http1", "file": "guitar.sog", ...}'
+    python benchmarks/emulated_link.py '{"scheme": "http1", "file": "guitar.sog", ...}'
 
 The kernel's TCP or aioquic or our own sender and receiver run in the namespaces, each end a process. The link has
-seeded losses, half a round trip of delay and a rate limit in each direction. Its drop-tail queue holds one
+seeded losses, half a round trip of delay and a rate limit in each direction. Its drop-tail queue has a capacity of one
 bandwidth-delay product, at least 32 packets. The client writes its log to a file. For `why_not_http.py`.
 """
 
@@ -75,7 +75,7 @@ class Link:
 
 def inside(space: str, job: dict, role: str) -> subprocess.Popen[str]:
     """Starts an end in a namespace."""
-    command = ["ip", "netns", "exec", space, sys.executable, str(HERE / "click_ends.py"), role, json.dumps(job)]
+    command = ["ip", "netns", "exec", space, sys.executable, str(HERE / "link_endpoints.py"), role, json.dumps(job)]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 

@@ -1,4 +1,4 @@
-"""The two ends of a transfer of `click_link.py`: a server, and a client that logs arrivals over time.
+"""The two ends of a transfer of `emulated_link.py`: a server, and a client that logs arrivals over time.
 
 HTTP/1.1 is plain TCP without TLS, which spares it a round trip. HTTP/3 is aioquic with CUBIC and a certificate that is
 not checked. Datagrams use `splatwire serve` and `splatwire receive` over UDP with retransmission.
@@ -25,8 +25,8 @@ class Log:
     def __init__(self, path: str) -> None:
         self._path, self.began, self.rows = Path(path), time.perf_counter(), list[tuple[float, object]]()
 
-    def add(self, what: object) -> None:
-        self.rows.append((round(time.perf_counter() - self.began, 4), what))
+    def add(self, event: object) -> None:
+        self.rows.append((round(time.perf_counter() - self.began, 4), event))
 
     def write(self, complete: bool) -> None:
         self._path.write_text(json.dumps({"complete": complete, "rows": self.rows}))
@@ -153,17 +153,17 @@ async def receive_datagrams(log: Log) -> bool:
     from splatwire.transport.address import parse_url
     from splatwire.transport.udp import receive_udp
 
-    def note(event: object) -> None:
+    def log_event(event: object) -> None:
         if isinstance(event, SideInfoArrived):
             log.add("head")
         elif isinstance(event, PacketArrived):
             log.add(repr(event.packet.id))
 
-    receiver = await receive_udp(parse_url(f"udp://{HOST}:{PORT}"), ReceiverOptions(silence_s=20), note)
+    receiver = await receive_udp(parse_url(f"udp://{HOST}:{PORT}"), ReceiverOptions(silence_s=20), log_event)
     return receiver.finished is not None and receiver.finished.reason == "complete"
 
 
-def hurry() -> None:
+def raise_priority() -> None:
     """Raises the priority of the process, so that the network determines the measured time."""
     os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(5))
 
@@ -176,7 +176,7 @@ async def serve(job: dict) -> None:
         kept = await serve_http1(path.read_bytes(), job["congestion"])
     else:
         kept = await serve_http3(path.read_bytes())
-    hurry()
+    raise_priority()
     print("ready", flush=True)
     await asyncio.Event().wait()
     del kept
@@ -188,7 +188,7 @@ async def receive(job: dict) -> None:
         http3_classes()
     if job["scheme"] == "datagrams":
         import splatwire.transport.udp  # noqa: F401
-    hurry()
+    raise_priority()
     print("ready", flush=True)
     sys.stdin.readline()
     log, complete = Log(job["log"]), False

@@ -8,7 +8,7 @@ Mbit/s are simulated datagram by datagram. The server's greetings arrive; a fift
 random. The use of a sketch is chosen on training photos. The mean PSNR against test photos includes all `--transfers`;
 of the lossy ones, `--pictures` are rendered.
 
-    python benchmarks/resend.py SCENE --data PHOTOS [--limit 0.08] [--transfers 100] [--pictures 10]
+    python benchmarks/retransmission.py SCENE --data PHOTOS [--limit 0.08] [--transfers 100] [--pictures 10]
 """
 
 import importlib.util
@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from frontier import REPORTED_SEED, Bench, Variant
 from protection import scene_parser, sketches
+from rate_distortion import REPORTED_SEED, Bench, Variant
 
 from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.channel import parse_loss
@@ -41,7 +41,7 @@ ROUNDS = 6
 NEAR = 0.003
 """Largest unused share of all bytes below the limit."""
 FIRST_PLANNED = 100_000
-"""Seeds of transfers that are looked at before; those that are reported start at 0."""
+"""First seed of the transfers of the planning; seeds of reported transfers start at 0."""
 
 
 def network():
@@ -67,8 +67,8 @@ class Outcome(NamedTuple):
     spent: float
 
 
-def fates(loss_name: str, seed: int):
-    """Function that says of one datagram after another whether it is lost."""
+def loss_pattern(loss_name: str, seed: int):
+    """Returns a function that returns True if the next datagram is lost."""
     rng = np.random.Generator(np.random.PCG64([REPORTED_SEED, seed]))
     received = parse_loss(loss_name).received(MAX_SEQUENCE, rng)
     return itertools.cycle((~received).tolist()).__next__
@@ -77,9 +77,9 @@ def fates(loss_name: str, seed: int):
 def simulate_transfer(served: ServedStream, plain_bytes: int, loss_name: str, seed: int) -> Outcome:
     """Simulates a transfer to its end."""
     net = network()
-    # reports and greetings are few: losses in runs of twenty datagrams would be losses of seconds there
-    fate = itertools.chain((False,) * RETRY_HANDSHAKES, iter(fates(loss_name, 2 * seed), None))
-    down, up = net.Link(fate.__next__), net.Link(fates("bernoulli:0.2", 2 * seed + 1))
+    # Reports and handshakes are few, so a burst of twenty losses among them would last for seconds.
+    losses = itertools.chain((False,) * RETRY_HANDSHAKES, iter(loss_pattern(loss_name, 2 * seed), None))
+    down, up = net.Link(losses.__next__), net.Link(loss_pattern("bernoulli:0.2", 2 * seed + 1))
     limits = ServerLimits(fixed_rate=RATE)
     result = net.transfer(served, down=down, up=up, seed=seed, limits=limits, most_s=120)
     collector, stream = result.receiver.collector, result.receiver.stream()
@@ -94,13 +94,13 @@ def score(variant: Variant, outcomes: list[Outcome], pictures: int, planning: bo
     """Mean PSNR over transfers; complete and empty transfers are counted, some of the others rendered."""
     views = variant.planning if planning else variant.pictures
     parts = [o for o in outcomes if o.head and not o.packets.all()]
-    parts.sort(key=lambda o: int((~o.packets) @ variant.offer.load.elements))
+    parts.sort(key=lambda o: int((~o.packets) @ variant.planned.load.elements))
     count = min(pictures, len(parts))
     chosen = [parts[int((n + 0.5) / count * len(parts))] for n in range(count)]
     drawn = [views.psnr(known_elements(variant.members, o.packets, views.num_elements)) for o in chosen]
     nothing = sum(not o.head for o in outcomes) / len(outcomes)
     everything = sum(o.head and bool(o.packets.all()) for o in outcomes) / len(outcomes)
-    blank = variant.offer.blank_psnr if planning else variant.blank
+    blank = variant.planned.blank_psnr if planning else variant.blank
     psnr = nothing * blank + everything * whole_psnr(views)
     psnr += (1 - nothing - everything) * float(np.mean(drawn)) if drawn else 0.0
     return {"psnr": psnr, "nothing": nothing, "everything": everything, "drawn": drawn}
@@ -165,7 +165,7 @@ def main() -> None:
     parser = scene_parser(__doc__.splitlines()[0])
     parser.set_defaults(views=3, pictures=10, tiers=[0.03, 0.05, 0.1, 0.2], sketch=[0.015, 0.03])
     parser.add_argument("--transfers", type=int, default=100)
-    parser.add_argument("--planned", type=int, default=40, help="transfers that a choice is made by")
+    parser.add_argument("--planned", type=int, default=40, help="transfers simulated for each choice of the planning")
     arguments = parser.parse_args()
     bench = Bench(arguments)
     stream = encode_scene(bench.scene, PRESETS["datagram"], tiers=bench.tiers)
