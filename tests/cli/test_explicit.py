@@ -16,6 +16,7 @@ from splatwire.bitstream import read_stream, write_stream
 from splatwire.calibration import preview
 from splatwire.cli import _run_calibrate
 from splatwire.codec import add_concealment
+from splatwire.concealment import concealer_names
 from splatwire.io.formats import read_splats, write_splats
 from splatwire.transport.protocol.preview import stream_preview
 from splatwire.types.splats import Splats
@@ -144,7 +145,7 @@ def test_orbit_views_are_rendered_without_cameras(run, ply, lossy, tmp_path):
 def test_evaluate_applies_the_same_losses_to_every_concealer(run, ply, stream, tmp_path):
     words = ("--reference", ply, "--loss", "bernoulli:0.3", "--seeds", "0", "1", "--views", "3", "--lpips-views", "1")
     rows = {row["method"]: row for row in run("evaluate", stream, *words, "--json").json["rows"]}
-    assert set(rows) == {"no loss", "drop", "grow", "scene_free"}
+    assert set(rows) == {"no loss", *concealer_names((), {Splats})}
     assert rows["no loss"]["psnr"] > rows["drop"]["psnr"] + 3
     assert rows["drop"]["num_lost_packets"] == rows["grow"]["num_lost_packets"] > 0
     encoded = run("evaluate", ply, *words, "--conceal", "drop", "-o", tmp_path / "report", "--json")
