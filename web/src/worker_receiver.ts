@@ -22,8 +22,10 @@ import { PacketCache } from "./transport/packet_cache.ts";
 import { isIntact, PacketStore } from "./transport/packet_store.ts";
 import { fileManifest, manifestDigest, readWhole, updateUrl } from "./transport/updates.ts";
 
-const SHOW_MS = 30,
-  COUNT_MS = 200;
+/** Minimum interval between messages with Gaussians for the page, milliseconds. */
+const DRAW_INTERVAL_MS = 30;
+/** Minimum interval between messages with counts, milliseconds. */
+const COUNT_INTERVAL_MS = 200;
 
 const KEPT = "kept by this browser",
   VIEW_COMPLETE = "All that this view needs is there.";
@@ -268,7 +270,7 @@ export class WorkerReceiver implements Receiver {
     // another source counts from 0
     if (this.#counts && counts.bytes < this.#counts.bytes) this.#bytesBefore += this.#counts.bytes;
     this.#counts = counts;
-    if (performance.now() - this.#countedAt > COUNT_MS) this.#reportCounts(counts);
+    if (performance.now() - this.#countedAt > COUNT_INTERVAL_MS) this.#reportCounts(counts);
   }
 
   #reportCounts(counts: Counts): void {
@@ -314,7 +316,7 @@ export class WorkerReceiver implements Receiver {
         this.failed = error as Error;
       }
       this.#sequenceFrames.reportPlayable();
-      if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
+      if (performance.now() - this.#shownAt > DRAW_INTERVAL_MS) void this.#draw();
       await nextTask();
     }
     this.#waiting.length = this.#batches.length = 0;

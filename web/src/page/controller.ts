@@ -269,7 +269,7 @@ export class Controller {
     this.panel.showNotice("loading", "Connecting ...");
     if (preview) this.#preview(() => packPreview(fromBase64(preview)));
     const sizes = new ResizeObserver(() => stage.resize()),
-      sight = new IntersectionObserver((entries) => {
+      visibility = new IntersectionObserver((entries) => {
         stage.setVisible(entries[entries.length - 1].isIntersecting);
         this.#playback.setVisible(stage.isVisible);
         this.#rotation.setVisible(stage.isVisible);
@@ -280,10 +280,10 @@ export class Controller {
     );
     this.onAdopted();
     sizes.observe(stage.surface);
-    sight.observe(host);
+    visibility.observe(host);
     signal.addEventListener("abort", () => {
       sizes.disconnect();
-      sight.disconnect();
+      visibility.disconnect();
     });
     host.addEventListener("keydown", (event) => this.#key(event), { signal });
     host.addEventListener("fullscreenchange", () => this.#fullScreenChanged(), { signal });
@@ -470,12 +470,12 @@ export class Controller {
     this.#viewUpdates = null;
     stage.onCamera = null;
     if (!viewDependent) return;
-    const watch = new ViewUpdates(size, (camera, requestId) => {
+    const viewUpdates = new ViewUpdates(size, (camera, requestId) => {
       const budget = gaussianBudget(this.host.getAttribute("max-gaussians"), this.#contextLosses);
       this.#send({ kind: "view", camera, budget, requestId });
     });
-    this.#viewUpdates = watch;
-    stage.onCamera = (camera) => watch.onCamera(camera);
+    this.#viewUpdates = viewUpdates;
+    stage.onCamera = (camera) => viewUpdates.onCamera(camera);
     stage.reportCamera();
   }
 

@@ -1,12 +1,11 @@
 // Requests for gains, which conceal losses. Those for arriving packets leave most of the worker's time to decoding.
 
-/**
- * While packets arrive: least and most time before new gains are requested, milliseconds, and the time in between in
- * multiples of the time that the last ones took.
- */
-const INTERVAL_MS = 1000,
-  LONGEST_MS = 20000,
-  MULTIPLE = 4;
+/** Minimum time before new gains are requested while packets arrive, milliseconds. */
+const MIN_INTERVAL_MS = 1000;
+/** Maximum of this time, milliseconds. */
+const MAX_INTERVAL_MS = 20_000;
+/** The time between these limits, in multiples of the time that the last gains took. */
+const MULTIPLE = 4;
 
 export class GainsRequests {
   #requested = 0;
@@ -26,7 +25,7 @@ export class GainsRequests {
 
   /** Requests gains after a while, because packets arrived. */
   soon(): void {
-    const ms = Math.min(Math.max(INTERVAL_MS, MULTIPLE * this.#tookMs), LONGEST_MS);
+    const ms = Math.min(Math.max(MIN_INTERVAL_MS, MULTIPLE * this.#tookMs), MAX_INTERVAL_MS);
     this.#timer ??= setTimeout(() => {
       this.#timer = null; // For clips, `request` does not call `next`, which would clear the timer.
       this.request();

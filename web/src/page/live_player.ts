@@ -9,8 +9,8 @@ export class LivePlayer extends PlayerBase {
   /** True if playing at the last tick. Frames that pass during a pause are not counted as late. */
   #wasPlaying = false;
 
-  constructor(rate: number, ask: RequestFrame) {
-    super(rate, ask);
+  constructor(rate: number, requestFrame: RequestFrame) {
+    super(rate, requestFrame);
     this.number = -1;
     this.#buffer = new JitterBuffer(rate);
     this.begin();

@@ -114,9 +114,9 @@ export class Player extends PlayerBase {
 
   constructor(
     readonly times: SequenceTiming,
-    ask: RequestFrame,
+    requestFrame: RequestFrame,
   ) {
-    super(times.rate, ask);
+    super(times.rate, requestFrame);
     this.#seek.max = String(times.numFrames - 1);
     this.#seek.addEventListener("input", () => this.seek(Number(this.#seek.value)));
     this.label.before(this.#seek);

@@ -245,10 +245,10 @@ export class Stage implements ContextOwner {
   }
 
   /** Sets whether the element is visible. Invisible elements may lose their WebGL context. */
-  setVisible(inSight: boolean): void {
-    if (this.isVisible === inSight) return;
-    this.isVisible = inSight;
-    if (!inSight) return offerContext();
+  setVisible(isVisible: boolean): void {
+    if (this.isVisible === isVisible) return;
+    this.isVisible = isVisible;
+    if (!isVisible) return offerContext();
     if (performance.now() - this.#failedAt > RECOVERY_MS)
       this.#contextFailures = Math.min(this.#contextFailures, MAX_CONTEXT_FAILURES);
     this.touch();

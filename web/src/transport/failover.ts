@@ -50,13 +50,13 @@ const TRANSPORTS: Transports = {
  * Receives a stream and returns how it ended: `complete`, `sent`, `stopped` or a reason. Throws errors that a retry
  * cannot resolve.
  */
-export function receiveAll(source: Source, receiver: Receiver, ways = TRANSPORTS): Promise<string> {
-  const attempts = new Failover(source, receiver, ways);
-  return withBackoff(() => attempts.attempt(), {
-    isRetryable: (error) => !receiver.stopped() && attempts.canRetry(error),
+export function receiveAll(source: Source, receiver: Receiver, transports = TRANSPORTS): Promise<string> {
+  const failover = new Failover(source, receiver, transports);
+  return withBackoff(() => failover.attempt(), {
+    isRetryable: (error) => !receiver.stopped() && failover.canRetry(error),
     progress: () => receiver.store.count,
     lost: (reason, retryMs) => receiver.lost(reason, retryMs),
-    wait: ways.wait,
+    wait: transports.wait,
   });
 }
 
@@ -71,9 +71,9 @@ class Failover {
   constructor(
     readonly source: Source,
     readonly receiver: Receiver,
-    readonly ways: Transports,
+    readonly transports: Transports,
   ) {
-    this.#file = ways.openFile(source.file);
+    this.#file = transports.openFile(source.file);
     this.#session = source.session;
   }
 
@@ -122,7 +122,7 @@ class Failover {
     if (broken instanceof NoWebTransport) refused.message += `, and ${broken.message}`;
     if (begun) throw refused;
     // The server may have been unreachable when its session was looked up.
-    this.#session ??= await this.ways.lookUpSession(new URL(this.source.file));
+    this.#session ??= await this.transports.lookUpSession(new URL(this.source.file));
     if (!this.#session) throw refused;
     return this.#receiveSession(this.#session);
   }
@@ -153,11 +153,11 @@ class Failover {
         bitsOf: (order: string): Uint8Array | null => store.bitsOf(order),
       },
       opening = { isRetry: this.#numSessions++ > 0, isOnlySource: receiver.live || this.#isWithoutFile },
-      ended = await this.ways.receiveDatagrams(session, source.name, receiver, before, opening);
-    if (!["complete", "sent", "stopped"].includes(ended)) throw new Error(ended);
-    const isShort = ended === "complete" && !receiver.live && store.hasHead && !store.complete;
-    if (isShort && ++this.#incomplete <= MAX_INCOMPLETE) throw new Error("the session ended without all packets");
-    return isShort ? "sent" : ended;
+      outcome = await this.transports.receiveDatagrams(session, source.name, receiver, before, opening);
+    if (!["complete", "sent", "stopped"].includes(outcome)) throw new Error(outcome);
+    const isIncomplete = outcome === "complete" && !receiver.live && store.hasHead && !store.complete;
+    if (isIncomplete && ++this.#incomplete <= MAX_INCOMPLETE) throw new Error("the session ended without all packets");
+    return isIncomplete ? "sent" : outcome;
   }
 
   /**
@@ -165,7 +165,7 @@ class Failover {
    * null. A session on another host than the file keeps its URL.
    */
   async #renewed(session: Session): Promise<Session | null> {
-    const published = await this.ways.lookUpSession(new URL(this.source.file)),
+    const published = await this.transports.lookUpSession(new URL(this.source.file)),
       fingerprint = published?.fingerprint;
     if (!published || !fingerprint || fingerprint === session.fingerprint) return null;
     const isSameHost = new URL(published.url).hostname === new URL(session.url).hostname;

@@ -44,7 +44,7 @@ const NOT_YET_MS = 250;
 /** Refusals that a retry cannot resolve. */
 export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], REFUSALS[OTHER_VERSION], IMPOSSIBLE];
 /** Maximum number of datagrams kept until the welcome message arrives. */
-const MAX_EARLY = 64;
+const MAX_EARLY_DATAGRAMS = 64;
 /** Maximum number of packets kept until the message arrives that announces them. */
 const MAX_WAITING_PACKETS = 512;
 
@@ -159,7 +159,7 @@ export class Transfer {
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
     const known =
       kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
-    if (!this.welcome && known && this.#early.length < MAX_EARLY) return void this.#early.push(bytes);
+    if (!this.welcome && known && this.#early.length < MAX_EARLY_DATAGRAMS) return void this.#early.push(bytes);
     if (!this.welcome || !known || dataView(bytes).getUint32(1, true) !== this.welcome.session)
       return void this.counts.rejected++;
     if (kind === SIDE) return this.#onSideInfo(bytes, now);
@@ -303,10 +303,10 @@ export class Transfer {
     this.head = null;
     this.ended = false;
     this.#fruitlessEnds = 0;
-    const there = new Uint8Array(next.packets);
-    if (same) there.set(this.#packetStates);
+    const states = new Uint8Array(next.packets);
+    if (same) states.set(this.#packetStates);
     else this.#resetPeriod(before.streamId);
-    this.#packetStates = there;
+    this.#packetStates = states;
     this.#processEarly(now);
   }
 
@@ -349,12 +349,12 @@ export class Transfer {
     }
   }
 
-  /** Accepts a packet. In a growing stream it `may` arrive before the message that announces it. */
-  #acceptPacket(packetIndex: number, bytes: Uint8Array, may = false): void {
+  /** Accepts a packet. In a growing stream it may arrive before the message that announces it (`mayBeEarly`). */
+  #acceptPacket(packetIndex: number, bytes: Uint8Array, mayBeEarly = false): void {
     const { packets, packetBytes, streamId, isLive, order } = this.welcome!,
       packet = readPacket(bytes, streamId);
     if (packetIndex >= packets || bytes.length > packetBytes || !packet) {
-      if (isLive && may && this.#waiting.length < MAX_WAITING_PACKETS)
+      if (isLive && mayBeEarly && this.#waiting.length < MAX_WAITING_PACKETS)
         this.#waiting.push({ index: packetIndex, bytes });
       else this.counts.rejected++;
       return;
@@ -377,15 +377,15 @@ export class Transfer {
    */
   #contradicts(packetIndex: number, identity: number): boolean {
     const before = this.#positions.get(identity) ?? packetIndex,
-      there = this.#identities.get(packetIndex) ?? identity;
-    if (before === packetIndex && there === identity) {
+      known = this.#identities.get(packetIndex) ?? identity;
+    if (before === packetIndex && known === identity) {
       this.#positions.set(identity, packetIndex);
       this.#identities.set(packetIndex, identity);
       return false;
     }
     for (const one of [packetIndex, before]) {
-      const known = this.#identities.get(one);
-      if (known !== undefined) this.#positions.delete(known);
+      const old = this.#identities.get(one);
+      if (old !== undefined) this.#positions.delete(old);
       this.#identities.delete(one);
       if (this.#packetStates[one]) this.counts.packets--;
       this.#packetStates[one] = 0;

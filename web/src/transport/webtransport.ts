@@ -7,22 +7,25 @@ import { FrameReader } from "./frames.ts";
 import { type StoredStream, Transfer } from "./transfer.ts";
 import { FEEDBACK_MS } from "./wire.ts";
 
-const PATIENCE_MS = 4000,
-  SILENCE_MS = 10000;
+/** Maximum time until a session is open, or the server answers a look-up, milliseconds. */
+const SESSION_TIMEOUT_MS = 4000;
+/** Time without a datagram after which a session ends, milliseconds. */
+const SILENCE_TIMEOUT_MS = 10_000;
+/** Minimum interval between view updates, milliseconds. */
+const VIEW_INTERVAL_MS = 100;
+/** Number of repetitions of a view update at this interval, because updates may be lost. */
+const IMMEDIATE_UPDATES = 2;
+/** Interval of later repetitions, milliseconds. */
+const VIEW_REPEAT_MS = 1000;
+/** Time after all tiles of the view arrived, from which feedback is sent at half this interval, milliseconds. */
+const IDLE_MS = 1000;
+/** Number of `BYE` datagrams that end a transfer. */
+const NUM_BYES = 3;
 /**
- * View updates: minimum interval, milliseconds; number of immediate repetitions; later repetition interval, because
- * updates may be lost.
+ * Maximum wait until the browser has sent them, milliseconds. Datagrams to a server that fell silent stay in the
+ * browser until the session's idle timeout.
  */
-const VIEW_MS = 100,
-  IMMEDIATE_UPDATES = 2,
-  VIEW_AGAIN_MS = 1000,
-  IDLE_MS = 1000;
-/**
- * Number of farewells, and the maximum wait until the browser has sent them, milliseconds. Datagrams to a server that
- * fell silent stay in the browser until the session's idle timeout.
- */
-const NUM_BYES = 3,
-  BYE_MS = 200;
+const BYE_TIMEOUT_MS = 200;
 /** View without a budget. The server sends only the base tiles until the camera is known. */
 const NO_VIEW: ViewCamera = {
   viewmat: [
@@ -35,15 +38,16 @@ const NO_VIEW: ViewCamera = {
   height: 1,
 };
 /** Size of the datagram queue. The browser drops further datagrams while the thread is busy. */
-const MAX_WAITING = 1024;
+const MAX_QUEUED_DATAGRAMS = 1024;
+/** Start times of parallel handshakes, milliseconds. */
+const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000];
 /**
- * Start times of parallel handshakes, milliseconds, and number of failures after which no further one starts. Chromium
- * doubles the delay of new handshakes with every one that failed within the last minutes.
+ * Number of failed handshakes after which no further one starts. Chromium doubles the delay of new handshakes with
+ * every one that failed within the last minutes.
  */
-const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000],
-  MAX_FAILED = 2;
-/** Patience for handshakes that Chromium delays, milliseconds, if the stream has no other source. */
-const ONLY_SOURCE_PATIENCE_MS = 20_000;
+const MAX_FAILED_HANDSHAKES = 2;
+/** `SESSION_TIMEOUT_MS` for a stream without another source: Chromium may delay handshakes, milliseconds. */
+const ONLY_SOURCE_TIMEOUT_MS = 20_000;
 
 export interface Session {
   readonly url: string;
@@ -51,7 +55,7 @@ export interface Session {
   readonly fingerprint?: string;
 }
 
-/** How a session is opened. */
+/** Options of opening a session. */
 export interface Opening {
   /** True if an earlier session of this visit failed. It is then opened with one handshake. */
   readonly isRetry: boolean;
@@ -59,7 +63,7 @@ export interface Opening {
   readonly isOnlySource: boolean;
 }
 
-const FIRST: Opening = { isRetry: false, isOnlySource: false };
+const FIRST_OPENING: Opening = { isRetry: false, isOnlySource: false };
 
 /** Error for a browser or page that cannot open sessions. */
 export class NoWebTransport extends Error {}
@@ -68,7 +72,7 @@ export class NoWebTransport extends Error {}
 export async function lookUpSession(file: URL): Promise<Session | null> {
   if (!file.pathname.includes("/streams/")) return null;
   try {
-    const answer = await fetch(new URL("../streams.json", file), { signal: AbortSignal.timeout(PATIENCE_MS) });
+    const answer = await fetch(new URL("../streams.json", file), { signal: AbortSignal.timeout(SESSION_TIMEOUT_MS) });
     const { port, path, fingerprint } = (await answer.json()) as Record<string, unknown>;
     if (!answer.ok || typeof port !== "number" || typeof path !== "string") return null;
     const url = `https://${file.hostname}:${port}${path}`;
@@ -87,7 +91,7 @@ export async function receiveDatagrams(
   name: string,
   listener: Listener,
   before: StoredStream | null = null,
-  opening = FIRST,
+  opening = FIRST_OPENING,
 ): Promise<string> {
   if (typeof WebTransport === "undefined") throw new NoWebTransport("this browser or page has no WebTransport");
   const transport = await openSession(session, opening),
@@ -95,7 +99,7 @@ export async function receiveDatagrams(
   const end = (error: unknown): void =>
     void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
   transport.closed.then(end, end);
-  transport.datagrams.incomingHighWaterMark = MAX_WAITING;
+  transport.datagrams.incomingHighWaterMark = MAX_QUEUED_DATAGRAMS;
   const stream = await withTimeout(transport.createBidirectionalStream()).catch((error: unknown) => {
     transport.close();
     throw error;
@@ -111,16 +115,16 @@ export async function receiveDatagrams(
     }
   };
   send([request]);
-  let heardAt = performance.now();
+  let receivedAt = performance.now();
   const frames = new FrameReader();
   readAll(stream.readable, (chunk) => {
-    heardAt = performance.now();
-    for (const bytes of frames.feed(chunk)) transfer.receive(bytes, heardAt);
+    receivedAt = performance.now();
+    for (const bytes of frames.feed(chunk)) transfer.receive(bytes, receivedAt);
     send(transfer.takeHave());
   }).catch(end);
   readAll(transport.datagrams.readable, (bytes) => {
-    heardAt = performance.now();
-    transfer.receive(bytes, heardAt);
+    receivedAt = performance.now();
+    transfer.receive(bytes, receivedAt);
     send(transfer.takeHave());
   }).catch(end);
   const progress = new Progress(transfer, listener),
@@ -130,7 +134,7 @@ export async function receiveDatagrams(
       await delay(FEEDBACK_MS);
       const now = performance.now();
       if (listener.stopped()) transfer.finished = "stopped";
-      else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
+      else if (now - receivedAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server fell silent";
       else
         for (const bytes of transfer.welcome ? viewReporter.messages(now) : now < transfer.waitUntil ? [] : [request])
           datagrams.write(bytes).catch(() => undefined);
@@ -140,7 +144,7 @@ export async function receiveDatagrams(
     progress.report();
     if (transfer.welcome) {
       const byes = Array.from({ length: NUM_BYES }, () => datagrams.write(transfer.bye()).catch(() => undefined));
-      await Promise.race([Promise.all(byes), delay(BYE_MS)]);
+      await Promise.race([Promise.all(byes), delay(BYE_TIMEOUT_MS)]);
     }
   } finally {
     transport.close(); // also if the listener rejects the stream
@@ -154,7 +158,7 @@ export async function receiveDatagrams(
 class ViewReporter {
   #sentCamera: ViewCamera | null = null;
   #completeCamera: ViewCamera | null = null;
-  #times = 0;
+  #numSent = 0;
   #sentAt = -Infinity;
   #reportedAt = -Infinity;
   #completeAt = Infinity;
@@ -182,11 +186,11 @@ class ViewReporter {
       hasView = transfer.welcome!.viewable && this.listener.camera !== undefined,
       camera = hasView ? (this.listener.camera ?? NO_VIEW) : null,
       datagrams: Uint8Array[] = [];
-    if (camera !== this.#sentCamera) this.#times = 0;
-    if (camera && now - this.#sentAt >= (this.#times < IMMEDIATE_UPDATES ? VIEW_MS : VIEW_AGAIN_MS)) {
+    if (camera !== this.#sentCamera) this.#numSent = 0;
+    if (camera && now - this.#sentAt >= (this.#numSent < IMMEDIATE_UPDATES ? VIEW_INTERVAL_MS : VIEW_REPEAT_MS)) {
       datagrams.push(transfer.view(camera, camera === NO_VIEW ? 1 : BUDGET));
       this.#sentAt = now;
-      this.#times++;
+      this.#numSent++;
       this.#sentCamera = camera;
     }
     if (now - this.#reportedAt >= (now - this.#completeAt > IDLE_MS ? IDLE_MS / 2 : 0)) {
@@ -262,7 +266,7 @@ async function openSession({ url, fingerprint }: Session, { isRetry, isOnlySourc
   const attempts = (isRetry ? [0] : HANDSHAKES_MS).map(async (ms) => {
     await delay(ms);
     if (found) return found;
-    if (failures.length >= MAX_FAILED) throw failures[0];
+    if (failures.length >= MAX_FAILED_HANDSHAKES) throw failures[0];
     const transport = new WebTransport(url, options);
     begun.push(transport);
     transport.closed.catch(() => undefined);
@@ -273,7 +277,10 @@ async function openSession({ url, fingerprint }: Session, { isRetry, isOnlySourc
     return (found ??= transport);
   });
   try {
-    return await withTimeout(Promise.any(attempts), isRetry && isOnlySource ? ONLY_SOURCE_PATIENCE_MS : PATIENCE_MS);
+    return await withTimeout(
+      Promise.any(attempts),
+      isRetry && isOnlySource ? ONLY_SOURCE_TIMEOUT_MS : SESSION_TIMEOUT_MS,
+    );
   } catch (error) {
     throw error instanceof AggregateError ? error.errors[0] : error;
   } finally {
@@ -281,8 +288,8 @@ async function openSession({ url, fingerprint }: Session, { isRetry, isOnlySourc
   }
 }
 
-/** Awaits a promise. Throws if the server does not answer in time. */
-function withTimeout<T>(work: Promise<T>, ms = PATIENCE_MS): Promise<T> {
+/** Awaits a promise. Throws an error if the server does not answer in time. */
+function withTimeout<T>(work: Promise<T>, ms = SESSION_TIMEOUT_MS): Promise<T> {
   const late = delay(ms).then(() => Promise.reject(new Error("no answer to a WebTransport session")));
   return Promise.race([work, late]);
 }
