@@ -18,7 +18,7 @@ def test_demo_shows_the_gain_of_concealment_on_the_bundled_scene(run, tmp_path, 
     calls = []
     monkeypatch.setattr(_subprocess, "decode_in_fresh_process", lambda s: calls.append(s) or decode_stream(s))
     tmp_path = tmp_path / "made by the demo"
-    outcome = run("demo", "-o", tmp_path, "--views", 2)
+    outcome = run("demo", "-o", tmp_path, "--views", 1)
     assert outcome.status == 0, outcome.err
     assert "= reference" in outcome.out
     assert str(tmp_path / "report.html") in outcome.out.replace("\n", "")
