@@ -47,11 +47,12 @@ def test_damaged_input_fails_even_if_the_output_is_not_read(journey, tmp_path, w
     assert subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, check=False).returncode == 3
 
 
+@pytest.mark.parametrize("errors", ["2>&1", "2>/dev/full"])
 @pytest.mark.parametrize(("name", "status"), [("cut.swz", 3), ("none.swz", 2)])
-def test_bad_input_fails_even_if_the_errors_are_not_read(journey, tmp_path, name, status):
+def test_bad_input_fails_even_if_the_errors_are_not_read(journey, tmp_path, name, status, errors):
     content = (journey / "tiny.swz").read_bytes()
     (tmp_path / "cut.swz").write_bytes(content[: len(content) * 3 // 4])
-    line = f"{sys.executable} -m splatwire verify {name} 2>&1 | true; exit ${{PIPESTATUS[0]}}"
+    line = f"{sys.executable} -m splatwire verify {name} {errors} | true; exit ${{PIPESTATUS[0]}}"
     assert subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, check=False).returncode == status
 
 

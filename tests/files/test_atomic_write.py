@@ -1,11 +1,14 @@
 """Files are written completely or not at all: errors, killed writers, a full disk."""
 
 import errno
+import itertools
 import os
 import signal
 import subprocess
 import sys
 import threading
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -100,6 +103,49 @@ def test_links_are_followed_and_devices_refused(tmp_path):
     assert (tmp_path / "there").read_bytes() == b"new"
     with pytest.raises(InvalidValueError, match="no ordinary file"):
         atomic_write("/dev/null", b"")
+
+
+def test_a_pipe_that_a_link_names_is_refused():
+    """`/dev/stdout` is such a link if standard output is a pipe."""
+    read, write = os.pipe()
+    try:
+        for refused in (lambda path: atomic_write(path, b""), lambda path: check_writable(Path(path))):
+            with pytest.raises(InvalidValueError, match="no ordinary file"):
+                refused(f"/dev/fd/{write}")
+    finally:
+        os.close(read)
+        os.close(write)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_ctrl_c_while_a_folder_is_replaced_loses_nothing(number, tmp_path, monkeypatch):
+    """The old folder is renamed first, and removed with the temporary folder."""
+    target = tmp_path / "stream"
+    target.mkdir()
+    (target / "old").touch()
+    rename, count = Path.rename, itertools.count()
+
+    def interrupted(path, to):
+        if next(count) == number:
+            raise KeyboardInterrupt
+        return rename(path, to)
+
+    with monkeypatch.context() as patched, suppress(KeyboardInterrupt), atomic_output(target) as new:
+        new.mkdir()
+        (new / "new").touch()
+        patched.setattr(Path, "rename", interrupted)
+    assert [path.name for path in tmp_path.iterdir()] == ["stream"]
+    assert [path.name for path in target.iterdir()] == ["old" if number < 2 else "new"]
+
+
+def test_ctrl_c_while_a_temporary_folder_is_made_leaves_none(tmp_path, monkeypatch):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(whole, "_lock", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        atomic_write(tmp_path / "a", b"")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["same", "other"])

@@ -64,19 +64,19 @@ class PrintableStream:
 
 
 class _ErrorStream(PrintableStream):
-    """Standard error that discards texts once its reader has exited, instead of raising an error."""
+    """Standard error that discards texts if its reader has exited or its disk is full, instead of raising an error."""
 
     def write(self, text: str) -> int:
         try:
             return super().write(text)
-        except BrokenPipeError:
+        except OSError:
             discard_stderr()
             return len(text)
 
     def flush(self) -> None:
         try:
             self.target.flush()
-        except BrokenPipeError:
+        except OSError:
             discard_stderr()
 
 
@@ -92,10 +92,10 @@ def printable_streams() -> Iterator[None]:
 
 
 def print_failure(text: str) -> None:
-    """Prints an error on standard error; does nothing if the reader of standard error has exited."""
+    """Prints an error on standard error; does nothing if nothing can be written there."""
     try:
         print(f"splatwire: error: {text}", file=sys.stderr)
-    except BrokenPipeError:
+    except OSError:
         discard_stderr()
 
 

@@ -192,7 +192,7 @@ def _run(arguments: list[str]) -> int:
             _end_at_next_interrupt()
             try:
                 print("splatwire: stopped", file=sys.stderr)
-            except BrokenPipeError:
+            except OSError:  # nobody reads it, or the disk is full
                 discard_stderr()
             return status
         if isinstance(error, SplatwireError):

@@ -123,7 +123,8 @@ def _resolved_target(path: Path) -> Path:
         goal = path.resolve()
     except RuntimeError as error:  # Python 3.11 and 3.12; later ones raise OSError when the path is used
         raise InvalidValueError(f"{path} is a symbolic link that leads to itself") from error
-    if goal.exists() and not goal.is_dir() and not goal.is_file():
+    # `/dev/stdout` refers to a pipe by a link to a name that does not exist
+    if path.exists() and not path.is_dir() and not path.is_file():
         raise InvalidValueError(f"{path} is no ordinary file and would be replaced by one: name another")
     return goal
 
@@ -230,22 +231,25 @@ def _workspace(folder: Path) -> Iterator[Path]:
 
     The folder is locked while the context is active, and removed when the context ends.
     """
-    while True:
-        space = folder / f"{_START}{uuid.uuid4().hex[:12]}{_END}"
-        space.mkdir(mode=0o700)
-        if fcntl is None:
-            handle = None
-            break
-        # Race: another process may mistake it for a leftover before it is locked, and lock or remove it.
-        with suppress(FileNotFoundError):
-            handle = os.open(space, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-            if _lock(handle) is not False and os.fstat(handle).st_nlink:
-                break
-            os.close(handle)
+    space: Path | None = None
+    handle: int | None = None
     try:
+        while True:
+            space = folder / f"{_START}{uuid.uuid4().hex[:12]}{_END}"
+            space.mkdir(mode=0o700)
+            if fcntl is None:
+                break
+            # Race: another process may mistake it for a leftover before it is locked, and lock or remove it.
+            with suppress(FileNotFoundError):
+                handle = os.open(space, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+                if _lock(handle) is not False and os.fstat(handle).st_nlink:
+                    break
+                os.close(handle)
+                handle = None
         yield space
     finally:
-        shutil.rmtree(space, ignore_errors=True)
+        if space is not None:
+            shutil.rmtree(space, ignore_errors=True)
         if handle is not None:
             os.close(handle)
 
@@ -279,9 +283,11 @@ def _take_name(new: Path, target: Path, moved_aside: Path) -> None:
         new.rename(target)
         return
     moved_aside.mkdir()
-    target.rename(moved_aside / target.name)  # moved aside entirely, so that no old file remains among new ones
+    old = moved_aside / target.name  # moved aside entirely, so that no old file remains among new ones
     try:
+        target.rename(old)
         new.rename(target)
-    except OSError:
-        (moved_aside / target.name).rename(target)
+    except BaseException:  # also Ctrl-C between the two
+        if old.exists() and not target.exists():
+            old.rename(target)
         raise

@@ -17,8 +17,10 @@ from close import assert_close, unit
 from random_numbers import Numbers
 from splat_io.formats.handmade import legacy_spz, modern_spz, ply, some_splats, write
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.mmap_array import LARGE_BYTES, large_empty
 from splatwire.io.formats import read_rows, read_splats, write_splats
 from splatwire.io.formats._axes import flip_axes
+from splatwire.io.formats._files import FileBytes
 from splatwire.io.formats.spz_writer import write_spz
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import sh_basis
@@ -307,14 +309,38 @@ def test_scales_beyond_the_range_give_a_warning(
     assert problem in caplog.text
 
 
-def test_a_file_that_is_written_again_while_it_is_read_does_not_end_the_process(tmp_path):
-    """A program that opens a mapped file for writing truncates it, and access to its pages then ends the process."""
+@pytest.mark.parametrize("size", [10_000, LARGE_BYTES + 5])
+def test_a_file_that_is_truncated_while_it_is_read_does_not_end_the_process(size, tmp_path):
+    """Access to the pages of a mapped file would end it."""
     path = tmp_path / "frame.spz"
-    path.write_bytes(bytes(10_000))
+    with path.open("wb") as file:
+        file.truncate(size)
     code = (
-        "import sys\nfrom pathlib import Path\nfrom splatwire.io.formats._files import mapped_file\n"
-        "path = Path(sys.argv[1])\ndata = mapped_file(path)\npath.open('wb').close()\n"
-        "assert bytes(data) == bytes(10_000)"
+        "import sys\nfrom pathlib import Path\nfrom splatwire.errors import DatasetError\n"
+        "from splatwire.io.formats._files import FileBytes\n"
+        "path = Path(sys.argv[1])\ndata = FileBytes(path)\nbefore = data[:]\npath.open('wb').close()\n"
+        f"assert len(before) == len(data) == {size} and not any(before[-100:])\n"
+        "try:\n    data[100:200]\nexcept DatasetError as error:\n    print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stdout) == (0, f"{path}: was truncated while it was read\n"), done.stderr
+
+
+def test_only_accessed_parts_of_a_file_are_read(tmp_path, monkeypatch):
+    path = tmp_path / "scene.bin"
+    path.write_bytes(bytes(range(200)))
+    sizes: list[int] = []
+
+    def observed(shape: tuple[int, ...], dtype: type) -> np.ndarray:
+        sizes.append(shape[0])
+        return large_empty(shape, dtype)
+
+    monkeypatch.setattr("splatwire.io.formats._files.large_empty", observed)
+    data = FileBytes(path)
+    middle = data.part(50, 150)
+    del data
+    last = middle.part(90, 300)
+    found = len(middle), bytes(middle[10:13]), bytes(middle[97:200])
+    assert found == (100, bytes((60, 61, 62)), bytes((147, 148, 149)))
+    assert (bytes(middle[5:5]), len(last), bytes(last[:1])) == (b"", 10, bytes((140,)))
+    assert sizes == [3, 3, 0, 1]

@@ -1,32 +1,70 @@
-"""Memory-mapped files, the folder of a scene, and warnings about bytes that no reader uses."""
+"""Bytes of files, the folder of a scene, and warnings about bytes that no reader uses."""
 
+import copy
+import io
 import logging
-import mmap
 import os
+import weakref
 from pathlib import Path
 
+import numpy as np
+
 from splatwire.errors import DatasetError
+from splatwire.files.mmap_array import large_empty
 from splatwire.files.read_limited import open_regular
 
 LOG = logging.getLogger(__name__)
-
-MAPPED_BYTES = 32 << 20
-"""Size from which a file is mapped instead of read, bytes. If a program truncates a mapped file meanwhile, such as a
-frame of a live clip that is written again, the system ends this process (SIGBUS)."""
+_MOST_READ = 1 << 30
+"""Maximum number of bytes that one call of the system reads."""
 
 
-def mapped_file(path: Path) -> memoryview:
-    """Reads a small file, or maps a large one into memory, so that only accessed parts are read.
+class FileBytes:
+    """The bytes of a file, or of a part of it, of which only the accessed slices are read.
+
+    The file is not mapped: if a program truncated it, such as a frame of a live clip that is written again, the system
+    would end this process (SIGBUS).
+
+    Args:
+        path: The file; it stays open as long as this object lives.
 
     Raises:
-        DatasetError: If the file is not an ordinary file.
-        OSError: If the file cannot be read.
+        DatasetError: If it is not an ordinary file.
+        OSError: If it cannot be read.
     """
-    with open_regular(path, DatasetError) as file:
-        size = os.fstat(file.fileno()).st_size
-        if size < MAPPED_BYTES:
-            return memoryview(file.read(size))
-        return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+
+    def __init__(self, path: Path) -> None:
+        with open_regular(path, DatasetError) as file:
+            handle = os.dup(file.fileno())
+        weakref.finalize(self, os.close, handle)
+        self._path, self._start, self._size = path, 0, os.fstat(handle).st_size
+        self._file = io.FileIO(handle, closefd=False)
+        self._whole: FileBytes | None = None
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, part: slice) -> memoryview:
+        """Reads a slice; a large one may exceed the main memory (`large_empty`).
+
+        Raises:
+            DatasetError: If the file was truncated meanwhile.
+        """
+        start, stop, _ = part.indices(self._size)
+        data, num_read = memoryview(large_empty((max(stop - start, 0),), np.uint8)), 0
+        self._file.seek(self._start + start)
+        while num_read < len(data):
+            count = self._file.readinto(data[num_read : num_read + _MOST_READ])
+            if not count:
+                raise DatasetError(f"{self._path}: was truncated while it was read")
+            num_read += count
+        return data
+
+    def part(self, start: int, stop: int) -> "FileBytes":
+        """Returns the bytes from `start` to `stop`, of which nothing is read yet."""
+        start, stop, _ = slice(start, stop).indices(self._size)
+        found = copy.copy(self)  # the file stays open as long as one of them lives
+        found._start, found._size, found._whole = self._start + start, max(stop - start, 0), self
+        return found
 
 
 def is_in_folder_of(path: Path, other: Path) -> bool:

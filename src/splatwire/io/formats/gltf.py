@@ -29,7 +29,7 @@ from splatwire.io.formats._columns import (
     concatenate,
     warn_of_logits,
 )
-from splatwire.io.formats._files import is_in_folder_of, mapped_file, warn_of_bytes_outside
+from splatwire.io.formats._files import FileBytes, is_in_folder_of, warn_of_bytes_outside
 from splatwire.io.formats._gltf_nodes import VISIBILITY, Instance, entry, shown_instances
 from splatwire.io.formats.content import FileContent, origin_of_placed
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
@@ -81,7 +81,7 @@ def read_gltf(path: Path) -> FileContent:
         OSError: If the file cannot be read.
     """
     if read_at_most(path, len(MAGIC), DatasetError) == MAGIC:
-        document, binary = _chunks(path, mapped_file(path))
+        document, binary = _chunks(path, FileBytes(path))
     else:
         document, binary = read_json(path, DatasetError), None
         if not isinstance(document, dict):
@@ -92,37 +92,37 @@ def read_gltf(path: Path) -> FileContent:
         raise DatasetError(f"{path}: the glTF document is damaged: {type(error).__name__} {error}") from error
 
 
-def _chunks(path: Path, data: memoryview) -> tuple[dict[str, Any], memoryview]:
+def _chunks(path: Path, data: FileBytes) -> tuple[dict[str, Any], FileBytes]:
     if len(data) < _HEADER.size + _CHUNK.size or bytes(data[:4]) != MAGIC:
         raise DatasetError(f"{path}: not a binary glTF file, it starts with {bytes(data[:4])!r}")
-    _, version, length = _HEADER.unpack_from(data)
+    _, version, length = _HEADER.unpack_from(data[: _HEADER.size])
     if version == 2 and length > len(data):
         raise DatasetError(f"{path}: is cut: it has {len(data):,} of {length:,} bytes")
     if version != 2:
         raise DatasetError(f"{path}: glTF of version {version}; version 2 is read")
-    found: dict[bytes, memoryview] = {}
-    view, at, num_chunks = data[:length], _HEADER.size, 0
+    found: dict[bytes, FileBytes] = {}
+    at, num_chunks = _HEADER.size, 0
     while at + _CHUNK.size <= length:
         num_chunks += 1
         if num_chunks > _MAX_CHUNKS:
             raise DatasetError(f"{path}: has more than {_MAX_CHUNKS:,} chunks")
-        size, kind = _CHUNK.unpack_from(data, at)
+        size, kind = _CHUNK.unpack_from(data[at : at + _CHUNK.size])
         at += _CHUNK.size
         if size > length - at:
             raise DatasetError(f"{path}: chunk {kind!r} of {size} bytes ends after the file")
-        found.setdefault(kind, view[at : at + size])
+        found.setdefault(kind, data.part(at, at + size))
         at += size
     warn_of_bytes_outside(path, len(data) - at)
-    document = found.get(b"JSON", view[:0])
+    document = found.get(b"JSON", data.part(0, 0))
     if len(document) > _MAX_JSON_BYTES:
         raise DatasetError(f"{path}: a JSON chunk of {len(document)} bytes is more than {_MAX_JSON_BYTES}")
     try:
-        content = json.loads(bytes(document))
+        content = json.loads(bytes(document[:]))
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{path}: the JSON chunk is no JSON: {error}") from error
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: the JSON chunk is no object")
-    return content, found.get(b"BIN\0", view[:0])
+    return content, found.get(b"BIN\0", data.part(0, 0))
 
 
 def _placement(instance: Instance) -> tuple[np.ndarray, np.ndarray]:
@@ -139,10 +139,10 @@ def _extras(primitive: dict[str, Any]) -> dict[str, Any]:
 class _Gltf:
     """A glTF document and the binary buffers that it refers to."""
 
-    def __init__(self, path: Path, document: dict[str, Any], binary: memoryview | None) -> None:
+    def __init__(self, path: Path, document: dict[str, Any], binary: FileBytes | None) -> None:
         self._path, self._document, self._binary = path, document, binary
-        self._buffers: dict[int, memoryview] = {}
-        self._resources: dict[str, memoryview] = {}
+        self._buffers: dict[int, memoryview | FileBytes] = {}
+        self._resources: dict[str, memoryview | FileBytes] = {}
 
     def _check_version(self) -> None:
         """Checks that the document requires no unsupported version or extension.
@@ -328,7 +328,7 @@ class _Gltf:
             sh=sh,
         )
 
-    def _buffer(self, index: int) -> memoryview:
+    def _buffer(self, index: int) -> memoryview | FileBytes:
         """Returns the bytes of a glTF buffer.
 
         A buffer is the binary chunk of the file, a separate file, or a `data:` URI.
@@ -350,7 +350,7 @@ class _Gltf:
                 raise DatasetError(f"{self._path}: buffer {index} has no URI")
         return self._buffers[index]
 
-    def _resource(self, uri: str) -> memoryview:
+    def _resource(self, uri: str) -> memoryview | FileBytes:
         if uri.startswith("data:"):
             head, _, content = uri.partition(",")
             try:
@@ -369,7 +369,7 @@ class _Gltf:
             raise DatasetError(
                 f"{self._path}: buffer {uri!r:.80} is a link out of the folder of the document: replace it by a copy"
             )
-        return mapped_file(file)
+        return FileBytes(file)
 
     def _accessor(self, attributes: dict[str, int], name: str, width: int) -> np.ndarray:
         """Returns the values of a glTF accessor (vertex attribute) as float32 (N, width)."""
@@ -437,4 +437,5 @@ class _Gltf:
         binary = self._buffer(view.get("buffer"))
         if start + size > len(binary) or offset + stride * max(count - 1, 0) + item > size or stride < item:
             raise DatasetError(f"{self._path}: attribute {name} of {count} rows ends after its buffer")
-        return np.ndarray(shape, dtype, binary, start + offset, (stride, dtype.itemsize))
+        piece = binary[start + offset : start + offset + stride * max(count - 1, 0) + item]
+        return np.ndarray(shape, dtype, piece, 0, (stride, dtype.itemsize))

@@ -15,7 +15,7 @@ import numpy as np
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import is_not
 from splatwire.io.formats._columns import build_splats, check_count
-from splatwire.io.formats._files import mapped_file, warn_of_bytes_outside
+from splatwire.io.formats._files import FileBytes, warn_of_bytes_outside
 from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.types.splats import Splats
 
@@ -75,20 +75,21 @@ def read_ksplat(path: Path) -> Splats:
         DatasetError: If the file is damaged or of another format.
         OSError: If the file cannot be read.
     """
-    data = mapped_file(path)
-    if len(data) < _HEADER_BYTES + _SECTION_BYTES or data[0] != 0 or not 1 <= data[1] < 10:
-        why = f"{len(data)} bytes, and {list(data[:2])} is its version"
+    data = FileBytes(path)
+    head = data[:_HEADER_BYTES]
+    if len(data) < _HEADER_BYTES + _SECTION_BYTES or head[0] != 0 or not 1 <= head[1] < 10:
+        why = f"{len(data)} bytes, and {list(head[:2])} is its version"
         raise DatasetError(is_not(path, "a .ksplat file of version 0.1", why))
-    num_sections, _, _, count, level = struct.unpack_from("<IIIIH", data, 4)
+    num_sections, _, _, count, level = struct.unpack_from("<IIIIH", head, 4)
     check_count(path, count, len(data))
     if not 0 < num_sections <= _MAX_SECTIONS or level > _MAX_LEVEL or not count:
         raise DatasetError(f"{path}: {num_sections} sections, compression level {level}, {count} Gaussians: impossible")
-    low, high = (float(value) for value in struct.unpack_from("<ff", data, 36))
+    low, high = (float(value) for value in struct.unpack_from("<ff", head, 36))
     bounds = (low or -_DEFAULT_HARMONICS, high or _DEFAULT_HARMONICS)
     if level == _MAX_LEVEL and not bounds[0] < bounds[1]:
         raise DatasetError(f"{path}: harmonics from {bounds[0]:g} to {bounds[1]:g}: the bounds are swapped or damaged")
-    if data[1] != _MINOR:
-        LOG.warning("%s: .ksplat of version 0.%d is not known: it is read as version 0.%d", path, data[1], _MINOR)
+    if head[1] != _MINOR:
+        LOG.warning("%s: .ksplat of version 0.%d is not known: it is read as version 0.%d", path, head[1], _MINOR)
     at = _HEADER_BYTES + num_sections * _SECTION_BYTES
     if at > len(data):
         raise DatasetError(f"{path}: {num_sections} sections do not fit into {len(data)} bytes")
@@ -107,8 +108,9 @@ def read_ksplat(path: Path) -> Splats:
     return build_splats(path, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
-def _parse_section(path: Path, data: memoryview, index: int) -> _Section:
-    section = _Section(*_SECTION.unpack_from(data, _HEADER_BYTES + index * _SECTION_BYTES))
+def _parse_section(path: Path, data: FileBytes, index: int) -> _Section:
+    at = _HEADER_BYTES + index * _SECTION_BYTES
+    section = _Section(*_SECTION.unpack_from(data[at : at + _SECTION_BYTES]))
     if section.degree > _MAX_DEGREE:
         raise DatasetError(f"{path}: section {index} has harmonics of degree {section.degree}, not 0 to {_MAX_DEGREE}")
     if section.count > section.capacity or section.partial + section.full > max(section.buckets, 0):
@@ -117,7 +119,7 @@ def _parse_section(path: Path, data: memoryview, index: int) -> _Section:
 
 
 def _read_section(
-    path: Path, data: memoryview, at: int, section: _Section, compression_level: int, bounds: tuple[float, float]
+    path: Path, data: FileBytes, at: int, section: _Section, compression_level: int, bounds: tuple[float, float]
 ) -> tuple[dict[str, np.ndarray], int]:
     record = _record(compression_level, section.degree)
     centers_at = at + 4 * section.partial
@@ -125,7 +127,7 @@ def _read_section(
     end = rows_at + record.itemsize * section.capacity
     if end > len(data):
         raise DatasetError(f"{path}: a section of {section.capacity} Gaussians ends at byte {end} of {len(data)}")
-    rows = np.frombuffer(data, record, section.count, rows_at)
+    rows = np.frombuffer(data[rows_at : rows_at + record.itemsize * section.count], record)
     color = rows["color"].astype(np.float32) / 255
     sh = ((color[:, None, :3] - 0.5) / np.float32(DC)).astype(np.float32)
     if section.degree:
@@ -144,7 +146,7 @@ def _read_section(
 
 
 def _from_bucket(
-    path: Path, data: memoryview, at: int, centers_at: int, section: _Section, codes: np.ndarray
+    path: Path, data: FileBytes, at: int, centers_at: int, section: _Section, codes: np.ndarray
 ) -> np.ndarray:
     """Decodes 16-bit positions, which are relative to the centre of a spatial group of Gaussians (bucket).
 
@@ -161,14 +163,14 @@ def _from_bucket(
     """
     if section.bucket_bytes != 12:
         raise DatasetError(f"{path}: bucket centres of {section.bucket_bytes} bytes, 12 are read")
-    sizes = np.frombuffer(data, "<u4", section.partial, at).astype(np.int64)
+    sizes = np.frombuffer(data[at : at + 4 * section.partial], "<u4").astype(np.int64)
     in_full = section.full * section.bucket_size
     if in_full + int(sizes.sum()) < section.count:
         raise DatasetError(f"{path}: buckets for {in_full + int(sizes.sum())} of {section.count} Gaussians")
     row = np.arange(section.count)
     bucket = section.full + np.searchsorted(np.cumsum(sizes), row - in_full, side="right")
     bucket = np.where(row < in_full, row // max(section.bucket_size, 1), bucket)
-    centers = np.frombuffer(data, "<f4", 3 * section.buckets, centers_at).reshape(-1, 3)
+    centers = np.frombuffer(data[centers_at : centers_at + 12 * section.buckets], "<f4").reshape(-1, 3)
     levels = section.range or _DEFAULT_RANGE
     return (codes - np.float32(levels)) * np.float32(section.block_size / 2 / levels) + centers[bucket]
 

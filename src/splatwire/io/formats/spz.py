@@ -17,10 +17,10 @@ import numpy as np
 import zstandard
 
 from splatwire.errors import DatasetError
-from splatwire.files.read_limited import open_regular
+from splatwire.files.read_limited import open_regular, read_at_most
 from splatwire.io.formats._axes import SPZ_FLIPS, frame_to_rdf, harmonic_signs, transform_splats
 from splatwire.io.formats._columns import build_splats, check_count
-from splatwire.io.formats._files import mapped_file, warn_of_bytes_outside
+from splatwire.io.formats._files import FileBytes, warn_of_bytes_outside
 from splatwire.io.formats._spz_extensions import (
     FRAME,
     KNOWN,
@@ -81,12 +81,11 @@ def read_spz(path: Path) -> FileContent:
         DatasetError: If the file is damaged, of an unsupported version or degree, or too large when decompressed.
         OSError: If the file cannot be read.
     """
-    data = mapped_file(path)
-    head = bytes(data[:4])
+    head = read_at_most(path, len(MAGIC), DatasetError)
     if head.startswith(GZIP_MAGIC):
-        header, columns = _gunzip(path, len(data))
+        header, columns = _gunzip(path, path.stat().st_size)
     elif head == MAGIC:
-        header, columns = _unzstd(path, data)
+        header, columns = _unzstd(path, FileBytes(path))
     else:
         raise DatasetError(f"{path}: not an SPZ file, it starts with {head!r}")
     _log_left_out(path, header)
@@ -173,11 +172,11 @@ def _gunzip(path: Path, file_bytes: int) -> tuple[_Header, dict[str, np.ndarray]
     return header, dict(zip(header.columns, pieces, strict=True))
 
 
-def _unzstd(path: Path, data: memoryview) -> tuple[_Header, dict[str, np.ndarray]]:
-    header = _parse(path, data, len(data))
+def _unzstd(path: Path, data: FileBytes) -> tuple[_Header, dict[str, np.ndarray]]:
+    header = _parse(path, data[: HEADER.size], len(data))
     if header.version != 4 or len(data) < PLAIN_HEADER_BYTES:
         raise DatasetError(f"{path}: an SPZ header of version {header.version} and {len(data)} bytes, not of version 4")
-    (table,) = TABLE_OFFSET.unpack_from(data, HEADER.size)
+    (table,) = TABLE_OFFSET.unpack_from(data[HEADER.size : PLAIN_HEADER_BYTES])
     at = table + header.streams * TABLE_ROW.size
     if header.streams != len(header.columns) or not PLAIN_HEADER_BYTES <= table <= at <= len(data):
         raise DatasetError(f"{path}: a table of {header.streams} streams at byte {table} is not where it can be")
@@ -186,9 +185,8 @@ def _unzstd(path: Path, data: memoryview) -> tuple[_Header, dict[str, np.ndarray
         header = replace(header, extensions=records_by_type(path, records))
     elif any(data[PLAIN_HEADER_BYTES:table]):
         _log_unread(path, table - PLAIN_HEADER_BYTES)
-    columns = {}
-    for stream, (name, size) in enumerate(header.columns.items()):
-        packed, unpacked = TABLE_ROW.unpack_from(data, table + stream * TABLE_ROW.size)
+    columns, rows = {}, TABLE_ROW.iter_unpack(data[table:at])
+    for (name, size), (packed, unpacked) in zip(header.columns.items(), rows, strict=True):
         if unpacked != size:
             raise DatasetError(f"{path}: stream {name} is said to be {packed} bytes for {unpacked}, not for {size}")
         if packed > len(data) - at:
