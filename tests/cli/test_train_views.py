@@ -39,7 +39,8 @@ def test_rounded_cameras_in_map_coordinates_give_a_warning(tmp_path, caplog):
     train, test = views_of(nerfstudio(tmp_path / "utm", UTM))
     assert train.cameras.origin == test.cameras.origin == NO_ORIGIN
     assert np.abs(train.cameras.centers - np.array(UTM)).max() < 1.6
-    assert "training rounds positions to float32, here steps of 0.5: subtract this point" in caplog.text
+    (warning,) = caplog.messages
+    assert "training rounds positions to float32, here steps of 0.5: subtract this point" in warning
 
 
 def test_cameras_around_0_give_no_warning(tmp_path, caplog):

@@ -28,6 +28,7 @@ from splatwire.files.atomic_write import atomic_output
 from splatwire.neural.training import Listener, Progress, QualityReport
 from splatwire.neural.training.size import stream_bytes
 from splatwire.types import AnchorScene
+from splatwire.types.origin import NO_ORIGIN
 
 Config = TypeVar("Config")
 _SIZE = re.compile(r"(\d+(?:\.\d+)?) *(B|kB|KB|MB)?")
@@ -62,7 +63,7 @@ def training_data(
     """
 
     def opened(split: str) -> Dataset:
-        found = open_dataset(
+        return open_dataset(
             Path(command.data),
             split=split,
             images=command.images,
@@ -70,14 +71,15 @@ def training_data(
             test_views=test_views,
             background=background,
         )
-        return replace(found, cameras=without_origin(Path(command.data), found.cameras))  # training has no origin
 
     train = opened("train")
+    train = replace(train, cameras=without_origin(Path(command.data), train.cameras))  # training has no origin
     try:
-        return train, opened("test")
+        test = opened("test")
     except NoViewsError as error:
         print(f"no test views: {error}", file=sys.stderr)
         return train, None
+    return train, replace(test, cameras=test.cameras.relative_to(NO_ORIGIN))
 
 
 def changed_options(command: Train) -> list[str]:
