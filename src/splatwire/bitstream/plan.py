@@ -83,7 +83,7 @@ class PacketPlan:
         return [span.first_block for span in self.spans]
 
     @functools.cached_property
-    def _first_places(self) -> list[int]:
+    def _first_indices(self) -> list[int]:
         return [span.first for span in self.spans]
 
     def persistent(self, block: int) -> bool:
@@ -128,8 +128,8 @@ class PacketPlan:
         lanes = np.int32(self.packetization.lanes)
         pieces = [np.empty(0, np.int32)]
         for span in self.spans:
-            place = np.arange(span.num_elements, dtype=np.int32)
-            block = place // np.int32(span.block_size) + np.int32(span.first_block)
+            index = np.arange(span.num_elements, dtype=np.int32)
+            block = index // np.int32(span.block_size) + np.int32(span.first_block)
             pieces.append(block * lanes + self._lanes_of(span))
         return np.concatenate(pieces)
 
@@ -218,13 +218,13 @@ class PacketPlan:
         """Number of elements of a block."""
         return self._span(block).block_elements(block)
 
-    def name_hashed(self, first_rank: int) -> PacketId:
+    def id_of_hashed(self, first_rank: int) -> PacketId:
         """Returns the id of the packet that starts with a given element, with the grouping `hashed`.
 
         Args:
             first_rank: Index of the packet's first element in `groups().ranks`.
         """
-        span = self.spans[bisect.bisect_right(self._first_places, first_rank) - 1]
+        span = self.spans[bisect.bisect_right(self._first_indices, first_rank) - 1]
         block, position = divmod(first_rank - span.first, span.block_size)
         return PacketId(span.first_block + block, position)
 
@@ -237,7 +237,9 @@ class PacketPlan:
 
     def _check_fixed(self) -> None:
         if self.packetization.hashed:
-            raise InvalidValueError("packets of hashed grouping are cut by their size: a plan does not know them")
+            raise InvalidValueError(
+                "packets of hashed grouping depend on the sizes of coded elements, which are not in a plan"
+            )
 
     def _lanes_of(self, span: Span) -> np.ndarray:
         """Returns, for each element of an importance tier, the index of its packet within the block, uint8."""

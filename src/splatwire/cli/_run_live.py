@@ -125,7 +125,7 @@ async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
     Returns:
         True as soon as the encoder compiles kernels. False once it has ended, or when the time for it has passed.
     """
-    # Compiling takes too long to wait for. False if the encoder has ended, or `STOP_TIMEOUT_S` after the request.
+    # Compiling takes too long to wait for.
     end = time.monotonic() + STOP_TIMEOUT_S - COMPILING_TIMEOUT_S
     while not encoding.done():
         if is_compiling():

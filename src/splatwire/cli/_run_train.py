@@ -20,7 +20,7 @@ from splatwire.cli._training import (
     preview_writer,
     stopped_early,
     training_data,
-    watch,
+    training_display,
 )
 from splatwire.cli.train import Train
 from splatwire.data import Dataset
@@ -73,7 +73,7 @@ def run(command: Train) -> None:
         state, config, train, test = _initial_training(command, _DEVICE_NAMES[device])
         save_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint now instead of in an hour
     options = RunOptions(checkpoint, command.checkpoint_interval)
-    with watch(preview_writer(command.preview)) as listener:
+    with training_display(preview_writer(command.preview)) as listener:
         result = train_scene(train, test, config, state=state, options=options, listener=listener, device=device)
     if result.stopped:
         raise stopped_early(result.state.iteration, config.milestones.iterations)

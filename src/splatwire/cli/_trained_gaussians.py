@@ -21,7 +21,7 @@ from splatwire.cli._training import (
     preview_writer,
     stopped_early,
     training_data,
-    watch,
+    training_display,
 )
 from splatwire.cli.train import Train
 from splatwire.codec import add_concealment, encode_scene
@@ -91,7 +91,9 @@ def run_gaussians(command: Train, device: str, device_name: str) -> None:
         save_gaussian_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint at once
     options = RunOptions(checkpoint, command.checkpoint_interval)
     with served_training(command) as served:
-        with watch(preview_writer(command.preview), "fine-tuning with the rounding of the codec") as listener:
+        with training_display(
+            preview_writer(command.preview), "fine-tuning with the rounding of the codec"
+        ) as listener:
             listener = dataclasses.replace(listener, iterated=served.iterated)
             result = train_gaussians(
                 train, test, config, state=state, options=options, listener=listener, device=device

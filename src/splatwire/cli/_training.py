@@ -158,7 +158,7 @@ def check_same_recipe(
 
 
 @contextmanager
-def watch(on_test: Any, last_task: str = "fitting the context model again") -> Iterator[Listener]:
+def training_display(on_test: Any, last_task: str = "fitting the context model again") -> Iterator[Listener]:
     """Context of a training: shows its progress on standard error, and handles Ctrl-C.
 
     The first Ctrl-C stops the training after the current iteration, with a checkpoint; the second one stops it at once.

@@ -163,17 +163,17 @@ def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, pro
         progress: Called with the completed fraction of the work, 0 to 1; None for no calls.
     """
     plan, digest, packets = prepared.plan, hashlib.sha256(), list[Packet]()
-    hashed, encoder, held = plan.packetization.hashed, prepared.encoder, 0
+    hashed, encoder, num_encoded = plan.packetization.hashed, prepared.encoder, 0
     ids = () if hashed else plan.ids
     for coded in ordered_map(encoder.encode, encoder.runs(), threads):
         schema.update_digest(digest, coded.rows)
         for count, payload in zip(coded.counts.tolist(), coded.payloads, strict=True):
-            # The name of a hashed packet is the position of its first element.
-            name = plan.name_hashed(held) if hashed else ids[len(packets)]
-            packets.append(make_packet(name, count, payload))
-            held += count
+            # The id of a hashed packet is the position of its first element.
+            packet_id = plan.id_of_hashed(num_encoded) if hashed else ids[len(packets)]
+            packets.append(make_packet(packet_id, count, payload))
+            num_encoded += count
         if progress:
-            progress(held / plan.num_elements if hashed else len(packets) / len(ids))
+            progress(num_encoded / plan.num_elements if hashed else len(packets) / len(ids))
     _check_sizes(plan.packetization, packets, schema.elements)
     return make_stream(
         packetization=plan.packetization, num_elements=plan.num_elements, side_info=prepared.side_info,

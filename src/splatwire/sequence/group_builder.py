@@ -36,8 +36,6 @@ class GroupBuilder:
     """
 
     def __init__(self, frames: int, *, smooth: bool = False) -> None:
-        # If `smooth`, neighbours of tracks that appear or disappear are searched as frames arrive, to save time at the
-        # end of the group.
         self._max_frames, self._search_early = frames, smooth
         self.frames: list[TrackedFrame] = []
         self._keys = self._key_order = self._begins = self._ends = np.zeros(0, np.int64)

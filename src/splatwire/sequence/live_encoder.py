@@ -11,8 +11,8 @@ from splatwire.transport.protocol.protection import Protection
 from splatwire.types.splats import Splats
 
 PERIOD_GROUPS = 120
-"""Groups of pictures per period: one minute for groups of 15 frames at 30 fps. Each period repeats the keyframe
-Gaussians.
+"""Groups of pictures per period: one minute at the default group length and frame rate. Each period repeats the
+keyframe Gaussians.
 """
 PERIOD_BYTES = 1 << 26
 """Size in bytes at which a period ends early, because server and receivers have one period in memory."""

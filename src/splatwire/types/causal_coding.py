@@ -19,7 +19,7 @@ OCTAVES = 4
 """Number of frequencies per coordinate that the position network reads in addition to the coordinate itself."""
 INPUT_UNIT = 0.25
 """Network input value of one quantisation step."""
-FORM = 4
+NUM_SIZES = 4
 """Number of size values of an anchor (its "form"): logarithms of the common scale of the offsets and of the base size
 of the Gaussians along three axes."""
 
@@ -50,7 +50,7 @@ class CausalConfig(CheckedFields):
             before += size
         shapes["form"] = (c + features, offsets + 2)
         shapes["size"] = (c + features + 1, 6)
-        shapes["offset"] = (c + features + FORM, 6 * offsets)
+        shapes["offset"] = (c + features + NUM_SIZES, 6 * offsets)
         return shapes
 
 

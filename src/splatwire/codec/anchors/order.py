@@ -223,8 +223,7 @@ class AnchorDecoder:
         self._records = () if sizes is None else (TierSizes(sizes[tiers]),)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a decoding thread, bytes."""
-        # It depends on the largest of the packets.
+        """Returns the working memory of a decoding thread, bytes; it grows with the largest of the packets."""
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
@@ -236,7 +235,6 @@ class AnchorDecoder:
             threads: Number of threads; None for one per processor.
             progress: Called with the completed fraction of the work, 0 to 1.
         """
-        # If the packets of an anchor are lost, the predicted values remain.
         self.allocate()
 
         def predict(start: int) -> int:

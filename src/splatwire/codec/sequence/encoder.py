@@ -211,7 +211,6 @@ class TracksEncoder:
         named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
         info = SequenceInfo(timeline, tuple(self._groups), self._keyframes.shots, COARSER, zero, named)
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
-        # Each group has two tiers: its keyframe Gaussians, and its motion.
         return write_side_info(info), tiers
 
     def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, Targets]:

@@ -18,7 +18,7 @@ from splatwire.neural.training.rate import bits
 from splatwire.neural.training.schedule import Phase, phase_of
 from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
 from splatwire.types import Linear, Mlp
-from splatwire.types.causal_coding import FORM, CausalConfig
+from splatwire.types.causal_coding import NUM_SIZES, CausalConfig
 
 RATE_UNIT = 8e6
 """Bits per megabyte; lambda is the weight of a megabyte of the whole scene."""
@@ -98,8 +98,8 @@ class TrainedCausal:
         place, layout = self._position_inputs(state)[index], self._model.layout
         networks, nothing = causal_networks(state.parameters, self._model), place.new_zeros(len(place), 1)
         predicted = predict_causal(
-            _functions(networks), self._model, place, nothing.expand(-1, layout.feature_dim), nothing.expand(-1, FORM),
-            quantised=lambda name, mean, values: mean, join=torch.cat,
+            _functions(networks), self._model, place, nothing.expand(-1, layout.feature_dim),
+            nothing.expand(-1, NUM_SIZES), quantised=lambda name, mean, values: mean, join=torch.cat,
         )  # fmt: skip
         steps = channel_steps(state.parameters["steps"], self._model)[1]
         return expanded_scalings((predicted.form[0] * steps + state.parameters["centres"]).exp())

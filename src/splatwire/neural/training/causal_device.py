@@ -18,7 +18,7 @@ from splatwire.neural.training.rate import MIN_LIKELIHOOD
 from splatwire.neural.training.schedule import Phase, phase_of
 from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
 from splatwire.types import Mlp
-from splatwire.types.causal_coding import FORM, INPUT_UNIT, CausalConfig
+from splatwire.types.causal_coding import INPUT_UNIT, NUM_SIZES, CausalConfig
 
 _CHUNK = 1 << 16
 """Number of anchors per chunk of the bit estimate."""
@@ -45,7 +45,7 @@ class DeviceCausal(TrainedCausal):
             bits of the sample, None while the loss excludes the bit rate.
         """
         config, phase, layout = self._config, phase_of(self._config.milestones, state.iteration), self._model.layout
-        widths = (layout.feature_dim, FORM, 3 * layout.num_offsets)
+        widths = (layout.feature_dim, NUM_SIZES, 3 * layout.num_offsets)
         index = visible
         if phase is Phase.CONTEXT:
             noise = self._random.noise(len(visible), widths, state.generator, state.device)
@@ -65,7 +65,7 @@ class DeviceCausal(TrainedCausal):
             return ((features, expanded_scalings(logs.exp()), offsets), masks.detach()), None
         steps = column_steps(state.parameters["steps"], self._model)
         moved = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
-        scale_moved, _ = moved.split([layout.feature_dim, 1, FORM - 1 + 3 * layout.num_offsets], dim=1)[1:]
+        scale_moved, _ = moved.split([layout.feature_dim, 1, NUM_SIZES - 1 + 3 * layout.num_offsets], dim=1)[1:]
         parts = moved.split(list(widths), dim=1)
         numbers = features + parts[0], logs + parts[1], torch.addcmul(parts[2], offsets, (-scale_moved).exp())
         if phase is Phase.NOISE:
@@ -105,7 +105,7 @@ class DeviceCausal(TrainedCausal):
         # Noise in place of rounding, with a fixed seed.
         generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
         steps, total = column_steps(parameters["steps"], self._model), list[Tensor]()
-        widths = (self._model.layout.feature_dim, FORM, 3 * self._model.layout.num_offsets)
+        widths = (self._model.layout.feature_dim, NUM_SIZES, 3 * self._model.layout.num_offsets)
         for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
             moved = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
             feature, logs, offsets = moved.split(list(widths), dim=1)
@@ -136,7 +136,7 @@ def column_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor
 @lru_cache(maxsize=8)
 def _step_of_column(config: CausalConfig, device: torch.device) -> Int64[Tensor, "D"]:
     groups = config.layout.feature_groups
-    counts = torch.tensor([*groups, 1, FORM - 1, 3 * config.layout.num_offsets])
+    counts = torch.tensor([*groups, 1, NUM_SIZES - 1, 3 * config.layout.num_offsets])
     return torch.arange(len(groups) + 3).repeat_interleave(counts).to(device)
 
 
@@ -157,7 +157,7 @@ def sample_bits(
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
     layout, order = config.layout, _output_order(config)
-    own = layout.feature_dim + FORM
+    own = layout.feature_dim + NUM_SIZES
     position, *others = (networks[name] for name in config.shapes())
     packed = pack_networks(others, order.outputs)
     inputs, _ = values.split([own, 3 * layout.num_offsets], dim=1)

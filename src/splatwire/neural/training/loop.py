@@ -164,7 +164,7 @@ class TrainingLoop:
             self.listener.iterated(lambda: model.scene(self.device))
             if self.listener.should_stop():
                 return bool(state.iteration < model.iterations)
-            self._keep(model)
+            self._checkpoint_and_test(model)
         return False
 
     def test(self, scene: Scene, iteration: int, num_views: int) -> QualityReport | None:
@@ -176,7 +176,7 @@ class TrainingLoop:
         self.listener.tested(report)
         return report
 
-    def _keep(self, model: ModelTraining) -> None:
+    def _checkpoint_and_test(self, model: ModelTraining) -> None:
         """Writes a checkpoint and tests the scene, at the intervals of the options."""
         state, options = model.state, self.options
         if state.iteration == model.iterations:

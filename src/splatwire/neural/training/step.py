@@ -121,7 +121,7 @@ class TrainingStep:
             drawn = torch.tensor(spawned.gaussians.num_gaussians)
         else:
             drawn = spawned.num_existing
-        loss = self._whole_loss(loss, state, spawned, drawn, rate)
+        loss = self._total_loss(loss, state, spawned, drawn, rate)
         self._check(state, loss)
         if loss.requires_grad:
             loss.backward()
@@ -191,7 +191,7 @@ class TrainingStep:
         background = self._background.to(gaussians.means)
         return self._kernels.draw(gaussians, camera, background=background, watched=watched)
 
-    def _whole_loss(
+    def _total_loss(
         self,
         picture: Float[Tensor, ""],
         state: TrainState,

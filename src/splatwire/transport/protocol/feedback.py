@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from splatwire.transport.protocol.datagrams import Feedback
 
-RECENT = 8192
+MAX_LOGGED_DATAGRAMS = 8192
 """Number of sending times that are stored, those of the latest datagrams."""
 
 
@@ -39,7 +39,7 @@ class FeedbackTracker:
     def __init__(self) -> None:
         self.sequence = 0
         self._num_bytes = self._clock = 0
-        self._times: deque[tuple[int, float]] = deque(maxlen=RECENT)
+        self._times: deque[tuple[int, float]] = deque(maxlen=MAX_LOGGED_DATAGRAMS)
         self._last: Feedback | None = None
 
     @property
