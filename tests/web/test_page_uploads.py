@@ -135,6 +135,14 @@ context.texSubImage2D = function (...given) {
 };</script>"""
 )
 """Page in a process that has no memory left at first."""
+FULL_PICTURE = (
+    FULL
+    + """<script>
+context.getError = function () {
+  return this.canvas.height > 1000 ? (attempts++, this.OUT_OF_MEMORY) : getError.call(this);
+};</script>"""
+).replace("ATTEMPTS", "0") + SCENE
+"""Page on which WebGL refuses memory for large pictures."""
 FULL_FRAME = (
     FULL
     + """<script>
@@ -160,7 +168,7 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...given) {{
 """Page without WebGL until `works` is true."""
 PAGES = (
     FULL_PAGES
-    | {"without": WITHOUT}
+    | {"without": WITHOUT, "picture": FULL_PICTURE}
     | {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY, "linking": LINKING}
 )
 WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
@@ -384,3 +392,22 @@ def test_missing_webgl_is_one_error_and_is_over_once_it_works() -> None:
         assert page.evaluate("heard") == [f"failed: {reason}"]
 
     on_page("without", encode_splats(ball(), SMALL, quality=Quality(10.0)), work)
+
+
+def test_picture_that_is_too_large_rejects_and_the_page_draws_on() -> None:
+    """A scene of the same memory is drawn again in the size of the element."""
+
+    def work(page: Browser) -> None:
+        page.wait_for(WHOLE)
+
+        def picture_of(height: int) -> str:
+            camera = json.dumps(CAMERA | {"height": height})
+            return str(page.resolve(f"{ELEMENT}.picture({camera}).catch(({{message}}) => message)"))
+
+        assert picture_of(200_000).startswith("a picture of this device has at most")
+        assert picture_of(2000) == "This device cannot draw the scene: too little memory."
+        assert picture_of(180).startswith("data:image/png")
+        page.wait_for(f"{ELEMENT}.view?.shows")
+        assert page.evaluate(f"[heard, {ELEMENT}.status.failed]") == [[], None]
+
+    on_page("picture", encode_splats(ball(), SMALL, quality=Quality(10.0)), work)

@@ -229,21 +229,27 @@ export class Controller {
     );
   }
 
-  /** Makes a picture, again if the WebGL context is lost meanwhile. The page then has its own camera again. */
+  /**
+   * Makes a picture, once more if the WebGL context is lost meanwhile. Then the page has its own camera again.
+   * Throws if drawing fails.
+   */
   async #picture(camera: FixedCamera): Promise<string> {
-    for (;;) {
+    const { signal } = this.#drawingFailed;
+    for (let isRetry = false; ; isRetry = true) {
       const view = await new Promise<View>((resolve) => this.stage.draw(resolve)),
         { clientWidth, clientHeight } = this.host,
         { fixed } = view,
         width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1)),
         isPending = (): boolean =>
           !this.#workerFailed.signal.aborted && (!this.#gains.settled || this.#viewUpdates?.settled === false);
+      signal.throwIfAborted(); // drawing may have failed, and succeeded again
       view.fix({ width, ...camera });
       try {
         await view.frame();
         while (isPending() && this.stage.view === view) await delay(50);
         const picture = await screenshot(view);
         if (this.stage.view === view) return picture;
+        if (isRetry || view.failed) throw view.reason;
       } finally {
         view.fix(fixed);
       }

@@ -17,14 +17,10 @@ export class Thumbnail extends Base {
   connectedCallback(): void {
     const canvas = document.createElement("canvas");
     this.replaceChildren(canvas);
-    try {
-      this.#paint(canvas);
-    } catch {
-      canvas.remove(); // an invalid preview only removes the thumbnail
-    }
+    this.#paint(canvas).catch(() => canvas.remove()); // such as of an invalid preview
   }
 
-  #paint(canvas: HTMLCanvasElement): void {
+  async #paint(canvas: HTMLCanvasElement): Promise<void> {
     const bytes = fromBase64(this.getAttribute("data") ?? ""),
       { packed, background, size } = packPreview(bytes),
       parts = [packed],
@@ -41,6 +37,6 @@ export class Thumbnail extends Base {
         across = (down * canvas.clientWidth) / Math.max(canvas.clientHeight, 1);
       frameScene(orbit, core, new FreeSpace(core, parts), across, down);
     }
-    void paint(canvas, { parts, background, pose: orbit.pose() }, periodicPause());
+    await paint(canvas, { parts, background, pose: orbit.pose() }, periodicPause());
   }
 }

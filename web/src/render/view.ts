@@ -245,6 +245,11 @@ export class View {
       if (error === gl.OUT_OF_MEMORY) this.#fail(new RangeError("GPU out of memory"));
   }
 
+  /** True if drawing failed, false if only the context was lost. */
+  get failed(): boolean {
+    return this.#failure !== null;
+  }
+
   /** Reason for a lost context. */
   get reason(): Error {
     return this.#failure ?? new Error("The graphics processor (GPU) failed repeatedly.");
@@ -252,10 +257,11 @@ export class View {
 
   /**
    * Returns the number of failures after the loss of this context and a number of failures before. It is infinite if
-   * another context would be lost, too: a scene without tiles cannot be drawn with fewer Gaussians.
+   * another context would be lost, too: a scene without tiles cannot be drawn with fewer Gaussians. A fixed camera has
+   * a size of its own, which the next context may not have.
    */
   failuresAfter(failures: number): number {
-    if (this.#failure && !this.#tiles && !this.#mesh.isEmpty) return Infinity;
+    if (this.#failure && !this.#tiles && !this.#mesh.isEmpty && !this.#fixed) return Infinity;
     return performance.now() - this.#openedAt > STABLE_MS ? 1 : failures + 1;
   }
 
@@ -455,8 +461,14 @@ export class View {
     return cameraFromPose(this.orbit.pose(), this.#size, width, height);
   }
 
-  /** Uses a camera of `splatwire`; null returns to the orbit camera. */
+  /**
+   * Uses a camera of `splatwire`; null returns to the orbit camera. Throws `RangeError` if its picture is too large for
+   * the GPU.
+   */
   fix(camera: FixedCamera | null): void {
+    const size = Math.max(camera?.height ?? 0, camera?.width ?? 0),
+      most = this.#device.maxTextureSize;
+    if (size > most) throw new RangeError(`a picture of this device has at most ${most} pixels per side, not ${size}`);
     this.#fixed = camera;
     this.resize();
     this.#changed(); // view-dependent colours are otherwise updated only after a movement
