@@ -57,8 +57,8 @@ def bundled() -> SplatScene:
 
 def test_fast_chooses_no_views_of_removals(monkeypatch):
     scene, calls = SplatScene(ball_of_gaussians()), []
-    of = encoding.RemovalViews.of
-    monkeypatch.setattr(encoding.RemovalViews, "of", lambda *given: calls.append(given) or of(*given))
+    measured = encoding.RemovalViews.measured
+    monkeypatch.setattr(encoding.RemovalViews, "measured", lambda *given: calls.append(given) or measured(*given))
     encoded(scene, "fast", quality=quality_of("small"))
     assert not calls
     encoded(scene, "default", quality=quality_of("small"))

@@ -26,8 +26,8 @@ def with_hidden_core(splats: Splats) -> Splats:
 
 
 def curve_of(scene: SplatScene) -> PruningCurve:
-    measured, pictures = measure_gaussians(scene), SourcePictures(scene, ViewSets.of(scene).search)
-    return PruningCurve.measured(scene, measured.removal, pictures, RemovalViews.of(scene, None))
+    (views, measured), pictures = RemovalViews.measured(scene, None), SourcePictures(scene, ViewSets.of(scene).search)
+    return PruningCurve.measured(scene, measured.removal, pictures, views)
 
 
 def test_share_grows_steadily_with_the_precision():
@@ -65,11 +65,8 @@ def test_kept_gaussians_ascend_and_are_nested():
 
 def test_measuring_again_keeps_better_gaussians():
     scene = SplatScene(ball_of_gaussians())
-    removal, pictures = measure_gaussians(scene).removal, SourcePictures(scene, ViewSets.of(scene).held_out)
-    curves = [
-        PruningCurve.measured(scene, removal, pictures, views)
-        for views in (RemovalViews(()), RemovalViews.of(scene, None))
-    ]
+    (views, measured), pictures = RemovalViews.measured(scene, None), SourcePictures(scene, ViewSets.of(scene).held_out)
+    curves = [PruningCurve.measured(scene, measured.removal, pictures, some) for some in (RemovalViews(()), views)]
     once, again = (pictures.mean_psnr(scene.select(curve.kept(0.2))) for curve in curves)
     assert again > once + 0.3
 

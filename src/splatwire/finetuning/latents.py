@@ -1,15 +1,26 @@
 """Trainable parameters of explicit Gaussians, and back-propagation to these parameters."""
 
+# Functions of all Gaussians work on pieces that stay in the processor's cache, on all threads. The numbers do not
+# depend on the division.
+
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from splatwire.codec.gaussians.attributes import matrices_of
 from splatwire.ops.quaternions import quaternions_of
+from splatwire.ops.spherical_harmonics import degree_of, sh_basis
+from splatwire.ops.threads import share
 from splatwire.types import Gaussians
 from splatwire.types.splats import Splats
 
+_PIECE = 4096
+"""Number of Gaussians per piece."""
+
+Result = TypeVar("Result")
 _MIN_OPACITY, _MAX_OPACITY = 1e-3, 0.9998
 """Range of initial opacities; a logit of 0 or 1 would be infinite."""
 
@@ -75,8 +86,12 @@ class Latents:
 
     def apply_turns(self) -> None:
         """Applies the rotations `turns` to `quats`, then sets `turns` to 0."""
-        self.quats = _unit(_product(self.quats, _rotation(self.turns)))
-        self.turns[:] = 0
+
+        def apply(some: slice) -> None:
+            self.quats[some] = _unit(_product(self.quats[some], _rotation(self.turns[some])))
+            self.turns[some] = 0
+
+        each_piece(len(self.quats), apply)
 
     def splats(self, offsets: "Offsets | None" = None) -> Splats:
         """Returns the Gaussians that these parameters describe, with or without simulated quantisation.
@@ -85,6 +100,17 @@ class Latents:
             offsets: Rounding errors to add to the parameters, so that the result is what a decoder would obtain; None
                 for exact Gaussians.
         """
+        result = Splats.empty(len(self.centres), degree_of(1 + self.harmonics.shape[1]))
+
+        def fill(some: slice) -> None:
+            errors = None if offsets is None else offsets.select(some)
+            result.fill(some.start, self.select(some)._few_splats(errors))
+
+        each_piece(len(self.centres), fill)
+        return result
+
+    def _few_splats(self, offsets: "Offsets | None") -> Splats:
+        """Returns what `splats` does, without a division into pieces."""
         means, logs, quats = self.centres + self.units[:, None] * self.shifts, self.logs, self.quats
         logits, base, harmonics = self.logits, self.base, self.harmonics
         if offsets is not None:
@@ -95,7 +121,7 @@ class Latents:
         sh = np.concatenate([base[:, None], harmonics], axis=1)
         return Splats(means, quats, np.exp(logs), opacities, sh)
 
-    def select(self, kept: np.ndarray) -> "Latents":
+    def select(self, kept: np.ndarray | slice) -> "Latents":
         """Returns the parameters of only the Gaussians with the indices `kept`."""
         return Latents(**{name: values[kept] for name, values in vars(self).items()})
 
@@ -126,6 +152,15 @@ class Offsets:
 
         Adding the differences to the exact parameters gives the rounded Gaussians.
         """
+        pieces = each_piece(
+            exact.num_gaussians,
+            lambda some: Offsets._between_few(exact.run(some.start, some.stop), rounded.run(some.start, some.stop)),
+        )
+        return Offsets(**{name: np.concatenate([getattr(each, name) for each in pieces]) for name in vars(pieces[0])})
+
+    @staticmethod
+    def _between_few(exact: Splats, rounded: Splats) -> "Offsets":
+        """Computes what `between` does, without a division into pieces."""
         # A Gaussian has several equivalent forms, with its axes in another order or with other signs. The form
         # of the rounded Gaussian that is closest to the exact one is used.
         order = np.argsort(-exact.scales, axis=1, kind="stable")
@@ -146,6 +181,10 @@ class Offsets:
             rounded.sh[:, 0] - exact.sh[:, 0],
             rounded.sh[:, 1:] - exact.sh[:, 1:],
         )
+
+    def select(self, kept: slice) -> "Offsets":
+        """Returns the rounding errors of only the Gaussians in the range `kept`."""
+        return Offsets(**{name: values[kept] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,33 +222,59 @@ def gradients_of(
     Returns:
         Gradient with respect to each array of `Latents.trained`, by name.
     """
-    turned = drawn_gradients.quats if offsets is None else _product(drawn_gradients.quats, _conjugate(offsets.quats))
-    turned = _product(_conjugate(latents.quats), turned)[:, 1:] * np.float32(0.5)
-    slope = drawn.opacities * (1 - drawn.opacities)
-    gradients = {
-        "shifts": drawn_gradients.means * latents.units[:, None],
-        "turns": turned,
-        "logs": drawn_gradients.scales * drawn.scales,
-        "logits": drawn_gradients.opacities * slope,
-        "base": drawn_gradients.sh[:, 0],
-        "harmonics": drawn_gradients.sh[:, 1:],
-    }
+    small = {name: np.empty_like(getattr(latents, name)) for name in ("shifts", "turns", "logs", "logits")}
+
+    def fill(some: slice) -> None:
+        quats = drawn_gradients.quats[some]
+        if offsets is not None:
+            quats = _product(quats, _conjugate(offsets.quats[some]))
+        small["turns"][some] = _product(_conjugate(latents.quats[some]), quats)[:, 1:] * np.float32(0.5)
+        opacities = drawn.opacities[some]
+        small["shifts"][some] = drawn_gradients.means[some] * latents.units[some, None]
+        small["logs"][some] = drawn_gradients.scales[some] * drawn.scales[some]
+        small["logits"][some] = drawn_gradients.opacities[some] * (opacities * (1 - opacities))
+
+    each_piece(len(latents.quats), fill)
+    gradients = {**small, "base": drawn_gradients.sh[:, 0], "harmonics": drawn_gradients.sh[:, 1:]}
     return {name: gradients[name] for name in latents.trained()}
 
 
+def each_piece(count: int, work: Callable[[slice], Result]) -> list[Result]:
+    """Applies a function to ranges of consecutive Gaussians, on all threads.
+
+    Args:
+        count: Number of Gaussians, at least 1.
+        work: Function of a range.
+
+    Returns:
+        The results, in the order of the Gaussians.
+    """
+    return share(work, [slice(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE)])
+
+
 def harmonic_gradient(
-    basis: Float[np.ndarray, "N D"], seen: Gaussians, colors: Float[np.ndarray, "N 3"]
+    splats: Splats, seen: Gaussians, camera_center: Float[np.ndarray, "3"], colors: Float[np.ndarray, "N 3"]
 ) -> Float[np.ndarray, "N D 3"]:
     """Back-propagates the gradient from the colours of Gaussians in a view to their spherical harmonics.
 
     Args:
-        basis: Values of the harmonic functions in the viewing directions.
+        splats: The Gaussians.
         seen: The Gaussians as seen in the view.
+        camera_center: Position of the camera.
         colors: Gradient with respect to the colours.
     """
     # Viewing directions are treated as constants, because fine-tuning hardly moves the centres of Gaussians.
     # Colours clipped at 0 have no gradient.
-    return basis[:, :, None] * np.where(seen.colors > 0, colors, np.float32(0))[:, None, :]
+    found = np.empty(splats.sh.shape, np.float32)
+
+    def fill(some: slice) -> None:
+        rays = splats.means[some] - camera_center
+        directions = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), np.float32(1e-12))
+        slopes = np.where(seen.colors[some] > 0, colors[some], np.float32(0))
+        np.multiply(sh_basis(directions, splats.degree)[:, :, None], slopes[:, None, :], out=found[some])
+
+    each_piece(splats.num_gaussians, fill)
+    return found
 
 
 def _logit(opacities: np.ndarray, least: float = 1e-6) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Penalty on the estimated bits of spherical harmonics, a term of the loss of fine-tuning."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ from jaxtyping import Float, Float32
 
 from splatwire.codec.gaussians.attributes import LUMA_CHROMA
 from splatwire.codec.gaussians.layout import BITS, S_HARMONICS, STEP_BITS, TRANSFORM_UNIT
+from splatwire.finetuning.latents import each_piece
 from splatwire.types import SplatCoding
 
 WEIGHT = 0.3
@@ -47,15 +49,25 @@ class HarmonicCost:
 
     def value(self, harmonics: Float[np.ndarray, "N K 3"]) -> float:
         """Returns the loss term: the mean cost of a Gaussian's harmonics, multiplied by the constant `WEIGHT`."""
-        sums = np.log1p(np.abs(self._coefficients(harmonics)) / self.steps)
-        return WEIGHT * float(sums.sum(dtype=np.float64)) / len(harmonics)
+
+        def cost(some: slice) -> float:
+            found = self._coefficients(harmonics[some])
+            return float(np.log1p(np.abs(found) / self.steps[some]).sum(dtype=np.float64))
+
+        return WEIGHT * math.fsum(each_piece(len(harmonics), cost)) / len(harmonics)
 
     def gradient(self, harmonics: Float[np.ndarray, "N K 3"]) -> Float[np.ndarray, "N K 3"]:
         """Returns the gradient of the loss term (`value`) with respect to the harmonics."""
         # Coefficients that are 0 have none.
-        found = self._coefficients(harmonics)
-        slopes = np.sign(found) * np.float32(WEIGHT / len(harmonics)) / (self.steps + np.abs(found))
-        return (slopes @ self.transform.T).reshape(harmonics.shape)
+        result, weight = np.empty(harmonics.shape, np.float32), np.float32(WEIGHT / len(harmonics))
+
+        def fill(some: slice) -> None:
+            found = self._coefficients(harmonics[some])
+            slopes = np.sign(found) * weight / (self.steps[some] + np.abs(found))
+            result[some] = (slopes @ self.transform.T).reshape(result[some].shape)
+
+        each_piece(len(harmonics), fill)
+        return result
 
     def _coefficients(self, harmonics: Float[np.ndarray, "N K 3"]) -> Float[np.ndarray, "N C"]:
         return harmonics.reshape(len(harmonics), -1) @ self.transform

@@ -11,15 +11,14 @@ from splatwire.arguments import check_fields
 from splatwire.codec.gaussians.packets import divide_into_packets
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.errors import InvalidValueError
-from splatwire.finetuning.latents import Gradients, Latents, Offsets, gradients_of, harmonic_gradient
+from splatwire.finetuning.latents import Gradients, Latents, Offsets, each_piece, gradients_of, harmonic_gradient
 from splatwire.finetuning.losses import SimulatedReception, simulate_reception
 from splatwire.finetuning.options import FineTuning
 from splatwire.finetuning.pictures import Pictures
 from splatwire.finetuning.sampled_loss import SampledLoss
 from splatwire.finetuning.sparsity import HarmonicCost
 from splatwire.ops.adam import update_run
-from splatwire.ops.spherical_harmonics import sh_basis
-from splatwire.ops.threads import share
+from splatwire.ops.threads import one_blas_thread
 from splatwire.render.antialiasing import compensated
 from splatwire.render.cpu import Picture, float_arrays, keep_freed_memory
 from splatwire.render.precision import MEASURED_VIEWS, precision_classes
@@ -103,6 +102,7 @@ def fine_tune(
     return tuned_gaussians(scene, pictures, options, progress).rounded
 
 
+@one_blas_thread()  # results must not depend on the number of processors
 def tuned_gaussians(
     scene: SplatScene,
     pictures: Pictures,
@@ -194,7 +194,7 @@ def tuned_gaussians(
             found = reception.gradients(drawn, found)
         gradients = gradients_of(latents, drawn, offsets, found)
         if costly is not None:
-            gradients["harmonics"] = gradients["harmonics"] + costly
+            _add(gradients["harmonics"], costly)
         optimizer.update(latents.trained(), gradients, rate * _decay(step / options.iterations))
         latents.apply_turns()
         if progress:
@@ -242,9 +242,7 @@ def picture_gradients(
     means, quats, scales, opacities, colors, _ = picture.gradients(arrays, image, d_image)
     if scene.antialiased:
         opacities = opacities * (seen.opacities / np.maximum(plain.opacities, np.float32(1e-12)))
-    rays = splats.means - cameras.centers[view]
-    directions = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), np.float32(1e-12))
-    sh = harmonic_gradient(sh_basis(directions, splats.degree), seen, colors)
+    sh = harmonic_gradient(splats, seen, cameras.centers[view], colors)
     return error, Gradients(means, quats, scales, opacities, sh)
 
 
@@ -266,23 +264,37 @@ class _Adam:
         self._steps += 1
         root = math.sqrt(1 - BETA2**self._steps)
 
-        def change(name: str) -> None:
-            values, gradient = trained[name], np.ascontiguousarray(gradients[name], np.float32)
+        for name, values in trained.items():
             if name not in self._moments:
                 self._moments[name] = np.zeros_like(values), np.zeros_like(values)
-            steps = np.zeros_like(values)
-            flat = [array.reshape(-1) for array in (steps, gradient, *self._moments[name])]
             size = RATES[name] * rate / (1 - BETA1**self._steps)
-            update_run(*flat, 0, values.size, *map(np.float32, (size, 1 / root, BETA1, BETA2, EPSILON)))
-            values += self._sizes.reshape(-1, *[1] * (values.ndim - 1)) * steps
+            constants = [np.float32(number) for number in (size, 1 / root, BETA1, BETA2, EPSILON)]
 
-        share(change, list(trained))
+            def change(
+                some: slice, name: str = name, values: np.ndarray = values, constants: list[np.float32] = constants
+            ) -> None:
+                gradient = np.ascontiguousarray(gradients[name][some], np.float32)
+                steps = np.zeros_like(gradient)
+                flat = [array.reshape(-1) for array in (steps, gradient, *(each[some] for each in self._moments[name]))]
+                update_run(*flat, 0, steps.size, *constants)
+                values[some] += self._sizes[some].reshape(-1, *[1] * (values.ndim - 1)) * steps
+
+            each_piece(len(values), change)
 
     def stop(self) -> None:
         """Sets the first moments to 0, so that earlier gradients no longer move the parameters."""
         # Earlier gradients then no longer change the parameters.
         for first, _ in self._moments.values():
             first[:] = 0
+
+
+def _add(values: Float[np.ndarray, "N K 3"], more: Float[np.ndarray, "N K 3"]) -> None:
+    """Adds numbers of Gaussians to other ones, in place."""
+
+    def add(some: slice) -> None:
+        values[some] += more[some]
+
+    each_piece(len(values), add)
 
 
 def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:

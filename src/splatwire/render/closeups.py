@@ -8,7 +8,7 @@ from jaxtyping import Float
 from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
 from splatwire.anchors.projection import project
 from splatwire.ops.quaternions import rotation_matrices
-from splatwire.render.importance import gaussian_footprints, surrounding_cameras
+from splatwire.render.importance import projected_footprints, surrounding_cameras
 from splatwire.types import Cameras
 from splatwire.types.splats import Splats
 
@@ -75,7 +75,7 @@ def _surface_point(
     seen = splats.seen_from(cameras.centers[view])
     projected = project(seen.means, seen.scales, rotation_matrices(seen.quats), cameras, view)
     x, y = projected.means2d.T
-    weights = gaussian_footprints(seen, cameras, view)
+    weights = projected_footprints(projected, seen.opacities, cameras)
     weights = np.where((x >= 0) & (x < cameras.width) & (y >= 0) & (y < cameras.height), weights, 0)
     if not weights.sum() > 0:
         return None

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of, spawned_gaussians
-from splatwire.anchors.projection import project
+from splatwire.anchors.projection import Projected, project
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import lower_median, to_numpy
 from splatwire.ops.quaternions import rotation_matrices
@@ -40,10 +40,17 @@ def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
 def gaussian_footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[np.ndarray, "G"]:
     """Returns opacity times projected area in square pixels for each Gaussian; 0 outside the image."""
     projected = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
+    return projected_footprints(projected, gaussians.opacities, cameras)
+
+
+def projected_footprints(
+    projected: Projected, opacities: Float[np.ndarray, "G"], cameras: Cameras
+) -> Float[np.ndarray, "G"]:
+    """Returns opacity times projected area in square pixels for each projected Gaussian; 0 outside the image."""
     xx, xy, yy = projected.covs2d.T
     area = math.pi * np.sqrt(np.maximum(xx * yy - xy * xy, 0))
     seen = projected.touches_image(cameras.width, cameras.height)
-    return gaussians.opacities * np.minimum(area, cameras.width * cameras.height) * seen
+    return opacities * np.minimum(area, cameras.width * cameras.height) * seen
 
 
 HELD_OUT_VIEWS = 15
