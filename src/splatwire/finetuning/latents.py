@@ -5,7 +5,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -13,14 +12,13 @@ from jaxtyping import Float
 from splatwire.codec.gaussians.attributes import matrices_of
 from splatwire.ops.quaternions import quaternions_of
 from splatwire.ops.spherical_harmonics import degree_of, sh_basis
-from splatwire.ops.threads import share
+from splatwire.ops.threads import Result, share
 from splatwire.types import Gaussians
 from splatwire.types.splats import Splats
 
 _PIECE = 4096
 """Number of Gaussians per piece."""
 
-Result = TypeVar("Result")
 _MIN_OPACITY, _MAX_OPACITY = 1e-3, 0.9998
 """Range of initial opacities; a logit of 0 or 1 would be infinite."""
 
