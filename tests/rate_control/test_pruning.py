@@ -37,6 +37,7 @@ def test_share_grows_steadily_with_the_precision():
     assert (np.diff(shares) >= 0).all()
     assert np.diff(shares).max() < 0.1
     assert MIN_SHARE <= shares[0] < shares[-1] <= 1
+    assert (np.diff([curve.expected_psnr(level) for level in levels]) > 0).all()
 
 
 def test_hidden_gaussians_are_removed_first():
