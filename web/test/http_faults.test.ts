@@ -567,3 +567,12 @@ test("a scene without a server is not cached: its address is never used again", 
     assert.equal(caches.entries.size > 0, entries > 0, file);
   }
 });
+
+test("a file of which the server has sent a part is requested again while a web page is in its place", async () => {
+  const page = () => new Response("<!doctype html>");
+  new Server((asked, n) => (n > 0 && n < 6 ? page() : part(CLIP, asked)));
+  assert.equal((await visit()).verified, true);
+  const server = new Server((asked, n) => (n > 0 ? page() : part(CLIP, asked)));
+  assert.equal((await visit()).text, "this is not a splatwire stream");
+  assert.ok(server.asked.length < 12, `${server.asked.length} requests`);
+});

@@ -10,7 +10,7 @@ import type { PacketStore } from "./packet_store.ts";
 import { FINAL_REFUSALS } from "./transfer.ts";
 import { lookUpSession, NoWebTransport, receiveDatagrams, type Session } from "./webtransport.ts";
 
-/** Largest number of requests for a file that the server delivered before and refuses now. */
+/** Largest number of attempts with a file that the server delivered before, and refuses or damages now. */
 const MAX_REFUSALS = 4;
 /** Largest number of sessions that end as complete although packets are missing. */
 const MAX_INCOMPLETE = 3;
@@ -78,9 +78,11 @@ class Failover {
   }
 
   canRetry(error: unknown): boolean {
-    if (error instanceof BitstreamError) return false;
+    const isDamaged = error instanceof BitstreamError;
+    if (!isDamaged && !(error instanceof HttpError && error.final)) return true;
     // a file that was delivered before may be in the middle of its replacement
-    return !(error instanceof HttpError && error.final) || (this.#file.given && ++this.#file.refusals <= MAX_REFUSALS);
+    const isKnown = isDamaged ? this.receiver.store.hasHead : this.#file.given;
+    return isKnown && ++this.#file.refusals <= MAX_REFUSALS;
   }
 
   /**
