@@ -12,6 +12,7 @@
 #define INLINE static inline __attribute__((always_inline))
 #define EXPORT(name) __attribute__((export_name(#name)))
 #define ROTATED(word, bits) __builtin_rotateright32(word, bits)
+#define TURNED(words, bits) (wasm_u32x4_shr(words, bits) | wasm_i32x4_shl(words, 32 - bits))
 #define NUM_SCALES 320
 #define MEANS 8
 #define CONTEXTS (8 * SPREADS * SECONDS)
@@ -782,28 +783,35 @@ EXPORT(lanes) uint32_t lanes(uint32_t first, uint32_t size, uint32_t low, uint32
 }
 
 /// Updates the state of SHA-256 (FIPS 180-4) with `blocks` blocks of 64 bytes. At `begin` lie the 8 words of the state, the
-/// 64 constants of the rounds, and the blocks.
+/// 64 constants of the rounds, and the blocks. Four blocks at a time are expanded, one in each lane, because only the
+/// rounds depend on the blocks before; up to three blocks behind the last one are read.
 EXPORT(hash) void hash(uint32_t blocks) {
-  static uint32_t words[64];
+  static v128_t words[64];
   uint32_t *state = (uint32_t *)heap_end;
   const uint32_t *constants = state + 8, *at = constants + 64;
-  for (; blocks; blocks--, at += 16) {
-    uint32_t a = state[0], b = state[1], c = state[2], d = state[3];
-    uint32_t e = state[4], f = state[5], g = state[6], h = state[7];
-    for (int32_t t = 0; t < 16; t++) words[t] = __builtin_bswap32(at[t]);
+  for (int32_t left = (int32_t)blocks; left > 0; left -= 4, at += 64) {
+    for (int32_t t = 0; t < 16; t++) {
+      v128_t word = wasm_i32x4_make(at[t], at[t + 16], at[t + 32], at[t + 48]);
+      words[t] = wasm_i8x16_shuffle(word, word, 3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12);
+    }
     for (int32_t t = 16; t < 64; t++) {
-      uint32_t x = words[t - 15], y = words[t - 2];
-      words[t] = words[t - 16] + (ROTATED(x, 7) ^ ROTATED(x, 18) ^ x >> 3) + words[t - 7] +
-                 (ROTATED(y, 17) ^ ROTATED(y, 19) ^ y >> 10);
+      v128_t x = words[t - 15], y = words[t - 2];
+      words[t] = words[t - 16] + (TURNED(x, 7) ^ TURNED(x, 18) ^ wasm_u32x4_shr(x, 3)) + words[t - 7] +
+                 (TURNED(y, 17) ^ TURNED(y, 19) ^ wasm_u32x4_shr(y, 10));
     }
-    for (int32_t t = 0; t < 64; t++) {
-      uint32_t sum = h + (ROTATED(e, 6) ^ ROTATED(e, 11) ^ ROTATED(e, 25)) + (g ^ (e & (f ^ g)));
-      uint32_t other = (ROTATED(a, 2) ^ ROTATED(a, 13) ^ ROTATED(a, 22)) + ((a & b) | (c & (a | b)));
-      sum += constants[t] + words[t];
-      h = g, g = f, f = e, e = d + sum, d = c, c = b, b = a, a = sum + other;
+    for (int32_t n = 0; n < 4 && n < left; n++) {
+      const uint32_t *word = (const uint32_t *)words + n;
+      uint32_t a = state[0], b = state[1], c = state[2], d = state[3];
+      uint32_t e = state[4], f = state[5], g = state[6], h = state[7];
+      for (int32_t t = 0; t < 64; t++) {
+        uint32_t sum = h + (ROTATED(e, 6) ^ ROTATED(e, 11) ^ ROTATED(e, 25)) + (g ^ (e & (f ^ g)));
+        uint32_t other = (ROTATED(a, 2) ^ ROTATED(a, 13) ^ ROTATED(a, 22)) + ((a & b) | (c & (a | b)));
+        sum += constants[t] + word[4 * t];
+        h = g, g = f, f = e, e = d + sum, d = c, c = b, b = a, a = sum + other;
+      }
+      state[0] += a, state[1] += b, state[2] += c, state[3] += d;
+      state[4] += e, state[5] += f, state[6] += g, state[7] += h;
     }
-    state[0] += a, state[1] += b, state[2] += c, state[3] += d;
-    state[4] += e, state[5] += f, state[6] += g, state[7] += h;
   }
 }
 

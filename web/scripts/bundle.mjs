@@ -12,6 +12,23 @@ import { finer, LOWER, lower, smaller, vectors } from "./engine.mjs";
 
 const root = fileURLToPath(new URL("..", import.meta.url));
 export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"));
+/**
+ * Properties that no program but ours sees, which get short names: not those of the page's or another package's
+ * interface, of JSON, or of the module `splatwire-view.js`. Messages between bundles have the same short names.
+ */
+const INTERNAL = `
+  applyAttribute birthGroups bitsOf changeMs columnShifts concealmentBytes damagedTiles elementsPerByte
+  expectedErrors firstNew forCamera framesOf groupFrames hasHead hasUnknownBirth headBytes headMs helpOpen
+  idleMs isOnlySource isReordered isSequence isTryingWhole lastOffsets logScales logSteps lookUpSession
+  lostSequences manifestBytes maxTiers medianRadius noGaussians noteUseless numBases numHarmonics numOffsets
+  numPackets numReceived numSymbols numTracks onContextLost packetBytes paintedCanvas pictureChanged
+  playingLive pointCameraAt receiveDatagrams repeatMs reportPlayable rowSteps setConcealers setMessage setRow
+  setViewpoint showNotice sideInfoBytes sideInfoDigest stalledFrames startWebGL stopProbabilities symbolBytes
+  symbolsDigest symbolsMissing takeHave tierOf tilesBytes upRotation viewDependent voxelSize wasExtrapolated
+  withoutComparison
+`
+  .trim()
+  .split(/\s+/);
 const common = {
   bundle: true,
   minify: true,
@@ -22,6 +39,8 @@ const common = {
   legalComments: "none",
   tsconfigRaw: { compilerOptions: { useDefineForClassFields: false } }, // avoids duplicate field names
   logLevel: "error",
+  mangleProps: new RegExp(`^(${INTERNAL.join("|")})$`),
+  mangleCache: Object.fromEntries(INTERNAL.map((name, n) => [name, `$${n.toString(36)}`])),
 };
 const banner = {
   js: `/* splatwire ${version} web receiver, Apache-2.0; with PlayCanvas (MIT) */`,

@@ -4,9 +4,15 @@ import { StreamDecoder } from "./codec/decoder.ts";
 import type { DecodedPacket, Schema } from "./codec/schema.ts";
 import { HeadReader } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
+import { bufferOf, type Packed, pack } from "./render/packed.ts";
 
 /** Packet without its header, as decoders need it. */
 export type PacketBody = Pick<Packet, "block" | "lane" | "count" | "payload">;
+
+/** Decoded packet. `packed` has its Gaussians if they are drawn as they are, and is null for those of clips. */
+export interface HelpedPacket extends DecodedPacket {
+  readonly packed: Packed | null;
+}
 
 /** `help` starts a helper for the stream with this head. `batch` is answered by `decoded` with the same number. */
 export type ToHelper =
@@ -22,7 +28,7 @@ export type FromHelper =
   | {
       readonly kind: "decoded";
       readonly number: number;
-      readonly packets: readonly (DecodedPacket | null)[] | null;
+      readonly packets: readonly (HelpedPacket | null)[] | null;
       readonly ms: number;
     };
 
@@ -46,9 +52,13 @@ export class PacketHelper {
     this.post({ kind: "decoded", number: message.number, packets, ms: performance.now() - began }, hand);
   }
 
-  #decode(packets: readonly PacketBody[]): (DecodedPacket | null)[] | null {
+  #decode(packets: readonly PacketBody[]): (HelpedPacket | null)[] | null {
+    const { degree, size, sequence } = this.#schema!;
     try {
-      return packets.map((packet) => this.#schema!.decode!({ ...packet, bytes: packet.payload }));
+      return packets.map((packet) => {
+        const decoded = this.#schema!.decode!({ ...packet, bytes: packet.payload });
+        return decoded && { ...decoded, packed: sequence ? null : pack([decoded.splats], degree, size) };
+      });
     } catch {
       return null; // the receiver's worker decodes the batch itself and reports the error
     }
@@ -56,9 +66,9 @@ export class PacketHelper {
 }
 
 /** Returns the buffers of a decoded packet, for transfer. */
-function buffersOfPacket({ symbols, splats }: DecodedPacket): ArrayBuffer[] {
-  const { means, quats, scales, opacities, colours, harmonics } = splats,
-    // If there are integers, `rows` is one empty array that all packets share, which must not be transferred.
-    all = [symbols.integers ?? symbols.rows, symbols.harmonics, means, quats, scales, opacities, colours, harmonics];
-  return all.map(({ buffer }) => buffer as ArrayBuffer);
+function buffersOfPacket({ symbols, splats, packed }: HelpedPacket): ArrayBuffer[] {
+  // If there are integers, `rows` is one empty array that all packets share, which must not be transferred.
+  const { rows, integers = rows, harmonics } = symbols,
+    buffers = [integers, harmonics, splats.means].map(({ buffer }) => buffer as ArrayBuffer);
+  return [...new Set([...buffers, ...(packed ? [bufferOf(packed)] : [])])]; // arrays share buffers
 }

@@ -1,7 +1,6 @@
 // Helper threads that decode packets, one fewer than the device has cores.
 
-import type { DecodedPacket } from "./codec/schema.ts";
-import type { FromHelper, PacketBody, ToHelper } from "./packet_helper.ts";
+import type { FromHelper, HelpedPacket, PacketBody, ToHelper } from "./packet_helper.ts";
 
 /** Largest number of helpers. */
 const MAX_HELPERS = 4;
@@ -22,7 +21,7 @@ export interface HelperThread {
 /** Packets of a batch that a helper decoded, and the time that it took, milliseconds. */
 export interface DecodedBatch {
   /** Null for a packet that is decoded when it is drawn. */
-  readonly packets: readonly (DecodedPacket | null)[];
+  readonly packets: readonly (HelpedPacket | null)[];
   readonly ms: number;
 }
 

@@ -4,7 +4,7 @@ import type { DecodedFrame } from "./codec/schema.ts";
 import { emptySplats } from "./codec/splats.ts";
 import type { Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
-import { buffersOf, pack } from "./render/packed.ts";
+import { bufferOf, pack } from "./render/packed.ts";
 import type { DecodedStream } from "./transport/decoded_stream.ts";
 import { type LossSimulation, shownPackets } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
@@ -61,7 +61,7 @@ export class SequenceFrames {
       drawMs = performance.now() - began;
     this.post(
       { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },
-      buffersOf(packed),
+      [bufferOf(packed)],
     );
     setTimeout(() => sequence.prefetch(own, PREFETCH_MS));
   }

@@ -9,7 +9,7 @@ import { ANY_CAMERA, type Camera } from "./model/camera.ts";
 import { type DecodedBatch, type HelperThread, numHelpers, PacketPool } from "./packet_pool.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
-import { buffersOf, pack } from "./render/packed.ts";
+import { bufferOf, keepPacked, pack } from "./render/packed.ts";
 import { packPreview } from "./render/packed_preview.ts";
 import { delay, nextTask, type Pause, periodicPause, SLICE_MS } from "./scheduler.ts";
 import { SequenceFrames } from "./sequence_frames.ts";
@@ -116,7 +116,7 @@ export class WorkerReceiver implements Receiver {
   preview(bytes: Uint8Array): void {
     try {
       const preview = packPreview(bytes);
-      post({ kind: "preview", ...preview }, buffersOf(preview.packed));
+      post({ kind: "preview", ...preview }, [bufferOf(preview.packed)]);
     } catch (error) {
       post({ kind: "note", text: (error as Error).message });
     }
@@ -354,7 +354,11 @@ export class WorkerReceiver implements Receiver {
       batch = await decoded,
       began = performance.now();
     if (of !== this.#received) return; // another stream has replaced it
-    for (const [n, packet] of packets.entries()) of.accept(packet, batch?.packets[n] ?? null);
+    for (const [n, packet] of packets.entries()) {
+      const decoded = batch?.packets[n] ?? null;
+      if (decoded?.packed) keepPacked(decoded.splats, decoded.packed);
+      of.accept(packet, decoded);
+    }
     this.#decodeMs += (batch?.ms ?? 0) + performance.now() - began;
   }
 
@@ -409,7 +413,7 @@ export class WorkerReceiver implements Receiver {
         gainsWithoutCopies = replaceAll ? received.gainsWithoutCopies : null,
         { degree, size } = schema;
       const packed = pack(parts, degree, size),
-        transfer = [...buffersOf(packed), ...buffersOfGains(gains, gainsWithoutCopies)];
+        transfer = [bufferOf(packed), ...buffersOfGains(gains, gainsWithoutCopies)];
       post(
         { kind: "splats", packed, replaceAll, fresh, elements, copies, gains, gainsWithoutCopies, requestId },
         transfer,
@@ -435,7 +439,7 @@ export class WorkerReceiver implements Receiver {
           tiles.push({ tile, packed: pack(parts, degree, size) });
           this.#pieces.set(tile, parts.length);
         }
-        const transfer = tiles.flatMap(({ packed }) => buffersOf(packed));
+        const transfer = tiles.map(({ packed }) => bufferOf(packed));
         post({ kind: "tiles", removed, added: tiles, fresh, requestId }, transfer);
         fresh = false;
         if (requestId !== this.#viewRequest) break; // the view has changed
@@ -507,7 +511,7 @@ export class WorkerReceiver implements Receiver {
     const { schema } = this.#received!.decoder,
       packed = pack(parts, schema.degree, schema.size);
     post({ kind: "update", hidden, packed, numRemoved, numNew, gaussians: this.#updated!.count }, [
-      ...buffersOf(packed),
+      bufferOf(packed),
       ...(hidden ? [hidden.buffer as ArrayBuffer] : []),
     ]);
   }

@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { FloatPacking } from "playcanvas";
 
 import { emptySplats } from "../src/codec/splats.ts";
-import { HALF_FLOAT_VALUES, pack, toHalfFloat } from "../src/render/packed.ts";
+import { HALF_FLOAT_VALUES, keepPacked, pack, toHalfFloat } from "../src/render/packed.ts";
 import { random } from "./vectors.ts";
 
 const next = random(7);
@@ -43,7 +43,26 @@ test("parts are packed one after another in units of the scene's size", () => {
     [...last.quats.subarray(4, 8)].map((value) => toHalfFloat(sign * value)),
   );
   assert.equal(packed.opacities[4], last.opacities[1]);
-  const harmonics = new Uint16Array(packed.harmonics[0].buffer).subarray(32, 40),
-    more = new Uint16Array(packed.harmonics[1].buffer).subarray(32, 33);
+  const halvesOf = (t: number): Uint16Array => {
+    const { buffer, byteOffset, length } = packed.harmonics[t];
+    return new Uint16Array(buffer, byteOffset, 2 * length);
+  };
+  const harmonics = halvesOf(0).subarray(32, 40),
+    more = halvesOf(1).subarray(32, 33);
   assert.deepEqual([...harmonics, ...more], [...last.harmonics.subarray(9, 18)].map(toHalfFloat));
+});
+
+test("Gaussians that were packed elsewhere are packed together with others", () => {
+  const parts = [3, 1, 2].map((count) => {
+    const splats = emptySplats(count, 3);
+    for (const array of [splats.means, splats.quats, splats.scales, splats.opacities, splats.colours, splats.harmonics])
+      array.forEach((_, n) => (array[n] = Math.fround(next() - 0.4)));
+    return splats;
+  });
+  const expected = pack(parts, 3, 4);
+  keepPacked(parts[1], pack([parts[1]], 3, 4));
+  keepPacked(parts[2], pack([parts[2]], 3, 4));
+  assert.deepEqual(pack(parts, 3, 4), expected);
+  parts[1].means.fill(1); // what was kept is for one call
+  assert.notDeepEqual(pack(parts, 3, 4), expected);
 });

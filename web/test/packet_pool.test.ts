@@ -6,6 +6,7 @@ import { type FromHelper, PacketHelper, type ToHelper } from "../src/packet_help
 import { type HelperThread, numHelpers, PacketPool } from "../src/packet_pool.ts";
 import type { Head } from "../src/packets/container.ts";
 import { readPacket } from "../src/packets/packet.ts";
+import { pack } from "../src/render/packed.ts";
 import { DecodedStream } from "../src/transport/decoded_stream.ts";
 import { fileOf, readStream, STREAMS } from "./vectors.ts";
 
@@ -130,6 +131,33 @@ for (const [n, stream] of streamsOf("gaussians").entries()) {
       ),
       digest = await schema.digest(blocks, async () => true);
     assert.equal(digest, stream.head.manifest.symbolsDigest);
+  });
+
+  test(`the integers of stream ${n} are not decoded again if a few packets precede those before them`, async () => {
+    const sizes = stream.packets.map((bytes) => {
+        const { symbols } = new DecodedStream(stream.head).decoder.schema.decode!(
+          readPacket(bytes, stream.head.manifest.streamId)!,
+        )!;
+        return symbols.harmonics.byteLength + symbols.integers!.length;
+      }),
+      received = new DecodedStream(stream.head, { keptBytes: 3 * Math.max(...sizes) });
+    for (let n = 0; n < stream.packets.length; n += 3)
+      for (const bytes of stream.packets.slice(n, n + 3).reverse()) received.addPacket(bytes);
+    const { schema, intake } = received.decoder,
+      blocks = Array.from({ length: intake.plan.numBlocks }, (_, block) =>
+        intake.blocks.get(block)!.map((packet) => ({ ...packet, payload: new Uint8Array() })),
+      );
+    assert.equal(await schema.digest(blocks, async () => true), stream.head.manifest.symbolsDigest);
+  });
+
+  test(`helpers pack the Gaussians of stream ${n} as the receiver's worker does`, async () => {
+    const pool = new PacketPool(stream.file, () => new FakeThread(), 1),
+      { decoder } = new DecodedStream(stream.head),
+      { degree, size } = decoder.schema;
+    await ready(pool);
+    const batch = await pool.decode(stream.packets.slice(0, 3).map((bytes) => decoder.admit(bytes)!));
+    for (const packet of batch!.packets) assert.deepEqual(packet!.packed, pack([packet!.splats], degree, size));
+    pool.close();
   });
 
   test(`integers of stream ${n} beyond the memory for them are decoded again`, async () => {

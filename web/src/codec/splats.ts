@@ -33,6 +33,26 @@ export function emptySplats(count: number, degree: number): Splats {
   };
 }
 
+/** Returns Gaussians whose arrays lie one after another in `values`, all zeros by default. */
+export function splatsIn(
+  count: number,
+  degree: number,
+  values = new Float32Array((11 + 3 * (degree + 1) ** 2) * count),
+): Splats {
+  let at = 0;
+  const next = (width: number): Float32Array => values.subarray(at, (at += width * count));
+  return {
+    count,
+    degree,
+    means: next(3),
+    quats: next(4),
+    scales: next(3),
+    opacities: next(1),
+    colours: next(3),
+    harmonics: next(3 * ((degree + 1) ** 2 - 1)),
+  };
+}
+
 /** Returns the memory of a Gaussian in bytes, once decoded and once packed for drawing. */
 export function splatBytes(degree: number): number {
   return 2 * 4 * (11 + 3 * (degree + 1) ** 2);

@@ -27,24 +27,43 @@ export interface Tile {
 
 export const numShTextures = (degree: number): number => Math.ceil((3 * ((degree + 1) ** 2 - 1)) / 8);
 
-/** Packs Gaussians of one degree, part after part. `size` is the unit of length. */
+/** Gaussians that were packed elsewhere, until they are packed together with others. */
+const packedBefore = new WeakMap<Splats, Packed>();
+
+/** Gives `pack` the result for some Gaussians, for one call. */
+export function keepPacked(splats: Splats, packed: Packed): void {
+  packedBefore.set(splats, packed);
+}
+
+/** Packs Gaussians of one degree, part after part, into one buffer. `size` is the unit of length. */
 export function pack(parts: readonly Splats[], degree: number, size: number): Packed {
   const count = parts.reduce((sum, part) => sum + part.count, 0),
     texels = 4 * count,
-    number = 3 * ((degree + 1) ** 2 - 1);
-  const all: Packed = {
-    count,
-    degree,
-    centers: new Float32Array(texels).fill(1),
-    colours: new Uint16Array(texels),
-    scales: new Uint16Array(texels),
-    rotations: new Uint16Array(texels),
-    harmonics: Array.from({ length: numShTextures(degree) }, () => new Uint32Array(texels)),
-    opacities: new Float32Array(count),
-  };
+    number = 3 * ((degree + 1) ** 2 - 1),
+    textures = numShTextures(degree),
+    buffer = new ArrayBuffer((44 + 16 * textures) * count);
+  const halves = (n: number): Uint16Array => new Uint16Array(buffer, (20 + 16 * textures + 8 * n) * count, texels),
+    all: Packed = {
+      count,
+      degree,
+      centers: new Float32Array(buffer, 0, texels).fill(1),
+      colours: halves(0),
+      scales: halves(1),
+      rotations: halves(2),
+      harmonics: Array.from({ length: textures }, (_, t) => new Uint32Array(buffer, (20 + 16 * t) * count, texels)),
+      opacities: new Float32Array(buffer, 16 * count, count),
+    };
   const { centers, scales, rotations, opacities: opaque } = all;
   let n = 0;
   for (const splats of parts) {
+    const before = packedBefore.get(splats);
+    if (before) {
+      const from = arraysOf(before);
+      for (const [a, array] of arraysOf(all).entries()) array.set(from[a], (array.length / count) * n);
+      packedBefore.delete(splats);
+      n += splats.count;
+      continue;
+    }
     const { means, scales: sizes } = splats,
       [colours, opacities, quats, harmonics] = [splats.colours, splats.opacities, splats.quats, splats.harmonics].map(
         ({ buffer, byteOffset, length }) => new Uint32Array(buffer, byteOffset, length),
@@ -75,10 +94,18 @@ export function hide({ centers, colours, opacities }: Packed, n: number): void {
   centers[4 * n + 3] = colours[4 * n + 3] = opacities[n] = 0;
 }
 
-/** Returns the buffers, for transfer from a worker. */
-export function buffersOf({ centers, colours, scales, rotations, harmonics, opacities }: Packed): ArrayBuffer[] {
-  return [centers, colours, scales, rotations, ...harmonics, opacities].map((array) => array.buffer as ArrayBuffer);
-}
+/** Returns the arrays in a fixed order. */
+const arraysOf = ({ centers, colours, scales, rotations, harmonics, opacities }: Packed) => [
+  centers,
+  colours,
+  scales,
+  rotations,
+  ...harmonics,
+  opacities,
+];
+
+/** Returns the buffer of what `pack` returned, for transfer from a worker. */
+export const bufferOf = ({ centers }: Packed): ArrayBuffer => centers.buffer as ArrayBuffer;
 
 const FLOAT = new Float32Array(1),
   BITS = new Uint32Array(FLOAT.buffer);
@@ -105,4 +132,6 @@ function halfOf(bits: number): number {
 }
 
 /** Number value of each half float, indexed by its bits. */
-export const HALF_FLOAT_VALUES: Float32Array = Float32Array.from({ length: 65536 }, (_, bits) => floatOf(bits));
+export const HALF_FLOAT_VALUES: Float32Array = /* @__PURE__ */ Float32Array.from({ length: 65536 }, (_, bits) =>
+  floatOf(bits),
+);

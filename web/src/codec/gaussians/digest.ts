@@ -17,15 +17,24 @@ export type Verification = {
   readonly fileBytes?: number;
 } | null;
 
+/** Decoded packet. */
+interface Pending {
+  readonly packet: Packet;
+  readonly decoded: Decoded;
+}
+
+const bytesOf = ({ rows, integers, harmonics }: Decoded): number =>
+  (integers ?? rows).byteLength + harmonics.byteLength;
+
 /**
  * Computes the digest block by block: rows as 64-bit integers, then harmonics as 32-bit integers. Packets that are
- * added in the order of the plan, as those of a file, need not be decoded again. The same is true in any order while
- * the integers of all packets take at most `keptBytes` bytes.
+ * added in the order of the plan, as those of a file, need not be decoded again. The same is true of other orders
+ * while the integers that wait for those before them in the plan take at most `keptBytes` bytes.
  */
 export class SymbolsDigest {
   #hash = newSha256(compressFast);
-  /** Packets that are not hashed yet, and the bytes of their integers. */
-  #pending: { readonly packet: Packet; readonly decoded: Decoded }[] = [];
+  /** Packets that are not hashed yet, in the order of the plan, and the bytes of their integers. */
+  readonly #pending: Pending[] = [];
   #bytes = 0;
   /** True as long as packets were added in order. */
   #inOrder = true;
@@ -39,18 +48,23 @@ export class SymbolsDigest {
   /** Adds a decoded packet. The integers may change afterwards only if `keptBytes` is 0. */
   add(packet: Packet, decoded: Decoded): void {
     if (!this.#inOrder) return;
-    const { rows, integers = rows, harmonics } = decoded;
-    this.#pending.push({ packet, decoded });
-    this.#bytes += integers.byteLength + harmonics.byteLength;
-    if (this.#bytes > this.keptBytes) this.#hashKept();
+    const pending = this.#pending,
+      { block, lane } = packet,
+      isLater = ({ packet: other }: Pending): boolean => (other.block - block || other.lane - lane) > 0;
+    let at = pending.length;
+    while (at && isLater(pending[at - 1])) at--;
+    pending.splice(at, 0, { packet, decoded });
+    this.#bytes += bytesOf(decoded);
+    this.#hashPending(this.keptBytes);
   }
 
-  /** Hashes the pending packets in the order of the plan. */
-  #hashKept(): void {
-    this.#pending.sort(({ packet: a }, { packet: b }) => a.block - b.block || a.lane - b.lane);
-    for (const { packet, decoded } of this.#pending) this.#hashNext(packet, decoded);
-    this.#pending = [];
-    this.#bytes = 0;
+  /** Hashes pending packets in the order of the plan until the integers of the others take at most `most` bytes. */
+  #hashPending(most: number): void {
+    while (this.#bytes > most) {
+      const { packet, decoded } = this.#pending.shift()!;
+      this.#bytes -= bytesOf(decoded);
+      this.#hashNext(packet, decoded);
+    }
   }
 
   #hashNext({ block, lane }: Packet, { rows, harmonics, integers }: Decoded): void {
@@ -76,7 +90,7 @@ export class SymbolsDigest {
     pause: Pause,
     decode: (packet: Packet) => Decoded,
   ): Promise<string> {
-    this.#hashKept();
+    this.#hashPending(0);
     while (this.#added.length <= blocks.length) this.#beginBlock();
     if (this.#inOrder && blocks.every((packets, block) => packets.length === this.#added[block]))
       return this.#hash.hex();

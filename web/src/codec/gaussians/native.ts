@@ -3,6 +3,7 @@
 import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../../entropy/tables.ts";
 import { countLanes } from "../../packets/plan.ts";
 import { BLOCK, compress, ROUNDS } from "../../sha256.ts";
+import { splatsIn } from "../splats.ts";
 import { COEFFICIENTS, COLUMNS } from "./layout.ts";
 import { MODULE } from "./native_module.ts";
 import { type Decoded, type GaussianPackets, PacketDecoder } from "./packet.ts";
@@ -63,7 +64,7 @@ export function instantiate<T>(): T | null {
   }
 }
 
-/** Bytes that are hashed at once, also enough for the counts of lanes. */
+/** Bytes that are hashed at once, four blocks or a multiple, also enough for the counts of lanes. */
 const HASHED_BYTES = 2 ** 16,
   /** Words of the state of SHA-256. */
   STATE_WORDS = 8,
@@ -121,10 +122,10 @@ export class FastPackets implements GaussianPackets {
     this.info = info;
   }
 
-  decode(payload: Uint8Array, block: number, count: number, brief = false): Decoded {
+  decode(payload: Uint8Array, block: number, count: number, brief = false, wide = !brief): Decoded {
     this.#decoder ??= NativePackets.of(this.info) ?? new PacketDecoder(this.info);
     try {
-      return this.#decoder.decode(payload, block, count, brief);
+      return this.#decoder.decode(payload, block, count, brief, wide);
     } catch (error) {
       if (!(error instanceof WebAssembly.RuntimeError)) throw error;
       // its memory cannot grow; the plain decoder needs less at once
@@ -183,28 +184,27 @@ export class NativePackets implements GaussianPackets {
     else new Float64Array(buffer, address, values.length).set(values);
   }
 
-  decode(payload: Uint8Array, block: number, count: number, brief = false): Decoded {
+  decode(payload: Uint8Array, block: number, count: number, brief = false, wide = !brief): Decoded {
     const { boxes, defaults, degree, numHarmonics, unit, sizeLog, coarsest } = this.info,
-      { memory, begin, decode, convert } = this.#exports,
+      { memory, begin, decode, convert, widen } = this.#exports,
       address = begin(payload.length);
     this.#fill("defaults", defaults.subarray(7 * block, 7 * block + 7));
     this.#fill("corner", boxes.corners.subarray(3 * block, 3 * block + 3));
     new Uint8Array(memory.buffer, address, payload.length).set(payload);
     const at = decode(payload.length, count, numHarmonics, boxes.bits[block], unit, coarsest);
-    let floats = convert(count, numHarmonics, 2 ** (sizeLog - unit - 1), 2 ** sizeLog);
-    const next = (width: number): Float32Array => {
-      const found = new Float32Array(memory.buffer, floats, width * count);
-      floats += found.byteLength;
-      return brief ? found : found.slice();
+    const floats = convert(count, numHarmonics, 2 ** (sizeLog - unit - 1), 2 ** sizeLog),
+      sizes = 8 * COLUMNS * count;
+    if (wide) widen(count);
+    const part = (begin: number, bytes: number): readonly [ArrayBuffer, number] =>
+      brief ? [memory.buffer, begin] : [memory.buffer.slice(begin, begin + bytes), 0];
+    const [numbers, first] = part(at, sizes + 4 * numHarmonics * count),
+      [values, start] = part(floats, 4 * (14 + numHarmonics) * count);
+    return {
+      rows: wide ? new Float64Array(numbers, first, COLUMNS * count) : NO_ROWS,
+      integers: wide ? undefined : new Uint8Array(numbers, first, sizes),
+      harmonics: new Int32Array(numbers, first + sizes, numHarmonics * count),
+      splats: splatsIn(count, degree, new Float32Array(values, start, (14 + numHarmonics) * count)),
     };
-    const [means, quats, scales, opacities, colours] = [3, 4, 3, 1, 3].map(next),
-      splats = { count, degree, means, quats, scales, opacities, colours, harmonics: next(numHarmonics) };
-    const integers = new Uint8Array(memory.buffer, at, 8 * COLUMNS * count),
-      harmonics = new Int32Array(memory.buffer, at + integers.length, numHarmonics * count);
-    if (brief) return { rows: NO_ROWS, harmonics, integers, splats };
-    this.#exports.widen(count);
-    const rows = new Float64Array(memory.buffer, at, COLUMNS * count).slice();
-    return { rows, harmonics: harmonics.slice(), splats };
   }
 }
 

@@ -72,9 +72,9 @@ const clip = (value: number, low: number, high: number): number => Math.min(Math
 export interface GaussianPackets {
   /**
    * Decodes the payload of a packet of `count` Gaussians. Any bytes decode to some integers. If `brief`, the next call
-   * may overwrite the result.
+   * may overwrite the result. If `wide`, the result has `rows`, not `integers`; this is the default unless `brief`.
    */
-  decode(payload: Uint8Array, block: number, count: number, brief?: boolean): Decoded;
+  decode(payload: Uint8Array, block: number, count: number, brief?: boolean, wide?: boolean): Decoded;
 }
 
 /** Decodes packets without WebAssembly. */

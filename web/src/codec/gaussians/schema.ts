@@ -19,13 +19,6 @@ import { type RedundantGaussians, readRedundantGaussians } from "./redundant_cop
 import { readSideInfo, type SideInfo } from "./side_info.ts";
 import { toSplats } from "./to_splats.ts";
 
-/** Returns integers that later calls of the decoder do not overwrite. */
-const copied = ({ rows, harmonics, integers }: Decoded): Decoded => ({
-  rows,
-  harmonics: harmonics.slice(),
-  integers: integers?.slice(),
-});
-
 export class GaussianSchema implements Schema<GaussianPart> {
   readonly concealmentBytes = CONCEALMENT_BYTES;
   readonly tiling = null;
@@ -83,16 +76,15 @@ export class GaussianSchema implements Schema<GaussianPart> {
 
   read(packet: Packet): GaussianPart {
     if (this.#keptBytes) return this.accept(packet, this.decode(packet));
-    const symbols = this.#decode(packet),
+    const symbols = this.#decode(packet, true),
       splats = toSplats(symbols, this.info, packet.block, this.#roomFor(packet.count));
     return this.accept(packet, { symbols, splats });
   }
 
   /** Decodes a packet to new arrays. */
   decode(packet: Packet): DecodedPacket {
-    const symbols = this.#decode(packet),
-      splats = toSplats(symbols, this.info, packet.block, emptySplats(packet.count, this.degree));
-    return { symbols: copied(symbols), splats };
+    const symbols = this.#decode(packet);
+    return { symbols, splats: toSplats(symbols, this.info, packet.block) };
   }
 
   accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianPart {
@@ -111,12 +103,12 @@ export class GaussianSchema implements Schema<GaussianPart> {
   digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
     const digest = this.#digest ?? new SymbolsDigest();
     this.#digest = null;
-    return digest.finish(blocks, pause, (packet) => copied(this.#decode(packet)));
+    return digest.finish(blocks, pause, (packet) => this.#decode(packet));
   }
 
-  /** Decodes a packet. The next call may overwrite the result. */
-  #decode({ payload, block, count }: Packet): Decoded {
-    return this.#packets.decode(payload, block, count, true);
+  /** Decodes a packet. The next call may overwrite the result if it is `brief`. */
+  #decode({ payload, block, count }: Packet, brief = false): Decoded {
+    return this.#packets.decode(payload, block, count, brief, false);
   }
 
   copies(): Promise<Copies<GaussianPart>> {

@@ -1,6 +1,6 @@
 // Conversion of decoded integers to Gaussians. It is the last step and the only floating-point part of the codec.
 
-import { DC, emptySplats, type Splats } from "../splats.ts";
+import { DC, type Splats, splatsIn } from "../splats.ts";
 import {
   AXIS,
   BITS,
@@ -51,7 +51,7 @@ export function toSplats(decoded: Decoded, info: SideInfo, block: number, room?:
   const { splats } = decoded;
   if (splats && !room) return splats;
   if (splats && room) return copySplats(splats, room);
-  return convert(decoded, info, block, room ?? emptySplats(decoded.rows.length / COLUMNS, info.degree));
+  return convert(decoded, info, block, room ?? splatsIn(decoded.rows.length / COLUMNS, info.degree));
 }
 
 function copySplats(from: Splats, to: Splats): Splats {
