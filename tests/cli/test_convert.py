@@ -55,6 +55,7 @@ def test_anchors_become_gaussians(run, journey, tmp_path):
     assert done.json["num_gaussians"] == read_splats(tmp_path / "a.ply").num_gaussians > 100
 
 
+@pytest.mark.slow
 def test_frames_become_frames_of_another_format_and_a_clip_and_frames_again(run, frames, tmp_path):
     assert run("convert", frames, tmp_path / "small", "--to", "spz", "--json").json["num_frames"] == 3
     names = [path.name for path in frame_files(tmp_path / "small")]

@@ -142,6 +142,7 @@ def test_orbit_views_are_rendered_without_cameras(run, ply, lossy, tmp_path):
     assert run("render", lossy, "-o", tmp_path / "lossy", *words).json["num_lost"] > 0
 
 
+@pytest.mark.slow
 def test_evaluate_applies_the_same_losses_to_every_concealer(run, ply, stream, tmp_path):
     words = ("--reference", ply, "--loss", "bernoulli:0.3", "--seeds", "0", "1", "--views", "3", "--lpips-views", "1")
     rows = {row["method"]: row for row in run("evaluate", stream, *words, "--json").json["rows"]}

@@ -19,6 +19,7 @@ def ball(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_size_is_reached_and_printed(ball, tmp_path, run):
     whole = run("encode", ball, "-o", tmp_path / "whole.swz", "--json").json
     assert "reached" not in whole
@@ -47,6 +48,7 @@ def test_quality_names_equal_their_quality_numbers(ball, tmp_path, run):
     assert (tmp_path / "small.swz").read_bytes() == (tmp_path / "40.swz").read_bytes()
 
 
+@pytest.mark.slow
 def test_effort_prunes_and_prints_the_kept_share(ball, tmp_path, run):
     done = run("encode", ball, "-o", tmp_path / "a.swz", "--quality", "30", "--effort", "default")
     assert "% kept, level 5.50)" in done.out
@@ -95,7 +97,9 @@ def test_targets_are_reached_with_other_packetizations(options, ball, tmp_path, 
         (("--size", "big"), "a size is a number of bytes"),
         (("--psnr", "-3"), "--psnr takes decibels above 0"),
         (("--quality", "101"), "a number is 0 to 100"),
-        (("--size", "10B"), "cannot be encoded to 10 bytes: the smallest stream has"),
+        pytest.param(
+            ("--size", "10B"), "cannot be encoded to 10 bytes: the smallest stream has", marks=pytest.mark.slow
+        ),
         (("--effort", "default", "--keep", "0.5"), "--keep is for --effort fast"),
         (("--effort", "best", "--keep", "0.5"), "--keep is for --effort fast"),
         (("--effort", "best", "--levels", "auto"), "--effort best does not make levels of detail yet"),
