@@ -1,12 +1,15 @@
 """The store: complete files or none, one coordinator, a full disk."""
 
+import contextlib
 import errno
 import os
+import signal
 import sys
 
 import pytest
 
 from splatwire.errors import BackendUnavailableError, SplatwireError
+from splatwire.evaluation.study.local_engine import _Worker
 from splatwire.evaluation.study.records import Record, records_from_bytes, records_to_bytes
 from splatwire.evaluation.study.store import MemoryStore, Store
 
@@ -40,6 +43,29 @@ def test_unfinished_files_are_ignored_and_removed(tmp_path):
     with store.locked():
         assert [path.name for path in (tmp_path / "units").iterdir()] == ["a.parquet"]
     assert store.records("a") == [RECORD]
+
+
+def test_unfinished_files_of_workers_that_a_signal_ended_are_removed(tmp_path):
+    store = Store(tmp_path)
+    store.write("inputs/key/stream", b"")
+    with contextlib.suppress(KeyboardInterrupt), store.locked():
+        space = tmp_path / "inputs" / "key" / ".splatwire-0123456789ab.part"
+        space.mkdir(mode=0o700)
+        raise KeyboardInterrupt
+    assert [path.name for path in (tmp_path / "inputs" / "key").iterdir()] == ["stream"]
+
+
+def test_ctrl_c_does_not_reach_a_worker(tmp_path):
+    """A terminal sends it to all processes, and a worker that is starting would print a traceback."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    worker = _Worker.start(str(tmp_path))
+    try:
+        os.kill(worker.process.pid, signal.SIGINT)
+        worker.pipe.send("no task")
+        assert worker.pipe.recv().startswith("AttributeError")
+    finally:
+        worker.stop()
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
 
 
 def test_concurrent_runs_on_one_store_are_refused(tmp_path):

@@ -2,9 +2,11 @@
 
 import contextlib
 import multiprocessing
+import signal
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -65,7 +67,8 @@ class _Worker:
         context = multiprocessing.get_context("spawn")  # a fork would inherit the threads of numba and torch
         ours, theirs = context.Pipe()
         process = context.Process(target=_work_loop, args=(theirs, root), daemon=True)
-        process.start()
+        with _interrupts_blocked():  # a terminal sends Ctrl-C to all processes; the parent process ends this one
+            process.start()
         theirs.close()
         return _Worker(process, ours)
 
@@ -96,6 +99,20 @@ class _Worker:
         if self.process.is_alive():
             self.process.kill()
         self.pipe.close()
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Context in which SIGINT (Ctrl-C) waits; a process that is started in it never gets SIGINT."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # its start would end the blocking
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _await_finished(workers: list[_Worker]) -> list[_Worker]:

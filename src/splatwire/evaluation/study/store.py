@@ -92,7 +92,7 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Locks the store for one coordinating process, and removes unfinished files of a killed process.
+        """Locks the store for one coordinating process, and removes unfinished files of killed processes.
 
         Raises:
             SplatwireError: If another run has the lock.
@@ -106,12 +106,17 @@ class Store:
             except OSError as error:
                 reason = f"another run is working in {self.root}: wait for it, or take another folder"
                 raise SplatwireError(reason) from error
-            for folder in [
-                self.root,
-                *(path for path in self.root.rglob("*") if path.is_dir() and not path.is_symlink()),
-            ]:
-                remove_unfinished(folder)
-            yield
+            self._tidy()
+            try:
+                yield
+            finally:
+                self._tidy()  # after Ctrl-C, workers may have been ended while they wrote
+
+    def _tidy(self) -> None:
+        """Removes unfinished files of killed processes."""
+        folders = (path for path in self.root.rglob("*") if path.is_dir() and not path.is_symlink())
+        for folder in [self.root, *folders]:
+            remove_unfinished(folder)
 
 
 @dataclass(frozen=True)
