@@ -1,5 +1,7 @@
 import json
 import re
+import subprocess
+import sys
 from importlib.util import find_spec
 
 import pytest
@@ -54,6 +56,22 @@ def test_demo_shows_the_gain_of_concealment_on_the_bundled_scene(run, tmp_path, 
         assert page.index("<td>sketch</td>") < page.index("do worse than leaving") < page.index("<td>kriging</td>")
     assert 'href="explicit/report.html"' in page
     assert rows["sketch"]["num_bytes"] > rows["drop"]["num_bytes"] == rows["scene_free"]["num_bytes"]
+
+
+def test_a_process_that_is_no_longer_needed_can_remove_its_temporary_files(tmp_path, monkeypatch):
+    """SIGKILL would leave them, when Ctrl-C or an error ends the demo."""
+    monkeypatch.setattr(_subprocess, "_GRACE_S", 240.0)
+    code = (
+        "import pathlib, signal, sys\n"
+        "signal.signal(signal.SIGTERM, lambda *_: (pathlib.Path(sys.argv[1]).unlink(), sys.exit(3)))\n"
+        "print(pathlib.Path(sys.argv[1]).touch(), flush=True)\nsignal.pause()"
+    )
+    words = [sys.executable, "-c", code, str(tmp_path / "temporary")]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        process.stdout.readline()
+        _subprocess._end(process)
+    assert process.returncode == 3
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.extended

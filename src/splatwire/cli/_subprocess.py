@@ -5,7 +5,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from splatwire.types import ReceivedScene
 from splatwire.types.scene_digest import scene_digest
 
 _WARNING = "splatwire: warning: "
+_GRACE_S = 5.0
 
 
 def decode_in_fresh_process(stream: SceneStream) -> ReceivedScene:
@@ -71,4 +72,13 @@ def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dic
         try:
             yield answer
         finally:
-            process.kill()
+            _end(process)
+
+
+def _end(process: "subprocess.Popen[str]") -> None:
+    """Ends a process that still runs; it has `_GRACE_S` seconds to remove its temporary files."""
+    if process.poll() is None:
+        process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_GRACE_S)
+    process.kill()
