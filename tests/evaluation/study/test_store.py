@@ -6,11 +6,17 @@ import os
 import signal
 import sys
 
+import numpy as np
 import pytest
 
 from splatwire.errors import BackendUnavailableError, SplatwireError
+from splatwire.evaluation.pixels import png_bytes
+from splatwire.evaluation.study.definition import canonical
+from splatwire.evaluation.study.inputs import stored_stream
 from splatwire.evaluation.study.local_engine import _Worker
+from splatwire.evaluation.study.prepared_stream import PreparedStream
 from splatwire.evaluation.study.records import Record, records_from_bytes, records_to_bytes
+from splatwire.evaluation.study.references import digest_of_files
 from splatwire.evaluation.study.store import MemoryStore, Store
 
 RECORD = Record(
@@ -66,6 +72,36 @@ def test_ctrl_c_does_not_reach_a_worker(tmp_path):
     finally:
         worker.stop()
     assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda data: data[: len(data) // 2], lambda data: b"", lambda data: data[:40] + bytes(9) + data[49:]]
+)
+def test_damaged_pictures_are_named_with_the_way_out(damage, tmp_path):
+    store = Store(tmp_path)
+    pixels = np.arange(300, dtype=np.uint8).reshape(10, 10, 3)
+    store.write("pictures/a.png", damage(png_bytes(pixels)))
+    with pytest.raises(SplatwireError, match=r"pictures/a\.png is damaged: .*; remove it and start again$"):
+        store.picture("pictures/a.png")
+    store.write("pictures/a.png", png_bytes(pixels))
+    assert (store.picture("pictures/a.png") == pixels).all()
+
+
+@pytest.mark.parametrize("damage", [lambda path: path.write_bytes(b"packe"), lambda path: path.unlink()])
+def test_scores_of_a_damaged_stream_are_not_stored(damage, tmp_path):
+    """The readers of streams use the intact packets of a damaged file."""
+    store, about = Store(tmp_path), tmp_path / "inputs" / "a.json"
+    assert stored_stream(store, "inputs/a.swz", about) is None
+    path = store.write("inputs/a.swz", b"packets")
+    known = PreparedStream("inputs/a.swz", digest_of_files(path), {}, 1, 2)
+    store.write("inputs/a.json", canonical(vars(known)).encode())
+    assert stored_stream(store, "inputs/a.swz", about) == known
+    damage(path)
+    with pytest.raises(SplatwireError, match=r"a\.swz is missing or damaged: remove its folder and start again"):
+        stored_stream(store, "inputs/a.swz", about)
+    about.write_text('{"digest": "of another release"}')
+    with pytest.raises(SplatwireError, match="remove its folder"):
+        stored_stream(store, "inputs/a.swz", about)
 
 
 def test_concurrent_runs_on_one_store_are_refused(tmp_path):

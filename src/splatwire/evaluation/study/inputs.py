@@ -23,7 +23,7 @@ from splatwire.concealment import concealed, concealer_names, create_concealer
 from splatwire.concealment.registry import why_unfit
 from splatwire.concealment.temporal.concealers import temporal_concealer_names
 from splatwire.data import save_cameras
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.evaluation.extent import SceneExtent
 from splatwire.evaluation.study.decoded import prepare_decoded
 from splatwire.evaluation.study.definition import PASSTHROUGH, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
@@ -337,11 +337,34 @@ def _passthrough(source: Source, digest: str) -> PreparedStream:
     return PreparedStream(path, digest, parts, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS)
 
 
+def stored_stream(store: Store, path: str, about: Path) -> PreparedStream | None:
+    """Returns a stream that an earlier run has prepared; None if there is none.
+
+    Args:
+        store: The store.
+        path: Path of the stream within the store.
+        about: Path of the file that describes it.
+
+    Raises:
+        SplatwireError: If the stream or its description is damaged: scores of it would be stored.
+    """
+    if (found := read_json(about)) is None:
+        return None
+    damaged = SplatwireError(f"{store.root / path} is missing or damaged: remove its folder and start again")
+    try:
+        known = PreparedStream(**found)
+    except TypeError as error:
+        raise damaged from error
+    if not (store.root / path).is_file() or digest_of_files(store.root / path) != known.digest:
+        raise damaged
+    return known
+
+
 def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progress: Progress) -> PreparedStream:
     assert row.packetization is not None
     path, about = f"{folder}/{row.variant}.swz", store.root / folder / f"{row.variant}.json"
-    if (known := read_json(about)) is not None:
-        return PreparedStream(**known)
+    if (known := stored_stream(store, path, about)) is not None:
+        return known
     label = f"{source.entry.name}: encoding {row.variant}"
     if (whole := source.stream) is not None and not whole.manifest.tiers and can_repack(whole):
         started = time.perf_counter()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.evaluation.pixels import png_bytes, png_pixels, to_pixels
+from splatwire.evaluation.pixels import png_bytes, to_pixels
 from splatwire.evaluation.study.run import StudyResult
 from splatwire.evaluation.study.store import Store
 from splatwire.evaluation.study.units import Cell
@@ -62,8 +62,8 @@ def take_pictures(result: StudyResult, store: Store) -> list[ViewPictures]:
         for view in images.views:
             shots = tuple(_shot(result, store, cell, view) for cell in cells)
             maps = {c.row.variant: c.unit.loss_map(view) for c in cells if c.row.erode is None}
-            there = {variant: store.root / file for variant, file in maps.items() if (store.root / file).is_file()}
-            pixels = {variant: png_pixels(path.read_bytes()) for variant, path in there.items()}
+            there = {variant: file for variant, file in maps.items() if (store.root / file).is_file()}
+            pixels = {variant: store.picture(file) for variant, file in there.items()}
             reference = to_pixels(views.reference(view))
             found.append(
                 ViewPictures(name, views.cameras.names[view], loss, references.source, reference, shots, pixels)
@@ -72,7 +72,7 @@ def take_pictures(result: StudyResult, store: Store) -> list[ViewPictures]:
 
 
 def _shot(result: StudyResult, store: Store, cell: Cell, view: int) -> Shot:
-    pixels = png_pixels((store.root / cell.unit.picture(view)).read_bytes())
+    pixels = store.picture(cell.unit.picture(view))
     return Shot(cell.row.label, pixels, result.records[cell.unit.key][view].psnr)
 
 

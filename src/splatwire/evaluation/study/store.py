@@ -16,13 +16,18 @@ import errno
 import fcntl
 import json
 import os
+import struct
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from splatwire.errors import SplatwireError
+from splatwire.evaluation.pixels import png_pixels
 from splatwire.evaluation.study.input_files import InputFiles
 from splatwire.evaluation.study.records import Record, parquet, records_from_bytes, records_to_bytes
 from splatwire.files.atomic_write import atomic_write, remove_unfinished
@@ -77,6 +82,21 @@ class Store:
             OSError: If the system call fails for another reason.
         """
         return _write(self.root / name, data)
+
+    def picture(self, name: str) -> np.ndarray:
+        """Reads an image of the store as RGB, uint8, (H, W, 3).
+
+        Args:
+            name: Path within the store.
+
+        Raises:
+            SplatwireError: If the image is missing or damaged.
+        """
+        path = self.root / name
+        try:
+            return png_pixels(path.read_bytes())
+        except (OSError, ValueError, SyntaxError, struct.error, zlib.error) as error:  # PIL raises all of them
+            raise SplatwireError(f"{path} is damaged: {error}; remove it and start again") from error
 
     def put_records(self, key: str, records: Sequence[Record]) -> None:
         """Writes the records of a task, which marks the task as finished."""
