@@ -1,6 +1,7 @@
 """`python -m splatwire` is the command `splatwire`."""
 
 import importlib
+import signal
 import sys
 
 
@@ -11,10 +12,10 @@ def start() -> None:
     """
     try:
         importlib.import_module("splatwire.cli.main").main()
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         if sys.stderr is not None:
             sys.stderr.write("splatwire: stopped\n")
-        sys.exit(130)
+        sys.exit(128 + getattr(error, "number", signal.SIGINT))
 
 
 if __name__ == "__main__":

@@ -414,6 +414,19 @@ def _long_kernel(values, count):
     return np.full(3, total), total
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_while_a_plug_in_is_loaded_is_no_error_of_it(run, monkeypatch, number):
+    def ended(verb, options):
+        try:
+            signal.raise_signal(number)
+        except (Exception, SystemExit):  # as the loader of plug-ins, which may raise anything
+            raise ZeroDivisionError from None
+
+    monkeypatch.setattr(main_module, "_execute", ended)
+    outcome = run("demo")
+    assert (outcome.status, outcome.out, outcome.err) == (128 + number, "", "splatwire: stopped\n")
+
+
 def test_internal_errors_keep_their_traceback(monkeypatch):
     """Only deliberate errors are shortened; a bug must stay visible."""
 

@@ -18,7 +18,7 @@ from typing import Any
 import splatwire
 from splatwire.cli._input_warnings import DAMAGED, input_warnings
 from splatwire.cli._resources import address_space_warning, resource_problem
-from splatwire.cli._signals import SignalErrors, status_of
+from splatwire.cli._signals import SignalErrors, StoppedError, status_of
 from splatwire.cli._startup_progress import startup_messages
 from splatwire.cli._terminal import discard_stderr, one_line, print_failure, printable_streams
 from splatwire.cli._verbs import VERBS, overview, unknown_verb
@@ -133,7 +133,7 @@ def _in_main_thread() -> bool:
 def _signals_as_exit(*, in_process: bool) -> Iterator[None]:
     """Converts SIGINT, SIGTERM and SIGHUP to a regular exit of the process, so that temporary files are removed.
 
-    A signal raises KeyboardInterrupt (SIGINT) or SystemExit as soon as the error cannot get lost. Signals that are
+    A signal raises KeyboardInterrupt (SIGINT) or StoppedError as soon as the error cannot get lost. Signals that are
     ignored, or have a handler of the caller, keep their action.
 
     Args:
@@ -141,7 +141,8 @@ def _signals_as_exit(*, in_process: bool) -> Iterator[None]:
     """
 
     def stop(number: int) -> BaseException:
-        return KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
+        # Not SystemExit: the loader of plug-ins takes that for an error of a plug-in.
+        return KeyboardInterrupt() if number == signal.SIGINT else StoppedError(number)
 
     if not _in_main_thread():
         yield
@@ -222,7 +223,7 @@ def _print_damage(verb: Any) -> int:
 
 def _signal_status(error: BaseException) -> int | None:
     """Returns the exit status if a signal such as Ctrl-C caused an error; None for all other errors."""
-    # Within a compiled kernel, KeyboardInterrupt (Ctrl-C) and SystemExit (SIGTERM, SIGHUP) become a SystemError.
+    # Within a compiled kernel, the error of a signal becomes a SystemError.
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):
