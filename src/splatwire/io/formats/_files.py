@@ -50,7 +50,7 @@ class FileBytes:
             DatasetError: If the file was truncated meanwhile.
         """
         start, stop, _ = part.indices(self._size)
-        data, num_read = memoryview(large_empty((max(stop - start, 0),), np.uint8)), 0
+        data, num_read = large_empty((max(stop - start, 0),), np.uint8).data, 0
         self._file.seek(self._start + start)
         while num_read < len(data):
             count = self._file.readinto(data[num_read : num_read + _MOST_READ])
