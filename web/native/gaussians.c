@@ -875,7 +875,6 @@ EXPORT(decode) uint32_t decode(
 #define NEAREST 8
 #define WEIGHT 4096
 #define AWAY 0x1p60f  // above all squared distances
-#define UNLIMITED (1ULL << 62)
 #define MAX_COEFFICIENT 0x1p36
 
 enum { TRACK, STATE, BEGINS, ENDS, BEFORE, AFTER };
@@ -981,37 +980,47 @@ static void add_known(uint32_t i) {
   axes[num_known++] = (int32_t)i;
 }
 
-// The nearest known tracks as keys: squared distance, then position in the sequence of known tracks.
-static uint64_t nearest[NEAREST];
+// Positions of the nearest tracks in the sequence of known tracks, nearest first, and their squared distances.
+static uint32_t nearest[NEAREST];
+static double squares[NEAREST];
+static float *apart;  // rounded squared distances of the known tracks
 
 static int32_t find_known(uint32_t i) {
   const double *place = places + 3 * i;
-  v128_t x = wasm_f32x4_splat((float)place[0]), y = wasm_f32x4_splat((float)place[1]);
-  v128_t z = wasm_f32x4_splat((float)place[2]), worst = wasm_f32x4_splat(AWAY);
-  for (int32_t m = 0; m < NEAREST; m++) nearest[m] = UNLIMITED;
+  v128_t xyz[3], least[2], most;
+  for (int32_t a = 0; a < 3; a++) xyz[a] = wasm_f32x4_splat((float)place[a]);
+  least[0] = least[1] = wasm_f32x4_const_splat(AWAY * AWAY * 4);
   for (uint32_t n = 0; n < num_known; n += 4) {
     const float *at = known + n;
-    v128_t dx = wasm_f32x4_sub(wasm_v128_load(at), x), dy = wasm_f32x4_sub(wasm_v128_load(at + padded), y);
-    v128_t dz = wasm_f32x4_sub(wasm_v128_load(at + 2 * padded), z);
-    v128_t d = wasm_f32x4_add(wasm_f32x4_add(wasm_f32x4_mul(dx, dx), wasm_f32x4_mul(dy, dy)), wasm_f32x4_mul(dz, dz));
-    // differences are exact, squares are rounded
-    for (uint32_t near = wasm_i32x4_bitmask(wasm_f32x4_le(d, worst)); near; near &= near - 1) {
+    v128_t x = wasm_f32x4_sub(wasm_v128_load(at), xyz[0]), y = wasm_f32x4_sub(wasm_v128_load(at + padded), xyz[1]);
+    v128_t z = wasm_f32x4_sub(wasm_v128_load(at + 2 * padded), xyz[2]);
+    v128_t d = wasm_f32x4_add(wasm_f32x4_add(wasm_f32x4_mul(x, x), wasm_f32x4_mul(y, y)), wasm_f32x4_mul(z, z));
+    wasm_v128_store(apart + n, d);  // differences are exact, squares are rounded
+    most = wasm_f32x4_pmin(least[0], d);
+    least[1] = wasm_f32x4_pmin(least[1], wasm_f32x4_pmax(least[0], d));
+    least[0] = most;
+  }
+  // The second least of each lane: eight tracks are at most as far as the farthest of these.
+  most = wasm_f32x4_pmax(least[1], wasm_i32x4_shuffle(least[1], least[1], 1, 0, 3, 2));
+  most = wasm_f32x4_mul(wasm_f32x4_pmax(most, wasm_i32x4_shuffle(most, most, 2, 3, 0, 1)), wasm_f32x4_const_splat(1.000001f));
+  int32_t found = 0;
+  for (uint32_t n = 0; n < num_known; n += 4) {
+    for (uint32_t near = wasm_i32x4_bitmask(wasm_f32x4_le(wasm_v128_load(apart + n), most)); near; near &= near - 1) {
       uint32_t position = n + (uint32_t)__builtin_ctz(near);
       if (position >= num_known) break;
-      uint64_t square = 0;
+      double square = 0;
       for (int32_t a = 0; a < 3; a++) {
-        int64_t apart = (int64_t)(known[a * padded + position] - (float)place[a]);
-        square += (uint64_t)(apart * apart);
+        double axis = known[a * padded + position] - place[a];
+        square += axis * axis;
       }
-      uint64_t key = square << 16 | position;
-      if (key >= nearest[NEAREST - 1]) continue;
-      int32_t m = NEAREST - 1;
-      for (; m > 0 && nearest[m - 1] > key; m--) nearest[m] = nearest[m - 1];
-      nearest[m] = key;
-      worst = wasm_f32x4_splat((float)(nearest[NEAREST - 1] >> 16) * 1.000001f);
+      int32_t m = found;
+      if (found < NEAREST) found++;
+      else if (square >= squares[--m]) continue;
+      for (; m > 0 && squares[m - 1] > square; m--) squares[m] = squares[m - 1], nearest[m] = nearest[m - 1];
+      squares[m] = square, nearest[m] = position;
     }
   }
-  return smaller((int32_t)num_known, NEAREST);
+  return found;
 }
 
 // Weights of the nearest tracks in the plane fit.
@@ -1021,12 +1030,12 @@ static void fit_plane(uint32_t i, int32_t found) {
   double o[3 * NEAREST], near[NEAREST], radius = 1, total = 0, sums[3] = {0}, m[6] = {0};
   for (int32_t n = 0; n < found; n++) {
     for (int32_t a = 0; a < 3; a++) {
-      o[3 * n + a] = places[3 * axes[nearest[n] & 65535] + a] - places[3 * i + a];
+      o[3 * n + a] = places[3 * axes[nearest[n]] + a] - places[3 * i + a];
       if (magnitude(o[3 * n + a]) > radius) radius = magnitude(o[3 * n + a]);
     }
   }
   for (int32_t n = 0; n < found; n++) {
-    double w = near[n] = 1 + __builtin_floor(2 * ((double)(nearest[0] >> 16) + 1) / ((double)(nearest[n] >> 16) + 1));
+    double w = near[n] = 1 + __builtin_floor(2 * (squares[0] + 1) / (squares[n] + 1));
     total += w;
     for (int32_t a = 0; a < 3; a++) {
       o[3 * n + a] = __builtin_floor(o[3 * n + a] * 1024 / radius);
@@ -1072,7 +1081,7 @@ static void predict_track(uint32_t i, const int32_t *shifts) {
   const double *rows[NEAREST];
   v128_t weights_of[NEAREST];
   for (int32_t m = 0; m < found; m++) {
-    int32_t j = axes[nearest[m] & 65535];
+    int32_t j = axes[nearest[m]];
     if (headers[HEAD * j + STATE] != MOVING) continue;
     rows[some] = rows_of + j * stride;
     weights_of[some++] = wasm_f64x2_splat(plane_weights[m]);
@@ -1092,7 +1101,8 @@ static void predict_track(uint32_t i, const int32_t *shifts) {
   }
 }
 
-static void write_offsets(const double *own, float *out) {
+// Writes the offsets of a track. Its frames are `row` numbers apart.
+static void write_offsets(const double *own, float *out, uint32_t row) {
   int32_t colour = 0;
   for (int32_t c = 0; c < CHANNELS; own += orders[kind_of[c++]]) {
     int32_t end = orders[kind_of[c]];
@@ -1105,12 +1115,13 @@ static void write_offsets(const double *own, float *out) {
         v128_t values = wasm_v128_load(motion.polynomials + MAX_FRAMES * k + f);
         sum = wasm_f64x2_add(sum, wasm_f64x2_mul(wasm_f64x2_splat(own[k]), values));
       }
-      out[CHANNELS * f + c] = (float)(wasm_f64x2_extract_lane(sum, 0) * motion.units[c]);
-      if (f + 1 < num_frames) out[CHANNELS * (f + 1) + c] = (float)(wasm_f64x2_extract_lane(sum, 1) * motion.units[c]);
+      sum = wasm_f32x4_demote_f64x2_zero(wasm_f64x2_mul(sum, wasm_f64x2_splat(motion.units[c])));
+      out[row * f + c] = wasm_f32x4_extract_lane(sum, 0);
+      if (f + 1 < num_frames) out[row * (f + 1) + c] = wasm_f32x4_extract_lane(sum, 1);
     }
   }
   if (!colour) return;
-  for (int32_t f = 0; f < num_frames; f++, out += CHANNELS) {
+  for (int32_t f = 0; f < num_frames; f++, out += row) {
     double y = out[10] / R3, co = out[11], cg = out[12];
     out[10] = (float)(y + co / R2 - cg / R6);
     out[11] = (float)(y + 2 * cg / R6);
@@ -1118,7 +1129,7 @@ static void write_offsets(const double *own, float *out) {
   }
 }
 
-/// Computes the offsets of the packet's tracks, float (number, frames, 13), from the shifts and places behind its
+/// Computes the offsets of the packet's tracks, float (frames, number, 13), from the shifts and places behind its
 /// headers, and the coding order of `num_moving` tracks behind them, int32. Returns their address.
 EXPORT(offsets) uint32_t offsets(uint32_t num_moving) {
   const int32_t *shifts = headers + HEAD * count;
@@ -1127,9 +1138,10 @@ EXPORT(offsets) uint32_t offsets(uint32_t num_moving) {
   uint32_t rows_at = ((uint32_t)(residuals + size * count) + 15) & ~15u;
   uint32_t known_at = (rows_at + 8 * stride * count + 15) & ~15u;
   padded = (count + 3) & ~3u;
-  uint32_t out_at = known_at + 12 * padded + 4 * count, row = CHANNELS * num_frames;
-  reserve(out_at + 4 * row * count);
-  rows_of = (double *)rows_at, known = (float *)known_at, axes = (int32_t *)(known_at + 12 * padded);
+  uint32_t out_at = known_at + 16 * padded + 4 * count, row = CHANNELS * count;
+  reserve(out_at + 4 * row * num_frames);
+  rows_of = (double *)rows_at, known = (float *)known_at, apart = known + 3 * padded, axes = (int32_t *)(apart + padded);
+  for (uint32_t n = 0; n < 3 * padded; n++) known[n] = AWAY;
   num_known = 0;
   for (uint32_t i = 0; i < count; i++)
     if (headers[HEAD * i + STATE] != MOVING) add_known(i);
@@ -1137,10 +1149,8 @@ EXPORT(offsets) uint32_t offsets(uint32_t num_moving) {
     predict_track((uint32_t)order[n], shifts);
     add_known((uint32_t)order[n]);
   }
-  float *out = (float *)out_at;
-  for (uint32_t i = 0; i < count; i++, out += row) {
-    for (uint32_t n = 0; n < row; n++) out[n] = 0;
-    if (headers[HEAD * i + STATE] == MOVING) write_offsets(rows_of + i * stride, out);
-  }
+  __builtin_memset((float *)out_at, 0, 4 * row * num_frames);
+  for (uint32_t i = 0; i < count; i++)
+    if (headers[HEAD * i + STATE] == MOVING) write_offsets(rows_of + i * stride, (float *)out_at + CHANNELS * i, row);
   return out_at;
 }

@@ -47,7 +47,7 @@ try {
     [
       ...["--yes", "--package=binaryen@132.0.0", "wasm-opt"],
       ...["simd", "nontrapping-float-to-int", "bulk-memory"].map((feature) => `--enable-${feature}`),
-      ...["-O3", "--converge", "--zero-filled-memory", "-o", binary, binary],
+      ...["-O3", "--converge", "--zero-filled-memory", "--reorder-functions", "-o", binary, binary],
     ],
     { stdio: "inherit" },
   );

@@ -52,7 +52,7 @@ export class SequenceFrames {
     const began = performance.now(),
       own = place?.number ?? number,
       { shown, count } = this.#shownMotion(sequence.packets, choice),
-      frame = this.#frameOf(() => sequence.frame(own, shown, choice.concealer));
+      frame = this.#frameOf(() => sequence.frame(own, shown, choice.concealer, true));
     const { antialiased, schema } = decoder,
       // The page ignores frames without Gaussians, because their packets have not arrived. An empty frame that has
       // arrived is sent as one invisible Gaussian.

@@ -16,8 +16,11 @@ export interface SequenceDecoder {
   readonly times: { readonly rate: number; readonly numFrames: number; readonly groupFrames: number };
   /** Names of the concealers for lost motion packets. */
   readonly concealers: readonly string[];
-  /** Returns a frame. A packet counts as lost if `shown` returns false. */
-  frame(number: number, shown: (packet: Packet) => boolean, concealer: string): DecodedFrame;
+  /**
+   * Returns a frame. A packet counts as lost if `shown` returns false. With `reuse`, its Gaussians are valid until the next
+   * call.
+   */
+  frame(number: number, shown: (packet: Packet) => boolean, concealer: string, reuse?: boolean): DecodedFrame;
   /** Decodes the frames after `number` in advance, for up to `ms` milliseconds. */
   prefetch(number: number, ms: number): void;
   /** Received motion packets with payloads still in memory. */

@@ -18,7 +18,7 @@ const MAX_TRACKS = 1 << 16,
 export interface DecodedMotion {
   /** Shape (tracks, HEAD). */
   readonly headers: Int32Array;
-  /** Shape (tracks, frames, channels). */
+  /** Shape (frames, tracks, channels). */
   readonly offsets: Float32Array;
 }
 
@@ -77,13 +77,14 @@ export class PlainMotionPackets implements MotionPackets {
     const { headers, residuals, orders } = decodeMotion(payload, this.info.models, count, frames, firstNew),
       bases = basesOf(headers);
     if (!bases) return null;
-    const size = frames * NUM_CHANNELS,
+    const stride = count * NUM_CHANNELS,
       moving = movingOf(headers),
-      offsets = new Float32Array(size * count),
+      offsets = new Float32Array(frames * stride),
       found = coefficients(bases.positions, moving, bases.shifts, residuals, orders),
       row = coefficientsOf(orders),
       units = unitsOf(this.info);
-    for (let i = 0; i < count; i++) if (moving[i]) offsetsOf(found, i * row, frames, orders, units, offsets, i * size);
+    for (let i = 0; i < count; i++)
+      if (moving[i]) offsetsOf(found, i * row, frames, orders, units, offsets, i * NUM_CHANNELS, stride);
     return { headers, offsets };
   }
 }

@@ -6,7 +6,7 @@ import type { Packet } from "../../packets/packet.ts";
 import { FIRST_FRAME } from "../../packets/section_names.ts";
 import { checkMemory } from "../memory.ts";
 import type { DecodedFrame, SequenceDecoder } from "../schema.ts";
-import type { Splats } from "../splats.ts";
+import { emptySplats, type Splats, subSplats } from "../splats.ts";
 import { KeyframeGaussians } from "./keyframe_gaussians.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, NUM_CHANNELS, TRACK } from "./layout.ts";
 import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
@@ -15,7 +15,7 @@ import type { PreviousState, TrackOffsets } from "./poses.ts";
 import { HELD, HIDDEN, MOVED, positionsOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
-import { movedSplats } from "./trajectories.ts";
+import { moveRows } from "./trajectories.ts";
 
 /** A decoded frame. */
 export interface SequenceFrame extends DecodedFrame {
@@ -41,8 +41,17 @@ interface ConcealedTracks {
   readonly concealed: Uint8Array;
 }
 
-interface DecodedGroup extends TrackOffsets, ConcealedTracks {
+/** Tracks whose offsets lie together. */
+interface Run {
+  readonly count: number;
+  /** Shape (frames, tracks, channels), or of one frame for tracks that stand still. */
+  readonly offsets: Float32Array;
+}
+
+interface DecodedGroup extends Omit<TrackOffsets, "offsets">, ConcealedTracks {
   readonly group: number;
+  /** All rows. */
+  readonly runs: readonly Run[];
   readonly numBases: number;
   /** Tracks that are not drawn (1), by row. */
   readonly hidden: Uint8Array;
@@ -65,6 +74,8 @@ export class Sequence implements SequenceDecoder {
   #firstGroup = 0;
   readonly #packets: FastMotionPackets;
   #cachedBytes = 0;
+  /** Gaussians of the last frame, if their memory may be used again. */
+  #room = emptySplats(0, 0);
   readonly #cache = new Map<Packet, DecodedMotion>();
   #current: DecodedGroup | null = null;
   #previous: ConcealmentState | null = null;
@@ -148,20 +159,33 @@ export class Sequence implements SequenceDecoder {
     return Math.min(groupFrames, numFrames - group * groupFrames);
   }
 
-  /** Returns a frame. Conceals the motion of packets that are lost or rejected by `shown`. */
-  frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion"): SequenceFrame {
+  /**
+   * Returns a frame. Conceals the motion of packets that are lost or rejected by `shown`. With `reuse`, its Gaussians are
+   * valid until the next call.
+   */
+  frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion", reuse = false): SequenceFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
-      { slots, begins, ends, offsets, concealed, hidden, gains } = this.#decodeGroup(group, shown, concealer),
-      frames = this.framesOf(group),
+      { slots, begins, ends, runs, concealed, hidden, gains } = this.#decodeGroup(group, shown, concealer),
       at = number - group * this.info.timeline.groupFrames,
       here = drawnRows(begins, ends, hidden, at),
-      from = here.map((n) => slots[n]),
-      splats = movedSplats(this.bases.splats, from, here, offsets, frames * NUM_CHANNELS, at * NUM_CHANNELS),
-      tracks = from.map((slot) => this.bases.tracks[slot]);
-    let extrapolated = 0;
-    for (let to = 0; to < here.length; to++) {
-      const n = here[to];
-      if (gains) enlarge(splats, to, gains[2 * n], gains[2 * n + 1]);
+      tracks = here.map((n) => this.bases.tracks[slots[n]]);
+    const { degree } = this.bases.splats,
+      room = reuse && this.#room.count >= here.length ? this.#room : emptySplats(here.length, degree),
+      splats = subSplats(room, 0, here.length);
+    if (reuse) this.#room = room;
+    let first = 0,
+      to = 0,
+      extrapolated = 0;
+    for (const run of runs) {
+      const begin = to,
+        end = first + run.count;
+      while (here[to] < end) to++;
+      moveRows(this.bases.splats, slots, here.subarray(begin, to), offsetsIn(run, at), first, splats, begin);
+      first = end;
+    }
+    for (let i = 0; i < here.length; i++) {
+      const n = here[i];
+      if (gains) enlarge(splats, i, gains[2 * n], gains[2 * n + 1]);
       extrapolated += concealed[n];
     }
     return { number, splats, tracks, concealed: extrapolated, isWhole: this.#isWhole(group) };
@@ -191,7 +215,7 @@ export class Sequence implements SequenceDecoder {
   /**
    * Returns the received motion of a group, and the slots of tracks that its packets cover, including those that ended.
    */
-  #receivedMotion(group: number, shown: (packet: Packet) => boolean): { poses: TrackOffsets; covered: Uint8Array } {
+  #receivedMotion(group: number, shown: (packet: Packet) => boolean): { poses: ReceivedTracks; covered: Uint8Array } {
     const { bases, info } = this,
       frames = this.framesOf(group),
       covered = new Uint8Array(bases.count),
@@ -210,7 +234,7 @@ export class Sequence implements SequenceDecoder {
       for (let track = Math.max(headers[TRACK] - headers[BEFORE], 0); track < end; track++)
         if (bases.slots[track] >= 0) covered[bases.slots[track]] = 1;
     }
-    return { poses: joinPackets(found, bases.slots, bases.count, frames), covered };
+    return { poses: joinPackets(found, bases.slots, frames, bases.count), covered };
   }
 
   /**
@@ -252,7 +276,7 @@ export class Sequence implements SequenceDecoder {
   /** Adds the tracks with lost motion. */
   #conceal(
     group: number,
-    { poses, covered }: { poses: TrackOffsets; covered: Uint8Array },
+    { poses, covered }: { poses: ReceivedTracks; covered: Uint8Array },
     before: ConcealmentState | null,
     shown: (packet: Packet) => boolean,
     concealer: string,
@@ -271,31 +295,38 @@ export class Sequence implements SequenceDecoder {
     }
     const found = appendStatic(poses, lost, frames, motions > 0),
       known = poses.slots.length,
-      hidden = new Uint8Array(found.slots.length);
+      hidden = new Uint8Array(found.slots.length),
+      runs = [...poses.runs];
     lost.forEach((slot, n) => {
       [found.begins[known + n], found.ends[known + n]] = this.#lifetime(slot, group);
     });
+    let gains: Float32Array | null = null;
     if (motions && lost.length) {
       const past = this.#pastState(before, group),
-        out = found.offsets.subarray(known * frames * NUM_CHANNELS),
+        offsets = byTrack(runs, known, lost.length, frames),
+        out = offsets.subarray(known * frames * NUM_CHANNELS),
+        arrived = { ...poses, offsets: offsets.subarray(0, known * frames * NUM_CHANNELS) },
         ways =
           concealer === "motion"
-            ? this.#interpolate(poses, Int32Array.from(lost), past, group, out)
+            ? this.#interpolate(arrived, Int32Array.from(lost), past, group, out)
             : new Uint8Array(lost.length).fill(concealer === "drop" ? HIDDEN : HELD);
       ways.forEach((way, n) => {
         if (way !== MOVED) repeatLastOffset(past.lastOffsets, lost[n], out, n * frames, frames);
         hidden[known + n] = Number(way === HIDDEN);
       });
-    }
+      runs.push({ count: lost.length, offsets: transposed(out, lost.length, frames) });
+      if (concealer === "motion" && hidden.includes(1)) gains = this.#growth({ ...found, offsets }, hidden, frames);
+    } else runs.push({ count: lost.length, offsets: new Float32Array(lost.length * NUM_CHANNELS) });
     return {
       ...found,
+      runs,
       hidden,
-      gains: concealer === "motion" && hidden.includes(1) ? this.#growth(found, hidden, frames) : null,
+      gains,
       group,
       shown,
       concealer,
       numBases: bases.count,
-      memory: this.#concealmentState(group, found, before, frames),
+      memory: this.#concealmentState(group, found, runs, before, frames),
     };
   }
 
@@ -338,7 +369,7 @@ export class Sequence implements SequenceDecoder {
   /** Returns the rows by ascending track. */
   #rowsByTrack(slots: Int32Array): Int32Array {
     const rowOf = new Int32Array(this.bases.count).fill(-1);
-    for (let row = 0; row < slots.length; row++) rowOf[slots[row]] = row;
+    for (let row = slots.length; row--; ) rowOf[slots[row]] = row; // the first one counts
     return this.bases.slots.filter((slot) => slot >= 0 && rowOf[slot] >= 0).map((slot) => rowOf[slot]);
   }
 
@@ -377,7 +408,8 @@ export class Sequence implements SequenceDecoder {
 
   #concealmentState(
     group: number,
-    { slots, ends, offsets, concealed }: TrackOffsets & ConcealedTracks,
+    { slots, ends, concealed }: ReceivedTracks & ConcealedTracks,
+    runs: readonly Run[],
     before: ConcealmentState | null,
     frames: number,
   ): ConcealmentState {
@@ -385,70 +417,96 @@ export class Sequence implements SequenceDecoder {
       last = before ? resized(before.offsets, count * NUM_CHANNELS) : new Float32Array(count * NUM_CHANNELS),
       alive = new Uint8Array(count),
       wasExtrapolated = new Uint8Array(count);
-    for (let n = 0; n < slots.length; n++) {
-      if (ends[n] !== frames) continue;
-      const slot = slots[n],
-        end = (n * frames + frames - 1) * NUM_CHANNELS;
-      alive[slot] = 1;
-      wasExtrapolated[slot] = concealed[n];
-      for (let c = 0; c < NUM_CHANNELS; c++) last[slot * NUM_CHANNELS + c] = offsets[end + c];
+    let n = 0;
+    for (const run of runs) {
+      const offsets = offsetsIn(run, frames - 1);
+      for (let from = 0; from < offsets.length; n++, from += NUM_CHANNELS) {
+        const slot = slots[n],
+          to = slot * NUM_CHANNELS;
+        if (ends[n] !== frames) continue;
+        alive[slot] = 1;
+        wasExtrapolated[slot] = concealed[n];
+        for (let c = 0; c < NUM_CHANNELS; c++) last[to + c] = offsets[from + c];
+      }
     }
     return { group, alive, wasExtrapolated, offsets: last };
   }
 }
 
+/** Returns the offsets of a run in a frame, shape (tracks, channels). */
+function offsetsIn({ count, offsets }: Run, frame: number): Float32Array {
+  const size = NUM_CHANNELS * count,
+    first = frame * size < offsets.length ? frame * size : 0;
+  return offsets.subarray(first, first + size);
+}
+
+/** Tracks of the received packets. */
+interface ReceivedTracks extends Omit<TrackOffsets, "offsets"> {
+  readonly runs: readonly Run[];
+}
+
 /**
- * Joins the tracks of all packets. The first one counts if a track occurs twice. The arrays have room for `most`
- * tracks.
+ * Joins the tracks of all packets, with room for `others`. The first one counts if a track occurs twice: the others have
+ * no frame.
  */
-function joinPackets(found: readonly DecodedMotion[], slotOf: Int32Array, most: number, frames: number): TrackOffsets {
-  const size = frames * NUM_CHANNELS,
-    seen = new Uint8Array(slotOf.length),
-    slots = new Int32Array(most),
-    begins = new Int32Array(most),
-    ends = new Int32Array(most),
-    all = new Float32Array(size * most);
-  let rows = 0;
-  for (const { headers, offsets } of found) {
-    const first = rows,
-      count = offsets.length / size;
-    all.set(offsets.subarray(0, all.length - first * size), first * size);
-    for (let i = 0; i < count; i++) {
-      const slot = slotOf[headers[HEAD * i + TRACK]];
+function joinPackets(
+  found: readonly DecodedMotion[],
+  slotOf: Int32Array,
+  frames: number,
+  others: number,
+): ReceivedTracks {
+  const seen = new Uint8Array(slotOf.length),
+    runs = found.map(({ headers, offsets }) => ({ count: headers.length / HEAD, offsets })),
+    rows = runs.reduce((sum, { count }) => sum + count, 0),
+    [slots, begins, ends] = [0, 1, 2].map(() => new Int32Array(rows + others).subarray(0, rows));
+  let n = 0;
+  for (const { headers } of found) {
+    for (let at = 0; at < headers.length; at += HEAD, n++) {
+      const slot = (slots[n] = slotOf[headers[at + TRACK]]);
       if (seen[slot]) continue;
       seen[slot] = 1;
-      slots[rows] = slot;
-      begins[rows] = Math.min(Math.max(headers[HEAD * i + BEGINS], 0), frames - 1);
-      ends[rows] = Math.min(Math.max(headers[HEAD * i + ENDS], begins[rows]), frames);
-      if (rows < first + i) all.set(offsets.subarray(i * size, (i + 1) * size), rows * size);
-      rows++;
+      begins[n] = Math.min(Math.max(headers[at + BEGINS], 0), frames - 1);
+      ends[n] = Math.min(Math.max(headers[at + ENDS], begins[n]), frames);
     }
-    all.fill(0, rows * size, (first + count) * size); // copies of tracks that occur twice
   }
-  return {
-    slots: slots.subarray(0, rows),
-    begins: begins.subarray(0, rows),
-    ends: ends.subarray(0, rows),
-    offsets: all.subarray(0, rows * size),
-  };
+  return { slots, begins, ends, runs };
+}
+
+/** Returns the offsets by track, shape (tracks, frames, channels): of `known` tracks, and zeros for `others`. */
+function byTrack(runs: readonly Run[], known: number, others: number, frames: number): Float32Array {
+  const all = new Float32Array((known + others) * frames * NUM_CHANNELS);
+  let at = 0;
+  for (const { count, offsets } of runs) {
+    all.set(transposed(offsets, frames, count), at);
+    at += offsets.length;
+  }
+  return all;
+}
+
+/** Returns an array of shape (rows, columns, channels) with shape (columns, rows, channels). */
+function transposed(offsets: Float32Array, rows: number, columns: number): Float32Array {
+  const found = new Float32Array(offsets.length);
+  let at = 0;
+  for (let j = 0; j < columns; j++)
+    for (let i = 0; i < rows; i++)
+      for (let c = 0; c < NUM_CHANNELS; c++) found[at++] = offsets[(i * columns + j) * NUM_CHANNELS + c];
+  return found;
 }
 
 /** Appends tracks that do not move, for all frames. Their motion is `lost`, or their group has none. */
 function appendStatic(
-  poses: TrackOffsets,
+  poses: ReceivedTracks,
   others: readonly number[],
   frames: number,
   lost: boolean,
-): TrackOffsets & ConcealedTracks {
+): ReceivedTracks & ConcealedTracks {
   const known = poses.slots.length,
     count = known + others.length,
+    wider = ({ buffer }: Int32Array): Int32Array => new Int32Array(buffer, 0, count),
     concealed = new Uint8Array(count).fill(Number(lost), known),
-    slots = new Int32Array(poses.slots.buffer, 0, count),
-    begins = new Int32Array(poses.begins.buffer, 0, count),
-    ends = new Int32Array(poses.ends.buffer, 0, count).fill(frames, known),
-    offsets = new Float32Array(poses.offsets.buffer, 0, count * frames * NUM_CHANNELS);
+    slots = wider(poses.slots);
   slots.set(others, known);
-  return { slots, begins, ends, offsets, concealed };
+  return { ...poses, slots, begins: wider(poses.begins), ends: wider(poses.ends).fill(frames, known), concealed };
 }
 
 /** Returns the rows of tracks that are drawn in a frame, ascending. */

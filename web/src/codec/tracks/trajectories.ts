@@ -1,7 +1,7 @@
 // Conversion of motion coefficients to offsets. It is the floating-point end of the motion decoder.
 
 import { BITS, DIRECTION_BITS } from "../gaussians/layout.ts";
-import { emptySplats, type Splats } from "../splats.ts";
+import type { Splats } from "../splats.ts";
 import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 import type { SequenceInfo } from "./side_info.ts";
 
@@ -50,8 +50,8 @@ const R2 = Math.sqrt(2),
   R6 = Math.sqrt(6);
 
 /**
- * Computes the offsets of a track in each frame, shape (frames, channels), from its coefficients from index `from`.
- * Writes them to `out` from index `to`.
+ * Computes the offsets of a track in each frame from its coefficients from index `from`. Writes them to `out` from index
+ * `to`. Its frames are `stride` numbers apart.
  *
  * Channels: position, rotation, log scales, log opacity, RGB. The rotation is a vector along the axis of length 4
  * tan(angle / 4).
@@ -64,6 +64,7 @@ export function offsetsOf(
   units: Float64Array,
   out: Float32Array,
   to: number,
+  stride: number,
 ): void {
   const table = polynomials(frames);
   for (let c = 0, own = from; c < NUM_CHANNELS; own += orders[KIND_OF[c++]]) {
@@ -74,12 +75,12 @@ export function offsetsOf(
     for (let f = 0, row = 0; f < frames; f++, row += frames) {
       let sum = 0;
       for (let k = 0; k < end; k++) sum += coefficients[own + k] * table[row + k];
-      out[to + f * NUM_CHANNELS + c] = sum * unit;
+      out[to + f * stride + c] = sum * unit;
     }
   }
   if (!orders[KIND_OF[NUM_CHANNELS - 1]]) return;
   for (let f = 0; f < frames; f++) {
-    const at = to + f * NUM_CHANNELS;
+    const at = to + f * stride;
     const y = out[at + 10],
       co = out[at + 11],
       cg = out[at + 12];
@@ -90,46 +91,38 @@ export function offsetsOf(
 }
 
 /**
- * Returns Gaussians `from` of `splats`, each moved by the 13 offsets from index `stride * rows[n] + first` on. `rows`
- * and `from` have one entry per Gaussian.
+ * Moves the Gaussians of some rows and writes them to `out` from index `to` on. `slots` are the indices of all rows in
+ * `splats`. `offsets` has shape (tracks, channels), and belongs to the rows from `first` on.
  */
-export function movedSplats(
+export function moveRows(
   splats: Splats,
-  from: Int32Array,
+  slots: Int32Array,
   rows: Int32Array,
   offsets: Float32Array,
-  stride: number,
   first: number,
-): Splats {
-  const found = emptySplats(rows.length, splats.degree),
-    { means, quats, scales, opacities, colours, harmonics } = found,
+  out: Splats,
+  to: number,
+): void {
+  const { means, quats, scales, opacities, colours, harmonics } = out,
     { means: centers, scales: sizes, colours: shades, quats: turns } = splats,
     width = 3 * ((splats.degree + 1) ** 2 - 1);
-  for (let to = 0; to < rows.length; to++) {
-    const i = 3 * from[to],
-      n = 3 * to,
-      at = stride * rows[to] + first;
-    means[n] = centers[i] + offsets[at];
-    means[n + 1] = centers[i + 1] + offsets[at + 1];
-    means[n + 2] = centers[i + 2] + offsets[at + 2];
-    scales[n] = changed(sizes[i], offsets[at + 6]);
-    scales[n + 1] = changed(sizes[i + 1], offsets[at + 7]);
-    scales[n + 2] = changed(sizes[i + 2], offsets[at + 8]);
-    opacities[to] = Math.min(splats.opacities[from[to]] * exponential(offsets[at + 9]), MAX_OPACITY);
-    colours[n] = shades[i] + offsets[at + 10];
-    colours[n + 1] = shades[i + 1] + offsets[at + 11];
-    colours[n + 2] = shades[i + 2] + offsets[at + 12];
-    for (let k = 0; k < width; k++) harmonics[width * to + k] = splats.harmonics[width * from[to] + k];
-    turn(turns, 4 * from[to], offsets, at + 3, quats, 4 * to);
+  for (const row of rows) {
+    const slot = slots[row],
+      at = NUM_CHANNELS * (row - first);
+    for (let a = 0, i = 3 * slot, n = 3 * to; a < 3; a++, i++, n++) {
+      means[n] = centers[i] + offsets[at + a];
+      scales[n] = changed(sizes[i], offsets[at + 6 + a], MAX_FLOAT);
+      colours[n] = shades[i] + offsets[at + 10 + a];
+    }
+    opacities[to] = changed(splats.opacities[slot], offsets[at + 9], MAX_OPACITY);
+    for (let k = 0; k < width; k++) harmonics[width * to + k] = splats.harmonics[width * slot + k];
+    turn(turns, 4 * slot, offsets, at + 3, quats, 4 * to++);
   }
-  return found;
 }
 
-/** Returns a scale with its logarithm changed by `change`; finite for any bytes in a packet. */
-const changed = (scale: number, change: number): number => Math.min(scale * exponential(change), MAX_FLOAT);
-
-/** Returns e to the power of `value`, which is often 0. */
-const exponential = (value: number): number => (value ? Math.exp(value) : 1);
+/** Returns a value whose logarithm changes by `change`, which is often 0; at most `most` for any bytes in a packet. */
+const changed = (value: number, change: number, most: number): number =>
+  Math.min(change ? value * Math.exp(change) : value, most);
 
 function turn(quats: Float32Array, q: number, offsets: Float32Array, r: number, out: Float32Array, to: number): void {
   const x = offsets[r] / 4,
