@@ -17,8 +17,8 @@ export interface SequenceDecoder {
   /** Names of the concealers for lost motion packets. */
   readonly concealers: readonly string[];
   /**
-   * Returns a frame. A packet counts as lost if `shown` returns false. With `reuse`, its Gaussians are valid until the next
-   * call.
+   * Returns a frame. A packet counts as lost if `shown` returns false. With `reuse`, its Gaussians are valid
+   * until the next call.
    */
   frame(number: number, shown: (packet: Packet) => boolean, concealer: string, reuse?: boolean): DecodedFrame;
   /** Decodes the frames after `number` in advance, for up to `ms` milliseconds. */

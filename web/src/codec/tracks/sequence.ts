@@ -160,8 +160,8 @@ export class Sequence implements SequenceDecoder {
   }
 
   /**
-   * Returns a frame. Conceals the motion of packets that are lost or rejected by `shown`. With `reuse`, its Gaussians are
-   * valid until the next call.
+   * Returns a frame. Conceals the motion of packets that are lost or rejected by `shown`. With `reuse`, its Gaussians
+   * are valid until the next call.
    */
   frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion", reuse = false): SequenceFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
@@ -446,8 +446,8 @@ interface ReceivedTracks extends Omit<TrackOffsets, "offsets"> {
 }
 
 /**
- * Joins the tracks of all packets, with room for `others`. The first one counts if a track occurs twice: the others have
- * no frame.
+ * Joins the tracks of all packets, with room for `others`. The first one counts if a track occurs twice: the others
+ * have no frame.
  */
 function joinPackets(
   found: readonly DecodedMotion[],

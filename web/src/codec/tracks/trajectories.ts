@@ -50,8 +50,8 @@ const R2 = Math.sqrt(2),
   R6 = Math.sqrt(6);
 
 /**
- * Computes the offsets of a track in each frame from its coefficients from index `from`. Writes them to `out` from index
- * `to`. Its frames are `stride` numbers apart.
+ * Computes the offsets of a track in each frame from its coefficients from index `from`. Writes them to `out` from
+ * index `to`. Its frames are `stride` numbers apart.
  *
  * Channels: position, rotation, log scales, log opacity, RGB. The rotation is a vector along the axis of length 4
  * tan(angle / 4).
