@@ -57,8 +57,8 @@ def bundled() -> SplatScene:
 
 def test_fast_chooses_no_views_of_removals(monkeypatch):
     scene, calls = SplatScene(ball_of_gaussians()), []
-    measured = encoding.RemovalViews.measured
-    monkeypatch.setattr(encoding.RemovalViews, "measured", lambda *given: calls.append(given) or measured(*given))
+    of = encoding.RemovalViews.of
+    monkeypatch.setattr(encoding.RemovalViews, "of", lambda *given: calls.append(given) or of(*given))
     encoded(scene, "fast", quality=quality_of("small"))
     assert not calls
     encoded(scene, "default", quality=quality_of("small"))
@@ -173,9 +173,6 @@ class PretendedPlan(_Plan):
 
     def measured(self, encoded: EncodedScene) -> float:
         return vars(encoded)["value"]
-
-    def expected_level(self, psnr: float) -> float:
-        return encoding.START
 
 
 def trials_of(plan: PretendedPlan, tuned_level: float | None = None) -> _Trials:

@@ -1,6 +1,6 @@
 """The effort `best`: accuracy, dependence on the seed only, gain over `default`, views that are not fitted."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -100,24 +100,6 @@ def test_gaussians_are_not_fine_tuned_again_if_the_aim_is_out_of_reach(monkeypat
     monkeypatch.setattr("splatwire.rate_control.encoding.tuned_to_pictures", tuned_to_pictures)
     encoded(shell(200), size=10_000_000)  # above the finest stream
     assert len(tuned) == 1
-
-
-def test_fine_tuning_of_fewer_fine_tuned_gaussians_takes_half_of_the_iterations(monkeypatch):
-    iterations = []
-
-    def tuned_to_pictures(pruned: SplatScene, *rest: object) -> SplatScene:
-        iterations.append(next(each.iterations for each in rest if isinstance(each, Tuning)))
-        return pruned
-
-    def search_share(tune: Callable[[float], float], *rest: object) -> int:
-        for share in (0.5, 0.25, 0.6):
-            tune(share)
-        return 0
-
-    monkeypatch.setattr("splatwire.rate_control.encoding.tuned_to_pictures", tuned_to_pictures)
-    monkeypatch.setattr("splatwire.rate_control.encoding.search_share", search_share)
-    encoded(shell(200), psnr=30.0)
-    assert iterations == [FEW.iterations, FEW.iterations // 2, FEW.iterations]
 
 
 def test_fine_tuning_keeps_precision_classes():

@@ -15,7 +15,7 @@ from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError
 from splatwire.finetuning.pictures import Pictures
-from splatwire.rate_control.pruning import QUANTISED_PSNR, PruningCurve, RemovalViews
+from splatwire.rate_control.pruning import PruningCurve, RemovalViews
 from splatwire.rate_control.search import Interval, search
 from splatwire.rate_control.shares import search_share
 from splatwire.rate_control.steps import measured_colour_precision, measured_precision
@@ -35,8 +35,6 @@ START, OCTAVE_DB, OCTAVE_LOG = 7.5, 5.0, 0.25
 """First level of a search, and typical increase of PSNR (decibels) and of the logarithm of bytes per level."""
 SIZE_TOLERANCE, PSNR_TOLERANCE = 0.03, 0.1
 """Maximum share by which a stream is below its target size, and maximum difference from a target PSNR in decibels."""
-FIRST_TOLERANCE = 0.4
-"""Tolerance of the first search for a PSNR, decibels. The held-out views then show which PSNR to search."""
 CORRECTIONS = 4
 """Maximum number of searches for a PSNR. Each begins with the difference between the held-out views and the views of
 the search that the one before found."""
@@ -57,8 +55,6 @@ MORE_PRUNING_DB = 4.5
 """Difference between the usual gains of fine-tuning on the errors of pruning and of quantisation, decibels."""
 MAX_PRUNED_ERROR = 0.9
 """Maximum share of the error of pruning in the error of a stream."""
-CONTINUED = 0.5
-"""Number of iterations of a fine-tuning that continues another one with fewer Gaussians, relative to the usual one."""
 TUNED_SHARE_DB = 6.0
 """Typical increase of the PSNR of fine-tuned scenes per unit of the logarithm of the share of Gaussians, decibels."""
 TRIMMED_SHARE_DB, MIN_TRIMMED_SHARE = 12.0, 0.8
@@ -207,10 +203,8 @@ def _prune_and_tune(
     packetization = start.stream.manifest.packetization
 
     def tune(share: float) -> float:
-        pruned, classes, is_tuned = plan.pruned(share, tuned)
-        iterations = max(round(tuning.iterations * CONTINUED), 1) if is_tuned else tuning.iterations
-        options = replace(tuning, iterations=iterations)
-        scene = tuned_to_pictures(pruned, classes, pictures, start.quality, packetization, options, progress)
+        pruned, classes = plan.pruned(share, tuned)
+        scene = tuned_to_pictures(pruned, classes, pictures, start.quality, packetization, tuning, progress)
         tuned.append(replace(plan, classes=classes, curve=None, scene=scene))
         encoded = tuned[-1].encoded(start.quality, encode)
         return math.log(encoded.stream.num_bytes) if target.psnr is None else encoded.psnr
@@ -292,7 +286,8 @@ class _Plan:
         if effort == "fast":
             classes = precision_classes(source.splats, views.measured)
             return cls(source, RemovalViews(()), search, held_out, classes, None, source, quality.precision)
-        removals, measured = RemovalViews.measured(source, views.measured)
+        removals = RemovalViews.of(source, views.measured)
+        measured = removals.complete(source)
         progress("measuring Gaussians", 1.0)
         curve = PruningCurve.measured(
             source, measured.removal, search, removals, lambda share: progress("pruning", share)
@@ -313,15 +308,6 @@ class _Plan:
     def quality(self, quality_level: float) -> Quality:
         """Returns the quality setting of this scene at a quantisation level."""
         return Quality(quality_level, precision=self.precision)
-
-    def expected_level(self, psnr: float) -> float:
-        """Estimates the quantisation level at which the scene has a PSNR in decibels."""
-        if self.curve is None:
-            return START + (psnr - QUANTISED_PSNR) / OCTAVE_DB
-        levels = np.linspace(*LEVELS, 47)
-        return float(
-            np.interp(psnr, np.maximum.accumulate([self.curve.expected_psnr(each) for each in levels]), levels)
-        )
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
         """Returns this plan with a precision of each attribute that suits fine-tuning.
@@ -344,7 +330,7 @@ class _Plan:
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
 
-    def pruned(self, share: float, tuned: Sequence["_Plan"]) -> tuple[SplatScene, np.ndarray, bool]:
+    def pruned(self, share: float, tuned: Sequence["_Plan"]) -> tuple[SplatScene, np.ndarray]:
         """Selects the most important Gaussians of the scene, to fine-tune them.
 
         Args:
@@ -353,7 +339,7 @@ class _Plan:
                 Gaussians, or else from `source`.
 
         Returns:
-            The kept Gaussians, the precision class of each, and whether they are fine-tuned already.
+            The kept Gaussians, and the precision class of each.
         """
         # They are chosen from the result of an earlier fine-tuning if one has enough Gaussians, otherwise from
         # `source`.
@@ -361,12 +347,12 @@ class _Plan:
         kept = self.curve.kept(share)
         larger = [each for each in tuned if each.scene.num_elements > len(kept)]
         if not larger:
-            return self.source.select(kept), self.classes[kept], False
+            return self.source.select(kept), self.classes[kept]
         before = min(larger, key=lambda each: each.scene.num_elements)
         # Fine-tuning has changed the effect of each Gaussian.
         removal = self.views.removal(before.scene)
         best = np.sort(np.argsort(-removal, kind="stable")[: len(kept)])
-        return before.scene.select(best), before.classes[best], True
+        return before.scene.select(best), before.classes[best]
 
     def trimmed(self, encoded: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
         """Removes fine-tuned Gaussians to save bytes, if the stream exceeds the wanted PSNR.
@@ -475,7 +461,7 @@ class _Trials:
 
     def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, tuned_level: float | None = None) -> None:
         self._plan, self._encode, self._progress = plan, encode, progress
-        self._tuned_level = tuned_level
+        self._start = START if tuned_level is None else tuned_level
         self._ends = LEVELS[0], LEVELS[1] if tuned_level is None else tuned_level
         self._found: list[tuple[float, EncodedScene]] = []
 
@@ -487,12 +473,7 @@ class _Trials:
         permitted = Interval(
             math.log(size * (1 - SIZE_TOLERANCE)), math.log(size * (1 - SIZE_TOLERANCE / 2)), math.log(size)
         )
-        self._search(
-            lambda encoded: math.log(encoded.stream.num_bytes),
-            permitted,
-            START if self._tuned_level is None else self._tuned_level,
-            OCTAVE_LOG,
-        )
+        self._search(lambda encoded: math.log(encoded.stream.num_bytes), permitted, self._start, OCTAVE_LOG)
         fitting = [(value, each) for value, each in self._found if each.stream.num_bytes <= size]
         return max(fitting, key=lambda found: found[0])[1] if fitting else None
 
@@ -536,14 +517,13 @@ class _Trials:
         """
         # The quantisation level is chosen by the PSNR in other views (`ViewSets.search`). If the PSNR in the
         # held-out views then differs from `psnr`, the level is chosen again with a corrected target.
-        start = self._plan.expected_level(psnr) if self._tuned_level is None else self._tuned_level
-        wanted, by_share = psnr, False
+        start, wanted, by_share = self._start, psnr, False
         best: EncodedScene | None = None
         found: tuple[float, EncodedScene] | None = None
         pairs: list[tuple[float, float]] = []
-        for trial in range(CORRECTIONS):
-            first, most = len(self._found), PSNR_TOLERANCE / 2 if trial else FIRST_TOLERANCE
-            permitted = Interval(wanted - most, wanted, wanted + most)
+        for _ in range(CORRECTIONS):
+            first = len(self._found)
+            permitted = Interval(wanted - PSNR_TOLERANCE / 2, wanted, wanted + PSNR_TOLERANCE / 2)
             if by_share and found is not None:  # another search of levels would end next to the same jump
                 self._search_shares(self._plan.measured, permitted, found, OCTAVE_DB)
             else:

@@ -1,11 +1,10 @@
 """Choice of the share of Gaussians to keep at a quantisation level (setting of all quantisation steps)."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Float64, Int64
+from jaxtyping import Float64, Int64
 
 from splatwire.rate_control.views import SourcePictures
 from splatwire.render.closeups import closeup_cameras
@@ -53,35 +52,44 @@ class RemovalViews:
     """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
 
     Attributes:
-        sets: Sets of views, each with a weight and pictures of the complete scene: one set of given cameras, or three
+        sets: Sets of views with pictures of the complete scene, each with a weight: one set of given cameras, or three
             sets around the scene, that frame it, and close to its surfaces. Empty for scenes of more than `PART`
             Gaussians without given cameras. The parts of such a scene are measured separately, each in its own views.
     """
 
-    sets: tuple[tuple[float, Cameras, Float[np.ndarray, "V H W 3"]], ...]
+    sets: tuple[tuple[float, SourcePictures], ...]
 
     @staticmethod
-    def measured(source: SplatScene, cameras: Cameras | None) -> tuple["RemovalViews", MeasuredGaussians]:
-        """Chooses the views in which Gaussians are measured, and measures those of the complete scene.
+    def of(source: SplatScene, cameras: Cameras | None) -> "RemovalViews":
+        """Chooses the views in which Gaussians are measured.
 
         Args:
             source: The complete scene.
             cameras: Cameras at typical viewing positions; None for views around the scene.
         """
-        if cameras is None and source.num_elements > PART:
-            return RemovalViews(()), measure_gaussians(source)
-        weights, framing, closeups = [1.0], None, None
-        if cameras is None:
-            cameras = surrounding_cameras(source, MEASURED_VIEWS, SIZE)
-            framing = framing_cameras(source, MEASURED_FRAMINGS, SIZE)
-            closeups = closeup_cameras(source, MEASURED_CLOSEUPS, SIZE)
-            weights += [FRAMING_WEIGHT, CLOSEUP_WEIGHT]
-        found = measure_gaussians(source, cameras, framing=framing, closeups=closeups)
-        chosen = [each for each in (cameras, framing, closeups) if each is not None]
-        return RemovalViews(tuple(zip(weights, chosen, found.images, strict=True))), found
+        if cameras is not None:
+            return RemovalViews(((1.0, SourcePictures(source, cameras)),))
+        if source.num_elements > PART:
+            return RemovalViews(())
+        around = SourcePictures(source, surrounding_cameras(source, MEASURED_VIEWS, SIZE))
+        framing = SourcePictures(source, framing_cameras(source, MEASURED_FRAMINGS, SIZE))
+        close = SourcePictures(source, closeup_cameras(source, MEASURED_CLOSEUPS, SIZE))
+        return RemovalViews(((1.0, around), (FRAMING_WEIGHT, framing), (CLOSEUP_WEIGHT, close)))
+
+    def complete(self, source: SplatScene) -> MeasuredGaussians:
+        """Measures the Gaussians of the complete scene.
+
+        Args:
+            source: The complete scene.
+        """
+        if not self.sets:
+            return measure_gaussians(source)
+        around, *others = (pictures.cameras for _, pictures in self.sets)
+        framing, closeups = others or (None, None)
+        return measure_gaussians(source, around, framing=framing, closeups=closeups)
 
     def removal(self, pruned: SplatScene) -> Float64[np.ndarray, "N"]:
-        """Measures for each Gaussian by how much the mean squared image error grows if that Gaussian alone is removed.
+        """Estimates for each Gaussian by how much the mean squared image error grows if that Gaussian alone is removed.
 
         Args:
             pruned: Scene of N Gaussians that are left after pruning, possibly fine-tuned.
@@ -91,8 +99,8 @@ class RemovalViews:
         if not self.sets:
             return measure_gaussians(pruned).removal
         own_error, interaction = np.zeros(pruned.num_elements), np.zeros(pruned.num_elements)
-        for weight, cameras, images in self.sets:
-            found = measure_further_removal(pruned, cameras, images)
+        for weight, pictures in self.sets:
+            found = measure_further_removal(pruned, pictures.cameras, pictures.images)
             own_error += weight * found.own_error
             interaction += weight * found.interaction
         return own_error + np.maximum(interaction, 0)
@@ -183,11 +191,6 @@ class PruningCurve:
         around = np.concatenate([best[:1], best, best[-1:]])
         smooth = (around[:-2] + around[1:-1] + around[2:]) / 3
         return float(np.interp(quality_level, LEVELS, np.maximum.accumulate(smooth)))
-
-    def expected_psnr(self, quality_level: float) -> float:
-        """Estimates the PSNR of the scene at a quantisation level with the best share of the Gaussians, decibels."""
-        quantised = 10 ** (-(QUANTISED_PSNR + OCTAVE_DB * (quality_level - QUANTISED_LEVEL)) / 10)
-        return -10 * math.log10(quantised + self.error(self.best_share(quality_level)))
 
     def kept(self, share: float) -> Int64[np.ndarray, "M"]:
         """Returns the indices of the Gaussians to keep, ascending, given their share."""

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, TILE
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.threads import allowed_threads, share
-from splatwire.render import _cpu_gradients, _cpu_kernels, _cpu_lists, _cpu_project, _removal_kernels
+from splatwire.render import _cpu_gradients, _cpu_kernels, _cpu_lists, _cpu_project
 from splatwire.render._cpu_project import SPLAT
 from splatwire.types import Cameras, Gaussians
 
@@ -115,16 +115,13 @@ class Picture:
         view: Index of the camera.
         kept: True to keep data for computing gradients after drawing. The gradients then do not depend on the number of
             threads.
-        num_bands: Minimum number of bands; None for a number that suits several threads.
     """
 
     # Threads divide the work by ranges of Gaussians and by bands (consecutive rows of tiles). The image does not
     # depend on this division. With `kept`, the number of bands is the same for any number of threads, because
     # gradients of different divisions differ by rounding errors.
 
-    def __init__(
-        self, arrays: list[np.ndarray], cameras: Cameras, view: int, *, kept: bool, num_bands: int | None = None
-    ) -> None:
+    def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int, *, kept: bool) -> None:
         num = arrays[0].shape[0]
         self.size = (cameras.height, cameras.width)
         self.grid_x, self.grid_y = -(-cameras.width // TILE), -(-cameras.height // TILE)
@@ -138,7 +135,7 @@ class Picture:
 
         share(project, _pieces(num))
         entries = _cpu_lists.row_entries(self.tiles, self.grid_y)
-        cuts = _band_starts(entries, num_bands or (_BANDS if kept else max(_BANDS, 2 * allowed_threads())))
+        cuts = _band_starts(entries, _BANDS if kept else max(_BANDS, 2 * allowed_threads()))
         self.cuts = list(itertools.pairwise(cuts))
         self.kept: list[_Band] | None = None
         self.may_keep = kept and entries.sum() <= MAX_KEPT_ENTRIES
@@ -187,20 +184,6 @@ class Picture:
             on_gradients(piece, *out[:5])
 
         share(some, _pieces(len(sums)))
-
-    def effects(self, image: np.ndarray, difference: np.ndarray) -> Float[np.ndarray, "G E"]:
-        """Measures what each Gaussian adds to the image: three sums over all pixels (`_removal_kernels.NUM_EFFECTS`).
-
-        Args:
-            image: The rendered image.
-            difference: Difference of the image from its reference, float32.
-        """
-        sums = np.zeros((self.splats.shape[0], _removal_kernels.NUM_EFFECTS), np.float32)
-        for band in self._bands():
-            rows = np.zeros(band.ids.shape[0] * _removal_kernels.NUM_EFFECTS, np.float32)
-            lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
-            _removal_kernels.measure_tiles(self.splats, *lists, image, difference, rows, sums)
-        return sums
 
     def _gradient_sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
         """Computes the gradients with respect to the projected Gaussians, summed over all pixels, float32 (G, SUMS).

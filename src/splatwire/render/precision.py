@@ -9,7 +9,7 @@ A Gaussian to which images are more sensitive gets finer steps.
 # differ by a factor of 2.
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,12 +19,12 @@ from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.kd_order import kd_order
 from splatwire.ops.sort3 import sort3
-from splatwire.ops.threads import limit_threads, share
+from splatwire.ops.threads import share
 from splatwire.ops.twister import Twister
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.antialiasing import compensated
 from splatwire.render.closeups import closeup_cameras
-from splatwire.render.cpu import Picture, float_arrays, keep_freed_memory
+from splatwire.render.cpu import Picture, each_gradient_cpu, float_arrays
 from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import cameras_around_splats, surrounding_cameras
 from splatwire.types import Cameras, SplatScene
@@ -34,7 +34,7 @@ PART = 1 << 18
 """Maximum number of Gaussians per spatial part of a scene; parts are measured separately, which limits memory."""
 VIEWS, VIEWS_OF_PART, SIZE = 12, 6, 224
 """Number of views around a scene and around one of its parts, and their width and height in pixels."""
-MEASURED_VIEWS, MEASURED_VIEWS_OF_PART, MEASURED_CLOSEUPS = 14, 8, 18
+MEASURED_VIEWS, MEASURED_VIEWS_OF_PART, MEASURED_CLOSEUPS = 14, 8, 36
 """Number of views of `measure_gaussians` around a scene, around one of its parts, and close to the surfaces of a scene
 of one part; `SIZE` pixels wide and high."""
 MEASURED_FRAMINGS = 8
@@ -51,8 +51,6 @@ FINEST_SHARE = 0.98
 BRIGHTEST = 4.0
 """Upper limit of colours when gradients are computed, the maximum in views of five real files. Without it, one extreme
 colour would determine the precision of all Gaussians in front of it."""
-_TOGETHER = 8
-"""Number of views whose results are in memory at a time."""
 _UNSEEN = 1e-30
 _SHAPE = ("scale0", "scale1", "scale2", "direction", "spin")
 _MAX_AXIS_OCTAVES, _MAX_SIZE_OCTAVES = 10.0, 16.0
@@ -126,7 +124,7 @@ def precision_classes(
     def measure(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = VIEWS if whole else VIEWS_OF_PART
         around = cameras_around_splats(splats, count, SIZE) if cameras is None else cameras
-        classes[members] = _classes(splats, _sensitivities(SplatScene(splats), around, probes, seed, removals=False)[0])
+        classes[members] = _classes(splats, _sensitivities(splats, around, probes, seed))
 
     _each_part(splats, part if cameras is None else splats.num_gaussians, measure)
     return classes
@@ -138,8 +136,7 @@ class MeasuredGaussians:
 
     Attributes:
         classes: Precision class of each Gaussian, which selects its quantisation steps.
-        removal: Mean squared error of the pictures if the Gaussian is removed.
-        images: Pictures of the scene for each set of cameras, RGB in [0, 1]; empty for a scene of several parts.
+        removal: Estimated mean squared error of the pictures if the Gaussian is removed.
     """
 
     # A Gaussian with nearly the colour of what is behind it is assumed to have a minimum contrast
@@ -147,7 +144,6 @@ class MeasuredGaussians:
 
     classes: Int8[np.ndarray, "N"]
     removal: Float64[np.ndarray, "N"]
-    images: tuple[Float[np.ndarray, "V H W 3"], ...] = ()
 
 
 def measure_gaussians(
@@ -172,57 +168,59 @@ def measure_gaussians(
         seed: Random seed.
         part: Maximum number of Gaussians that are measured together, if no cameras are given.
     """
-    # Classes are estimated from gradients of the views in which removals are measured. Each view is drawn once.
-    splats, images = scene.splats, list[np.ndarray]()
+    # Both results are estimated from gradients of the same rendered views.
+    splats = scene.splats
     measured = MeasuredGaussians(np.empty(splats.num_gaussians, np.int8), np.empty(splats.num_gaussians))
 
     def measure(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = MEASURED_VIEWS if whole else MEASURED_VIEWS_OF_PART
-        one = replace(scene, splats=splats, coding=None, hints=None)
         around, frame, close = cameras, framing, closeups
         if around is None:
-            around = surrounding_cameras(one, count, SIZE)
+            around = surrounding_cameras(SplatScene(splats), count, SIZE)
         if cameras is None and whole:  # views around a part are close to its surfaces
-            frame = framing_cameras(one, MEASURED_FRAMINGS, SIZE)
-            close = closeup_cameras(one, MEASURED_CLOSEUPS, SIZE)
-        found, removals = _sensitivities(one, around, 1, seed)
-        sets = [(1.0, removals)]
+            frame = framing_cameras(SplatScene(splats), MEASURED_FRAMINGS, SIZE)
+            close = closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, SIZE)
+        found = _sensitivities(splats, around, 1, seed)
         if frame is not None:
-            more, removals = _sensitivities(one, frame, 1, seed)
+            more = _sensitivities(splats, frame, 1, seed)
             found = {name: found[name] + FRAMING_WEIGHT * more[name] for name in found}
-            sets.append((FRAMING_WEIGHT, removals))
-        if close is not None:
-            sets.append((CLOSEUP_WEIGHT, _each_removal(one, close)))
         measured.classes[members] = _classes(splats, found)
-        measured.removal[members] = sum(weight * each.own_error for weight, each in sets)
-        if whole:
-            images.extend(each.images for _, each in sets)
+        measured.removal[members] = _removal(found)
+        if close is not None:
+            measured.removal[members] += CLOSEUP_WEIGHT * _removal(_sensitivities(splats, close, 1, seed))
 
     _each_part(splats, part if cameras is None else splats.num_gaussians, measure)
-    return replace(measured, images=tuple(images))
+    return measured
+
+
+def _removal(found: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, "G"]:
+    """Estimates the mean squared error of the pictures if a Gaussian is removed, for each Gaussian.
+
+    Args:
+        found: Sensitivity of the pictures to each attribute of each Gaussian, by attribute name.
+    """
+    return found["opacity"] + _HIDDEN_CONTRAST**2 * found["colour"]
 
 
 @dataclass(frozen=True, eq=False)
 class FurtherRemoval:
-    """Effect of removing each Gaussian from a scene that may be pruned already.
+    """Effect of removing each Gaussian from a pruned scene.
 
     Without the Gaussian, the mean squared error of the images, relative to the complete scene, grows by
     `own_error + interaction`.
 
     Attributes:
-        own_error: Mean squared change of the images.
+        own_error: Estimated mean squared change of the images.
         interaction: Interaction with the error that pruning has already caused. It is positive if both errors add up,
             such as at a hole, and negative if they cancel.
-        images: Images of the scene, RGB in [0, 1].
     """
 
     own_error: Float64[np.ndarray, "N"]
     interaction: Float64[np.ndarray, "N"]
-    images: Float[np.ndarray, "*V H W 3"]
 
 
 def measure_further_removal(
-    pruned: SplatScene, cameras: Cameras, references: Float[np.ndarray, "V H W 3"]
+    pruned: SplatScene, cameras: Cameras, references: Float[np.ndarray, "V H W 3"], *, seed: int = 0
 ) -> FurtherRemoval:
     """Measures, for each Gaussian of a pruned scene, how much the image error grows if this Gaussian is removed, too.
 
@@ -230,95 +228,25 @@ def measure_further_removal(
         pruned: The remaining Gaussians.
         cameras: Cameras of the images, relative to the origin of the scene.
         references: Images of the complete scene, RGB in [0, 1].
+        seed: Random seed.
     """
-    return _each_removal(pruned, cameras, references)
-
-
-@dataclass(frozen=True, eq=False)
-class _View:
-    """A rendered view of a scene.
-
-    Attributes:
-        arrays: Means, quaternions, scales, opacities and colours of the Gaussians in this view.
-        picture: The renderer of this view.
-        image: The rendering, RGB, not clamped.
-    """
-
-    arrays: list[np.ndarray]
-    picture: Picture
-    image: Float[np.ndarray, "H W 3"]
-
-    @staticmethod
-    def drawn(scene: SplatScene, cameras: Cameras, view: int, num_bands: int | None = None) -> "_View":
-        """Renders a view of a scene.
-
-        Args:
-            scene: The scene.
-            cameras: The cameras.
-            view: Index of the camera.
-            num_bands: Minimum number of bands of the picture; None for a number that suits several threads.
-        """
-        keep_freed_memory()
-        seen = scene.splats.seen_from(to_numpy(cameras.centers[view]))
-        seen = replace(seen, colors=np.minimum(seen.colors, np.float32(BRIGHTEST)))
-        arrays = float_arrays(compensated(seen, cameras, view) if scene.antialiased else seen)
-        picture = Picture(arrays, cameras, view, kept=True, num_bands=num_bands)
-        return _View(arrays, picture, picture.draw(np.array(scene.background, np.float32))[0])
-
-    def removal(self, reference: Float[np.ndarray, "H W 3"] | None) -> FurtherRemoval:
-        """Measures the effect of removing each Gaussian, summed over the pixels and channels of this view.
-
-        Args:
-            reference: Picture of the complete scene; None if this scene is complete.
-        """
-        # An image is an affine function of each opacity. Without a Gaussian that contributes D to the image, the
-        # squared error of the difference R = image - reference becomes |R - D|^2 = |R|^2 + |D|^2 - 2 <R, D>.
-        shown = np.clip(self.image, 0, 1)
-        difference = np.zeros_like(shown) if reference is None else shown - reference
-        own_error, interaction, weights = self.picture.effects(self.image, difference).astype(np.float64).T
-        return FurtherRemoval(own_error + 3 * _HIDDEN_CONTRAST**2 * weights, -2 * interaction, shown)
-
-
-def _each_removal(
-    scene: SplatScene, cameras: Cameras, references: Float[np.ndarray, "V H W 3"] | None = None
-) -> FurtherRemoval:
-    """Measures the effect of removing each Gaussian, as the mean over all views.
-
-    Args:
-        scene: The scene.
-        cameras: Cameras of the images, relative to the origin of the scene.
-        references: Images of the complete scene, RGB in [0, 1]; None if this scene is complete.
-    """
-    total = _no_removals(scene, cameras)
-
-    def measure(view: int) -> FurtherRemoval:
-        with limit_threads(1):
-            return _View.drawn(scene, cameras, view, 1).removal(None if references is None else references[view])
-
-    for first in range(0, cameras.num_views, _TOGETHER):  # limits memory
-        views = range(first, min(first + _TOGETHER, cameras.num_views))
-        for view, found in zip(views, share(measure, views), strict=True):
-            _add_view(total, view, found)
-    return total
-
-
-def _no_removals(scene: SplatScene, cameras: Cameras) -> FurtherRemoval:
-    """Returns zeros for the sums over all views, and space for the images."""
-    images = np.empty((cameras.num_views, cameras.height, cameras.width, 3), np.float32)
-    return FurtherRemoval(np.zeros(scene.num_elements), np.zeros(scene.num_elements), images)
-
-
-def _add_view(total: FurtherRemoval, view: int, found: FurtherRemoval) -> None:
-    """Adds the share of one view to the means over all views.
-
-    Args:
-        total: Means over all views, changed in place.
-        view: Index of the view.
-        found: Sums over the pixels of the view, and its image.
-    """
-    total.own_error[:] += found.own_error / total.images.size
-    total.interaction[:] += found.interaction / total.images.size
-    total.images[view] = found.images
+    # An image is an affine function of each opacity. Without a Gaussian that contributes D to the image, the squared
+    # error of the difference R = pruned - complete becomes |R - D|^2 = |R|^2 + |D|^2 - 2 <R, D>. The gradient with R as
+    # the gradient of the image gives <R, D>; |D|^2 is estimated with random signs (see `splatwire.render.pruning`).
+    rng, splats, behind = Twister(seed), pruned.splats, np.array(pruned.background, np.float32)
+    own_error, interaction = np.zeros(splats.num_gaussians), np.zeros(splats.num_gaussians)
+    for view in range(cameras.num_views):
+        seen = splats.seen_from(to_numpy(cameras.centers[view]))
+        seen = compensated(seen, cameras, view) if pruned.antialiased else seen
+        arrays, opacities = float_arrays(seen), seen.opacities.astype(np.float64)
+        picture = Picture(arrays, cameras, view, kept=True)
+        image, _ = picture.draw(behind)
+        by_sign = picture.gradients(arrays, image, rng.signs(image.shape))
+        own_error += np.square(by_sign[3] * opacities) + _HIDDEN_CONTRAST**2 * np.square(by_sign[4]).sum(axis=1)
+        difference = np.clip(image, 0, 1) - references[view]
+        interaction -= 2 * picture.gradients(arrays, image, difference)[3] * opacities
+    scale = 1 / (cameras.num_views * cameras.width * cameras.height * 3)
+    return FurtherRemoval(own_error * scale, interaction * scale)
 
 
 def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
@@ -378,41 +306,39 @@ def _classes(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]])
     return np.rint(octaves - finest).clip(-100, 100).astype(np.int8)
 
 
-def _sensitivities(
-    scene: SplatScene, cameras: Cameras, probes: int, seed: int, *, removals: bool = True
-) -> tuple[dict[str, Float64[np.ndarray, "G"]], FurtherRemoval]:
-    """Measures how strongly images react to changes of each attribute of each Gaussian, and to their removal.
+def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> dict[str, Float64[np.ndarray, "G"]]:
+    """Measures how strongly images react to changes of each attribute of each Gaussian.
 
     Args:
-        scene: The Gaussians.
+        splats: The Gaussians.
         cameras: Cameras of the images.
         probes: Number of back-propagations per view; more give a more precise estimate.
         seed: Random seed.
-        removals: False to leave out the effect of removals, which is then 0.
 
     Returns:
-        Mean squares of the derivatives of all pixel values with respect to each attribute, by its name; and the effect
-        of removing each Gaussian.
+        Mean squares of the derivatives of all pixel values with respect to each attribute, by its name.
     """
     # Estimated from gradients of sums of all pixels with random signs (see `splatwire.render.pruning`).
-    splats = scene.splats
     rng, num = Twister(seed), splats.num_gaussians
     order = np.argsort(-splats.scales, axis=1, kind="stable")
     low, middle, high = np.log2(np.stack(sort3(splats.scales)))
     spun = np.where(middle - low >= high - middle, 2, 0)
     quats = splats.quats / np.maximum(np.linalg.norm(splats.quats, axis=1, keepdims=True), np.float32(1e-12))
     known = tuple(np.ascontiguousarray(t) for t in (splats.scales, quats, splats.opacities, order, spun))
-    sums, total = np.zeros((num, NUM_SUMS)), _no_removals(scene, cameras)
+    sums = np.zeros((num, NUM_SUMS))
+
+    def signs(shape: tuple[int, ...]) -> Iterator[np.ndarray]:
+        for _ in range(probes):
+            yield rng.signs(shape)
 
     def add(rows: slice, *gradients: np.ndarray) -> None:
         size = len(gradients[0])
         add_squared(*gradients, *(values[rows] for values in known), sums[rows], 0, size)
 
     for view in range(cameras.num_views):
-        drawn = _View.drawn(scene, cameras, view)
-        for _ in range(probes):
-            drawn.picture.each_gradient(drawn.arrays, drawn.image, rng.signs(drawn.image.shape), add)
-        if removals:
-            _add_view(total, view, drawn.removal(None))
+        if view == 0 or splats.degree:  # without harmonics all views see the same colours
+            seen = splats.seen_from(to_numpy(cameras.centers[view]))
+            seen = replace(seen, colors=np.minimum(seen.colors, np.float32(BRIGHTEST)))
+        each_gradient_cpu(seen, cameras.select([view]), signs, add)
     scale = 1 / (probes * cameras.num_views * cameras.width * cameras.height * 3)
-    return {name: sums[:, column] * scale for column, name in enumerate(_SLOPES)}, total
+    return {name: sums[:, column] * scale for column, name in enumerate(_SLOPES)}
