@@ -16,7 +16,7 @@ class LoopSignals:
 
     def __init__(self, callback: Callable[[int], None]) -> None:
         self._loop = asyncio.get_running_loop()
-        found = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        found = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
         self._before = {number: handler for number, handler in found.items() if handler is not signal.SIG_IGN}
         for number in self._before:
             self._loop.add_signal_handler(number, callback, number)
@@ -25,10 +25,11 @@ class LoopSignals:
         """Restores the earlier action of signals.
 
         Args:
-            *numbers: Numbers of the signals; none for all.
+            *numbers: Numbers of the signals; none for all. Those that were ignored, or are restored already, have no
+                effect.
         """
         # The event loop would leave the default actions, with which SIGTERM leaves temporary files.
-        for number in numbers or tuple(self._before):
+        for number in self._before.keys() & (numbers or self._before.keys()):
             handler = self._before.pop(number)
             self._loop.remove_signal_handler(number)
             if handler is not None:  # None: it was not Python's, and Python cannot set it again
