@@ -72,8 +72,8 @@ def predict_causal(
         config: Configuration of the context model.
         inputs: Encoded positions of the anchors, from `position_inputs`.
         feature: Features of the anchors, in quantisation steps.
-        log_sizes: Logarithms of the scale of the offsets and of the base sizes along three axes, in quantisation steps,
-            relative to `CausalCoding.centres`.
+        log_sizes: Logarithms of the anchors' sizes, in quantisation steps, minus `CausalCoding.centres`: first the
+            common scale of the offsets, then the base size of the Gaussians along each of three axes.
         quantised: Function that rounds attributes, given the name of the network, the predicted means and the
             attributes; None for no rounding.
         join: Function that concatenates arrays along an axis; `torch.cat` for tensors.

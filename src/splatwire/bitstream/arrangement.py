@@ -119,10 +119,12 @@ def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Pack
 
 
 def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
-    """Yields the received packets and the gaps between them, for packets filled up to a size limit (grouping `hashed`).
+    """Yields the received packets of a plan with grouping `hashed` in order, and the gaps between them.
+
+    Packets of this grouping are filled up to a size limit, so the number of lost packets in a gap is unknown.
 
     Yields:
-        Number of elements, and the packet that contains them; None instead of a packet for a gap.
+        Number of elements of a packet, and the packet; or number of missing elements, and None for a gap.
 
     Raises:
         InvalidValueError: If two packets contain the same element.

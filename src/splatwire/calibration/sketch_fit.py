@@ -281,8 +281,8 @@ class _Plan:
         """Estimates the size of each candidate's copy at the precision level of this plan, bits, float64 (M).
 
         Args:
-            copied: Mask of the candidates that are likely to be copied, bool (M). Symbol frequencies are counted in
-                their copies, or in all copies if the mask has fewer than 16 candidates.
+            copied: Mask of the candidates that are likely to get a copy, bool (M). The frequencies of coded symbols are
+                counted in these; in all candidates if these are fewer than 16.
         """
         used = copied if copied.sum() >= 16 else np.ones_like(copied)
         total = np.full(len(copied), 6.0)

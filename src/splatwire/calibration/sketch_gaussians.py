@@ -130,7 +130,7 @@ class GaussianSketch:
         return filled, element_inputs(filled)
 
     def conceal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
-        """Conceals losses with this sketch, as a receiver would: enlarges Gaussians around missing ones.
+        """Enlarges Gaussians around lost ones that have no coarse copy, as a receiver of this sketch would.
 
         Args:
             sketched: Result of the method `replace_lost`: the received scene, in which coarse copies replace lost

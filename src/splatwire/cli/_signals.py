@@ -38,7 +38,9 @@ def status_of(interrupt: KeyboardInterrupt) -> int:
 
 
 class SignalErrors:
-    """Raises an error in the main thread for each signal, as soon as the error cannot get lost.
+    """Raises an error in the main thread for each signal.
+
+    If the interrupted code would discard the error, as callbacks of the import system do, it is raised after that code.
 
     Signals that follow soon after wait until the command has cleaned up, or for `_CLEANUP_S` seconds.
 

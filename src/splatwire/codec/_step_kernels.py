@@ -47,7 +47,7 @@ def step_shift(bases, attribute, precision_class, area, elongation, flatness, op
         max_shift: Upper limit on the result.
 
     Returns:
-        log2 of the step in units of `2**-BITS`, 0 to `max_shift`.
+        log2 of the ratio of the step to `2**-BITS`, 0 to `max_shift`.
     """
     return min(
         max(BITS - step_exponent(bases, attribute, precision_class, area, elongation, flatness, opacity), 0), max_shift

@@ -56,7 +56,7 @@ class SampledLoss:
             splats: The Gaussians at the start, rounded.
             pictures: All pictures of the fine-tuning.
             receptions: Simulated packet losses; empty for none.
-            min_divisor: Lower limit of the divisor of a view's loss.
+            min_divisor: Lower limit of the divisor of a view's error, which is otherwise its error at the start.
             rng: Random generator for the choice of views.
         """
         count = pictures.cameras.num_views

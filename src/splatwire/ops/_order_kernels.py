@@ -49,7 +49,7 @@ def scatter(codes, indices, shift, free, edges, order):
 
     Args:
         codes: Codes of all elements, int64 (N).
-        indices: Indices of the elements to sort, uint32; empty for the first elements.
+        indices: Indices of the elements to sort, uint32; empty to sort all elements in their input order.
         shift: Number of bits below the digit.
         free: Working array, int64 (digits); the number of digits is a power of two.
         edges: Position in `order` of the first element with each digit, and the number of elements, int64 (digits + 1);

@@ -255,7 +255,8 @@ def _least_repair(
 def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
     """Lists the combinations of safety margins that the planner compares, one margin for each importance tier.
 
-    A safety margin is the redundancy beyond that for the mean loss. A more important tier never has a smaller margin.
+    Redundancy covers the mean number of lost packets and a safety margin. A more important tier never has a smaller
+    margin.
 
     Args:
         tiers: Number of tiers.

@@ -186,7 +186,8 @@ def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, tri
         seed: Seed of the losses.
 
     Returns:
-        Masks of received datagrams, bool (trials, n).
+        Masks of received datagrams, bool (trials, n), for all variants. n is enough for each variant with its repair
+        symbols; a variant with fewer datagrams uses the first ones.
     """
     if not len(variants):
         raise InvalidValueError("variants: there is none to simulate")

@@ -42,11 +42,10 @@ def _scale(scales, offset, out):
 
     Args:
         scales: Standard deviations of the keyframe Gaussian along its axes.
-        offset: Changes of the track, see `GroupMotion.at`; entries 6 to 8 are changes of the logarithms, largest axis
-            first.
+        offset: Changes of the track, see `GroupMotion.at`. Entries 6 to 8 are added to the natural logarithms:
+            the first to that of the largest, the last to that of the smallest.
         out: Output: the changed standard deviations.
     """
-    # Entries 6, 7 and 8 are the changes of the natural logarithms of the largest, the middle and the smallest scale.
     if offset[6] == 0.0 and offset[7] == 0.0 and offset[8] == 0.0:
         for a in range(3):
             out[a] = scales[a]

@@ -218,7 +218,7 @@ def covering_gains(
         available: Mask of received keyframe Gaussians, bool (T).
         group: Index of the group of pictures.
         poses: Motion of the drawn tracks in the group.
-        hidden: Motion of the tracks that the concealer hides because their own motion was lost.
+        hidden: Estimated motion of the tracks that are not drawn, because their motion was lost.
 
     Returns:
         Factors on size and opacity of all tracks; None if nothing is missing.

@@ -322,7 +322,7 @@ class SequenceEncoder:
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Performs work on the last group that was deferred so that its packets could be sent earlier."""
+        """Does the work on the last group that was put off until its packets had been sent."""
         sphere = None if self._last is None else bounding_sphere(self._last)
         self._extent = self._extent.union(sphere) if self._extent and sphere else self._extent or sphere
         self._last = None

@@ -95,8 +95,8 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
         coder: Entropy coder.
         codes: int64 (n), the Morton codes; filled by a decoder.
         bits: Number of bits of a code.
-        interleaved: 1 if the packet's Gaussians are spread over the block, otherwise 0; only used by an encoder. The
-            low bits of the codes (`slot_of`) are then coded separately.
+        interleaved: 1 if the packet's Gaussians are spread over the block, otherwise 0. If 1, the low bits of the codes
+            (`slot_of`) are coded separately. A decoder reads this flag from the packet and ignores the argument.
         slots: Working array, int64 (n).
         stack: Working array of `code_cells`.
     """

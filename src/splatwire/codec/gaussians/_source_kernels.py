@@ -206,13 +206,13 @@ def write_block_positions(indices, centres, factor, corner, shift, positions, co
         centres: Positions of all Gaussians, float32 (N, 3).
         factor: Reciprocal of the spacing of the lattice, a power of two.
         corner: Lower corner of the bounding box, in lattice spacings, int64 (3).
-        shift: Number of low bits of each coordinate that the codes omit.
+        shift: Number of low bits of each coordinate that the Morton codes leave out.
         positions: Output: lattice positions relative to the corner, int64 (n, 3).
         codes: Output, int64 (n).
 
     Returns:
-        Largest magnitude of a coordinate before the corner was subtracted, and the bitwise or of all coordinates
-        without their low bits.
+        Largest magnitude of a coordinate before the corner was subtracted; and the bitwise or of all
+        coordinates that the Morton codes contain, from which the number of bits in use follows.
     """
     most, used, last = 0.0, np.int64(0), len(indices) - 1
     for i in range(len(indices)):
@@ -295,8 +295,8 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
         grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
         room: Working array, int64 (2, 4).
         ends: Output: smallest and largest coordinates in lattice spacings, int64 (2, 3).
-        means: Output, float64 (7): opacity, largest scale, its ratio to the second, companded ratio of the second to
-            the third, Y, Co and Cg, in fixed point.
+        means: Output, float64 (7), means in fixed point: logarithm of the opacity, of the largest scale, of the
+            ratio of the largest to the second scale; companded ratio of the second to the third scale; Y, Co and Cg.
 
     Returns:
         Largest magnitude of a coordinate, in lattice spacings.

@@ -89,7 +89,11 @@ class SideInfo:
         return (*_residual_tables(self.scales.tobytes()), *tables())
 
     def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
-        """Returns the stream parameters of the numba kernels: `bases`, `unit`, `coarsest` and the thinness table."""
+        """Returns the parameters that compiled kernels need to compute quantisation steps.
+
+        Returns:
+            The attributes `bases`, `unit` and `coarsest`, and the result of `thinness_table`.
+        """
         return self.bases, self.unit, self.coarsest, thinness_table()
 
     def models(self) -> np.ndarray:

@@ -204,8 +204,8 @@ class SourceScene:
             block: Index of the block.
 
         Returns:
-            Smallest and largest coordinates in lattice spacings, int64 (2, 3); and means of opacity, scales and colour
-            in the form of the bitstream, int64 (7), 4 fractional bits.
+            Smallest and largest coordinates in lattice spacings, int64 (2, 3); and means of the seven coded quantities
+            (see `summarise_block`), int64 (7), 4 fractional bits.
         """
         members = self.order[self.members(block)]
         scene, indices = self._kernel_splats(members)

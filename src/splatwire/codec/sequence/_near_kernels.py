@@ -83,7 +83,8 @@ def _smallest_candidates(squares, candidates, count):
         count: Number of preselected tracks.
 
     Returns:
-        `NUM_NEIGHBOURS` integers, nearest first: squared distance in the high bits, index in the low bits.
+        `NUM_NEIGHBOURS` integers, nearest first. The high bits are the integer part of the squared
+        distance, the low bits are the index.
     """
     # The keys stay in registers. No branch depends on a comparison of keys, because processors would often predict it
     # wrongly.

@@ -25,7 +25,7 @@ class Fitting:
     """Fits motion coefficients to the trajectories of tracks (Gaussians over time), as frames become available.
 
     Args:
-        keys: Keys (identifiers) of the tracks so far, int64 (n).
+        keys: Keys (identifiers) of the tracks of the present group that have appeared so far, int64 (n).
         known: Tracks of earlier groups with their keyframe Gaussians.
         info: Side information whose lattice spacing determines the unit of fitted positions.
         frames: Number of frames in the group.

@@ -120,10 +120,9 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information that determines the unit of motion in the current shot (see `shots`).
+        """Side information whose lattice spacing is the unit of motion in the current shot (see `shots`).
 
-        The unit is its lattice spacing. It is the side information of the first keyframe Gaussians of this shot, or of
-        an earlier shot with almost the same quantisation steps.
+        It is that of the shot itself; or that of an earlier shot, if both have almost the same quantisation steps.
         """
         return self._references[-1]
 

@@ -94,7 +94,7 @@ def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> C
 def grown_with_copies(
     filled: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
 ) -> Concealed:
-    """Hides lost Gaussians without a coarse copy, and enlarges the Gaussians around them.
+    """Leaves out lost Gaussians that have no coarse copy, and enlarges the Gaussians around them.
 
     Args:
         filled: Received scene in which copies have replaced lost Gaussians.

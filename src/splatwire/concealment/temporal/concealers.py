@@ -45,9 +45,9 @@ class ConcealedMotion:
     """Motion that a concealer estimates for tracks with lost motion, in one group of pictures.
 
     Attributes:
-        at: Function that estimates the state of the n lost tracks in one frame, as differences from their keyframe
-            Gaussians, float32 (n, C). Its arguments are the index of the frame in the group and the same differences of
-            the m received tracks, float32 (m, C). The channels are those of `GroupMotion.at`.
+        at: Function that estimates the motion of the n lost tracks in one frame, float32 (n, C). Its arguments are the
+            index of the frame in the group, and the motion of the m received tracks in that frame, float32 (m, C).
+            Motion is the difference from the keyframe Gaussian, with the channels of `GroupMotion.at`.
         shown: Mask of the lost tracks that are drawn, bool (n); or False to hide all of them.
     """
 

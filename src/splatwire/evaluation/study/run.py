@@ -26,12 +26,12 @@ LPIPS_OF_MASKED = "both pictures black outside the masks, mean over the whole pi
 
 @dataclass(frozen=True)
 class ReportImages:
-    """Selection of the pictures in a report: one packet loss, and some views of each scene.
+    """Selection of a scene's pictures in a report: one packet loss, and some views.
 
     Attributes:
         loss: Loss model; None to show images without loss only.
         seed: Seed of the loss model.
-        views: Views with the lowest PSNR, lowest first.
+        views: Indices of the views in which the baseline method has the lowest PSNR, lowest first.
     """
 
     loss: Loss | None

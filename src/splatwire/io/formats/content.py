@@ -54,7 +54,7 @@ class FileContent(CheckedFields):
 
 
 def origin_of_placed(parts: Sequence[tuple[Splats, np.ndarray, np.ndarray]]) -> Origin:
-    """Chooses an origin for Gaussians that transforms move to world coordinates; `NO_ORIGIN` if they stay near 0.
+    """Chooses an origin for Gaussians after a transform to world coordinates; `NO_ORIGIN` if they are near 0.
 
     Positions relative to the origin are small, so that float32 stores them precisely.
 

@@ -153,7 +153,7 @@ def _from_bucket(
     Args:
         path: The file, for messages.
         data: Content of the file.
-        at: Byte offset of the numbers of Gaussians in the partially filled buckets.
+        at: Byte offset of the table of partially filled buckets, with the number of Gaussians in each.
         centers_at: Byte offset of the centres of the buckets.
         section: Header of the section.
         codes: 16-bit position codes, (N, 3).

@@ -200,7 +200,7 @@ def _finest(
 
 
 def _leaves(index: Path, tree: Any) -> Iterator[dict[str, Any]]:
-    """Yields the levels of detail of each leaf as JSON objects (`lods`), in tree order."""
+    """Yields the levels of detail (`lods`, a JSON object) of each leaf of the tree in a file `lod-meta.json`."""
     waiting, count = [tree], 0
     unknown: set[str] = set()
     while waiting:

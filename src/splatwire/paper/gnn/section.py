@@ -50,8 +50,8 @@ def write_section(weights: GnnWeights, bits: int) -> bytes:
         bits: Approximate bits per weight, 2 to 6.
 
     Raises:
-        InvalidValueError: If the confidence thresholds of all attributes are above 1, so that receivers would not use
-            the network, if it is too large, or if a weight is not finite.
+        InvalidValueError: If the network is too large, a weight is not finite, or the confidence thresholds of all
+            attributes are above 1, so that receivers would never use the network.
     """
     # The heads of attributes with a threshold above 1 are omitted, because a receiver does not use them.
     check_bits(bits)

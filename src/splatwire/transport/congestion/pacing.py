@@ -168,8 +168,8 @@ class RateControl:
             now: Time, seconds.
             round_trip: Round-trip time of the latest received datagram, seconds.
             transit: One-way delay of the latest received datagram, seconds, plus an unknown constant clock offset.
-            num_sent: Number of datagrams that were sent between the latest received datagrams of this report and the
-                previous one.
+            num_sent: Number of datagrams sent since the previous report: those after its latest received datagram,
+                up to the latest received datagram of this report.
             num_arrived: Number of these datagrams that were received.
             bytes_arrived: Estimated size of the received datagrams in bytes.
             seconds: Time between the arrivals of the latest datagrams of both reports, seconds.

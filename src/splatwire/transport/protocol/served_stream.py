@@ -151,7 +151,7 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of FEC symbols of each segment of the init segment that every client gets before it requests any."""
+        """Number of FEC symbols that the server sends without a request, for each segment of the init segment."""
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         # The smallest number, if it differs between segments. Further symbols are only sent after NACKs.
         return min(counts.values())

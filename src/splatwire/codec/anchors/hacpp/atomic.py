@@ -61,18 +61,17 @@ class Symbols:
 class Predictions:
     """Distributions of the attributes of n anchors for entropy coding, predicted from the positions of the anchors.
 
-    Scalings and offsets have normal distributions, features mixtures of two normals.
+    Scalings and offsets have normal distributions, features mixtures of two normals. The second one of a
+    feature depends on features that are decoded before it, and is in `Mixture`.
 
     Attributes:
         outputs: Outputs of the prior network, int32 (n, outputs).
         factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
-        feature: First normal distribution of each feature, as two arrays (n, F): means in quantisation steps with 12
-            fractional bits, int32; and indices of the standard deviations in the coder's table, int16.
+        feature: First of the two normal distributions of each feature, as two arrays (n, F): means in quantisation
+            steps with 12 fractional bits, int32; and indices of the standard deviations in the coder's table, int16.
         scaling: The same two arrays for the scalings, (n, 6).
         offset: The same two arrays for the offsets, (n, 3 K).
     """
-
-    # The second normal of a feature depends on features decoded before and is in `Mixture`.
 
     outputs: np.ndarray
     factors: np.ndarray
