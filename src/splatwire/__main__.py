@@ -1,5 +1,6 @@
 """`python -m splatwire` is the command `splatwire`."""
 
+import contextlib
 import importlib
 import signal
 import sys
@@ -14,7 +15,9 @@ def start() -> None:
         importlib.import_module("splatwire.cli.main").main()
     except KeyboardInterrupt as error:
         if sys.stderr is not None:
-            sys.stderr.write("splatwire: stopped\n")
+            with contextlib.suppress(OSError):  # nobody reads it, or its disk is full
+                sys.stderr.write("splatwire: stopped\n")
+                sys.stderr.flush()
         sys.exit(128 + getattr(error, "number", signal.SIGINT))
 
 

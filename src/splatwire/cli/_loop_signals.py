@@ -31,6 +31,10 @@ class LoopSignals:
         # The event loop would leave the default actions, with which SIGTERM leaves temporary files.
         for number in self._before.keys() & (numbers or self._before.keys()):
             handler = self._before.pop(number)
-            self._loop.remove_signal_handler(number)
-            if handler is not None:  # None: it was not Python's, and Python cannot set it again
-                signal.signal(number, handler)
+            blocked = signal.pthread_sigmask(signal.SIG_BLOCK, (number,))  # the event loop sets the default action
+            try:
+                self._loop.remove_signal_handler(number)
+                if handler is not None:  # None: it was not Python's, and Python cannot set it again
+                    signal.signal(number, handler)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, blocked)

@@ -69,15 +69,20 @@ class _ErrorStream(PrintableStream):
     def write(self, text: str) -> int:
         try:
             return super().write(text)
+        except BlockingIOError:  # full for now; later texts may pass
+            return len(text)
         except OSError:
             discard_stderr()
             return len(text)
 
     def flush(self) -> None:
-        try:
-            self.target.flush()
-        except OSError:
-            discard_stderr()
+        with contextlib.suppress(BlockingIOError):
+            try:
+                self.target.flush()
+            except BlockingIOError:
+                raise
+            except OSError:
+                discard_stderr()
 
 
 @contextlib.contextmanager

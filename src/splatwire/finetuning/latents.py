@@ -1,7 +1,7 @@
 """Trainable parameters of explicit Gaussians, and back-propagation to these parameters."""
 
-# Functions of all Gaussians work on pieces that stay in the processor's cache, on all threads. The numbers do not
-# depend on the division.
+# Functions of all Gaussians work on pieces that stay in the processor's cache, on all threads. The results do
+# not depend on the number of threads.
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from splatwire.codec.gaussians.attributes import matrices_of
 from splatwire.ops.quaternions import quaternions_of
-from splatwire.ops.spherical_harmonics import degree_of, sh_basis
+from splatwire.ops.spherical_harmonics import sh_basis
 from splatwire.ops.threads import Result, share
 from splatwire.types import Gaussians
 from splatwire.types.splats import Splats
@@ -98,7 +98,9 @@ class Latents:
             offsets: Rounding errors to add to the parameters, so that the result is what a decoder would obtain; None
                 for exact Gaussians.
         """
-        result = Splats.empty(len(self.centres), degree_of(1 + self.harmonics.shape[1]))
+        # In main memory, as the parameters: each iteration would write a temporary file for `Splats.empty`.
+        shapes, count = ((3,), (4,), (3,), (), (1 + self.harmonics.shape[1], 3)), len(self.centres)
+        result = Splats(*(np.empty((count, *shape), np.float32) for shape in shapes))
 
         def fill(some: slice) -> None:
             errors = None if offsets is None else offsets.select(some)

@@ -33,8 +33,10 @@ class LocalEngine:
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
         """Executes the tasks of an evaluation in worker processes that write results into the store."""
         waiting, attempts = deque(units), Attempts(listener)
-        workers = [_Worker.start(str(store.root)) for _ in range(min(self.workers, len(units)))]
+        workers = list[_Worker]()
         try:
+            for _ in range(min(self.workers, len(units))):
+                workers.append(_Worker.start(str(store.root)))
             while waiting or any(worker.unit for worker in workers):
                 for worker in workers:
                     if worker.unit is None and waiting:
@@ -98,6 +100,7 @@ class _Worker:
         self.process.join(_GRACE_S)
         if self.process.is_alive():
             self.process.kill()
+            self.process.join(_GRACE_S)
         self.pipe.close()
 
 

@@ -19,7 +19,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -129,8 +129,10 @@ class Store:
             self._tidy()
             try:
                 yield
-            finally:
-                self._tidy()  # after Ctrl-C, workers may have been ended while they wrote
+            except BaseException:
+                with suppress(OSError):  # the first error matters
+                    self._tidy()  # workers may have been ended while they wrote, as by Ctrl-C
+                raise
 
     def _tidy(self) -> None:
         """Removes unfinished files of killed processes."""

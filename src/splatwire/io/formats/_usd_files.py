@@ -121,9 +121,9 @@ def _resolved_file(path: Path, layer: Sdf.Layer, name: str, opening: Callable[[P
     if name.startswith("`"):
         raise DatasetError(f"{path}: names a file by the expression {name[:80]}, which is not read")
     identifier = layer.ComputeAbsolutePath(name)
-    path = Sdf.Layer.SplitIdentifier(identifier)[0]  # without arguments of the file format
-    resolved = str(Ar.GetResolver().Resolve(path))
-    outer = Ar.SplitPackageRelativePathOuter(resolved or path)[0]
+    asset = Sdf.Layer.SplitIdentifier(identifier)[0]  # without arguments of the file format
+    resolved = str(Ar.GetResolver().Resolve(asset))
+    outer = Ar.SplitPackageRelativePathOuter(resolved or asset)[0]
     if not is_in_folder_of(path, path.parent / outer):  # a name without a path is relative if no such file is found
         raise DatasetError(f"{path}: names {name[:200]}, which is outside of its folder: only files in there are read")
     if resolved:

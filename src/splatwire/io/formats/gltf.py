@@ -18,6 +18,7 @@ import numpy as np
 
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import EXT_SPLATWIRE
+from splatwire.files.mmap_array import large_empty
 from splatwire.files.read_limited import read_at_most, read_json
 from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
 from splatwire.io.formats._axes import GLTF_FLIPS as GLTF_FLIPS
@@ -43,6 +44,10 @@ _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _MAX_JSON_BYTES = 4 << 20
 _MAX_CHUNKS = 1 << 10
 """Largest number of chunks of a binary file; two have a meaning."""
+_MAX_STRIDE = 252
+"""Largest distance between rows, bytes (glTF 2.0, section 3.6.2.4)."""
+_READ_BYTES = 1 << 20
+"""Number of bytes that are read at a time where rows of several attributes alternate."""
 _POINTS = 0
 _TYPES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
@@ -437,5 +442,15 @@ class _Gltf:
         binary = self._buffer(view.get("buffer"))
         if start + size > len(binary) or offset + stride * max(count - 1, 0) + item > size or stride < item:
             raise DatasetError(f"{self._path}: attribute {name} of {count} rows ends after its buffer")
-        piece = binary[start + offset : start + offset + stride * max(count - 1, 0) + item]
-        return np.ndarray(shape, dtype, piece, 0, (stride, dtype.itemsize))
+        if stride > max(_MAX_STRIDE, item):
+            raise DatasetError(f"{self._path}: rows of attribute {name} are {stride} bytes apart, above {_MAX_STRIDE}")
+        if stride == item:
+            first = start + offset
+            return np.ndarray(shape, dtype, binary[first : first + item * count])
+        # Rows of several attributes alternate: those of the others are read, too, but not kept.
+        rows, block = large_empty(shape, dtype), _READ_BYTES // stride
+        for begin in range(0, count, block):
+            first, length = start + offset + begin * stride, min(block, count - begin)
+            piece = binary[first : first + stride * (length - 1) + item]
+            rows[begin : begin + length] = np.ndarray((length, width), dtype, piece, 0, (stride, dtype.itemsize))
+        return rows
