@@ -59,8 +59,8 @@ export class Clip extends EventTarget {
   #isClosed = false;
 
   private constructor(
-    readonly worker: Worker,
-    readonly facts: SequenceFacts,
+    private readonly worker: Worker,
+    private readonly facts: SequenceFacts,
     readonly concealer: string,
   ) {
     super();

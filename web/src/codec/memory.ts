@@ -10,8 +10,8 @@ export const CONCEALMENT_BYTES = 96;
 export const allowedMemory = (arrived: number): number => FREE_BYTES + BYTES_PER_BYTE * arrived;
 
 /**
- * Throws `BitstreamError` if `needed` bytes of memory exceed the limit for `arrived` received bytes. `what` begins the
- * message.
+ * Throws `BitstreamError` if `needed` bytes of memory exceed the limit for `arrived` received bytes. `activity` begins
+ * the message.
  */
 export function checkMemory(needed: number, arrived: number, activity: string): void {
   const allowed = allowedMemory(arrived);

@@ -25,6 +25,6 @@ export function addressOf(src: string, base: string): URL | null {
 /** Returns the scene's title: the element's `aria-label`, the name of a file on a server, or the title of the page. */
 export function titleOf(host: HTMLElement): string {
   const src = host.getAttribute("src") ?? "",
-    file = /^(blob|data):/.test(src) ? "" : nameOf(src.split(/[?#]/)[0]);
+    file = /^\s*(blob|data):/i.test(src) ? "" : nameOf(src.split(/[?#]/)[0]);
   return host.getAttribute("aria-label") || file || host.ownerDocument.title || "Scene";
 }

@@ -469,7 +469,7 @@ export class Controller {
     this.#copies = 0;
     stage.background(facts.background);
     stage.antialias(facts.antialiased);
-    if (up && !this.host.hasAttribute("up")) stage.setUp(up);
+    if (up && !this.host.getAttribute("up")) stage.setUp(up);
     if (viewpoint) stage.setViewpoint(viewpoint);
     if (middle) stage.pointCameraAt(middle, size);
     stage.extent = extent;

@@ -5,6 +5,8 @@ import type { Panel } from "./panel.ts";
 
 export class SessionStatus {
   #disconnects = 0;
+  /** Error before the present one, which may be withdrawn. */
+  #earlierError: string | null = null;
   #digestWaiters: ((same: boolean) => void)[] = [];
 
   constructor(
@@ -16,17 +18,18 @@ export class SessionStatus {
   /** Reports a fatal error. */
   fail(text: string): void {
     const { status } = this;
+    if (status.failed !== text) this.#earlierError = status.failed;
     status.failed = text;
     this.panel.setMessage(text, "bad");
     if (!status.gaussians) this.panel.showNotice("error", text);
     this.dispatch("error", { message: text });
   }
 
-  /** Withdraws an error that is over. */
+  /** Withdraws an error that is over. An earlier error stays. */
   withdraw(text: string): void {
     if (this.status.failed !== text) return;
-    this.status.failed = null;
-    this.panel.setMessage("");
+    this.status.failed = this.#earlierError;
+    this.panel.setMessage(this.#earlierError ?? "", "bad");
   }
 
   /** Reports a disconnect. */
@@ -58,14 +61,18 @@ export class SessionStatus {
     status.finished = text;
     status.complete = complete;
     status.lost = null;
-    if (status.failed) return;
-    if (live)
+    const checking = complete && !live;
+    if (!status.failed)
       panel.setMessage(
-        text === "complete" || text === "sent" ? "The live clip has ended." : `The live clip ended: ${text}.`,
+        checking
+          ? "All packets received; checking them."
+          : !live
+            ? `The transfer ended early: ${text}. Missing packets are concealed.`
+            : text === "complete" || text === "sent"
+              ? "The live clip has ended."
+              : `The live clip ended: ${text}.`,
       );
-    else if (complete) return panel.setMessage("All packets received; checking them.");
-    else panel.setMessage(`The transfer ended early: ${text}. Missing packets are concealed.`);
-    this.dispatch("load", { complete, verified: false });
+    if (!checking) this.dispatch("load", { complete, verified: false });
   }
 
   /** Reports the result of the digest check. */

@@ -3,7 +3,10 @@
 import { floatOf } from "../bytes.ts";
 import type { Splats } from "../codec/splats.ts";
 
-/** Texels of four numbers per Gaussian. Lengths are in units of the scene's size. 16-bit numbers are half floats. */
+/**
+ * Texels of four numbers per Gaussian. Lengths are in units of the scene's size. 16-bit numbers are half floats. The
+ * arrays may be views of one buffer.
+ */
 export interface Packed {
   readonly count: number;
   readonly degree: number;

@@ -72,7 +72,10 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
       } else if (error instanceof Damaged || error instanceof PastEnd) {
         const { cause } = error;
         if (++file.damages > MAX_REPEATS) {
-          if (cause instanceof BitstreamError) throw cause;
+          if (cause instanceof BitstreamError) {
+            if (store.hasHead) file.ranges = "unknown"; // a web page may be in the file's place for a while
+            throw cause;
+          }
           if (!store.hasHead) throw new BitstreamError(error.message);
           return missingIn(store);
         }

@@ -1,0 +1,51 @@
+// Errors and events of a transfer.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { newStatus } from "../src/page/events.ts";
+import type { Panel } from "../src/page/panel.ts";
+import { SessionStatus } from "../src/page/session_status.ts";
+
+const DRAWING = "The scene cannot be drawn.";
+
+/** Returns a transfer, its messages and the names of its events. */
+function transfer(): { session: SessionStatus; messages: string[]; events: string[] } {
+  const messages: string[] = [],
+    events: string[] = [],
+    panel = { setMessage: (text: string) => messages.push(text), showNotice: () => {} } as unknown as Panel;
+  return { session: new SessionStatus(newStatus(), panel, (name) => events.push(name)), messages, events };
+}
+
+test("an error that is over is withdrawn", () => {
+  const { session, messages } = transfer();
+  session.fail(DRAWING);
+  session.withdraw(DRAWING);
+  assert.deepEqual([session.status.failed, messages.at(-1)], [null, ""]);
+});
+
+test("a wrong digest stays an error after a later drawing error is over", () => {
+  const { session, messages } = transfer();
+  session.finished("complete", true, false);
+  session.verified(false);
+  const digest = session.status.failed;
+  assert.match(digest!, /digest is wrong/);
+  for (let n = 0; n < 2; n++) {
+    session.fail(DRAWING);
+    session.fail(DRAWING);
+    session.withdraw(DRAWING);
+    assert.deepEqual([session.status.failed, messages.at(-1)], [digest, digest]);
+  }
+});
+
+test("a transfer that ends while nothing can be drawn is reported as loaded", () => {
+  for (const [complete, live] of [
+    [false, false],
+    [true, true],
+  ] as const) {
+    const { session, messages, events } = transfer();
+    session.fail(DRAWING);
+    session.finished("sent", complete, live);
+    assert.deepEqual([messages, events], [[DRAWING], ["error", "load"]]);
+  }
+});
