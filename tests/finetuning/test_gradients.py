@@ -10,6 +10,7 @@ from close import assert_close
 from shells import shell
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
+from splatwire.files import mmap_array
 from splatwire.finetuning.latents import Gradients, Latents, Offsets, gradients_of
 from splatwire.finetuning.losses import SimulatedReception
 from splatwire.finetuning.tune import picture_gradients
@@ -30,6 +31,13 @@ def _product(p: Any, q: Any) -> Any:
     c, d = q[:, :1], q[:, 1:]
     vector = a * d + c * b + torch.linalg.cross(b, d)
     return torch.cat([a * c - (b * d).sum(dim=1, keepdim=True), vector], dim=1)
+
+
+def test_gaussians_of_an_iteration_need_no_temporary_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    latents = Latents.of(shell(60, 1).splats)
+    monkeypatch.setattr(mmap_array, "LARGE_BYTES", 0)
+    monkeypatch.setattr(mmap_array.tempfile, "TemporaryFile", lambda: pytest.fail("a file is written"))
+    assert latents.splats().num_gaussians == 60
 
 
 @pytest.mark.parametrize("rounded", [False, True])

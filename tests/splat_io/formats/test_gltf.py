@@ -16,7 +16,7 @@ from random_numbers import Numbers
 from splat_io.formats.handmade import glb, glb_of, some_splats, write
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import GLTF, file_kind
-from splatwire.io.formats import read_splats, splats_kind
+from splatwire.io.formats import gltf, read_splats, splats_kind
 from splatwire.io.formats._axes import GLTF_FLIPS, flip_axes
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import sh_basis
@@ -486,6 +486,39 @@ def test_integer_positions_of_mesh_quantization_are_read(tmp_path: Path) -> None
     document["nodes"][0]["scale"] = [2**-12] * 3
     found = opened(glb_of(document, binary + steps.tobytes()), tmp_path / "a.glb")
     assert_close(found.means, steps[:, :3] / 2.0**12, atol=1e-6)
+
+
+@pytest.mark.parametrize("block", [1, 200, 1 << 20])
+def test_rows_of_attributes_may_alternate(block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A buffer view with a stride, for positions, opacities and rotations one after the other."""
+    monkeypatch.setattr(gltf, "_READ_BYTES", 36 * block)
+    splats = some_splats(20, 0)
+    document, binary = document_of(glb(splats))
+    expected = opened(glb_of(document, binary), tmp_path / "a.glb")
+    attributes, columns = document["meshes"][0]["primitives"][0]["attributes"], list[np.ndarray]()
+    for name in ("POSITION", f"{EXTENSION}:OPACITY", f"{EXTENSION}:ROTATION"):
+        accessor = document["accessors"][attributes[name]]
+        start = document["bufferViews"][accessor["bufferView"]]["byteOffset"]
+        width = 4 * {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor["type"]]
+        values = np.frombuffer(binary, "u1", 20 * width, start).reshape(20, width)
+        accessor |= {"bufferView": len(document["bufferViews"]), "byteOffset": sum(c.shape[1] for c in columns)}
+        columns.append(values)
+    rows = np.concatenate(columns, axis=1)
+    rows = np.concatenate([rows, np.zeros((20, 36 - rows.shape[1]), "u1")], axis=1)
+    document["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": 720, "byteStride": 36})
+    document["buffers"][0]["byteLength"] += 720
+    found = opened(glb_of(document, binary + rows.tobytes()), tmp_path / "b.glb")
+    for name, values in vars(expected).items():
+        assert np.array_equal(getattr(found, name), values), name
+
+
+def test_rows_far_apart_are_refused(tmp_path: Path) -> None:
+    document, binary = document_of(glb(some_splats(20, 0)))
+    document["bufferViews"].append({"buffer": 0, "byteOffset": 0, "byteLength": 1 << 13, "byteStride": 256})
+    document["accessors"][0]["bufferView"] = len(document["bufferViews"]) - 1
+    document["buffers"][0]["byteLength"] = 1 << 13
+    with pytest.raises(DatasetError, match="256 bytes apart, above 252"):
+        opened(glb_of(document, binary.ljust(1 << 13, b"\0")), tmp_path / "a.glb")
 
 
 def test_unknown_settings_of_the_extension_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
