@@ -117,7 +117,7 @@ def test_explicit_registration_replaces_an_earlier_entry(caplog):
     with caplog.at_level(logging.WARNING):
         registry.register("kite", "ours", "splatwire.toys.Kite")
     assert registry["kite"] == "ours"
-    assert "two toys are called 'kite': acme.Kite and splatwire.toys.Kite, which stays" in caplog.text
+    assert "two toys are called 'kite': acme.Kite and splatwire.toys.Kite, which is kept" in caplog.text
 
 
 def test_built_in_names_need_no_entry_points():

@@ -414,6 +414,16 @@ def _long_kernel(values, count):
     return np.full(3, total), total
 
 
+@pytest.fixture
+def default_signals():
+    """Default actions of signals, also where the tests run with nohup, which ignores SIGHUP."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, action in before.items():
+        signal.signal(number, action)
+
+
+@pytest.mark.usefixtures("default_signals")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_while_a_plug_in_is_loaded_is_no_error_of_it(run, monkeypatch, number):
     def ended(verb, options):

@@ -5,7 +5,6 @@ import glob
 import hashlib
 import logging
 import os
-import pickle
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -52,7 +51,7 @@ class CacheFile(IndexDataCacheFile):
                 self._replace(name, packed)
             names = {**self._load_index(), key: name}
             index = self._dump((self._source_stamp, names))
-            self._replace(self._index_name, pickle.dumps(self._version, protocol=-1) + index)
+            self._replace(self._index_name, self._dump(self._version) + index)
         except FileNotFoundError:
             pass  # another process has removed the unfinished file, or the whole folder
         except OSError as error:
@@ -67,9 +66,12 @@ class CacheFile(IndexDataCacheFile):
             key: Identifies the signature and the processor.
         """
         name = self._load_index().get(key)
-        if name is None or (packed := self._data(name)) is None:
+        if name is None or self._data(name) is None:
             return None
-        return pickle.loads(packed)  # noqa: S301 - numba, too, executes the content of its cache
+        try:
+            return self._load_data(name)
+        except OSError:  # another process has removed it meanwhile
+            return None
 
     def _load_index(self) -> dict[Any, str]:
         """Returns the names of the data files by key. An unreadable index, such as of another release, is empty."""
