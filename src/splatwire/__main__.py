@@ -15,7 +15,7 @@ def start() -> None:
         importlib.import_module("splatwire.cli.main").main()
     except KeyboardInterrupt as error:
         if sys.stderr is not None:
-            with contextlib.suppress(OSError):  # nobody reads it, or its disk is full
+            with contextlib.suppress(OSError):  # its reader has exited, or the disk is full
                 sys.stderr.write("splatwire: stopped\n")
                 sys.stderr.flush()
         sys.exit(128 + getattr(error, "number", signal.SIGINT))

@@ -9,7 +9,7 @@ import { bufferOf, type Packed, pack } from "./render/packed.ts";
 /** Packet without its header, as decoders need it. */
 export type PacketBody = Pick<Packet, "block" | "lane" | "count" | "payload">;
 
-/** Decoded packet. `packed` has its Gaussians if they are drawn as they are, and is null for those of clips. */
+/** Decoded packet, with its Gaussians packed for the GPU; `packed` is null in clips, whose Gaussians move. */
 export interface HelpedPacket extends DecodedPacket {
   readonly packed: Packed | null;
 }

@@ -76,13 +76,12 @@ class _ErrorStream(PrintableStream):
             return len(text)
 
     def flush(self) -> None:
-        with contextlib.suppress(BlockingIOError):
-            try:
-                self.target.flush()
-            except BlockingIOError:
-                raise
-            except OSError:
-                discard_stderr()
+        try:
+            self.target.flush()
+        except BlockingIOError:
+            pass
+        except OSError:
+            discard_stderr()
 
 
 @contextlib.contextmanager

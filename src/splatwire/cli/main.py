@@ -193,7 +193,7 @@ def _run(arguments: list[str]) -> int:
             _end_at_next_interrupt()
             try:
                 print("splatwire: stopped", file=sys.stderr)
-            except OSError:  # nobody reads it, or the disk is full
+            except OSError:  # its reader has exited, or the disk is full
                 discard_stderr()
             return status
         if isinstance(error, SplatwireError):

@@ -37,7 +37,7 @@ class OpenedFile(_NativePath):
         self._kind, self._file = kind, file
 
     def detach(self) -> None:
-        """Closes the file. Afterwards this path names whatever file is there, as any other `Path` does."""
+        """Closes the file. Afterwards the object is an ordinary path, which keeps no file open."""
         if self._file is not None:
             self._file.close()
         self._kind = self._file = None

@@ -104,7 +104,7 @@ class KnownTracks:
 
 
 def _no_births(_: np.ndarray) -> Splats:
-    raise AssertionError("nobody is born in a group that nobody is there in")
+    raise AssertionError("no track begins in a group without tracks")
 
 
 def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:

@@ -278,8 +278,8 @@ def _without_far(splats: Splats, path: Path) -> Splats:
     column = costly_outliers(splats, errors)
     if column.outside.sum() <= find_outliers(splats.means).outside.sum():
         return splats
-    nobody = replace(column, outside=np.zeros_like(column.outside))
-    steps = (2 * float(errors(nobody).max()), 2 * float(errors(column).max()))
+    without = replace(column, outside=np.zeros_like(column.outside))
+    steps = (2 * float(errors(without).max()), 2 * float(errors(column).max()))
     warn_of_outliers(path, "prune", "positions", column, steps)
     return splats.select(~column.outside)
 

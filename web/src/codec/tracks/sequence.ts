@@ -41,7 +41,7 @@ interface ConcealedTracks {
   readonly concealed: Uint8Array;
 }
 
-/** Tracks whose offsets lie together. */
+/** Tracks with their offsets in one array. */
 interface Run {
   readonly count: number;
   /** Shape (frames, tracks, channels), or of one frame for tracks that stand still. */
