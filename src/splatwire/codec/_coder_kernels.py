@@ -61,15 +61,16 @@ class Coder(NamedTuple):
         words: Bytes of the packet as the decoder reads them, from `words_of`, int64.
         state: State of the range coder, int64 (3).
         models: Adaptive bit models of this packet, int64 (contexts, 2).
-        bits: Number of zeros and ones coded per context, int64 (contexts, 2).
+        bits: Number of zeros and of ones coded so far with each adaptive bit model, int64 (contexts, 2).
         scales: Index of the distribution of each residual context, uint16 (contexts).
-        windows: Positions of each distribution in `bounds` and `guesses`, and its range of residuals, int64
-            (distributions, 6); see `residual_windows`.
+        windows: For each distribution, its range of residuals and the positions of its entries in `bounds` and
+            `guesses`, int64 (distributions, 6); see `residual_windows`.
         bounds: Starts of the probability intervals of residuals, int32.
-        guesses: Interval at which a decoder starts its search, uint16.
+        guesses: Index of the probability interval at which a decoder starts its search for a residual, uint16.
         residuals: Number of residuals coded per context, and sum of their magnitudes (last axis), int64.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest magnitude of a residual with a probability interval, for each of these standard deviations.
+        widths: For each of these standard deviations, the largest magnitude of a residual that has a probability
+            interval. Larger residuals are coded with an escape code.
         normal: Table of the normal cumulative distribution function.
     """
 
@@ -245,7 +246,7 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_escape(words, state, half):
-    """Decodes a residual with an escape code: its magnitude is too large for the probability tables.
+    """Decodes a residual from an escape code, which is used for magnitudes that exceed the probability tables.
 
     Args:
         words: The bytes of the packet, from `words_of`.
@@ -265,15 +266,17 @@ def _decode_escape(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_wide(coder, scale, index, start, after, target, eighths):
-    """Decodes a residual of a wide distribution, whose probability table contains only every 2^k-th interval start.
+    """Decodes a residual under a wide distribution.
+
+    Its probability table contains the starts of only every 2^k-th interval; the other starts are computed.
 
     Args:
         coder: Entropy coder.
         scale: Index of the distribution.
-        index: Index of the table entry at or directly below `target`.
-        start: Value of this entry.
-        after: Value of the next entry.
-        target: Position read by the range decoder, from `start` to `after` (exclusive).
+        index: Index of the last table entry that does not exceed `target`.
+        start: Interval start in this table entry.
+        after: Interval start in the next table entry.
+        target: Position on the probability axis that the range decoder has read, from `start` to `after` (exclusive).
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
@@ -300,7 +303,7 @@ def _decode_wide(coder, scale, index, start, after, target, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _interval_start(coder, symbol, half, mean, narrow, wide):
-    """Computes the start of a residual's probability interval, for distributions whose table does not contain it.
+    """Computes where the probability interval of a residual starts, if this start is not in the tables.
 
     Args:
         coder: Entropy coder.
@@ -309,6 +312,9 @@ def _interval_start(coder, symbol, half, mean, narrow, wide):
         mean: Mean of the distribution, `MEAN_BITS` fractional bits. The distribution is a mixture of two normals.
         narrow: Reciprocal of the smaller of the two standard deviations.
         wide: Reciprocal of the larger of the two standard deviations.
+
+    Returns:
+        The start, in units of 2**-24.
     """
     # Not inlined, because the callers call it several times.
     return cumulative(symbol, -half, half, mean, narrow, mean, wide, WEIGHT, coder.normal)
@@ -317,7 +323,7 @@ def _interval_start(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual whose probability interval is not tabulated: a very large one, or one of a wide distribution.
+    """Encodes a residual without a tabulated interval: it is very large, or its distribution is wide.
 
     Args:
         coder: Entropy coder.
@@ -326,7 +332,7 @@ def _encode_wide(coder, scale, q, eighths):
         eighths: Mean of the distribution, in eighths of a step.
 
     Returns:
-        The residual, limited to the coder's range.
+        The encoded residual: `q`, clipped to magnitudes of at most `MAX_RESIDUAL`.
     """
     # The tables omit very large residuals, and most residuals of wide distributions.
     mean = eighths << (MEAN_BITS - EIGHTHS)

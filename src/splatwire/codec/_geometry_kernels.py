@@ -43,7 +43,9 @@ def large_count_normal(n):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
-    """Returns the index at which a node of the position tree is divided: that of its first code with a 1 in `bit`.
+    """Returns the index that divides a node of the position tree: that of the node's first code with a 1 in `bit`.
+
+    Codes before this index have a 0 in this bit. The result is `end` if all codes of the node have a 0.
 
     Args:
         codes: Sorted Morton codes.
@@ -75,7 +77,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
         n: Number of points of the node.
         zeros: Number of points in the first half, 0 to `n`.
         bit: Index of the bit that divides the node.
-        run: Number of consecutive 0 bits directly above `bit`, at most 15; selects the context.
+        run: Number of consecutive 0 bits directly above `bit` in the node's codes, at most 15; selects the context.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
@@ -114,7 +116,7 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
         models: Adaptive bit models, changed in place.
         n: Number of points of the node.
         bit: Index of the bit that divides the node.
-        run: Number of consecutive 0 bits directly above `bit`, at most 15; selects the context.
+        run: Number of consecutive 0 bits directly above `bit` in the node's codes, at most 15; selects the context.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.

@@ -15,8 +15,8 @@ def step_exponent(bases, attribute, precision_class, area, elongation, flatness,
         bases: `-log2` of each attribute's quantisation step in precision class 0, for a Gaussian with scales and
             opacity 1; `STEP_BITS` fractional bits.
         attribute: Index of the attribute in `gaussians.layout.STEPS`.
-        precision_class: Precision class of the Gaussian, 0 for the coarsest; each class has half the steps of the one
-            before.
+        precision_class: Precision class of the Gaussian, 0 for the coarsest. Quantisation steps halve from each class
+            to the next.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
         elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
@@ -38,8 +38,8 @@ def step_shift(bases, attribute, precision_class, area, elongation, flatness, op
     Args:
         bases: `-log2` of each attribute's quantisation step in precision class 0, `STEP_BITS` fractional bits.
         attribute: Index of the attribute in `gaussians.layout.STEPS`.
-        precision_class: Precision class of the Gaussian, 0 for the coarsest; each class has half the steps of the one
-            before.
+        precision_class: Precision class of the Gaussian, 0 for the coarsest. Quantisation steps halve from each class
+            to the next.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
         elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
@@ -61,8 +61,8 @@ def position_shift(bases, precision_class, s0, elongation, flatness, opacity, un
 
     Args:
         bases: `-log2` of each attribute's quantisation step in precision class 0, `STEP_BITS` fractional bits.
-        precision_class: Precision class of the Gaussian, 0 for the coarsest; each class has half the steps of the one
-            before.
+        precision_class: Precision class of the Gaussian, 0 for the coarsest. Quantisation steps halve from each class
+            to the next.
         s0: log2 of the largest of the three scales, `BITS` fractional bits.
         elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.

@@ -23,9 +23,10 @@ def tier_context(tier, count, recent):
 
     Args:
         tier: Index of the tier, 0 for the most important.
-        count: Decaying average over the preceding anchors: share in this tier or a more important one, as a fraction of
-            2**16.
-        recent: Two bits, 0 to 3: for each of the last two anchors, 1 if it was in this or a more important tier.
+        count: Share of the preceding anchors that are in this tier or a more important one, as a decaying average in
+            units of 2**-16.
+        recent: Two bits, 0 to 3. Each is for one of the last two anchors, and is 1 if that anchor is in this tier or a
+            more important one.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4
@@ -41,10 +42,10 @@ def add_to_statistics(counts, recents, tier, important):
     """Updates the statistics that select the contexts of a tier (see `tier_context`) after coding an anchor.
 
     Args:
-        counts: For each tier, decaying average of the share of anchors in it or a more important one, as a fraction of
-            2**16. Changed in place.
-        recents: For each tier, two bits for the last two anchors: 1 if the anchor was in it or a more important one.
-            Changed in place.
+        counts: For each tier, share of the anchors that are in this tier or a more important one, as a decaying average
+            in units of 2**-16. Changed in place.
+        recents: For each tier, two bits for the last two anchors: 1 if the anchor is in this tier or a more important
+            one. Changed in place.
         tier: Index of the tier.
         important: True if the anchor is in this tier or in a more important one.
     """

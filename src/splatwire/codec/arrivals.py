@@ -12,7 +12,7 @@ class Arrivals:
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        intake: Filter that has validated the packets on reception; None creates one here.
+        intake: Filter by which the receiver has already validated the packets; None to validate them with a new one.
 
     Attributes:
         manifest: The stream's manifest.

@@ -89,7 +89,7 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
 
 
 def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:
-    """Yields the received packets in groups (runs) that a decoder decodes in one call, in the order of the elements.
+    """Divides received packets into runs (packets that a decoder decodes in one call), and yields them in order.
 
     Args:
         decoder: The stream's decoder, which determines the size of runs.
@@ -98,7 +98,7 @@ def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, 
         gaps: True to also yield an empty run for each lost block, if the decoder decodes whole blocks.
 
     Raises:
-        InvalidValueError: If a packet does not fit the plan, or two contain the same element.
+        InvalidValueError: If a packet does not fit the stream's packet plan, or two packets contain the same element.
     """
     waiting: list[Run] = []
     total = 0

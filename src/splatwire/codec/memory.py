@@ -83,7 +83,10 @@ def threads_within(
 
 
 def words_bytes(packets: Sequence[Packet]) -> int:
-    """Returns the memory that decoding needs for the bytes of the largest packet, bytes."""
+    """Returns the memory that a decoder needs for the content of the largest packet, bytes.
+
+    It is eight times the size of the packet, because decoders read packets as overlapping integers.
+    """
     # They read a packet as overlapping seven-byte integers, which take eight times the memory of its bytes.
     return 8 * max((len(packet.data) for packet in packets), default=0)
 

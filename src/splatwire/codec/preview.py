@@ -81,6 +81,8 @@ class PreviewFrame:
     ) -> "PreviewFrame":
         """Creates the quantisation parameters of a preview (`PreviewFrame`) from the ranges of the values to quantise.
 
+        Ranges beyond the limits of the format are clipped.
+
         Args:
             middle: Centre of the scene, world units.
             linear_range: Distance up to which positions have nearly uniform precision, world units.
@@ -89,7 +91,7 @@ class PreviewFrame:
             high: Maxima of these four values.
 
         Raises:
-            InvalidValueError: If the centre or the spread is out of range.
+            InvalidValueError: If `middle` or `linear_range` is out of range.
         """
         (x, y, z), bounds = _sent(middle), [(-MAX_DISTANCE_ASINH, MAX_DISTANCE_ASINH)] * 3 + [SIZES]
         least, most = (
@@ -106,6 +108,9 @@ class PreviewFrame:
     def values(self, codes: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
         """Dequantises the numbers that describe the G Gaussians of a preview.
 
+        Args:
+            codes: Quantised numbers of each Gaussian, whole numbers as in `Preview.levels`.
+
         Returns:
             Ten numbers for each Gaussian: position, compressed by asinh (3); `log(size / spread)` of
             each axis (3); colour (3); opacity (1).
@@ -114,7 +119,10 @@ class PreviewFrame:
         return low + codes * step
 
     def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Converts the ten numbers of each Gaussian (see `values`) to unrounded quantisation levels."""
+        """Quantises the ten numbers of each Gaussian without rounding; the inverse of the method `values`.
+
+        Results are clipped to the range of the coded integers.
+        """
         low, step = self.scale()
         return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MAX_LEVELS))
 

@@ -28,7 +28,7 @@ class ProgressiveDecoder(Arrivals):
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        intake: Filter that has validated the packets on reception; None creates one here.
+        intake: Filter by which the receiver has already validated the packets; None to validate them with a new one.
         threads: Number of threads; None for one per processor.
         progress: Called while the scene is allocated, at the first read of `partial`, with the completed fraction, 0 to
             1.
@@ -119,7 +119,8 @@ class ProgressiveDecoder(Arrivals):
         """Decodes packets and adds their elements to the scene.
 
         Args:
-            packets: Received packets, in any order. Packets outside the plan and duplicates are only counted.
+            packets: Received packets, in any order. Duplicates, and packets that the stream does not contain, are only
+                counted.
 
         Returns:
             Indices of the new elements in coding order, int64.

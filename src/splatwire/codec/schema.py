@@ -40,7 +40,7 @@ class Encoder(Protocol):
     """Interface of an encoder, which converts the elements of one scene to packets."""
 
     def runs(self) -> Iterator[Any]:
-        """Yields the parts of the stream that can be encoded in parallel, in order and never empty."""
+        """Yields the parts of the stream in order; none is empty. Different parts can be encoded in parallel."""
 
     def encode(self, run: Any) -> CodedPackets:
         """Encodes one part of the stream, as yielded by `runs`; may be called from several threads."""
@@ -151,8 +151,9 @@ class Schema(StreamSchema):
         prepare_repack: Function that prepares a stream for a new division into packets with the same decoded integers.
             None if the codec does not support this.
         can_repack: Function that returns True for streams that can be divided into other packets.
-        remap_sections: Function that returns the second of two streams with new element indices in its named sections.
-            Both have the same elements; the second one divides them into other packets.
+        remap_sections: Function of two streams with the same elements, divided into different packets. It returns the
+            second stream, after changing element indices in its named sections from the order of the first stream to
+            its own.
     """
 
     scene_type: type

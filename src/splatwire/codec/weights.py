@@ -174,7 +174,7 @@ def _is_whole(values: np.ndarray, max_magnitude: float) -> bool:
 
 
 def _divisor(number: int) -> int:
-    """Returns the largest permitted quantisation step that divides a number."""
+    """Returns the largest permitted quantisation step, 1 to `MAX_STEP`, that divides a number; 1 for the number 0."""
     if number <= MAX_STEP:
         return max(number, 1)
     smaller = np.arange(1, MAX_STEP + 1)
@@ -185,7 +185,8 @@ def _input_statistics(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     """Returns statistics of a layer's inputs, used to round its weights with a small output error.
 
     Returns:
-        Mean of each input, order of the inputs by decreasing variance, and triangular factor of their covariance.
+        Mean of each input, (in); indices of the inputs by decreasing variance, (in); and triangular factor of the
+        covariance matrix of the inputs in this order, (in, in).
     """
     mean = inputs.mean(axis=0)
     centred = inputs - mean

@@ -35,7 +35,7 @@ from splatwire.types import AnchorScene, TierSizes
 
 @runtime_checkable
 class AnchorCoder(Protocol):
-    """Interface of an encoder for the anchors of one scene, in coding order."""
+    """Interface of an encoder for the anchors of one scene, which are given in coding order."""
 
     def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
         """Encodes groups of anchors; may be called from several threads.
@@ -52,7 +52,7 @@ RepackCoder = Callable[[AnchorScene, Packetization, bytes], tuple[AnchorCoder, b
 
 
 def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest_fields: Mapping[str, Any]) -> Prepared:
-    """Prepares a scene of anchors for encoding.
+    """Prepares a scene of anchors for encoding: sorts the anchors, plans the packets and fits the side information.
 
     Args:
         scene: The scene; all of its anchors are drawable.
@@ -92,10 +92,11 @@ def prepare_anchor_repack(
         packetization: Parameters of the new division into packets.
         coder: Function that returns the encoder of the anchors, and the side information of the new stream.
         manifest_fields: Further fields of the new manifest.
-        *own: Names of the sections of side information that `coder` computes again.
+        *own: Names of the sections of side information that `coder` computes again for the new stream.
 
     Raises:
-        InvalidValueError: If the stream has sections that depend on another order of anchors.
+        InvalidValueError: If the order of the anchors changes, and the stream has sections that depend on it. These are
+            all sections except the background and those in `own`.
     """
     # With any section except `own` and the background, the order of the anchors must not change.
     sections = sections_of(stream)
@@ -119,7 +120,7 @@ def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
         order: As in `Packetization.order`.
 
     Raises:
-        InvalidValueError: If no anchor is left.
+        InvalidValueError: If no anchor is drawable.
     """
     return scene.select(coding_order(scene, order))
 
@@ -132,7 +133,7 @@ def coding_order(scene: AnchorScene, order: str) -> Int64[np.ndarray, "n"]:
         order: As in `Packetization.order`.
 
     Raises:
-        InvalidValueError: If no anchor is left.
+        InvalidValueError: If no anchor is drawable.
     """
     drawable = np.flatnonzero(scene.drawable)
     if not len(drawable):
@@ -161,7 +162,7 @@ class AnchorEncoder:
         self._most = p.packet_bytes - HEADER_BYTES if p.hashed else None
 
     def runs(self) -> Iterator[slice]:
-        """Yields slices of consecutive packets that can be encoded in parallel."""
+        """Yields slices of consecutive packets. Different slices can be encoded in parallel."""
         # Each slice contains about `CHUNK` anchors.
         return chunks(np.diff(self._starts))
 
@@ -251,7 +252,11 @@ class AnchorDecoder:
         raise NotImplementedError
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts the anchors with the given indices in coding order from side information alone."""
+        """Predicts the attributes of anchors from the side information alone, for the case that their packets are lost.
+
+        Args:
+            ranks: Indices of the anchors in coding order, int64 (n).
+        """
         raise NotImplementedError
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:

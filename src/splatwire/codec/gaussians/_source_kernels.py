@@ -333,7 +333,12 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _luma_chroma(harmonic, factors):
-    """Returns luma or one of the chroma components of a spherical harmonic in fixed point, within limits."""
+    """Computes luma or one of the chroma components of a spherical harmonic, clipped to the range of the format.
+
+    Args:
+        harmonic: Red, green and blue of the harmonic, (3).
+        factors: Row of the transform from RGB to Y Co Cg, in fixed point, (3).
+    """
     value = np.float64(harmonic[0]) * factors[0] + np.float64(harmonic[1]) * factors[1]
     value += np.float64(harmonic[2]) * factors[2]
     return min(max(value, -np.float64(MAX_COLOUR)), np.float64(MAX_COLOUR))
@@ -375,8 +380,9 @@ def gather_sources(
         luma_chroma: Transform of harmonics from RGB to Y Co Cg in fixed point, float64 (3, 3).
         inverse: Inverse of the transform of harmonics, float64 (K, columns): column k is transformed harmonic k;
             columns from K on are 0.
-        silent: Largest length of a Gaussian's harmonics, per colour component, for which quantisation makes all
-            transformed harmonics 0, by precision class, float64 (classes). The output is then 0.
+        silent: For each precision class, Euclidean length of a Gaussian's harmonics in a colour component below which
+            quantisation makes all transformed harmonics 0, float64 (classes). If all components of a Gaussian are
+            shorter, its harmonics in the output are 0.
         room: Working array, float64 (6, columns).
         classes: Precision classes, int64 (n).
         logs: Output, int64 (n, 4), see `write_logs`.

@@ -108,7 +108,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
 
 
 def block_sizes(plan: PacketPlan) -> np.ndarray:
-    """Returns the number of Gaussians in each block of a packet plan, int64 (B)."""
+    """Returns the number of Gaussians in each of the B spatial blocks of a packet plan, int64 (B)."""
     return np.array([plan.block_elements(block) for block in range(plan.num_blocks)], dtype=np.int64)
 
 
@@ -164,7 +164,7 @@ def check_codes(used: int, bits: int) -> None:
     """Raises ValueError if a position is outside of its bounding box.
 
     Args:
-        used: Bitwise or of all coordinates, without the low bits that codes omit.
+        used: Bitwise or of all coordinates, shifted right by the number of low bits that Morton codes omit.
         bits: Number of bits of a coordinate within the box.
     """
     if used >> MAX_CELL_BITS:
@@ -214,7 +214,7 @@ def check_reach(most: float) -> None:
         most: Largest magnitude of a coordinate, in lattice spacings.
 
     Raises:
-        InvalidValueError: If it is too large.
+        InvalidValueError: If `most` exceeds the range.
     """
     if most >= 2.0**MAX_LATTICE_BITS:
         raise InvalidValueError("a Gaussian is too far away from the others for the precision of their positions")

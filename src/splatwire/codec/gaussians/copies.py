@@ -25,7 +25,7 @@ def write_indices(indices: np.ndarray, num_gaussians: int) -> bytes:
 
     Args:
         indices: int64, index of each copied Gaussian in stream order.
-        num_gaussians: Number of Gaussians in the stream, which determines the width.
+        num_gaussians: Number of Gaussians in the stream, which determines the number of bits of an index.
     """
     width = _index_bits(num_gaussians)
     return np.packbits(indices[:, None] >> np.arange(width)[::-1] & 1).tobytes()

@@ -51,7 +51,7 @@ class GaussianDecoder:
     Args:
         manifest: The stream's manifest.
         side_info: The stream's side information, serialised.
-        num_bytes: Not used.
+        num_bytes: Not used; other decoders derive memory limits from it.
 
     Raises:
         MissingSideInfoError: If the side information is empty.
@@ -77,17 +77,35 @@ class GaussianDecoder:
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates the scene before packets are decoded (see `Decoder.expect`)."""
+        """Allocates the arrays of the scene, in which no Gaussian is received yet.
+
+        Args:
+            threads: Not used.
+            progress: Not used.
+        """
         self._splats = blank_splats(self._num, self._info.degree)
         self._classes = np.zeros(self._num, dtype=np.uint8)
         self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
 
     def decode(self, run: Run) -> SymbolRows:
-        """Decodes the received packets of one block to integers (see `Decoder.decode`)."""
+        """Decodes the received packets of one spatial block to integers.
+
+        Args:
+            run: The packets.
+
+        Returns:
+            Two arrays with a row for each Gaussian, packet by packet: all attributes except spherical harmonics, int64
+            (n, columns), and the harmonics, int32 (n, harmonics).
+        """
         return decode_packets(self._info, run.block, run.counts, run.payloads)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Writes the decoded Gaussians of a block to the scene, and estimates the lost ones (see `Decoder.store`)."""
+        """Writes the decoded Gaussians of a block to the scene as floats, and estimates the lost ones of the block.
+
+        Args:
+            run: Received packets of the block.
+            rows: Result of `decode` for these packets.
+        """
         indices, known = run.ranks, self._loss_mask.received
         known[indices] = True
         if len(indices) < self._plan.block_elements(run.block):
@@ -103,11 +121,14 @@ class GaussianDecoder:
             self._classes[indices] = rows[0][:, CLASS].astype(np.uint8)
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds the decoded integers of one block to a hash (see `Decoder.update_digest`)."""
+        """Adds the decoded integers of one block to a hash, with which receivers verify their decoding."""
         update_digest(digest, rows)
 
     def scene(self) -> ReceivedScene[SplatScene]:
-        """Returns the scene decoded so far, with masks of received Gaussians (see `Decoder.scene`)."""
+        """Returns the scene decoded so far, with the mask of received Gaussians and the stream's metadata.
+
+        The scene shares memory with the arrays that `store` fills.
+        """
         scene = SplatScene(
             self._splats,
             background=BACKGROUND.read(self.sections),
@@ -120,14 +141,14 @@ class GaussianDecoder:
 
 
 def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
-    """Returns the quantisation parameters of a decoded scene, with which encoding the scene again is lossless.
+    """Returns the quantisation parameters of a decoded scene. With these, the scene can be encoded again without loss.
 
     Args:
         info: The stream's side information.
         classes: Precision class of each Gaussian, which selects its quantisation steps, uint8 (N).
 
     Returns:
-        The parameters; None for streams of version 2.
+        The parameters; None for streams of version 2, whose integers depend on the division into packets.
     """
     if info.coarsest < 0:
         # The integers of version 2 depend on the division into packets.

@@ -209,11 +209,15 @@ class GaussianEncoder:
         self._sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
 
     def runs(self) -> Iterator[int]:
-        """Returns the indices of all blocks, in encoding order (see `Encoder.runs`)."""
+        """Returns the indices of all spatial blocks in encoding order. Different blocks can be encoded in parallel."""
         return iter(range(self._plan.num_blocks))
 
     def encode(self, run: int) -> CodedPackets:
-        """Encodes the block with index `run` (see `Encoder.encode`)."""
+        """Encodes the Gaussians of one spatial block as packets.
+
+        Args:
+            run: Index of the block.
+        """
         source = self._scene.arranged(run, self._info)
         coded = encode_block(source, self._info, run, self._sizes[run], self._most)
         return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))

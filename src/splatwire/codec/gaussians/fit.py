@@ -95,5 +95,9 @@ def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
 
 
 def first_scales() -> np.ndarray:
-    """Returns the same initial standard deviation for all residual contexts, for use before statistics exist."""
+    """Returns the same initial standard deviation for all residual contexts, for use before statistics exist.
+
+    Returns:
+        Index in the coder's table divided by `SCALE_UNIT`, for each context, int64 (A, B, C) (see `Coder`).
+    """
     return np.full((len(STREAMS), SPREADS, SECONDS), 24, dtype=np.int64)

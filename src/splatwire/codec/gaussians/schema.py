@@ -57,7 +57,10 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
 
 
 def ranked_by_attributes(splats: Splats) -> np.ndarray:
-    """Sorts Gaussians by their attributes; returns their indices in sorted order, int64 (N)."""
+    """Returns the indices that sort Gaussians by the values of their attributes, int64 (N).
+
+    The sorted Gaussians do not depend on the order of the input, for example on the packets of a stream.
+    """
     columns = [values.reshape(len(values), math.prod(values.shape[1:])) for values in vars(splats).values()]
     return np.lexsort(np.concatenate(columns, axis=1).T)
 

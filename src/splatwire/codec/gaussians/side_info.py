@@ -102,12 +102,13 @@ class SideInfo:
 
     @functools.cached_property
     def harmonics_inverse(self) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters with which an encoder transforms spherical harmonics.
+        """Matrix and thresholds with which an encoder transforms the K spherical harmonics above degree 0.
 
-        First: inverse of the transform, float64 (K, columns); column k gives transformed harmonic k, further columns
-        are 0, so that the number of columns suits vector instructions. Second: largest length of the K harmonics of a
-        colour component, in fixed point, for which quantisation makes all transformed harmonics 0, by precision class,
-        float64 (`MAX_CLASSES`).
+        The matrix is the inverse of `transform`, float64 (K, columns). Column k computes transformed harmonic k. The
+        columns from K on are 0: they make the number of columns a multiple of 8, for vector instructions.
+
+        The thresholds are lengths by precision class, in fixed point, float64 (`MAX_CLASSES`). If the K harmonics of a
+        colour component are shorter (Euclidean length), quantisation makes all its transformed harmonics 0.
         """
         number = len(self.transform)
         inverse = np.zeros((number, -(-number // 8) * 8))

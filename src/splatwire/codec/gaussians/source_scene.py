@@ -225,13 +225,14 @@ class SourceScene:
         return 2.0 ** (self.unit - self.size_log)
 
     def _kernel_splats(self, indices: np.ndarray) -> tuple[Splats, np.ndarray]:
-        """Returns arrays in the layout that kernels take, and the rows of some Gaussians in them.
+        """Returns some Gaussians in the array layout for which kernels are compiled.
 
         Args:
             indices: Indices of the Gaussians in `splats`.
 
         Returns:
-            `splats` and `indices`; or a copy of these Gaussians and its rows, if the layout of `splats` is another.
+            Arrays with this layout, and the rows of the Gaussians in these arrays. If `splats` has the layout, these
+            are `splats` and `indices`. Otherwise, they are a converted copy of the Gaussians, and its rows.
         """
         if self._kernels_read_splats:
             return self.splats, indices
@@ -252,9 +253,12 @@ class SourceScene:
             info: Side information with the bounding boxes of blocks.
 
         Returns:
-            Positions relative to the corner of the bounding box, int64 (n, 3), and their Morton codes, int64 (n), both
-            as in `order`; log2 of the cell size of the coarse position grid, in lattice spacings; and the indices of
-            the Gaussians within the block in the order in which packets are filled, int64 (n).
+            Four items:
+
+            * Positions relative to the corner of the block's bounding box, in the order of `order`, int64 (n, 3).
+            * Morton codes of these positions, int64 (n).
+            * log2 of the cell size of the coarse position grid, in lattice spacings.
+            * Indices of the Gaussians within the block, in the order in which packets are filled, int64 (n).
         """
         members, bits = self.order[self.members(block)], int(info.boxes.bits[block])
         positions, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
@@ -287,7 +291,8 @@ class SourceScene:
             block: Index of the block.
             info: Side information with the bounding boxes, the transform of spherical harmonics and the quantisation
                 steps. Harmonics that these steps make 0 are 0 in the result.
-            selection: Part of this order to return; by default all.
+            selection: Gaussians to return, as a range or as indices in the order in which packets are filled; all by
+                default.
         """
         positions, codes, at, by = self._arranged_positions(block, info)
         by = by[selection]
@@ -375,7 +380,10 @@ def _is_flat(scales: np.ndarray) -> np.ndarray:
 
 
 def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
-    """Returns `-log2` of the quantisation steps of a scene's attributes, in fixed point."""
+    """Returns `-log2` of the quantisation steps of all attributes in precision class 0 (the coarsest), in fixed point.
+
+    The step of the largest scale is adapted to the mean scale of the Gaussians.
+    """
     # The step of the largest scale is adapted to the mean scale of the scene's Gaussians.
     bases = quality.bases(splats.degree)
     parts = list(runs(splats.scales))
@@ -418,7 +426,11 @@ def _quantised_positions(
 
 
 def _lattice_unit(splats: Splats, classes: np.ndarray, bases: np.ndarray, size_log: int) -> int:
-    """Returns the resolution of positions: `-log2` of the spacing of their lattice, relative to the scene's size."""
+    """Returns the resolution of positions: `-log2` of the spacing of their lattice, relative to the scene's size.
+
+    The spacing is the finest quantisation step of a position in the scene, or larger if coordinates would otherwise
+    exceed the range of the lattice.
+    """
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
 
     def finest(arrays: tuple[np.ndarray, np.ndarray]) -> float:

@@ -26,7 +26,7 @@ class LevelsDecoder(GaussianDecoder):
     Args:
         manifest: The stream's manifest.
         side_info: The stream's side information, serialised.
-        num_bytes: Not used.
+        num_bytes: Not used; other decoders derive memory limits from it.
 
     Raises:
         MissingSideInfoError: If the stream has no side information.
@@ -40,7 +40,7 @@ class LevelsDecoder(GaussianDecoder):
         self._sizes = tuple(tier.num_elements for tier in manifest.tiers) or (manifest.num_elements,)
 
     def scene(self) -> ReceivedScene[SplatScene]:
-        """Returns the scene decoded so far, with the level of detail of each Gaussian (see `Decoder.scene`)."""
+        """Returns the scene decoded so far, with the mask of received Gaussians and the level of detail of each."""
         partial = super().scene()
         numbers = np.arange(len(self._sizes) - 1, -1, -1, dtype=np.uint8)
         levels = Levels(np.repeat(numbers, self._sizes), self._classes)
@@ -67,7 +67,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Updates the index of tiles after a stream was divided into other packets.
+    """Updates the index of tiles (spatial blocks of one level of detail) after a stream was divided into other packets.
 
     Args:
         stream: The stream before the packets changed.

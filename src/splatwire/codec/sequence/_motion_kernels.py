@@ -58,7 +58,7 @@ def _code_headers(coder, headers, n, frames, first_new):
         first_new: Index in the stream of the first track that begins in the group.
 
     Returns:
-        Number of headers found.
+        Number of headers; less than `n` if a decoded packet is damaged.
     """
     first = code_raw(coder, headers[0, TRACK], TRACK_BITS)
     lead = code_escape(coder, headers[0, BEFORE])

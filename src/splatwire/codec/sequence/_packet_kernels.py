@@ -149,7 +149,7 @@ def _expected_tracks(costs, begin, end, scale, target_bytes):
         costs: Expected number of bytes for each track, float64.
         begin: Index of the first track.
         end: End of the tracks available (exclusive).
-        scale: Factor that corrects `costs`.
+        scale: Factor on `costs`, which corrects their estimate.
         target_bytes: Intended size of the packet, bytes.
     """
     total, at = 0.0, begin

@@ -76,7 +76,12 @@ class TracksDecoder:
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates the keyframe Gaussians of all tracks before packets are decoded (see `Decoder.expect`)."""
+        """Allocates the arrays for the keyframe Gaussians of all tracks; none is received yet.
+
+        Args:
+            threads: Not used.
+            progress: Not used.
+        """
         self._lifetimes = self.info.lifetimes.by_track(self._num_tracks, self.info.timeline.num_frames)
         self._splats = blank_splats(self._num_tracks, self.info.keyframes.degree)
         self._positions = np.zeros((self._num_tracks, 3), np.int64)
@@ -106,14 +111,27 @@ class TracksDecoder:
         self._loss_mask.received[: other._num] = other._loss_mask.received
 
     def decode(self, run: Run) -> SymbolRows:
-        """Decodes the received packets of one block to integers (see `Decoder.decode`)."""
+        """Decodes the received packets of one block to integers.
+
+        Args:
+            run: The packets: either all with keyframe Gaussians, or all with motion.
+
+        Returns:
+            Two arrays with a row for each element. For keyframe Gaussians: all attributes except spherical harmonics,
+            and the harmonics. For motion: headers and prediction residuals of the tracks.
+        """
         group, base = self._spans.of(run.block)
         if base is not None:
             return decode_packets(*self.info.shot_of(base), run.counts, run.payloads)
         return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])[:2]
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Writes decoded keyframe Gaussians to the scene, or keeps the packets of motion (see `Decoder.store`)."""
+        """Writes decoded keyframe Gaussians to the scene. Motion packets are kept and decoded on request.
+
+        Args:
+            run: Received packets of one block.
+            rows: Result of `decode` for these packets.
+        """
         _, base = self._spans.of(run.block)
         self._loss_mask.received[run.ranks] = True
         if base is None:
@@ -150,11 +168,11 @@ class TracksDecoder:
         self._sizes[block] = sum(packet.num_bytes for packet in packets)
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds the decoded integers of one block to a hash (see `Decoder.update_digest`)."""
+        """Adds the decoded integers of one block to a hash, with which receivers verify their decoding."""
         update_digest(digest, rows)
 
     def scene(self) -> ReceivedScene[SequenceScene]:
-        """Returns the sequence decoded so far, with masks of received elements (see `Decoder.scene`)."""
+        """Returns the sequence decoded so far, with the mask of received elements and the stream's metadata."""
         blocks = self._spans.blocks_of_tracks()
         tracks = Tracks(self._splats, self._spans.born, self._received, blocks, self._rounding, *self._lifetimes)
         background, antialiased = BACKGROUND.read(self.sections), ANTIALIASED in self.sections
@@ -326,6 +344,6 @@ def update_digest(digest: Any, rows: SymbolRows) -> None:
 
     Args:
         digest: hashlib object that is updated.
-        rows: Integer arrays of the block.
+        rows: Decoded integers of a block of keyframe Gaussians or of a block of motion, in two arrays.
     """
     (digest_motion if rows[0].shape[1] == HEAD else digest_bases)(digest, rows)

@@ -216,6 +216,8 @@ class TracksEncoder:
     def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, Targets]:
         """Determines which tracks of a group need a new keyframe Gaussian, and which tracks move.
 
+        A track needs a new keyframe Gaussian if it is new, or if it moves too far away from its present one.
+
         Returns:
             Index of each track in the stream, -1 for new tracks, int64 (n); masks of tracks that need a new keyframe
             Gaussian and of moving tracks, bool (n); and the motion of the tracks.
@@ -239,9 +241,9 @@ class TracksEncoder:
     def _change_unit(
         self, targets: Targets, old: np.ndarray, track_indices: np.ndarray, moving: np.ndarray, before: int
     ) -> None:
-        """Converts the motion of older tracks to a new unit of positions after a scene cut.
+        """Converts the motion of tracks that began in earlier groups to a new unit of positions after a scene cut.
 
-        The groups of frames between cuts (a shot) share a unit. The converted tracks began in earlier groups.
+        All groups of frames of a shot share a unit; a cut may begin a new shot.
 
         Args:
             targets: Motion of the group's tracks, changed in place.

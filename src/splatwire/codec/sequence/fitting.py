@@ -46,7 +46,8 @@ class Fitting:
         """True if this fit can be continued for a group of frames with the given tracks and length.
 
         Args:
-            keys: Keys of all tracks of the group. They must begin with the tracks of this fit.
+            keys: Keys of all tracks of the group. The result is False unless they begin with the keys of this fit's
+                tracks.
             frames: Number of frames in the group.
         """
         room, last = self._targets.coefficients.shape[0], self._targets.coefficients.shape[2]

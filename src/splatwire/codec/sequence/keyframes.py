@@ -122,7 +122,7 @@ class KeyframeEncoder:
     def reference(self) -> SideInfo:
         """Side information whose lattice spacing is the unit of motion in the current shot (see `shots`).
 
-        It is that of the shot itself; or that of an earlier shot, if both have almost the same quantisation steps.
+        This is the side information of the current shot, or of an earlier shot with almost the same quantisation steps.
         """
         return self._references[-1]
 
@@ -206,9 +206,10 @@ class KeyframeEncoder:
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
-        """True if the quantisation steps of `info` differ enough from those in use to begin a new shot.
+        """True if the quantisation steps of `info` differ enough from those of the current shot to begin a new shot.
 
-        False, too, if the units of positions differ by more than the format allows (`MAX_SPACING`).
+        The result is False if the units of positions differ by more than the format allows (`MAX_SPACING`), because
+        no new shot can begin then.
         """
         assert self._template is not None
         apart = np.abs(info.bases - self._template.bases).max() + (

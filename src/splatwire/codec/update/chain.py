@@ -38,9 +38,10 @@ class UpdateChain:
         return manifest_digest(self.source.manifest)
 
     def offers(self) -> dict[str, SceneStream | None]:
-        """Returns the updates that receivers can request, by name.
+        """Returns the updates that receivers can request, by name (`update_name`).
 
-        The last entry is the update of the current state. Its value is None, because it does not exist yet.
+        The last entry is the update that will change the current state. Its value is None, because this update does not
+        exist yet.
         """
         offers: dict[str, SceneStream | None] = {
             update_name(read_update(sections_of(update)[SECTION]).base_digest): update for update in self.updates
@@ -70,12 +71,14 @@ class UpdateChain:
     def edited(self, scene: SplatScene, finest: int, classes: np.ndarray | None = None) -> "UpdateChain":
         """Encodes a changed scene as an update; returns the chain with the new state.
 
+        The chain itself is returned if nothing changes.
+
         Args:
             scene: The changed scene.
             finest: Precision class of Gaussians with a 0 in `classes`, as numbered in the bitstream, where 0 is the
                 coarsest.
-            classes: Precision class of each Gaussian (M), 0 for `finest` and negative for coarser; None for `finest`. A
-                Gaussian of the stream with a coarser class is replaced.
+            classes: Precision class of each Gaussian (M), 0 for `finest` and negative for coarser; None for `finest`.
+                An unchanged Gaussian is encoded again if its class in the stream is coarser than this.
 
         Raises:
             InvalidValueError: If an update cannot express the change, see `encode_update`.

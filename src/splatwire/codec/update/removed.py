@@ -78,7 +78,10 @@ def read_removed(data: bytes, count: int) -> np.ndarray:
 
 
 def _grouped(removed: np.ndarray) -> np.ndarray:
-    """Divides a mask into groups of `GROUP` bits that are coded together, bool (groups, GROUP)."""
+    """Divides a mask into groups of `GROUP` bits that are coded together, bool (groups, GROUP).
+
+    Bits are appended to the mask to fill the last group.
+    """
     padded = np.zeros(-(-len(removed) // (GROUPS * GROUP)) * GROUPS * GROUP, bool)
     padded[: len(removed)] = removed
     end = -(-len(removed) // GROUP) * GROUP

@@ -24,7 +24,7 @@ class UpdateDecoder(GaussianDecoder):
     Args:
         manifest: The update's manifest.
         side_info: The update's side information, serialised.
-        num_bytes: Not used.
+        num_bytes: Not used; other decoders derive memory limits from it.
 
     Raises:
         MissingSideInfoError: If the update has no side information.
@@ -39,7 +39,7 @@ class UpdateDecoder(GaussianDecoder):
         self._fields = read_update(self.sections[SECTION])
 
     def scene(self) -> ReceivedScene[SplatScene]:
-        """Returns the new Gaussians decoded so far (see `Decoder.scene`)."""
+        """Returns the new Gaussians decoded so far, together with the fields of the update (`UpdateFields`)."""
         partial = super().scene()
         common = {field.name: getattr(partial.scene, field.name) for field in fields(SplatScene)}
         return replace(partial, scene=UpdateScene(**common, **self._fields._asdict()))

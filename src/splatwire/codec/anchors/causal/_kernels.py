@@ -45,7 +45,8 @@ def activate(numbers, inputs):
 
     Args:
         numbers: Attributes in quantisation steps, 16 fractional bits, (n, size).
-        inputs: Output: a quarter of the attributes, 14 fractional bits, clipped, (n, size).
+        inputs: Output: the attributes divided by 4, with 14 fractional bits, clipped to the range of network inputs,
+            (n, size).
     """
     for n in range(numbers.shape[0]):
         for c in range(numbers.shape[1]):
@@ -218,7 +219,10 @@ def anchor_bits(
 def start_packets(data, ends, states):
     """Initialises the range decoder of every packet.
 
-    Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
+    Args:
+        data: Bytes of all packets.
+        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
+        states: Output: state of the range decoder of each packet.
     """
     for p in range(states.shape[0]):
         decoder_start(data, ends[p], ends[p + 1], states[p])

@@ -51,7 +51,10 @@ def _context(n, run):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _num_raw_bits(count):
-    """Returns how many low bits of numbers below `count` are coded as raw bits; the rest has at most 16 bits."""
+    """Returns how many low bits of a number from 0 to `count - 1` are coded with equal probabilities of 0 and 1.
+
+    A model predicts the high bits, which are at most 16.
+    """
     # The range coder supports probabilities of at most 16 bits. A larger number is split: a model predicts its high
     # part, and the low bits are coded with equal probabilities.
     shift = 0

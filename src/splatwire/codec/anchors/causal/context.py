@@ -153,7 +153,7 @@ def position_activations(voxels: np.ndarray, middle: np.ndarray, extent: np.ndar
 
     Returns:
         Network inputs in fixed point: whole numbers in units of `2**-ACTIVATION_BITS`, stored as float64
-        (n, 3 (1 + octaves)).
+        (n, 3 (1 + octaves)) for the octaves of the positional encoding.
     """
     # The contraction compresses coordinates far from the centre. The encoding consists of triangle waves with doubling
     # frequencies.

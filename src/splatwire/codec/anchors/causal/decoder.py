@@ -97,7 +97,11 @@ class CausalDecoder(AnchorDecoder):
         self._positions = self._guessed.copy()
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts attributes of the anchors with the given indices in coding order, from their positions alone."""
+        """Predicts the attributes of anchors from their positions alone, and stores means and standard deviations.
+
+        Args:
+            ranks: Indices of the anchors in coding order, int64 (n).
+        """
         place, means, spreads = predict_from_positions(self._context, self._info.positions.known.select(ranks).voxels)
         self._place[ranks] = place * 2.0**-ACTIVATION_BITS
         deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))
@@ -110,12 +114,24 @@ class CausalDecoder(AnchorDecoder):
         self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
 
     def decode(self, run: Run) -> SymbolRows:
-        """Decodes packets to the integers of their anchors, packet by packet."""
+        """Decodes packets of anchors to integers.
+
+        Args:
+            run: The received packets.
+
+        Returns:
+            One array with a row for each anchor, packet by packet: position, offset mask and quantised attributes.
+        """
         positions = self._info.positions.known.select(run.ranks)
         return (anchor_rows(*decode_packets(self._context, positions, run.counts, run.payloads)),)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene."""
+        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene.
+
+        Args:
+            run: The decoded packets.
+            rows: Result of `decode` for these packets.
+        """
         ranks = run.ranks
         place, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask

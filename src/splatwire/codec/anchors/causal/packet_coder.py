@@ -138,7 +138,7 @@ def anchor_bits(context: CodingContext, found: Quantised) -> np.ndarray:
 
 
 def cut_packets(context: CodingContext, quantised: Quantised, counts: np.ndarray, payload_bytes: int) -> np.ndarray:
-    """Divides blocks into packets of limited size, each with as many anchors as fit.
+    """Divides blocks (ranges of consecutive anchors) into packets of limited size, each with as many anchors as fit.
 
     Args:
         context: The stream's networks and constants.

@@ -46,8 +46,9 @@ class SharedPositions:
     Attributes:
         section: Bytes of the section of the side information.
         known: Positions of all anchors as known from the side information; the low bits are estimated.
-        chances: Probabilities for coding the low bits, in units of 1/256, int64 (T + 1, T + 1) for at most T triples of
-            low bits.
+        chances: Probabilities for coding the low bits, int64 (T + 1, T + 1), in units of 1/256. The low bits are split
+            into at most T triples (one bit per axis), the lowest first. Entry (u, t) is for codes with u triples in
+            packets: the probability that triple t is not 0 if all lower triples are 0.
     """
 
     # `chances` (T + 1, T + 1): The low bits of a Morton code are divided into triples (one bit per axis); triple 0 is

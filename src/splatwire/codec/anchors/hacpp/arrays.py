@@ -57,7 +57,10 @@ class DecodedArrays:
 
     @staticmethod
     def empty(info: SideInfo) -> "DecodedArrays":
-        """Allocates arrays before any packet is decoded."""
+        """Allocates the arrays of a scene of which nothing is received yet.
+
+        Masks and attributes are 0. Outputs of the prior network and hash-grid features are uninitialised.
+        """
         # `outputs` and `context` are uninitialised.
         num, layout, config = len(info.voxels), info.config.layout, info.config
         widths = (layout.feature_dim, 6, 3 * layout.num_offsets)

@@ -141,7 +141,7 @@ def cut_packets(
     mask_models: np.ndarray,
     payload_bytes: int,
 ) -> np.ndarray:
-    """Divides blocks into packets of limited size, each with as many anchors as fit.
+    """Divides blocks (ranges of consecutive anchors) into packets of limited size, each with as many anchors as fit.
 
     Args:
         predicted: Predicted distributions of the anchors of all blocks, block by block.

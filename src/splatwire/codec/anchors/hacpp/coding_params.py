@@ -160,7 +160,10 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """First-layer weights of all channel networks for outputs of the prior network, float64 (3 F, hidden)."""
+        """Weights by which the first layers of the channel networks multiply the outputs of the prior network.
+
+        float64 (3 F, hidden): the hidden units of all channel networks, one network after another.
+        """
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(
             [mlp.hidden.matrix[size:] for mlp, size in zip(self.channel, before[:-1], strict=True)], axis=1

@@ -110,7 +110,11 @@ class HacppDecoder(AnchorDecoder):
         self._arrays = DecodedArrays.empty(self._info)
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts attributes of the anchors with the given indices in coding order, from the hash grid."""
+        """Predicts the attributes of anchors from the hash grid, and stores the predictions.
+
+        Args:
+            ranks: Indices of the anchors in coding order, int64 (n).
+        """
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
 
@@ -128,7 +132,12 @@ class HacppDecoder(AnchorDecoder):
         return (decode_packets(self._context, outputs, run.counts, run.payloads, self._models)[0].rows(),)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene."""
+        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene.
+
+        Args:
+            run: The decoded packets.
+            rows: Result of `decode` for these packets.
+        """
         ranks = run.ranks
         factors = factor_table()[step_indices(self._room.outputs[ranks], self._info.config)]
         store_symbols(self._room, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
@@ -178,9 +187,11 @@ class SeparatedDecoder(HacppDecoder):
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises received attributes of anchors, and writes them to the arrays of the scene.
+        """Dequantises received attributes of anchors, and writes them and their mask to the arrays of the scene.
 
-        The mask of received attributes is written, too.
+        Args:
+            run: The decoded packets.
+            rows: Result of `decode` for these packets: quantised attributes, step factors, and mask.
         """
         symbols, factors, received = rows
         ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _payloads_by_group(run))])

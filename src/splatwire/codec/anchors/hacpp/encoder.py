@@ -51,7 +51,12 @@ def hacpp_encoder(
 def hacpp_repack_encoder(
     scene: AnchorScene, packetization: Packetization, side_info: bytes
 ) -> tuple["HacppEncoder", bytes]:
-    """Creates the encoder that divides decoded anchors of a stream into other packets.
+    """Creates an encoder that divides the decoded anchors of an existing stream into new packets.
+
+    Args:
+        scene: The anchors decoded from the stream.
+        packetization: Parameters of the new division into packets.
+        side_info: Side information of the stream, serialised.
 
     Returns:
         The encoder, and the side information of the new stream.

@@ -76,9 +76,10 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 
 
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
-    """Returns the relative tolerance of each output of the prior network to the quantisation of the network's weights.
+    """Returns how large an error each output of the prior network may have after the weights are quantised.
 
-    The caller multiplies all tolerances by one factor.
+    Errors of these sizes cost about the same number of bits in every output. The caller multiplies all sizes by one
+    factor.
 
     Args:
         outputs: Outputs of the prior network for a sample of anchors.
