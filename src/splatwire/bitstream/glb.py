@@ -57,7 +57,11 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
 
 
 def _embedded_range(document: dict[str, Any]) -> tuple[int, int]:
-    """Returns byte offset and size of the stream that the binary chunk of a `.glb` file contains."""
+    """Returns where the binary chunk of a `.glb` file contains the embedded stream: byte offset and size.
+
+    Args:
+        document: JSON document of the file.
+    """
     found = [
         primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]
         for mesh in document["meshes"]

@@ -94,7 +94,8 @@ class StreamSchema:
         separable: True if packets may contain single attributes (separated packaging).
         spread: True if each packet contains elements from all over the scene by default; False if neighbouring elements
             share packets.
-        explicit: True if all views render the same Gaussians.
+        explicit: True if the elements are Gaussians, which are the same in all views; False for anchors, from which
+            Gaussians are generated for each view.
         page: True if the web decoder supports it.
         timed: True for sequences: elements belong to groups of frames, with a tier of keyframes and a tier of motion
             per group.

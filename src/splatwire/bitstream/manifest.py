@@ -302,7 +302,16 @@ def _refuse(text: str) -> None:
 
 
 def _check_fields(content: dict[str, Any], types: dict[str, type], name: str) -> None:
-    """Checks that a JSON object has exactly the given fields, and that their values have the given types."""
+    """Checks that a JSON object has exactly the given fields, and that their values have the given types.
+
+    Args:
+        content: The JSON object.
+        types: Python type of each field's value, by name of the field.
+        name: Source of the JSON object, for error messages.
+
+    Raises:
+        BitstreamError: If a field is missing or unknown, or has a value of another type.
+    """
     if missing := sorted(set(types) - set(content)):
         raise BitstreamError(f"{name} lacks {', '.join(missing)}")
     if unknown := sorted(set(content) - set(types)):

@@ -184,7 +184,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the slice of `block_ranks` with the elements of a packet.
+        """Returns the range of a packet's elements within the array that `block_ranks` returns for the packet's block.
 
         Args:
             packet_id: The packet.
@@ -271,7 +271,10 @@ class PacketPlan:
         return start, contiguous_lanes(size, span.lanes)
 
     def _counts(self) -> np.ndarray:
-        """Returns the number of elements of each packet of the stream, int64 (packets), block by block."""
+        """Returns the number of elements of each packet of the stream, block by block, int64.
+
+        Every block has `packetization.lanes` entries. In tiers with fewer packets per block, the other entries are 0.
+        """
         lanes = self.packetization.lanes
         counts = np.zeros((self.num_blocks, lanes), np.int64)
         if self.packetization.grouping == "stratified":

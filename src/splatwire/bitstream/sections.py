@@ -52,7 +52,10 @@ def read_sections(data: bytes) -> dict[str, bytes]:
 
 
 def _problem(sections: Mapping[str, bytes]) -> str | None:
-    """Returns a message about the first section with an invalid name or size; None if all sections are valid."""
+    """Returns a message if there are too many sections, or about the first one with an invalid name or size.
+
+    Returns None if all sections are valid.
+    """
     if len(sections) > MAX_SECTIONS:
         return f"{len(sections)} named sections, at most {MAX_SECTIONS} are possible"
     for name, data in sections.items():

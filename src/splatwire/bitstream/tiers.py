@@ -112,9 +112,10 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
 
 
 def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
-    """Checks the number of importance tiers of a sequence, and the tiers of a static scene.
+    """Checks that the tiers of a stream are possible for a sequence, or for a static scene.
 
-    A sequence needs a pair of tiers for each group of pictures. A static scene may have no empty tier.
+    A sequence needs two tiers for each group of pictures: keyframe Gaussians and motion. A static scene must not have
+    an empty tier.
 
     Args:
         tiers: Sizes of the tiers; empty for a single tier.
@@ -133,7 +134,8 @@ def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: 
     """Checks that sizes of tiers fit the number of elements and the packetization.
 
     Raises:
-        InvalidValueError: If they contradict each other or the packetization.
+        InvalidValueError: If the tiers contradict the number of elements or the packetization, or if there are too
+            many.
     """
     if not tiers:
         return
@@ -148,7 +150,13 @@ def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: 
 
 
 def spans_of(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> tuple[Span, ...]:
-    """Divides each importance tier into blocks of nearly equal size; returns the range of blocks of each tier."""
+    """Divides each importance tier into blocks of nearly equal size; returns the range of blocks of each tier.
+
+    Args:
+        tiers: Sizes of the tiers. If empty, all elements form a single tier.
+        num_elements: Number of elements of the scene.
+        packetization: Parameters of the division into packets, with the maximum size of a block.
+    """
     if not tiers:
         return (Span(0, num_elements, packetization.block_size, packetization.lanes, 0),)
     spans: list[Span] = []

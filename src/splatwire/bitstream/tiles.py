@@ -90,7 +90,15 @@ def read_tiles(manifest: Manifest, side_info: bytes) -> Tiles:
 
 
 def _boxes(side_info: bytes, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns lower and upper corners of the bounding boxes of blocks, world units, float64 (B, 3) each."""
+    """Returns lower and upper corners of the bounding boxes of blocks, world units, float64 (B, 3) each.
+
+    Args:
+        side_info: Side information of a stream of Gaussians, serialised.
+        count: Number of blocks, B.
+
+    Raises:
+        BitstreamError: If the side information is damaged.
+    """
     parts = ByteReader(side_info, "side information")
     header, reader = (ByteReader(parts.blob(), "side information") for _ in range(2))
     header.take(2)

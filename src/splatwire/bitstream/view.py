@@ -76,7 +76,11 @@ def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
 
 
 def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the screen-space error (`pixel_errors`) and the visible area per byte of each tile, float64 (B) each."""
+    """Returns the screen-space error (`pixel_errors`) and the usefulness of each tile, float64 (B) each.
+
+    Usefulness is the area of the tile's bounding box in the picture, divided by the size of the tile in bytes. It is
+    reduced outside the picture, and infinite in the coarsest level. Without a viewpoint, it equals the error.
+    """
     errors = np.where(tiles.parents < 0, np.inf, tiles.errors[tiles.parents])
     if viewpoint is None:
         return errors, errors.copy()
@@ -147,7 +151,15 @@ def cut_of(tiles: Tiles, received: np.ndarray, viewpoint: Viewpoint | None, budg
 
 
 def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarray:
-    """Selects the tiles to draw or to request for a viewpoint, sorted by usefulness, most useful first."""
+    """Returns the indices of the tiles that are needed for a viewpoint, most useful first.
+
+    A tile is not needed where the next coarser tile is precise enough.
+
+    Args:
+        tiles: All tiles of the scene.
+        viewpoint: The viewpoint; None to refine the whole scene.
+        budget: Maximum number of Gaussians in the selected tiles. Tiles of the coarsest level may exceed it.
+    """
     errors, useful = _errors_and_usefulness(tiles, viewpoint)
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
         here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))

@@ -156,7 +156,7 @@ def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *,
 
 
 def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
-    """Simulates retransmission in a sequence: returns when each packet arrives, as a group of pictures.
+    """Simulates retransmission in a sequence; returns the group of pictures during which each packet arrives.
 
     Args:
         stream: Stream of a sequence (dynamic scene).

@@ -56,7 +56,7 @@ class Coarse:
         return "coarse"
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
-        """Returns the coarser Gaussians to draw, and factors on the size and opacity of received Gaussians."""
+        """Returns factors on the size and opacity of the Gaussians of all levels, and the mask of hidden Gaussians."""
         levels, known = partial[Levels], partial.known
         finest = levels.lod_level == 0
         fine, coarse = np.flatnonzero(finest & known), np.flatnonzero((levels.lod_level == 1) & known)

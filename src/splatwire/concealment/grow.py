@@ -31,8 +31,8 @@ class Grow:
     Attributes:
         neighbors: Number of nearest neighbours over which `rho` is computed.
         exponent: Exponent of the gain; 0 disables enlargement.
-        max_excess: Upper limit of the gain as a multiple of the gain for the average loss of the whole scene, at least
-            1.
+        max_excess: Upper limit of the gain, as a multiple of the gain that follows from the lost share of the whole
+            scene; at least 1.
         max_gain: Absolute upper limit of the gain.
         nearest: Precomputed indices of the nearest neighbours, int64 (N, k); None to search.
     """

@@ -41,7 +41,10 @@ def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widt
 @njit(nogil=True)
 @no_type_check
 def decode_symbols(data, mean0, scale0, mean1, scale1, weight, inverses, widths, table, symbols):
-    """Decodes integers written by `encode_symbols`, with the same distributions and tables."""
+    """Decodes integers written by `encode_symbols`, and writes them to `symbols`.
+
+    Means, standard deviations, weights and tables must be those that were passed to `encode_symbols`.
+    """
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)
     for i in range(len(symbols)):

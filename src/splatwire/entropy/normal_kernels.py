@@ -131,7 +131,13 @@ def encode_escape(buffer, state, excess):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_escape(data, end, state):
-    """Decodes an integer written by `encode_escape`."""
+    """Decodes a non-negative integer written by `encode_escape`.
+
+    Args:
+        data: Input bytes.
+        end: End of the code in `data`.
+        state: State of the range decoder, changed in place.
+    """
     # The length is limited, because damaged bytes may contain any number of ones.
     length = 0
     while length < 32 and decode_raw(data, end, state):
@@ -175,7 +181,11 @@ def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, i
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_symbol(data, end, state, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
-    """Decodes one integer written by `encode_symbol` with the same distribution."""
+    """Decodes one integer written by `encode_symbol`.
+
+    `data` is decoded up to index `end` (exclusive), and `state` is the state of the range decoder. The other arguments
+    must be those that were passed to `encode_symbol`.
+    """
     # The search starts at the mean of the component with the larger weight. It proceeds outwards in doubling steps
     # until the symbol is enclosed, and ends with a bisection.
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)

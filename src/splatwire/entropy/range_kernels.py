@@ -28,7 +28,15 @@ ADAPTIVE_FAST = 4
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def encode_interval(buffer, state, start, size, total_bits):
-    """Encodes a symbol, given its probability interval `[start, start + size)` in units of `2**-total_bits`."""
+    """Encodes a symbol with a range encoder.
+
+    Args:
+        buffer: Output bytes.
+        state: State of the range encoder, changed in place.
+        start: Start of the symbol's probability interval, in units of `2**-total_bits`.
+        size: Size of this interval, at least 1.
+        total_bits: Number of bits of a probability.
+    """
     unit = state[1] >> total_bits
     low = state[0] + unit * start
     span = unit * size
@@ -62,7 +70,7 @@ def encoder_start(state):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encoder_finish(buffer, state):
-    """Ends encoding; returns the number of bytes written."""
+    """Writes the last bytes of a range encoder's output to `buffer`; returns the size of the output in bytes."""
     # Zeros at the end are omitted, because decoders read zeros there.
     low = state[0] + LOW_MASK
     position = state[2]
@@ -195,7 +203,7 @@ def decode_below(data, end, state, count):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_update(model, context, bit):
-    """Adapts the probability estimate of a context after a bit."""
+    """Adapts the probability estimates of a context, in place, after the bit `bit` was coded."""
     # A model has two estimates of P(bit = 0): one adapts slowly, one fast.
     for column, rate in ((0, ADAPTIVE_SLOW), (1, ADAPTIVE_FAST)):
         p = model[context, column]
@@ -205,7 +213,7 @@ def adaptive_update(model, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_size(model, context):
-    """Returns the probability that the next bit of a context is 0, in units of 2**-16."""
+    """Returns the probability that the next bit of a context is 0, in units of 2**-16, clipped to 32 to 65504."""
     # Mean of the two estimates of the model, and size of the range coder's interval for the bit 0.
     p = (model[context, 0] + model[context, 1]) >> 1
     return min(max(p, 32), 65536 - 32)

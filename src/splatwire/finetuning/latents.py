@@ -110,7 +110,7 @@ class Latents:
         return result
 
     def _few_splats(self, offsets: "Offsets | None") -> Splats:
-        """Returns what `splats` does, without a division into pieces."""
+        """Returns the Gaussians that these parameters describe, in a single thread (see `splats`)."""
         means, logs, quats = self.centres + self.units[:, None] * self.shifts, self.logs, self.quats
         logits, base, harmonics = self.logits, self.base, self.harmonics
         if offsets is not None:
@@ -160,7 +160,7 @@ class Offsets:
 
     @staticmethod
     def _between_few(exact: Splats, rounded: Splats) -> "Offsets":
-        """Computes what `between` does, without a division into pieces."""
+        """Computes the rounding errors of Gaussians in a single thread (see `between`)."""
         # A Gaussian has several equivalent forms, with its axes in another order or with other signs. The form
         # of the rounded Gaussian that is closest to the exact one is used.
         order = np.argsort(-exact.scales, axis=1, kind="stable")
@@ -240,11 +240,11 @@ def gradients_of(
 
 
 def each_piece(count: int, work: Callable[[slice], Result]) -> list[Result]:
-    """Applies a function to ranges of consecutive Gaussians, on all threads.
+    """Divides Gaussians into ranges of consecutive ones, and applies a function to all ranges in parallel threads.
 
     Args:
         count: Number of Gaussians, at least 1.
-        work: Function of a range.
+        work: Function, called with each range of indices as a slice.
 
     Returns:
         The results, in the order of the Gaussians.

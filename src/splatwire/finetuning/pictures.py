@@ -73,7 +73,9 @@ class Pictures:
 
 
 def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> Cameras:
-    """Places cameras for fine-tuning around a scene: most at two distances from it, a sixth so that they frame it.
+    """Places cameras for fine-tuning around a scene.
+
+    A sixth of the cameras frame the scene. The others are at two distances from it.
 
     Args:
         scene: The scene.

@@ -51,7 +51,7 @@ so much weight that they determine the direction of every step."""
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress after an iteration.
+    """Progress of a fine-tuning after one of its iterations.
 
     Attributes:
         iteration: Number of completed iterations.
@@ -247,10 +247,10 @@ def picture_gradients(
 
 
 class _Adam:
-    """The Adam optimiser.
+    """The Adam optimiser, with learning rates that differ between Gaussians.
 
     Args:
-        sizes: Factor on all learning rates of each Gaussian.
+        sizes: For each Gaussian, factor on the learning rates of all its parameters.
     """
 
     def __init__(self, sizes: Float[np.ndarray, "N"]) -> None:
@@ -259,7 +259,13 @@ class _Adam:
         self._steps = 0
 
     def update(self, trained: dict[str, np.ndarray], gradients: dict[str, np.ndarray], rate: float) -> None:
-        """Performs one step of the Adam optimiser on the trained arrays, in place."""
+        """Performs one step of the Adam optimiser on the trained arrays, in place.
+
+        Args:
+            trained: Parameter arrays of the Gaussians, by name; changed in place.
+            gradients: Gradient of the loss with respect to each array, by the same names.
+            rate: Factor on all learning rates.
+        """
         # The learning rates are those of `RATES`, times `rate` and the factor of the Gaussian.
         self._steps += 1
         root = math.sqrt(1 - BETA2**self._steps)
@@ -289,7 +295,7 @@ class _Adam:
 
 
 def _add(values: Float[np.ndarray, "N K 3"], more: Float[np.ndarray, "N K 3"]) -> None:
-    """Adds numbers of Gaussians to other ones, in place."""
+    """Adds `more` to `values` in place, in parallel threads."""
 
     def add(some: slice) -> None:
         values[some] += more[some]

@@ -207,9 +207,10 @@ def _init_segment_candidates(
 
 
 def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
-    """Returns the fraction of a transfer over which repair symbols are distributed, 0 to 1.
+    """Returns how much of a transfer, from its start, repair symbols are distributed over, as a fraction, 0 to 1.
 
-    The value is below 1 if the budget does not suffice for the complete transfer.
+    The value is 1 if the budget suffices for the complete transfer. Otherwise, repair symbols end a little before the
+    budget is spent.
 
     Args:
         constraints: Limits of the plan, which contain the budget.

@@ -237,7 +237,7 @@ def _slope(pairs: Sequence[tuple[float, float]]) -> float:
 
 
 def decoded_finest(stream: SceneStream) -> Scene:
-    """Decodes a complete stream; returns the finest level of detail."""
+    """Decodes a complete stream; of a scene with levels of detail, returns the finest level only."""
     scene = decode_stream(stream).scene
     return scene if scene.hints is None else scene.select(~scene.hints.left_out)
 
@@ -251,7 +251,7 @@ class _Plan:
         views: Views in which the effect of removing each Gaussian is measured.
         search: Pictures of the source with which streams are compared during the search for a quantisation level.
         held_out: Pictures of the source for the reported PSNR.
-        classes: Precision class of each Gaussian.
+        classes: Precision class (set of quantisation steps) of each Gaussian, 0 for the finest, negative for coarser.
         curve: Image error as a function of the share of Gaussians kept; None without pruning.
         scene: The Gaussians to prune and encode: those of `source`, or fine-tuned ones.
         precision: Additional precision of each attribute (`Quality.precision`).
@@ -306,17 +306,21 @@ class _Plan:
         return cls(source, removals, search, held_out, measured.classes, curve, source, precision)
 
     def quality(self, quality_level: float) -> Quality:
-        """Returns the quality setting of this scene at a quantisation level."""
+        """Returns the quality setting with a given quantisation level and this plan's precision of each attribute.
+
+        Args:
+            quality_level: Quantisation level (`Quality.level`); a higher level has smaller quantisation steps.
+        """
         return Quality(quality_level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns this plan with a precision of each attribute that suits fine-tuning.
+        """Returns a copy of this plan, in which the precision of each attribute suits fine-tuning.
 
-        This precision is halfway between that of `quality` and that of this plan. The latter was measured as the best
-        one without fine-tuning.
+        The precision of this plan was measured as the best one without fine-tuning. The copy has the mean of this
+        precision and the precision of `quality`.
 
         Args:
-            quality: Quality setting with the precision from which the measurement started.
+            quality: Quality setting at which the measurement started.
         """
         # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which the
         # measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes of all
@@ -325,7 +329,10 @@ class _Plan:
         return replace(self, precision=half)
 
     def with_more_pruning(self) -> "_Plan":
-        """Returns a plan for fine-tuning, with fewer Gaussians than this plan at the same quantisation level."""
+        """Returns a copy of this plan that keeps fewer Gaussians at the same quantisation level, for fine-tuning.
+
+        Fine-tuning compensates for part of the image error of pruning, so the errors of the copy's curve are smaller.
+        """
         # Fine-tuning compensates for part of the error of pruning.
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
@@ -447,7 +454,7 @@ class _Plan:
 
 
 class _Trials:
-    """Encodes a scene at several quantisation levels, to find one with a target size or PSNR.
+    """Encodes a scene at several quantisation levels (`Quality.level`), to find one with a target size or PSNR.
 
     Args:
         plan: The scene and its precision classes.
@@ -466,9 +473,9 @@ class _Trials:
         self._found: list[tuple[float, EncodedScene]] = []
 
     def of_size(self, size: int) -> EncodedScene | None:
-        """Searches the quantisation level with the largest stream of at most `size` bytes.
+        """Encodes the scene at several quantisation levels; returns the largest stream found of at most `size` bytes.
 
-        Returns None if no level fits.
+        Returns None if all streams are larger.
         """
         permitted = Interval(
             math.log(size * (1 - SIZE_TOLERANCE)), math.log(size * (1 - SIZE_TOLERANCE / 2)), math.log(size)
@@ -545,9 +552,10 @@ class _Trials:
     def _search(
         self, measure: Callable[[EncodedScene], float], permitted: Interval, start: float, slope: float
     ) -> bool:
-        """Tries quantisation levels until the stream has a wanted size or PSNR.
+        """Encodes the scene at different quantisation levels, until the stream has a wanted size or PSNR.
 
-        If no level gives an accepted value, also tries to keep fewer Gaussians at the next finer level.
+        If no level gives an accepted value, fewer Gaussians are kept at the lowest level whose value is too large,
+        provided that Gaussians may be pruned.
 
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
@@ -556,7 +564,7 @@ class _Trials:
             slope: Expected increase of the measured value per level.
 
         Returns:
-            True if different shares of kept Gaussians were tried, too.
+            True if different shares of kept Gaussians were also tried.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
@@ -577,15 +585,15 @@ class _Trials:
         known: tuple[float, EncodedScene],
         slope: float,
     ) -> None:
-        """Tries shares of Gaussians to keep, at a fixed quantisation level, until the stream has a wanted size or PSNR.
+        """Encodes different shares of the Gaussians at one quantisation level, until size or PSNR is as wanted.
 
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
-            known: Measured value of an encoded scene, and this scene. Its quantisation level is used, and its share is
-                the first to be changed.
-            slope: Expected increase of the measured value per quantisation level. The increase per share is estimated
-                from it.
+            known: An encoded scene and its measured value (value first). Its quantisation level is used for all shares.
+                The first share to try is estimated from its share and value.
+            slope: Expected increase of the measured value per quantisation level, from which the increase per share is
+                estimated.
         """
         # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
         value, encoded = known

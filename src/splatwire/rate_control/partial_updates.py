@@ -38,7 +38,7 @@ the whole scene is sent again: lattice, quantisation steps and context tables no
 
 
 def changes(before: Splats, after: Splats) -> Float[np.ndarray, "G"]:
-    """Returns how much each Gaussian has changed in a training, as a number without unit; 0 for no change.
+    """Returns how much each Gaussian has changed during training, as a number without unit; 0 for no change.
 
     Args:
         before: Gaussians before the change.
@@ -60,11 +60,13 @@ class PartialUpdates:
 
     Attributes:
         chain: Stream that the receivers got first, and its updates.
-        finest: Number of the finest precision class in that first stream; 0 is the coarsest.
+        finest: Number of the finest precision class (set of quantisation steps) in that first stream; 0 is the
+            coarsest.
         newest: Gaussians of the newest scene.
-        held: Gaussians as the receivers have them, without rounding, in the order of `newest`.
+        held: Values of the Gaussians at the receivers, before quantisation, in the order of `newest`; undefined where
+            `known` is False.
         known: Mask of the Gaussians that the receivers have.
-        coarse: Mask of the Gaussians that were sent with the class `COARSE_CLASS`.
+        coarse: Mask of the Gaussians that were last sent with larger quantisation steps (class `COARSE_CLASS`).
         num_at_first: Number of drawable Gaussians when the whole scene was sent.
         size_at_first: Size of the scene when the whole scene was sent, world units.
         num_pushed: Number of scenes pushed since the whole scene was sent.
@@ -161,7 +163,7 @@ class PartialUpdates:
 
         Returns:
             The receivers' versions, arbitrary for new Gaussians; mask of the Gaussians that receivers have; and mask of
-            those that were sent with the class `COARSE_CLASS`.
+            those that were last sent with larger quantisation steps (class `COARSE_CLASS`).
         """
         if splats.num_gaussians == self.newest.num_gaussians:
             return self.held, self.known.copy(), self.coarse.copy()

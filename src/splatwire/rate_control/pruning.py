@@ -52,9 +52,10 @@ class RemovalViews:
     """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
 
     Attributes:
-        sets: Sets of views with pictures of the complete scene, each with a weight: one set of given cameras, or three
-            sets around the scene, that frame it, and close to its surfaces. Empty for scenes of more than `PART`
-            Gaussians without given cameras. The parts of such a scene are measured separately, each in its own views.
+        sets: Sets of views with pictures of the complete scene, each with a weight. With given cameras, there is one
+            set. Otherwise, there are three: views around the scene, views that frame it, and views close to its
+            surfaces. Empty for scenes of more than `PART` Gaussians without given cameras: the parts of such a scene
+            are measured separately, each in its own views.
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]

@@ -17,13 +17,15 @@ def search_share(tune: Callable[[float], float], target: Interval, start: float,
     """Fine-tunes a scene with different shares of its Gaussians, until the result has a wanted size or PSNR.
 
     Args:
-        tune: Fine-tunes the given share of the Gaussians. Returns the size or PSNR, which grows with the share.
+        tune: Function that fine-tunes a given share of the Gaussians. It returns the size or PSNR, which grows with the
+            share.
         target: Range of values to reach.
         start: First share, above 0 and at most 1.
         slope: Expected increase of the value per unit of the logarithm of the share, above 0.
 
     Returns:
-        Index of the best fine-tuning, counted from 0.
+        Index of the best call of `tune`, counted from 0: the one with the smallest share whose value is in the range or
+        above it. If all values are below the range, the one with the largest value.
     """
     # The best one has the smallest share that reaches the range or exceeds it. If all values are below the range,
     # it is the one with the largest value.

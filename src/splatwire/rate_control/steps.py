@@ -143,7 +143,7 @@ def measured_colour_precision(
 
 
 def _only(offsets: Offsets, name: str) -> Offsets:
-    """Returns the rounding errors of one attribute; those of all others are 0.
+    """Returns a copy of rounding errors in which only one attribute has an error.
 
     Args:
         offsets: Rounding errors of all attributes.
@@ -155,7 +155,7 @@ def _only(offsets: Offsets, name: str) -> Offsets:
 
 
 def _sample(scene: SplatScene) -> Int64[np.ndarray, "M"]:
-    """Returns the indices of a few spatially compact groups of Gaussians, ascending."""
+    """Returns the ascending indices of a sample of Gaussians: a few compact groups, or all of a small scene."""
     # All Gaussians of a small scene.
     count = scene.num_elements
     if count <= _RUNS * _RUN:

@@ -34,8 +34,8 @@ class ElementInputs:
 
     Attributes:
         rows: Indices of the received Gaussians.
-        signature: Features of the Gaussians and their neighbourhoods.
-        lost: `L = -log(1 - rho)` for the lost share `rho` of each Gaussian's neighbours.
+        signature: D input features of each Gaussian, which describe it and its neighbourhood.
+        lost: `-log(1 - rho)` for each Gaussian, where `rho` is the lost share of its neighbours.
         opacity: Opacities of the received Gaussians.
     """
 
@@ -110,7 +110,8 @@ class ElementNetwork(Perceptron):
         Args:
             inputs: Inputs of the network for M received Gaussians.
             trust: Factor on the network's correction, 0 for none.
-            base: Exponents for size and opacity, to which the network's correction is added; 0 for no enlargement.
+            base: Exponents for size and for opacity before the correction: the network's outputs, times `trust`, are
+                added to them. 0 for no enlargement.
         """
         change = trust * self.evaluate(inputs.signature)
         size = np.exp(inputs.lost * np.clip(base[0] + change[:, 0], *SIZES))

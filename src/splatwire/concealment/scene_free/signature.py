@@ -29,7 +29,8 @@ def signatures(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) 
     The inputs are:
 
     1. Lost shares: of the whole scene, and of the nearest 4, 12 and 32 anchors.
-    2. Lost shares of the area that neighbours cover, for three kernel widths and for two classes of large anchors.
+    2. Lost shares of the area that neighbours cover, for three kernel widths and for two groups of large anchors
+       (`Surroundings.classes`).
     3. Sizes, relative to the distances and sizes of neighbours.
     4. Numbers of active offsets, ratio of actual to expected size, and relative uncertainties of the prior's
        predictions.

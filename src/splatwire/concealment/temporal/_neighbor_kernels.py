@@ -105,10 +105,10 @@ def interpolate(index, weights, closeness, contrasts, contrast, values, has_shap
         index: Neighbours of each track, as rows of `values`, int32 (n, k).
         weights: Weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Weight of each neighbour for the mean colour change, float32 (n, k).
-        contrasts: Weights of the neighbours' colour changes in the slope, float32 (n, k, 3). The slope is the change of
-            colour per difference in colour.
-        contrast: Difference of each track's colour from the mean of its neighbours, float32 (n, 3). It is multiplied by
-            the slope.
+        contrasts: Weights with which the slope is computed from the neighbours' colour changes, float32 (n, k, 3). The
+            slope is the change of colour per difference in colour.
+        contrast: Difference of each track's colour from the mean colour of its neighbours, float32 (n, 3). The slope
+            times this difference is added to the mean colour change.
         values: Values of the tracks that serve as neighbours, float32 (m, 13).
         has_shapes: True if a scale or opacity in `values` is not 0.
         has_colours: True if a colour in `values` is not 0.

@@ -70,15 +70,15 @@ class TemporalConcealer(Protocol):
         """Name of the concealer, as passed to `temporal_concealer`."""
 
     def __call__(self, lost: LostMotion, /) -> ConcealedMotion:
-        """Returns estimated motion of the lost tracks, without NaN."""
+        """Estimates the motion of the lost tracks in one group of pictures; no estimate may be NaN."""
 
 
 @dataclass(frozen=True)
 class MotionConcealer:
     """Estimates lost motion of tracks by continuing their last known motion or interpolating neighbours' motion.
 
-    With interpolation, a lost track moves like its neighbours, stays at its last position, or is hidden. The choice is
-    tested on the received tracks around it, and the one with the smallest error is used.
+    With interpolation, each lost track moves like its neighbours, stays at its last position, or is hidden. These
+    alternatives are tested on the received tracks around it, and the one with the smallest error is used.
 
     Attributes:
         name: Name of the concealer.
@@ -105,7 +105,7 @@ class MotionConcealer:
             raise InvalidValueError(f"neighbours are 0 or more, a momentum is 0 to 1: {self}")
 
     def __call__(self, lost: LostMotion) -> ConcealedMotion:
-        """Returns estimated motion of the lost tracks."""
+        """Returns a function that estimates the motion of lost tracks in a frame, and the mask of tracks to draw."""
 
         def moved(arrived: GroupPoses, tracks: np.ndarray) -> MotionPrediction:
             return extrapolate(

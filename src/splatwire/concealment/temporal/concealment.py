@@ -86,7 +86,10 @@ def _checked_estimate(concealer: TemporalConcealer, lost: LostMotion) -> Conceal
 def _lost_tracks(
     sequence: SequenceScene, motion: GroupMotion, group: int, received: np.ndarray, alive: np.ndarray | None
 ) -> np.ndarray:
-    """Returns the mask of tracks without received motion that may exist in a group of pictures, bool (T).
+    """Returns the mask of tracks with lost motion in a group of pictures, bool (T).
+
+    Their keyframe Gaussians were received, and they may exist in the group, but no packet with their motion was
+    received.
 
     Args:
         sequence: The sequence.

@@ -35,6 +35,9 @@ def extrapolate(
         neighbors: Number of nearest tracks with received motion to interpolate; 0 keeps the last position.
         smooth: True for a quadratic fit of the neighbours' motion, False for a weighted mean.
         momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.
+
+    Returns:
+        Function that estimates the motion of the lost tracks in one frame (see `ConcealedMotion.at`).
     """
     start, frames = before.offsets[lost_tracks], len(sequence.timeline.frames_of(group))
     whole = (arrived.begins == 0) & (arrived.ends == frames)

@@ -29,10 +29,11 @@ AT_ONCE = 1 << 15
 
 @dataclass(frozen=True, eq=False)
 class Neighbors:
-    """Received neighbours of each track with lost motion, and weights for estimating its motion and colour from theirs.
+    """Received neighbours of each track with lost motion, and the weights with which its motion is estimated.
 
-    A track moves like the weighted mean of its neighbours. Its colour changes like the neighbours' mean colour, plus a
-    slope times the difference of its colour from theirs: lighting changes bright surfaces more than dark ones.
+    A lost track moves like the weighted mean of its neighbours. Its change of colour is the mean change of the
+    neighbours, plus a slope times the difference between its colour and their mean colour. The slope is for changes of
+    lighting, which affect bright surfaces more than dark ones.
 
     Attributes:
         observed: Received tracks that may serve as neighbours: indices into the list of received tracks, int64 (m).
@@ -40,8 +41,8 @@ class Neighbors:
         weights: Weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Weight of each neighbour for the mean colour change, by inverse squared distance, float32 (n, k); the
             weights of a track add up to 1.
-        contrasts: Weights of the neighbours' colour changes in the slope, float32 (n, k, 3). The slope is their
-            weighted sum over neighbours and colour channels.
+        contrasts: Weights with which the slope is computed from the neighbours' colour changes, float32 (n, k, 3). The
+            slope is the weighted sum of these changes over neighbours and colour channels.
         contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
     """
 

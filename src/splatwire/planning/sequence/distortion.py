@@ -60,7 +60,7 @@ class SequenceDistortion:
 
 
 def sampled_frames(timeline: Timeline) -> list[list[int]]:
-    """Returns which frames of each group of pictures are rendered to measure distortion."""
+    """Selects the frames that are rendered to measure distortion; returns their indices within each group."""
     counts = [len(timeline.frames_of(group)) for group in range(timeline.num_groups)]
     return [sorted({int((n + 0.5) * count / FRAMES) for n in range(FRAMES)}) for count in counts]
 
