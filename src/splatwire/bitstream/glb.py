@@ -23,7 +23,7 @@ def json_size(head: bytes, name: str) -> int:
         name: Source of the bytes, for error messages.
 
     Raises:
-        BitstreamError: If it is not binary glTF of version 2, or the JSON is larger than `MAX_GLB_JSON_BYTES`.
+        BitstreamError: If the file is not binary glTF of version 2, or the JSON exceeds `MAX_GLB_JSON_BYTES`.
     """
     if len(head) < _HEAD.size:
         raise BitstreamError(f"{name}: the glTF file ends after {len(head)} bytes")

@@ -145,7 +145,12 @@ class PacketIntake:
         return None
 
     def count(self, kind: str, problem: str) -> None:
-        """Counts a rejected packet of the kind `corrupt`, `foreign` (from a different stream) or `duplicate`."""
+        """Counts a rejected packet.
+
+        Args:
+            kind: `corrupt`, `foreign` (from a different stream) or `duplicate`.
+            problem: One line of text for the report.
+        """
         with self._lock:
             self._counts[kind] += 1
             if len(self._problems) < MAX_PROBLEMS:

@@ -85,7 +85,7 @@ class StreamSchema:
 
     Attributes:
         name: Name in the manifest.
-        format_version: Version of the stream format that introduced it.
+        format_version: Version of the stream format that introduced the schema.
         elements: Plural name of the elements (`anchors`, `Gaussians`), for messages.
         sections: Fixed sections of the side information, in order.
         elements_per_byte: Maximum number of elements per byte of side information. A manifest with more is rejected as
@@ -96,7 +96,7 @@ class StreamSchema:
             share packets.
         explicit: True if the elements are Gaussians, which are the same in all views; False for anchors, from which
             Gaussians are generated for each view.
-        page: True if the web decoder supports it.
+        page: True if the web decoder supports the schema.
         timed: True for sequences: elements belong to groups of frames, with a tier of keyframes and a tier of motion
             per group.
         tiled: True if a block is a tile that viewers request individually.

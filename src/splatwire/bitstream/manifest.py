@@ -164,8 +164,8 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
         name: Source of the bytes, for error messages.
 
     Raises:
-        UnsupportedVersionError: If a newer release wrote it.
-        BitstreamError: If it is damaged, inconsistent, or not a manifest.
+        UnsupportedVersionError: If a newer release wrote the manifest.
+        BitstreamError: If the bytes are damaged, inconsistent, or not a manifest.
     """
     content = _parse_json(data, name)
     if content.get("schema") != SCHEMA:

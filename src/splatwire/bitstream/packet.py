@@ -125,9 +125,9 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
 
     Raises:
         TruncatedStreamError: If the data are shorter than a header.
-        UnsupportedVersionError: If a newer release wrote it.
+        UnsupportedVersionError: If a newer release wrote the packet.
         CorruptPacketError: If the checksum fails, or a header field is out of range.
-        ForeignPacketError: If it is intact but belongs to another stream.
+        ForeignPacketError: If the packet is intact but belongs to another stream.
     """
     if not isinstance(data, bytes | memoryview) or (stream_id is not None and type(stream_id) is not int):
         found = f"data {shown(data)}, stream_id {shown(stream_id)}"

@@ -19,8 +19,8 @@ from splatwire.errors import InvalidValueError
 class PacketGroups(NamedTuple):
     """Elements of a stream, divided into groups that share packets.
 
-    A group contains the elements of one packet. If each attribute has separate packets, it contains the elements that
-    several packets describe.
+    A group contains the elements of one packet. If each attribute has separate packets, a group contains the elements
+    that several packets describe together.
 
     Attributes:
         ranks: Indices of all elements in plan order (see `PacketPlan`), group after group, int64 (N). Group g has the
@@ -198,7 +198,7 @@ class PacketPlan:
     def count(self, packet_id: PacketId) -> int:
         """Number of elements of a packet, or 0 if the plan has no packet with this id.
 
-        If packets are filled up to a size limit (grouping `hashed`), it is an upper limit.
+        If packets are filled up to a size limit (grouping `hashed`), the result is an upper limit.
         """
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):

@@ -87,7 +87,7 @@ def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
 
     Raises:
         InvalidValueError: If `path` is not a path.
-        BitstreamError: If it is not a stream, or its manifest is damaged; the message names the file.
+        BitstreamError: If `path` does not contain a stream, or the manifest is damaged; the message names the file.
         MissingSideInfoError: If the manifest or the side information is missing, cut or damaged.
     """
     with opened(path_of(path, "a stream")) as source:
@@ -122,7 +122,15 @@ def _write_directory(stream: SceneStream, folder: Path) -> None:
 
 
 def _check_replaceable(target: Path, is_file: bool) -> None:
-    """Raises an error if the path to overwrite exists and is not a stream."""
+    """Checks that nothing but a stream is overwritten.
+
+    Args:
+        target: Path to write to.
+        is_file: True if the new stream is one file, False if it is a directory.
+
+    Raises:
+        BitstreamError: If `target` exists and is not a stream of the same kind.
+    """
     if not target.exists():
         return
     refusal = f"{target} exists and is not a splatwire stream; it is left alone"

@@ -115,7 +115,7 @@ def new_coder(decoding, data, words, models, statistics, tables):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_bit(coder, context, bit):
-    """Encodes or decodes a bit with the adaptive model of a context."""
+    """Encodes or decodes a bit with the adaptive model of a context; returns the bit. A decoder ignores `bit`."""
     if coder.decoding:
         return adaptive_bit(coder.words, coder.state, coder.models, context)
     write_bit(coder.data, coder.state, coder.models, context, bit)
@@ -126,7 +126,7 @@ def code_bit(coder, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_flag(coder, bit):
-    """Encodes or decodes a bit with equal probabilities for 0 and 1."""
+    """Encodes or decodes a bit with equal probabilities for 0 and 1; returns the bit. A decoder ignores `bit`."""
     if coder.decoding:
         return flag(coder.words, coder.state)
     write_interval(coder.data, coder.state, bit, ONE, ONE)
@@ -136,7 +136,10 @@ def code_flag(coder, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_raw(coder, value, bits):
-    """Encodes or decodes up to 63 bits with equal probabilities."""
+    """Encodes or decodes an integer of `bits` bits, at most 63, all values equally probable; returns the integer.
+
+    A decoder ignores `value`.
+    """
     if coder.decoding:
         return raw_bits(coder.words, coder.state, bits)
     write_raw(coder.data, coder.state, value, bits)
@@ -146,7 +149,10 @@ def code_raw(coder, value, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_below(coder, value, count):
-    """Encodes or decodes a number from 0 to `count - 1` with equal probabilities; `count` is at most 2**16."""
+    """Encodes or decodes a number from 0 to `count - 1`, all equally probable; returns the number.
+
+    `count` is at most 2**16. A decoder ignores `value`.
+    """
     if coder.decoding:
         return number_below(coder.words, coder.state, count)
     write_below(coder.data, coder.state, value, count)
@@ -156,7 +162,10 @@ def code_below(coder, value, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_escape(coder, excess):
-    """Encodes or decodes a non-negative number of unknown magnitude in Elias gamma code."""
+    """Encodes or decodes a non-negative number in Elias gamma code; returns the number.
+
+    A decoder ignores `excess`, and clips the number to `MAX_RESIDUAL`.
+    """
     if coder.decoding:
         return min(escaped(coder.words, coder.state), MAX_RESIDUAL)
     encode_escape(coder.data, coder.state, excess)

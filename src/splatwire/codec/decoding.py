@@ -78,7 +78,7 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
 
     Raises:
         MissingSideInfoError: If the side information is missing.
-        BitstreamError: If it is damaged or contradicts the manifest.
+        BitstreamError: If the side information is damaged or contradicts the manifest.
     """
     schema = schema_named(manifest.codec)
     decoder = schema.open_decoder(manifest, side_info, len(side_info) if num_bytes is None else num_bytes)

@@ -211,7 +211,7 @@ def read_preview(data: bytes) -> Preview:
     """Parses a preview written by `write_preview`; checks all fields.
 
     Raises:
-        UnsupportedVersionError: If a newer release wrote it.
+        UnsupportedVersionError: If a newer release wrote the preview.
         BitstreamError: If the bytes are not a preview.
     """
     if len(data) > MAX_PREVIEW_BYTES:

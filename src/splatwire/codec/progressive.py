@@ -38,7 +38,8 @@ class ProgressiveDecoder(Arrivals):
 
     Raises:
         MissingSideInfoError: If there is no side information.
-        BitstreamError: If it contradicts the manifest, or packets cannot be decoded individually.
+        BitstreamError: If side information and manifest contradict each other, or packets cannot be decoded
+            individually.
     """
 
     # The decoded integers are the same as with `decode_stream`. The cost of a packet does not depend on the size of the

@@ -31,7 +31,7 @@ def register_schema(schema: StreamSchema) -> Schema:
         The codec.
 
     Raises:
-        InvalidValueError: If a part of it is missing or invalid, or its name is taken.
+        InvalidValueError: If an attribute of the codec is missing or invalid, or its name is taken.
     """
     if not isinstance(schema, Schema):
         raise InvalidValueError(f"expected a complete Schema (splatwire.codec.schema), not {type(schema).__name__}")

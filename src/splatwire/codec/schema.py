@@ -142,7 +142,7 @@ class Schema(StreamSchema):
     """Codec of one kind of scene (schema): properties of its streams, encoder and decoder. See `register_schema`.
 
     Attributes:
-        scene_type: Type of the scenes it encodes.
+        scene_type: Type of the scenes that the codec encodes.
         provides: Types of side information that concealers get with every decoded stream (`ReceivedScene.provides`).
         prepare: Function that prepares a scene for encoding. It may assume that all elements of the scene are drawable.
         open_decoder: Function that creates a decoder from manifest, side information and the number of received bytes.

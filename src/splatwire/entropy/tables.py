@@ -57,7 +57,7 @@ def normal_table() -> np.ndarray:
 
 
 def _half_plus_integral(z: decimal.Decimal, norm: decimal.Decimal) -> decimal.Decimal:
-    """Returns the CDF of the standard normal distribution at z >= 0, computed by a series."""
+    """Returns the CDF of the standard normal distribution at z >= 0, computed by a series; `norm` is 1 / sqrt(2 pi)."""
     # The series is `1/2 + norm * exp(-z^2 / 2) * (z + z^3/3 + z^5/15 + ...)`, where `norm` is `1 / sqrt(2 pi)`.
     term = total = z
     square, k = z * z, 1

@@ -19,8 +19,8 @@ WEIGHT = 0.3
 class HarmonicCost:
     """Term of the training loss that makes harmonics above degree 0 cheap to encode.
 
-    It is roughly proportional to their bits in a stream. A coefficient `u` with the quantisation step `s` costs
-    `log(1 + |u| / s)`.
+    The term is roughly proportional to the number of bits that these harmonics take in a stream. A coefficient `u` with
+    the quantisation step `s` costs `log(1 + |u| / s)`.
 
     Attributes:
         transform: Matrix that converts a Gaussian's harmonics, flattened from (K, 3), to the coefficients that the

@@ -313,7 +313,7 @@ def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
 
 
 def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
-    """Chooses the views for measuring the precision class (set of quantisation steps) of each Gaussian."""
+    """Selects cameras at random, and reduces their image size, to measure the precision class of each Gaussian."""
     # The default views for this measurement only look inwards. They would give the surroundings of a scene the
     # coarsest quantisation.
     views = np.random.Generator(np.random.PCG64([seed, 2])).permutation(cameras.num_views)[:MEASURED_VIEWS]

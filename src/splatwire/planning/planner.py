@@ -104,8 +104,8 @@ def plan_protection(
     Args:
         variants: Variants of the stream, such as one with tiers and one without.
         loss: Loss model of the channel, in datagrams.
-        budget_bytes: Maximum bytes sent, datagram headers included. If there is a deadline, it is the time multiplied
-            by the sending rate.
+        budget_bytes: Maximum bytes sent, datagram headers included. For a deadline: the time until the deadline,
+            multiplied by the sending rate.
         trials: Number of transfers to simulate for each setting of redundancy.
         rendered_trials: Number of simulated transfers to render for the best settings.
         seed: Seed of the simulated losses.

@@ -69,7 +69,7 @@ def check_tunable(scene: SplatScene) -> None:
     """Checks that a scene is not too large for fine-tuning.
 
     Raises:
-        InvalidValueError: If it has more than `MAX_GAUSSIANS`.
+        InvalidValueError: If the scene has more than `MAX_GAUSSIANS` Gaussians.
     """
     if scene.num_elements > MAX_GAUSSIANS:
         raise InvalidValueError(

@@ -224,7 +224,7 @@ class AnchorDecoder:
         self._records = () if sizes is None else (TierSizes(sizes[tiers]),)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a decoding thread, bytes; it grows with the largest of the packets."""
+        """Returns the working memory of a decoding thread, bytes, which grows with the size of the largest packet."""
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
@@ -260,5 +260,5 @@ class AnchorDecoder:
         raise NotImplementedError
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds the decoded integers of anchors to a hash, anchor by anchor."""
+        """Adds the decoded integers of anchors to a hash, with which receivers verify their decoding."""
         update_digest(digest, rows)

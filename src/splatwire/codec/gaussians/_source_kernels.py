@@ -31,7 +31,7 @@ MAX_TRANSFORMED = 1 << 30
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _fixed(value, low, high):
-    """Rounds a number to fixed point with `BITS` fractional bits, within limits."""
+    """Rounds a number to fixed point with `BITS` fractional bits, and clips the result to `low` to `high`."""
     return np.int64(min(max(np.rint(value * (1 << BITS)), low), high))
 
 

@@ -252,8 +252,8 @@ def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
 def kernel_array(values: np.ndarray) -> np.ndarray:
     """Returns an array that is contiguous and writeable, by a copy if necessary.
 
-    A kernel is compiled again for each layout of its arguments, and for arrays that cannot be written. It cannot be
-    compiled for float16, which becomes float32.
+    This avoids compiling kernels again: numba compiles a kernel for each memory layout of its arguments, and again for
+    read-only arrays. Kernels cannot be compiled for float16, which is converted to float32.
     """
     values = values.astype(np.float32) if values.dtype == np.float16 else values
     return np.require(values, requirements=["C", "W"])

@@ -151,6 +151,11 @@ def moved_copies(section: bytes, new_index: np.ndarray) -> bytes:
 def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Decodes the redundant copies of Gaussians to integers.
 
+    Args:
+        info: The stream's side information.
+        count: Number of copies.
+        payload: The copies, entropy-coded.
+
     Returns:
         Two arrays with one row per copy: all integers except spherical harmonics, and the spherical harmonics.
     """

@@ -246,7 +246,8 @@ def store_block(
 def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
     """Estimates the decoded integers of a block's lost Gaussians.
 
-    Positions are copied from received Gaussians of the block; if there are none, they are spread over its bounding box.
+    Positions are copied from received Gaussians of the block. If no Gaussian was received, positions are spread over
+    the bounding box of the block.
     Other attributes are the block's default values.
 
     Args:

@@ -65,8 +65,8 @@ class SequenceInfo:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
         shots: Side information of the keyframe Gaussians, one object per shot; a scene cut may begin a new shot.
-        coarser: Number of times by which quantisation steps of motion are doubled against those of the keyframe
-            Gaussian, by kind of channel (position, rotation, scale, opacity, colour), int64 (kinds).
+        coarser: log2 of the ratio of the quantisation steps of motion to those of the keyframe Gaussian, by kind of
+            channel (position, rotation, scale, opacity, colour), int64 (kinds).
         bit_zero: Initial probability that a bit is 0, for each adaptive bit model of motion, out of 2**8, int64
             (contexts).
         sections: Named sections, content by name.

@@ -169,7 +169,12 @@ def _joined(first: Splats, second: Splats) -> Splats:
 
 
 def _check_base(base: SceneStream, digest: str) -> None:
-    """Raises `InvalidValueError` if an update is for another stream."""
+    """Raises `InvalidValueError` if an update does not apply to a stream.
+
+    Args:
+        base: The stream.
+        digest: Digest of the stream that the update changes (`manifest_digest`), hexadecimal.
+    """
     if digest != (found := manifest_digest(base.manifest)):
         raise InvalidValueError(
             f"the update changes another stream: one with the digest {digest[:12]}, not {found[:12]}; the same scene "

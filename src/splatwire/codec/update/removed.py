@@ -61,7 +61,7 @@ def read_removed(data: bytes, count: int) -> np.ndarray:
     """Reads a mask serialised by `write_removed`, bool (count).
 
     Raises:
-        BitstreamError: If the bytes are cut, or more bytes follow.
+        BitstreamError: If the bytes end before the mask does, or more bytes follow.
     """
     reader = ByteReader(data, "list of removed Gaussians")
     larger = np.zeros((-(-count // (GROUPS * GROUP)), GROUPS, GROUP), bool)

@@ -57,8 +57,8 @@ def read_update(data: bytes) -> UpdateFields:
     """Parses the fields of an update (digests, removed Gaussians) from the side information.
 
     Raises:
-        UnsupportedVersionError: If a newer release wrote it.
-        BitstreamError: If it is damaged.
+        UnsupportedVersionError: If a newer release wrote the update.
+        BitstreamError: If the bytes are damaged.
     """
     reader = ByteReader(data, f"section '{SECTION}'")
     version = reader.u8()

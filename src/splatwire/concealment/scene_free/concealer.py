@@ -27,8 +27,8 @@ from splatwire.types.splats import Splats
 class SceneFree:
     """Hides lost elements, and enlarges the received ones around them by factors that a neural network predicts.
 
-    The inputs of the network are ratios and counts, so it also works for scenes outside its training set. Anchors and
-    explicit Gaussians have separate networks.
+    Anchors and explicit Gaussians have separate networks. The inputs of a network are ratios and counts, so the network
+    also works for scenes outside its training set.
 
     Attributes:
         weights: File with network weights for anchors; None for the shipped ones.

@@ -83,8 +83,8 @@ def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
 def _spacing(distance: np.ndarray, received: np.ndarray, log_sizes: np.ndarray) -> Float[np.ndarray, "M"]:
     """Returns the logarithm of the distance from each Gaussian to its sixth nearest received neighbour, float (M).
 
-    It measures how sparse the received Gaussians are. Where fewer neighbours were received, it is replaced by the
-    logarithm of the Gaussian's size.
+    The distance measures how sparse the received Gaussians are. If fewer than six of the k neighbours were received,
+    the result is the logarithm of the Gaussian's size instead.
 
     Args:
         distance: Distances to the nearest neighbours, world units, (M, k).

@@ -41,7 +41,7 @@ class Neighborhood:
 class Surroundings:
     """Neighbours and expected sizes of anchors, from which the enlargement of received anchors is computed.
 
-    They do not depend on which anchors were lost.
+    None of these values depends on which anchors were lost.
 
     Attributes:
         log_size: Logarithm of the size that the prior predicts for each of the scene's N anchors.

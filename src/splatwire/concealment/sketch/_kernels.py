@@ -70,7 +70,7 @@ class Coder(NamedTuple):
 def copy_flag_context(precision_levels, n):
     """Returns the context for the bit that is 1 if anchor `n` has a copy.
 
-    It is the number of copies among the four preceding anchors, at most 3.
+    The context is the number of the four preceding anchors that have a copy, at most 3.
 
     Args:
         precision_levels: Precision level of each anchor's copy; 0 for anchors without a copy.
@@ -86,7 +86,7 @@ def copy_flag_context(precision_levels, n):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def code_bit(coder, models, context, bit):
-    """Encodes or decodes a bit with the adaptive model of a context."""
+    """Encodes or decodes a bit with the adaptive model of a context; returns the bit. A decoder ignores `bit`."""
     if coder.decoding:
         return decode_bit(coder.data, len(coder.data), coder.state, models, context)
     encode_bit(coder.data, coder.state, models, context, bit)

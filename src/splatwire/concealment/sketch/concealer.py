@@ -211,7 +211,8 @@ def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
 def buckets_of(partial: ReceivedScene) -> np.ndarray:
     """Returns the size class of each anchor of a received scene, 0 for the largest, int64 (N).
 
-    It is computed from the sizes that the prior predicts, and is a context of the entropy coder of a sketch.
+    The class is computed from the sizes that the prior predicts. It selects the context of the entropy coder that codes
+    the copies of anchors in a sketch.
     """
     size = np.maximum(to_numpy(partial[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

@@ -84,8 +84,8 @@ class SketchSizes:
 class SketchBasis:
     """Basis vectors and quantisation steps for dequantising coarse copies of anchors (a sketch).
 
-    A copy has D channels: the features, and the logarithms of scalings relative to their prediction. They are the mean
-    plus a sum of C basis vectors, each multiplied by a coded integer.
+    A copy has D channels: the features, and the logarithms of scalings relative to their prediction. The channels of a
+    copy are the mean plus a sum of C basis vectors, each multiplied by a coded integer.
 
     Attributes:
         mean: Mean of the channels, float32 (D).

@@ -102,8 +102,8 @@ def _colour_slope(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fits the slope of colour change against colour over the neighbours of each lost track, by least squares.
 
-    The colour changes are known only later, frame by frame. The slope is a weighted sum of them, and this function
-    computes the weights.
+    The colour changes of the neighbours are known only later, frame by frame. The slope is a weighted sum of these
+    changes, and this function computes the weights.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
@@ -123,7 +123,11 @@ def _colour_slope(
 
 
 def _closeness(square: np.ndarray) -> np.ndarray:
-    """Returns inverse squared distance weights (Shepard, 1968), (n, k)."""
+    """Returns weights by inverse squared distance (Shepard, 1968), (n, k); the k weights of a track add up to 1.
+
+    Args:
+        square: Squared distances of the k neighbours of each track, (n, k).
+    """
     proximity = 1 / (square / (square.mean(axis=1, keepdims=True) + 1e-30) + NEAREST)
     weights: np.ndarray = proximity / proximity.sum(axis=1, keepdims=True)
     return weights

@@ -115,7 +115,7 @@ class Chain:
     Args:
         context: The stream's networks and constants. For each group of attributes (`Stage`), there is one network.
         place: Outputs of the first network, whose only inputs are the anchors' positions, int32 (n, outputs). All
-            groups use them.
+            groups use these outputs.
     """
 
     def __init__(self, context: CodingContext, place: np.ndarray) -> None:

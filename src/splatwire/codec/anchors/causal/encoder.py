@@ -90,7 +90,8 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     """Divides the bits of the anchors' positions between the side information and the packets.
 
     Args:
-        info: Side information with nearly all position bits. If it is too large, low bits are moved to the packets.
+        info: Side information with nearly all position bits. If these take too many bytes, low bits are moved to the
+            packets.
         voxels: Positions of the anchors, voxels, int64 (N, 3).
         packet_bytes: Expected bytes of all packets.
 

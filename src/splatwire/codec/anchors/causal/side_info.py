@@ -89,7 +89,7 @@ def read_side_info(data: bytes, num_anchors: int) -> SideInfo:
         num_anchors: Anchors of the scene (from the manifest).
 
     Raises:
-        UnsupportedVersionError: If a newer release wrote it.
+        UnsupportedVersionError: If a newer release wrote the side information.
         BitstreamError: If the bytes are damaged or not side information.
     """
     reader = ByteReader(data, "side information")
@@ -122,7 +122,12 @@ def _header(info: SideInfo) -> bytes:
 
 
 def _read_header(data: bytes, positions: SharedPositions) -> SideInfo:
-    """Parses the header of the side information, which is followed by networks and named sections."""
+    """Parses the header of the side information; the result has neither networks nor named sections.
+
+    Args:
+        data: Bytes of the header.
+        positions: High bits of the anchors' positions, which are returned in the result.
+    """
     reader = ByteReader(data, "side information header")
     version = reader.u8()
     if version != VERSION:

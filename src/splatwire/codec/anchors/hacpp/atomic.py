@@ -61,8 +61,8 @@ class Symbols:
 class Predictions:
     """Distributions of the attributes of n anchors for entropy coding, predicted from the positions of the anchors.
 
-    Scalings and offsets have normal distributions, features mixtures of two normals. The second one of a
-    feature depends on features that are decoded before it, and is in `Mixture`.
+    Scalings and offsets have normal distributions, features mixtures of two normals. The second normal distribution of
+    a feature depends on features that are decoded before it; `Mixture` contains it.
 
     Attributes:
         outputs: Outputs of the prior network, int32 (n, outputs).
@@ -145,7 +145,7 @@ def cut_packets(
 
     Args:
         predicted: Predicted distributions of the anchors of all blocks, block by block.
-        mixture: Second of the two normal distributions whose mixture models each feature, and the mixture weights.
+        mixture: Second normal distribution of each feature's mixture, and the mixture weights.
         counts: Number of anchors in each block, int64 (blocks).
         symbols: Quantised attributes of the anchors.
         mask_models: Initial state of the adaptive bit models that code offset masks, int64 (contexts, 2). Every packet
@@ -188,8 +188,7 @@ def encode_packets(
         symbols: Quantised attributes of the anchors.
         mask_models: Initial state of the adaptive bit models that code offset masks, int64 (contexts, 2). Every packet
             starts from it.
-        mixture: Second of the two normal distributions whose mixture models each feature, and the mixture weights;
-            None to compute them.
+        mixture: Second normal distribution of each feature's mixture, and the mixture weights; None to compute both.
 
     Returns:
         One payload per packet.

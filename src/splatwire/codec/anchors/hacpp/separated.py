@@ -67,7 +67,7 @@ def encode_parts(
     Args:
         context: The stream's networks and constants.
         predicted: Predicted probability distributions of the anchors' attributes, sorted by group.
-        mixture: Second of the two normal distributions whose mixture models each feature, and the mixture weights.
+        mixture: Second normal distribution of each feature's mixture, and the mixture weights.
         counts: Number of anchors in each group, int64 (groups).
         symbols: Quantised attributes of the anchors.
 

@@ -109,7 +109,7 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
         The side information, with `voxels` in coding order.
 
     Raises:
-        UnsupportedVersionError: If a newer release wrote it.
+        UnsupportedVersionError: If a newer release wrote the side information.
         BitstreamError: If the bytes are damaged or not side information.
     """
     reader = ByteReader(data, "side information")
