@@ -60,7 +60,7 @@ def contiguous_bounds(size: int, num_ranges: int) -> np.ndarray:
 
 
 def contiguous_lanes(size: int, num_packets: int) -> np.ndarray:
-    """Assigns consecutive elements of a block to the same packet.
+    """Assigns the elements of a block to its packets, in ranges of consecutive elements.
 
     Args:
         size: Number of elements of the block.

@@ -49,7 +49,7 @@ class PacketId:
         """Parses a file name of a packet.
 
         Raises:
-            InvalidValueError: If `filename` cannot produce this name.
+            InvalidValueError: If no packet has this file name (`filename`).
         """
         match = _FILENAME.fullmatch(name)
         if match is None or (match["part"] or PARTS[0]) not in PARTS:

@@ -172,7 +172,7 @@ class PacketPlan:
                 `hashed`); otherwise it may be None.
 
         Raises:
-            InvalidValueError: If the plan has no such block, lane or part, or the number of elements does not fit.
+            InvalidValueError: If the plan has no packet with this id, or the number of elements does not fit.
         """
         if num_elements is None and not self.packetization.hashed:
             start, lanes = self._block_lanes(packet_id)

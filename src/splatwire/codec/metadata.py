@@ -32,7 +32,7 @@ def metadata_sections(metadata: SceneMetadata) -> dict[str, bytes]:
 
 
 def read_metadata(sections: Mapping[str, bytes]) -> SceneMetadata:
-    """Parses the metadata in named sections; `check_viewpoint` must have been called before.
+    """Parses the metadata in named sections. The caller must check the sections with `check_viewpoint` first.
 
     Raises:
         BitstreamError: If the section is damaged.

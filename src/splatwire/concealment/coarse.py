@@ -74,6 +74,11 @@ def _grow_finest(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Computes how much received Gaussians of the finest level are enlarged, and which Gaussians are hidden.
 
+    Args:
+        grow: Concealer that enlarges received Gaussians.
+        partial: The received scene.
+        finest: Mask of the Gaussians of the finest level; all other Gaussians are hidden.
+
     Returns:
         Factor on the size and factor on the opacity of each Gaussian, and the mask of hidden Gaussians.
     """

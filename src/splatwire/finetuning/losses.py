@@ -39,7 +39,7 @@ class SimulatedReception:
 
     @staticmethod
     def from_mask(known: Bool[np.ndarray, "N"]) -> "SimulatedReception":
-        """Computes how much the concealer `grow` enlarges received Gaussians to cover lost ones.
+        """Creates the simulated reception of given Gaussians, with the factors by which `grow` enlarges these.
 
         Args:
             known: Mask of the received Gaussians.
@@ -86,7 +86,8 @@ def simulate_reception(
         rng: Random generator.
 
     Returns:
-        The received Gaussians. None if all Gaussians are received, or none; the iteration then uses all Gaussians.
+        The received Gaussians, and how they are enlarged. None if all or none of the Gaussians are received; the
+        iteration then uses all Gaussians.
     """
     assert options.loss is not None
     received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))

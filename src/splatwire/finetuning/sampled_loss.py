@@ -26,7 +26,7 @@ class SampledLoss:
         scene: Scene with the background, the origin and the antialiasing; its Gaussians are not used.
         pictures: The sampled views.
         receptions: Simulated packet losses. Each is applied to all views.
-        min_divisor: Lower limit of the divisor. It replaces errors at the start that are smaller.
+        min_divisor: Lower limit of the divisor, for views whose error at the start is smaller.
         initial_errors: Mean squared error of each view at the start. Row 0 is without packet loss, row i + 1 with
             `receptions[i]`.
     """

@@ -350,6 +350,6 @@ def _decay(share: float) -> float:
 
 
 def _shuffled(count: int, rng: np.random.Generator) -> Iterator[int]:
-    """Yields indices of views endlessly, each round in a new random order."""
+    """Yields the indices 0 to `count - 1` of views, endlessly, in a new random order in each round."""
     while True:
         yield from rng.permutation(count).tolist()

@@ -207,7 +207,7 @@ def _init_segment_candidates(
 
 
 def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
-    """Returns how much of a transfer, from its start, repair symbols are distributed over, as a fraction, 0 to 1.
+    """Returns the fraction of a transfer, counted from its start, over which repair symbols are distributed, 0 to 1.
 
     The value is 1 if the budget suffices for the complete transfer. Otherwise, repair symbols end a little before the
     budget is spent.

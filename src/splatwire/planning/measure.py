@@ -46,7 +46,7 @@ class LossyPictures:
         complete: The decoded scene without losses.
         cameras: Views to render.
         concealer: Name of the concealer.
-        photos: Photos of the views; None to compare with the complete scene.
+        photos: Photos of the views; empty to compare with the complete scene.
         base_mse: Assumed mean squared error between the complete scene and photos, used if there are no photos.
 
     Raises:

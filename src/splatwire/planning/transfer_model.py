@@ -85,8 +85,8 @@ class TransferModel:
         """Returns the bytes of a complete transfer by purpose.
 
         Returns:
-            Bytes of datagrams with `side` (side information), `side_protection` (its parity), `packets` and
-            `packet_protection` (parity of the packets).
+            Total size of the datagrams, in bytes, by purpose: `side` (side information), `side_protection` (parity of
+            the side information), `packets`, and `packet_protection` (parity of the packets).
         """
         sizes = np.array((*self.segment_sizes, 0), dtype=np.int64)[self._segment()]
         repair = (self.kind == SIDE) & (self.symbol >= sizes)

@@ -78,7 +78,7 @@ class RemovalViews:
         return RemovalViews(((1.0, around), (FRAMING_WEIGHT, framing), (CLOSEUP_WEIGHT, close)))
 
     def complete(self, source: SplatScene) -> MeasuredGaussians:
-        """Measures the Gaussians of the complete scene.
+        """Measures each Gaussian of the complete scene, in all sets of views.
 
         Args:
             source: The complete scene.
@@ -208,9 +208,9 @@ def _fitted(
     """Fits an increasing curve to a few noisy measurements; returns the values of the curve at given arguments.
 
     Args:
-        arguments: Arguments at which the curve is evaluated.
-        known: Arguments of the measurements.
-        values: Measured values.
+        arguments: x values at which the curve is evaluated.
+        known: x values of the measurements.
+        values: Measured y values.
     """
     # The curve is a parabola between the measured points and a line outside. Its slope is at least `_MIN_SLOPE`,
     # so that stronger pruning never has a smaller error.

@@ -228,9 +228,9 @@ class AnchorDecoder:
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates arrays for all anchors, and fills them with attributes predicted from the side information.
+        """Allocates arrays for all anchors, and predicts the attributes of all anchors from the side information.
 
-        These values remain for anchors whose packets are lost.
+        The predictions are kept in separate arrays. Concealers use them for anchors whose packets are lost.
 
         Args:
             threads: Number of threads; None for one per processor.
@@ -248,7 +248,7 @@ class AnchorDecoder:
                 progress(done / self._num)
 
     def allocate(self) -> None:
-        """Allocates arrays for all anchors, zero for missing ones."""
+        """Allocates arrays for the attributes of all anchors. Attributes are 0 until their packets are decoded."""
         raise NotImplementedError
 
     def predict(self, ranks: np.ndarray) -> None:

@@ -188,7 +188,7 @@ def predict(near, count, defaults):
 
     Returns:
         Context of the entropy coder for the Gaussian's precision class: 0 without neighbours, otherwise 1 plus the mean
-        class of the neighbours.
+        precision class of the neighbours.
     """
     indices, weights, values, means, deviations = near.indices, near.weights, near.values, near.means, near.deviations
     if count == 0:

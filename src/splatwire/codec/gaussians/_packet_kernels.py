@@ -397,7 +397,7 @@ def _weight(levels):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _count_within(levels, weight):
-    """Returns how many Gaussians fit an estimated total size, counted from the first; at least 1.
+    """Returns how many Gaussians, counted from the first, do not exceed an estimated total size; at least 1.
 
     Args:
         levels: Precision class of each Gaussian, int64 (n).

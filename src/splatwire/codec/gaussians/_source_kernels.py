@@ -432,10 +432,10 @@ def gather_sources(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def _ranked(values, counts, least, shift, rank):
-    """Returns the value at a position of the sorted values, by sorting only the values of its bucket.
+    """Returns the value at index `rank` of the sorted values. Only the values of one bucket are sorted.
 
     Args:
-        values: Integers, int64 (n).
+        values: Integers, not sorted, int64 (n).
         counts: Number of values in each bucket, int64; the bucket of a value is `(value - least) >> shift`.
         least: Smallest value.
         shift: log2 of the size of a bucket.
@@ -457,14 +457,14 @@ def _ranked(values, counts, least, shift, rank):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def extents(positions, edges):
-    """Estimates the extent of groups of positions, in which a few outliers have limited influence.
+    """Estimates the extent of groups of positions, so that a few outliers have little influence.
 
     Args:
         positions: Integer positions, group after group, int64 (n, 3).
         edges: Start of each group in `positions`, and the end of the last, int64 (groups + 1); no group is empty.
 
     Returns:
-        Largest extent of each group along an axis, int64 (groups).
+        Extent of each group along the axis on which it is largest, int64 (groups).
     """
     found, counts = np.zeros(len(edges) - 1, np.int64), np.empty(1 << BUCKET_BITS, np.int64)
     for group in range(len(edges) - 1):

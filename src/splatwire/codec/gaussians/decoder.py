@@ -247,8 +247,7 @@ def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarra
     """Estimates the decoded integers of a block's lost Gaussians.
 
     Positions are copied from received Gaussians of the block. If no Gaussian was received, positions are spread over
-    the bounding box of the block.
-    Other attributes are the block's default values.
+    the bounding box of the block. Other attributes are the block's default values.
 
     Args:
         info: Side information of the stream, with default attribute values for each block.

@@ -43,7 +43,7 @@ BYTES_PER_HARMONIC = 12
 def prepare_splats(
     scene: SplatScene, options: Options, template: SideInfo | None = None, *, sorted_already: bool = False
 ) -> Prepared:
-    """Prepares Gaussians for encoding: spatial blocks and side information.
+    """Prepares Gaussians for encoding: sorts them into spatial blocks, and computes the side information.
 
     Args:
         scene: The Gaussians; each must have a visible effect.

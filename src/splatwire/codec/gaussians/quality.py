@@ -96,7 +96,7 @@ _FINE_LEVELS = ((_FINE_CLASSES_FROM, 9.5), (85.0, 9.75), (100.0, 12.75))
 def numbered_quality(number: int | float) -> Quality:
     """Returns the quality setting of a number from 0 (smallest) to 100 (finest).
 
-    40, 60 and 85 are `small`, `default` and `near-lossless`.
+    The numbers 40, 60 and 85 give the settings `small`, `default` and `near-lossless`.
 
     Raises:
         InvalidValueError: If the number is out of range.

@@ -359,7 +359,7 @@ class TracksEncoder:
     ) -> tuple[list[Packet], np.ndarray]:
         """Encodes the motion of all tracks (Gaussians over time) in packets of limited size.
 
-        Blocks of older tracks are encoded while the keyframe Gaussians of new tracks are still missing.
+        Blocks without new tracks can be encoded before the keyframe Gaussians of the new tracks.
 
         Args:
             coder: Motion coder of the tracks, as for `_encode_motion`.

@@ -108,7 +108,7 @@ def _no_births(_: np.ndarray) -> Splats:
 
 
 def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
-    """Returns the visibility of Gaussians: squared opacity times the two largest scales, float64 (T).
+    """Returns the visibility of Gaussians: squared opacity times the product of the two largest scales, float64 (T).
 
     Args:
         scales: Scales of the Gaussians, (T, 3).

@@ -48,7 +48,8 @@ class Shot:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         info: Side information of these keyframe Gaussians.
-        motion_spacing: log2 of the unit of positions in the motion of these groups, relative to that of the first shot.
+        motion_spacing: log2 of the unit in which these groups code the motion of positions, relative to the unit of the
+            first shot.
     """
 
     first_group: int
@@ -106,9 +107,9 @@ class SequenceInfo:
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of the ratio of half the lattice spacing of a block to the unit of motion of its shot.
+        """Returns log2 of half the lattice spacing of a block, relative to the unit of motion of the block's shot.
 
-        The lattice spacing is that of the positions of the block's keyframe Gaussians.
+        The positions of the block's keyframe Gaussians are on this lattice.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.
@@ -176,7 +177,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
-    """Returns log2 of the ratio of two lattice spacings of positions: that of `info` to that of `reference`."""
+    """Returns log2 of the lattice spacing of positions of `info`, relative to the spacing of `reference`."""
     return (info.size_log - info.unit) - (reference.size_log - reference.unit)
 
 
@@ -251,7 +252,7 @@ def _check_shot(number: int, shot: Shot, reference: KeyframeInfo) -> None:
 
 
 def _groups(manifest: Manifest) -> tuple[Group, ...]:
-    """Returns the number of tracks (Gaussians over time) in each group of frames, from the manifest."""
+    """Returns the numbers of new tracks and of tracks with coded motion in each group of frames, from the manifest."""
     counts = [tier.num_elements for tier in manifest.tiers]
     groups, alive = tuple(itertools.starmap(Group, zip(counts[::2], counts[1::2], strict=True))), 0
     for group in groups:

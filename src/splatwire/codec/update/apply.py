@@ -69,7 +69,7 @@ def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None 
 
 @checked
 def describe_update(base: SceneStream, update: SceneStream) -> dict[str, int]:
-    """Returns the numbers of Gaussians that stay, are removed, and are new.
+    """Returns the numbers of Gaussians that stay (`num_kept`), are removed (`num_removed`), and are new (`num_new`).
 
     Args:
         base: The stream that the update changes, complete.

@@ -96,14 +96,17 @@ def code_bit(coder, models, context, bit):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def code_value(coder, models, column_start, shared_start, value):
-    """Encodes or decodes a signed integer: first a bit for 0, then sign and magnitude.
+    """Encodes or decodes a signed integer: first a bit that is 0 only for the integer 0, then sign and magnitude.
 
     Args:
         coder: State of the range coder.
         models: Table of adaptive bit probabilities, changed in place.
         column_start: Index in `models` of the first probability of this column of coefficients.
         shared_start: Index in `models` of the first probability that all columns of a precision level share.
-        value: The integer.
+        value: The integer; ignored by a decoder.
+
+    Returns:
+        The integer.
     """
     if not code_bit(coder, models, column_start, np.int64(value != 0)):
         return np.int64(0)

@@ -154,7 +154,7 @@ class SketchSection:
 
 
 def size_buckets(expected_size: np.ndarray) -> np.ndarray:
-    """Divides anchors into size classes, the contexts of the entropy coder.
+    """Divides anchors into size classes, by which the entropy coder of a sketch selects its contexts.
 
     Args:
         expected_size: Sizes predicted by the prior, float (N), identical on all machines.

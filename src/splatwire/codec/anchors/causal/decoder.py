@@ -84,7 +84,7 @@ class CausalDecoder(AnchorDecoder):
         self.chunk_bytes = _anchor_bytes(info)
 
     def allocate(self) -> None:
-        """Allocates arrays for all anchors, zero for missing anchors."""
+        """Allocates arrays for the attributes of all anchors. Attributes are 0 until their packets are decoded."""
         num, info = self._num, self._info
         self._received = np.zeros((num, len(Attribute)), dtype=np.bool_)
         self._mask = np.zeros((num, self._offsets), dtype=np.bool_)

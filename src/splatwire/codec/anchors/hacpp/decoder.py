@@ -106,7 +106,7 @@ class HacppDecoder(AnchorDecoder):
         return self._arrays
 
     def allocate(self) -> None:
-        """Allocates arrays for all anchors, zero for missing anchors."""
+        """Allocates arrays for the attributes of all anchors. Attributes are 0 until their packets are decoded."""
         self._arrays = DecodedArrays.empty(self._info)
 
     def predict(self, ranks: np.ndarray) -> None:
