@@ -47,7 +47,7 @@ def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 def _checking(function: Callable[P, R], own: tuple[str, ...]) -> Callable[P, R]:
     @functools.cache
     def known() -> tuple[list[str], dict[str, Rule]]:
-        """Returns the parameter names of the decorated function, and the type check of each parameter by name."""
+        """Returns the parameter names of the decorated function, and the type check of each checked parameter."""
         # Built at the first call, because annotations may name classes that are defined later.
         parameters = inspect.signature(function).parameters.values()
         names = [parameter.name for parameter in parameters if parameter.kind not in _VARIADIC]
@@ -116,7 +116,7 @@ def _rules(owner: Any, names: list[str], arrays: Callable[[Any], Rule]) -> dict[
         arrays: Function that builds the check for an array annotation.
 
     Returns:
-        Checks by name of the parameter or field; none for annotations that accept every value.
+        Check of each parameter or field, by name. Those whose annotation accepts every value have no check.
     """
     found = {}
     for name in names:
@@ -154,7 +154,7 @@ def array_of(
         The array. Its dtype is not converted.
 
     Raises:
-        InvalidValueError: If it is not such an array; the message names what is expected.
+        InvalidValueError: If the value is not such an array; the message names what is expected.
     """
     words = {"f": "numbers", "i": "whole numbers", "b": "True and False"}[kind]
     limits = "" if least is None or most is None else f" from {least:g} to {most:g}"
@@ -181,7 +181,7 @@ def check_threads(threads: int | None) -> None:
     """Checks a number of threads; None means one per processor.
 
     Raises:
-        InvalidValueError: If it is not a whole number up to `MAX_THREADS`.
+        InvalidValueError: If the argument is neither None nor a whole number from 0 to `MAX_THREADS`.
     """
     if threads is not None:
         whole_number(threads, "threads", 0, MAX_THREADS)

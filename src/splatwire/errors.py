@@ -29,7 +29,7 @@ MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeErr
 
 
 def shown(value: object) -> str:
-    """Returns a value as text for an error message: a number or text itself, otherwise the type."""
+    """Describes a value for an error message: a number or text itself, shape and dtype of an array, else the type."""
     # The `repr` of other objects is not called, because it may be long or raise.
     if isinstance(value, int) and value.bit_length() > _MANY_BITS:
         return f"an integer of {value.bit_length()} bits"
@@ -91,7 +91,7 @@ def check_progress(progress: object) -> None:
     """Checks that a progress argument is a function or None.
 
     Raises:
-        InvalidValueError: If it is anything else, such as True.
+        InvalidValueError: If the argument is anything else, such as True.
     """
     if progress is not None and not callable(progress):
         raise InvalidValueError(f"progress must be a function that is called with the progress, not {shown(progress)}")

@@ -63,8 +63,8 @@ class Registry(Generic[Entry]):
     def check_free(self, name: str, other: str, source: str) -> None:
         """Checks that a new entry may use a name that another entry already has.
 
-        It may if both have the same source, or if the new entry is part of splatwire and the old one is not. The latter
-        is logged as a warning.
+        Permitted are entries with the same source. Permitted is also an entry of splatwire in place of an entry of
+        another package; a warning is then logged.
 
         Args:
             name: The name.
@@ -82,11 +82,11 @@ class Registry(Generic[Entry]):
         self._warn(f"{text}, which is kept")
 
     def find(self, name: str) -> Entry | None:
-        """Returns the entry of a name; None if no package has one.
+        """Returns the entry of a name; None if no package has an entry of that name.
 
         Raises:
-            InvalidValueError: If the announcing package cannot be loaded or does not register the entry, or if several
-                packages announce it.
+            InvalidValueError: If the package that announces the entry cannot be loaded or does not register the entry,
+                or if several packages announce the name.
         """
         if name not in self._entries and (points := [point for point in self._announced() if point.name == name]):
             self._load(self._chosen(name, points))
@@ -130,9 +130,9 @@ class Registry(Generic[Entry]):
         return {*self._entries, *(point.name for point in self._announced())}
 
     def packages(self, name: str) -> tuple[str, ...]:
-        """Returns the packages, with versions, that registered an entry, such as `name 1.0`.
+        """Returns name and version of the installed packages that registered an entry, such as `name 1.0`.
 
-        Empty for entries of splatwire.
+        The result is empty for an entry of splatwire itself.
         """
         points = [point for point in self._announced() if point.name == name and not _is_own(point)]
         points = [point for point in points if name not in self._entries or self._is_provided_by(point)]
@@ -179,7 +179,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _is_provided_by(self, point: "EntryPoint") -> bool:
-        """True if the entry that is registered under an entry point's name comes from the same package."""
+        """True if the registered entry of an entry point's name is from the package with the entry point."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 

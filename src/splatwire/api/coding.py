@@ -35,8 +35,8 @@ class GaussianOptions(CheckedFields):
         quality: Quantisation: 0 (smallest) to 100 (finest), `small` (40), `default` (60), `near-lossless` (85), or a
             `Quality`. None for `default`, or for the steps of a decoded scene.
         tiers: Importance tier of each Gaussian, 0 for the most important, whole numbers (N); None for one tier.
-        classes: Precision class of each Gaussian (`splatwire.render.precision`), whole numbers (N); None for the finest
-            class.
+        classes: Precision class (set of quantisation steps) of each Gaussian, whole numbers (N), see
+            `splatwire.render.precision`; None for the finest class.
     """
 
     packetization: Packetization | str | None = None
@@ -52,9 +52,9 @@ class AnchorOptions(CheckedFields):
     Attributes:
         packetization: Division into packets, or the name of a preset such as `paper`; None for the default.
         tiers: Importance tier of each anchor, 0 for the most important, whole numbers (N); None for one tier.
-        noise: Change of the context model's predictions that is tolerated when the model's weights are rounded. It is
-            relative to the predicted standard deviations: 0.1 tolerates a tenth of them. None for the default. Larger
-            values give less side information and larger packets.
+        noise: Tolerated error of the context model's predictions after its weights are rounded, as a share of the
+            predicted standard deviations: 0.1 tolerates a tenth. Larger values give less side information (data that
+            all packets need) and larger packets. None for the default.
     """
 
     packetization: Packetization | str | None = None
@@ -194,7 +194,7 @@ def decode(
         The scene with the mask of received elements; `conceal` makes a scene that can be drawn.
 
     Raises:
-        BitstreamError: If it is not a stream, or it contradicts itself.
+        BitstreamError: If the data are not a stream, or a part of the stream contradicts another.
         InvalidValueError: If `stream` has another type.
 
     Example:

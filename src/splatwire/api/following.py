@@ -25,7 +25,7 @@ LAST_RETRY_S = 4.0
 
 
 class FollowingStoppedError(Exception):
-    """Raised by `updates_after` when the caller has stopped the transfer."""
+    """Raised by `updates_after` when the caller has stopped the transfer of an update."""
 
 
 async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
@@ -39,9 +39,10 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
         warn: Called with the text of each warning.
 
     Raises:
-        InvalidValueError: If the scene does not arrive as a whole at first, or the server offers no updates of it.
-        OSError: If the first transfer fails, or a later one fails for another reason than a missing network. Transfers
-            that fail for that reason are repeated.
+        InvalidValueError: If the first transfer of the scene is incomplete, or the server offers no updates of the
+            scene.
+        OSError: If the first transfer fails, or a later transfer fails although there is a network. Later transfers
+            that fail without a network are repeated.
     """
     # If an update does not arrive or cannot be applied, it or the whole scene is requested again.
     scene: SceneStream | None = None
@@ -91,9 +92,9 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
 
     Raises:
         FollowingStoppedError: If the caller has stopped a transfer.
-        InvalidValueError: If the stream that arrives is no update of this scene.
-        BitstreamError: If it is damaged.
-        OSError: If a transfer fails, except for a missing network: then it is repeated.
+        InvalidValueError: If the received stream is no update of this scene.
+        BitstreamError: If the description of the update is damaged.
+        OSError: If a transfer fails although there is a network.
     """
     warn_once = _once(warn)
     while True:

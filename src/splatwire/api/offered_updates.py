@@ -7,10 +7,10 @@ from splatwire.transport import ServedStream
 
 
 class OfferedUpdates:
-    """Prepares updates for sending, each only once.
+    """Cache of scene updates that are prepared for sending, so that each update is prepared only once.
 
     Args:
-        prepare: Prepares a stream for sending.
+        prepare: Function that prepares a stream for sending.
     """
 
     # Updates are distinguished as objects, not by name: if a scene returns to an earlier state, its next update has the
@@ -21,7 +21,11 @@ class OfferedUpdates:
         self._known: dict[int, tuple[SceneStream, ServedStream]] = {}
 
     def prepared(self, offers: Mapping[str, SceneStream | None]) -> dict[str, ServedStream | None]:
-        """Returns the prepared updates by name; None for updates that do not exist yet."""
+        """Returns the prepared updates by name; the value is None for an update that does not exist yet.
+
+        Args:
+            offers: Streams of all current updates by name; None for an update that does not exist yet.
+        """
         updates = [update for update in offers.values() if update is not None]
         self._known = {id(update): self._known.get(id(update)) or (update, self._prepare(update)) for update in updates}
         return {name: None if update is None else self._known[id(update)][1] for name, update in offers.items()}

@@ -48,7 +48,7 @@ class _Settings:
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """Server that runs in a separate thread.
+    """A training server that runs in a separate thread.
 
     Attributes:
         running: The server.
@@ -97,7 +97,7 @@ class TrainingServer:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Facts for clients: URL of the viewer page (`page`), and fingerprint of its certificate (`fingerprint`)."""
+        """Information for clients by name: `page` (URL of the viewer page) and `fingerprint` (of its certificate)."""
         return dict(self._opened.running.facts)
 
     @property
@@ -111,7 +111,7 @@ class TrainingServer:
         self, means: Any, quats: Any, scales: Any, opacities: Any, sh: Any, *, wait: bool = False,
         share: float | None = None,
     ) -> None:  # fmt: skip
-        """Sends the Gaussians of the trainer: all at first, later the changes that matter most.
+        """Sends the Gaussians of the trainer: all of them in the first call, later the most important changes.
 
         The arrays, of numpy or torch on any device, are copied and encoded in another thread. While this thread is
         busy, only the Gaussians of the latest call wait; those of earlier calls are dropped.
@@ -159,7 +159,7 @@ class TrainingServer:
 
     @checked
     def drain(self, most_s: float = 10.0) -> None:
-        """Waits until clients have received the Gaussians of all calls of `push`.
+        """Waits until clients have received the Gaussians of all previous calls of `push`.
 
         Args:
             most_s: Maximum duration, seconds.
@@ -181,7 +181,7 @@ class TrainingServer:
             time.sleep(DRAIN_INTERVAL_S)
 
     def close(self) -> None:
-        """Stops the server and its transfers; call `drain` before to let them finish."""
+        """Stops the server and its transfers. Call `drain` first to let the transfers finish."""
         if os.getpid() != self._process:
             return
         with self._condition:
@@ -192,7 +192,7 @@ class TrainingServer:
         self._serving.join()
 
     def _check_process(self) -> None:
-        """Raises an error in a forked process, where the threads of the server do not run."""
+        """Raises an error if the current process is a fork, in which the threads of the server do not run."""
         if os.getpid() != self._process:
             raise InvalidValueError("push: the server belongs to another process, from which this one was forked")
 
@@ -202,7 +202,7 @@ class TrainingServer:
             raise error
 
     def _encode(self) -> None:
-        """Encodes waiting scenes; runs in a separate thread."""
+        """Encodes the scenes that `push` has passed, until the server is closed. Runs in a separate thread."""
         try:
             self._encode_until_closed()
         finally:  # no call waits for a thread that has ended
@@ -356,7 +356,7 @@ def serve_training(
         port: UDP port; 0 selects a free port.
         page: TCP port of the viewer page, 0 for a free one; the streams are then sent over QUIC (`splatwire[relay]`).
             None for plain UDP without a page.
-        share: Maximum share of the Gaussians that one `push` sends after the first, above 0, at most 1.
+        share: Maximum share of the Gaussians that each `push` after the first one sends, above 0, at most 1.
         antialiased: True if the trainer renders antialiased (Mip-Splatting).
         protection: Amount of redundancy; None for the default.
         limits: Limits on the transfers of clients; None for the defaults.

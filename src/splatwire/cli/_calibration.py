@@ -38,7 +38,7 @@ def check_references(options: ReferenceOptions) -> None:
 
 
 def calibration_views(options: ReferenceOptions, scene: Scene) -> tuple[CalibrationViews, str]:
-    """Returns the views for comparing pictures in a calibration, and their description for messages.
+    """Returns the views in which a calibration compares pictures, and a description of these views for messages.
 
     Args:
         options: Command-line options that select the reference pictures.
@@ -107,7 +107,7 @@ def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Report
 
     Args:
         stream: The complete stream.
-        cameras: Views for measuring importance; None for views around the scene.
+        cameras: Views in which the importance of elements is measured; None for views around the scene.
         show: Called with the name of the current task and its finished share, 0 to 1.
     """
     complete = decode_stream(stream)

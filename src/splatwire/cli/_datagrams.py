@@ -8,11 +8,11 @@ from splatwire.errors import InvalidValueError
 
 
 def in_datagrams(stream: SceneStream, path: str) -> SceneStream:
-    """Returns a stream whose packets all fit into one datagram, dividing larger packets.
+    """Returns a stream in which each packet fits into one datagram. Larger packets are divided.
 
     Args:
         stream: The stream.
-        path: Path of the stream, for the message.
+        path: Path of the stream, for messages.
 
     Raises:
         InvalidValueError: If the stream must be repacked but is incomplete, or its codec is not installed.

@@ -13,7 +13,7 @@ import tyro
 
 @functools.cache
 def set_help_texts(settings: type) -> None:
-    """Sets the help text of each option from the docstring of its field.
+    """Sets the help text of each command-line option from the docstring of its field.
 
     Args:
         settings: A dataclass with a docstring for each field.

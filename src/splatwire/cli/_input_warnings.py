@@ -28,8 +28,8 @@ _NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
 class InputWarnings(logging.Handler):
     """Log handler that prints each warning once, even if a file is read several times.
 
-    If several files of a folder, such as frames, have the same warning, only the first of these files is named.
-    `summarize` prints the number of the others.
+    If several files of a folder, such as frames, have the same warning, only the first file is named. `summarize`
+    prints the number of the other files.
 
     Attributes:
         damaged: True if a stream with damaged bytes was read.

@@ -14,7 +14,7 @@ from splatwire.types.splat_statistics import describe_gaussians
 
 
 def describe_scene(path: Path) -> tuple[dict[str, Any], SceneMetadata]:
-    """Returns the properties of a scene file or a file of explicit Gaussians, and its metadata.
+    """Returns the properties of a scene file or a file of explicit Gaussians, and the metadata of the scene.
 
     Raises:
         BitstreamError: If the file is not a scene file.

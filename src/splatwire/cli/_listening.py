@@ -165,7 +165,7 @@ async def first_event(first: asyncio.Event, second: asyncio.Event) -> asyncio.Ev
 
 
 class LoopErrors:
-    """Handler of errors in the event loop outside of any request; limits how often system errors are printed.
+    """Handler of errors in the event loop that belong to no request; limits how often system errors are printed.
 
     Args:
         clock: Returns the current time, seconds.
@@ -178,7 +178,15 @@ class LoopErrors:
         self._clock, self._next_at, self._report = clock, -math.inf, report or _print_error
 
     def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Handles an error of the event loop."""
+        """Handles an error of the event loop.
+
+        System errors and memory errors are printed as one line, at most one per `REPORT_S` seconds. Other errors are
+        passed to the default handler.
+
+        Args:
+            loop: The event loop.
+            context: Description of the error, as for `loop.call_exception_handler`.
+        """
         error = context.get("exception")
         if not isinstance(error, (OSError, MemoryError)):
             loop.default_exception_handler(context)

@@ -29,7 +29,7 @@ class Warnings:
         self._num_suppressed = 0
 
     def __call__(self, text: str) -> None:
-        """Prints a warning, or only counts the warning if the previous one was printed recently."""
+        """Prints a warning. If the previous one was printed less than `WARN_S` seconds ago, only counts the warning."""
         now = self._clock()
         if now < self._next_at:
             self._num_suppressed += 1
@@ -61,7 +61,7 @@ class _Forward(logging.Filter):
         self._warn = warn
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Passes the text of a log record to the function of this logging filter.
+        """Passes the text of a warning or error to the function of this logging filter; drops records of lower level.
 
         Returns:
             False, so that no log handler receives the record.
@@ -73,7 +73,7 @@ class _Forward(logging.Filter):
 
 @contextmanager
 def rate_limited_warnings(warn: Callable[[str], None]) -> Iterator[None]:
-    """Context in which warnings about single frames go to a function instead of the log.
+    """Context in which warnings about single frames go to a function instead of the log handlers.
 
     Args:
         warn: Function that receives the text of a warning.

@@ -31,7 +31,7 @@ def start_log(listening: Listening, stack: contextlib.ExitStack | contextlib.Asy
 
 
 def log_error(text: str) -> None:
-    """Logs an error of the server outside of any request."""
+    """Logs an error of the server that belongs to no request."""
     log_event(_LOG, logging.ERROR, "server error", error=text)
 
 

@@ -90,7 +90,7 @@ class TrustOptions:
 
     @property
     def given(self) -> bool:
-        """True if at least one of these options is set."""
+        """True if at least one of the options for certificate checks is set."""
         return bool(self.fingerprint is not None or self.authority is not None or self.insecure)
 
 

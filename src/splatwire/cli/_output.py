@@ -20,7 +20,7 @@ Reporter: TypeAlias = Callable[[str, float], None]
 
 
 def refuse_options(options: Any, names: Sequence[str], why: str) -> None:
-    """Raises an error if one of the named options differs from its default.
+    """Raises an error if the user has set one of the named options to another value than the default.
 
     Args:
         options: Options of a subcommand.

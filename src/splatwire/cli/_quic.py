@@ -58,7 +58,7 @@ async def open_server(
 
 
 def identity(listening: Listening) -> "Callable[[], Identity]":
-    """Returns a function that returns the certificate and the key of a QUIC server.
+    """Returns the source of a QUIC server's certificate and key: a function that returns the current ones.
 
     Args:
         listening: Command-line options of the server, with the files of certificate and key.

@@ -36,7 +36,7 @@ def viewpoint_of_options(command: Receive) -> Viewpoint | None:
 
 
 def keep_preview(command: Receive, preview: bytes) -> str:
-    """Writes the preview of a scene as a PLY file, for a transfer in which the scene itself did not arrive.
+    """Writes the preview of a scene as a PLY file, because the scene itself did not arrive.
 
     Args:
         command: Options of `splatwire receive`.

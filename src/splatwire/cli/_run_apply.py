@@ -9,7 +9,7 @@ from splatwire.errors import InvalidValueError
 
 
 def run(command: Apply) -> None:
-    """Runs `splatwire apply`."""
+    """Runs `splatwire apply`: applies an update to a stream and writes the resulting stream."""
     if command.stream == command.update == STANDARD:
         raise InvalidValueError("the stream and its update cannot both be standard input")
     with input_path(command.stream) as first, input_path(command.update) as second:

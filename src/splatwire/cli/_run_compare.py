@@ -17,7 +17,7 @@ from splatwire.render import create_renderer
 
 
 def run(command: Compare) -> None:
-    """Runs `splatwire compare`."""
+    """Runs `splatwire compare`: compares files of one scene in size and quality."""
     check_inputs(*command.files, command.reference, command.cameras)
     if len(command.files) + (command.reference is not None) < 2:
         raise InvalidValueError("give two files or more, or one file and --reference FILE")

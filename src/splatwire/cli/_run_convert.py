@@ -58,8 +58,7 @@ class Conversion:
     Attributes:
         source: Path of the input, or `-` for standard input.
         output: Path of the output, or `-` for standard output.
-        form: Name of the format of the output: `swz`, `3dtiles`, `streamed.sog`, or a writable format of explicit
-            Gaussians.
+        form: Name of the output format: `swz`, `3dtiles`, `streamed.sog`, or a writable format of explicit Gaussians.
     """
 
     source: str
@@ -68,7 +67,7 @@ class Conversion:
 
 
 def run(command: Convert) -> None:
-    """Runs `splatwire convert`."""
+    """Runs `splatwire convert`: converts files to another format."""
     if not 1 <= command.jobs <= MAX_JOBS:
         raise InvalidValueError(f"--jobs is from 1 to {MAX_JOBS}, {command.jobs} is not")
     form = None if command.to is None else _checked_form(command.to)
@@ -278,7 +277,7 @@ def _output_name(source: str, format_name: str) -> str:
 
 
 def _is_timed(path: Path) -> bool:
-    """True if a path contains a clip: a stream of moving Gaussians, a folder of frames or a `.splatv` file."""
+    """True if a path contains a clip (moving Gaussians): a stream of a clip, a folder of frames or a `.splatv` file."""
     return read_stream(path)[0].manifest.schema.timed if file_kind(path) in STREAMS else is_sequence(path)
 
 
@@ -290,8 +289,14 @@ def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
         accept_damage: True to convert also a stream with damaged bytes.
 
     Returns:
-        Result by name: `source`, `output`, exit `status`, `num_bytes` of the output and `error` (or None), `facts`
-        about the output, and `messages` on standard error.
+        Mapping with these keys:
+
+        * `source` and `output`: the paths.
+        * `status`: exit status of the process.
+        * `num_bytes`: size of the output, bytes; None if nothing was written.
+        * `error`: error message; None without an error.
+        * `facts`: JSON object that the process printed; empty if nothing was written.
+        * `messages`: messages of the process on standard error.
     """
     names = (chosen.source, chosen.output)
     source, output = (f"./{name}" if name.startswith("-") else name for name in names)  # no options

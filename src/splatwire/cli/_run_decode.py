@@ -20,7 +20,7 @@ from splatwire.types.scene_digest import scene_digest
 
 
 def run(options: Decode) -> None:
-    """Runs `splatwire decode`."""
+    """Runs `splatwire decode`: decodes a stream and writes the scene."""
     if options.conceal is not None:
         check_concealer(options.conceal)
     with input_path(options.stream) as source:

@@ -31,7 +31,7 @@ _NOTES = (
 
 
 def run(options: Demo) -> None:
-    """Runs `splatwire demo`."""
+    """Runs `splatwire demo`: measures the quality of a scene after packet losses, and writes a report."""
     started = time.perf_counter()
     check_folder(options.output)
     definition = study(options)
@@ -92,7 +92,7 @@ def study(options: Demo) -> Study:
 
 
 def _decode(stream: SceneStream) -> ReceivedScene:
-    """Decodes a received stream of the demo. Streams with losses are decoded in a new process."""
+    """Decodes a received stream of the demo. A stream with losses is decoded in a new process."""
     # The new process proves that decoding needs nothing but the received bytes. The stream with contiguous packets,
     # which is only shown for comparison, is decoded here.
     manifest = stream.manifest

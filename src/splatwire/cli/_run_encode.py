@@ -50,7 +50,7 @@ _NO_LEVELS = "--effort best does not make levels of detail yet: use --effort def
 
 
 def run(command: Encode) -> None:
-    """Runs `splatwire encode`."""
+    """Runs `splatwire encode`: encodes a scene or a clip into a stream."""
     with input_path(command.scene) as source:
         _run(command, source)
 

@@ -38,7 +38,7 @@ _ONLY_WITH_PATH = ("rate", "delay", "seconds")
 
 
 def run(command: Evaluate) -> None:
-    """Runs `splatwire evaluate`."""
+    """Runs `splatwire evaluate`: measures the quality of a stream or scene."""
     link, files = _check(command), InputFiles()
     with input_path(command.source) as path:
         if link is not None:
@@ -113,13 +113,13 @@ def _print_result(command: Evaluate, content: Mapping[str, Any], show: Callable[
 
 
 def _check(command: Evaluate) -> Link | None:
-    """Checks the options of `splatwire evaluate` and parses that of the simulated network, before files are read.
+    """Checks the options of `splatwire evaluate` and parses the simulated network link, before files are read.
 
     Returns:
         The simulated network link for the camera path of `--path`; None without a path.
 
     Raises:
-        InvalidValueError: If options are missing, or mean nothing here.
+        InvalidValueError: If a required option or an input is missing, or an option has no effect with the others.
         UnknownNameError: If there is no such concealer or renderer.
     """
     if command.source.endswith(".toml"):

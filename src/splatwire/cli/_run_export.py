@@ -35,7 +35,7 @@ _VIEWS = 64
 
 
 def run(options: Export) -> None:
-    """Runs `splatwire export`."""
+    """Runs `splatwire export`: writes a scene as explicit Gaussians."""
     num_functions(_degree(options))
     _outliers(options)
     concealer = create_concealer(options.conceal)
@@ -101,6 +101,11 @@ def _limited(options: Export, splats: Splats, degree: int) -> Splats:
     """Returns Gaussians without spherical harmonics above a degree.
 
     For the format `.splat`, the Gaussians are returned unchanged.
+
+    Args:
+        options: Options of `splatwire export`.
+        splats: The Gaussians.
+        degree: Maximum degree of the spherical harmonics.
     """
     # The writer of `.splat` drops all harmonics and reports that itself.
     return splats if options.kind == "splat" else splats.at_most_degree(degree)

@@ -16,7 +16,7 @@ from splatwire.types.scene_digest import scene_digest
 
 
 def run(command: Import) -> None:
-    """Runs `splatwire import`."""
+    """Runs `splatwire import`: converts a model of other software."""
     if command.appearance is not None and command.kind != "scaffold":
         raise InvalidValueError("--appearance is for scaffold models")
     started = time.perf_counter()

@@ -21,7 +21,7 @@ from splatwire.types.metadata import SceneMetadata, metadata_to_json
 
 
 def run(command: Inspect) -> None:
-    """Runs `splatwire inspect`."""
+    """Runs `splatwire inspect`: prints the properties of a file."""
     with input_path(command.source) as path:
         content = describe(path)
     if command.json:

@@ -38,7 +38,7 @@ EXIT_STUCK = 1
 
 
 def run(command: Live) -> None:
-    """Runs `splatwire live`."""
+    """Runs `splatwire live`: encodes and serves frames as they appear."""
     check_listening(command)
     if command.frames != STANDARD and not Path(command.frames).is_dir():
         raise InvalidValueError(
@@ -120,7 +120,7 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits for the encoder to end after a stop request, but not while it compiles kernels.
+    """Waits until the encoder ends after a stop request, but stops waiting if the encoder compiles kernels.
 
     Returns:
         True as soon as the encoder compiles kernels. False once it has ended, or when the time for it has passed.

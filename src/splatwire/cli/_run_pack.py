@@ -14,7 +14,7 @@ from splatwire.transport.http.pack import pack_streams
 
 
 def run(command: Pack) -> None:
-    """Runs `splatwire pack`."""
+    """Runs `splatwire pack`: writes one HTML or glTF file with streams."""
     gltf = command.output.lower().endswith(".glb")
     if not command.sources or (gltf and len(command.sources) > 1):
         raise InvalidValueError("a glTF file takes one stream" if command.sources else "name a stream to pack")

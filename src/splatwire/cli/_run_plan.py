@@ -31,7 +31,7 @@ _STILL = ("data", "feedback", "most_protection", "drawn")
 
 
 def run(options: PlanCommand) -> None:
-    """Runs `splatwire plan`."""
+    """Runs `splatwire plan`: chooses the redundancy for a transfer and writes the plan."""
     _check(options)
     loss = parse_loss(options.loss)
     streams = [_read(path) for path in options.streams]

@@ -21,7 +21,7 @@ _MARK = "streams.json"
 
 
 def run(command: Publish) -> None:
-    """Runs `splatwire publish`."""
+    """Runs `splatwire publish`: writes the folder of a static web site with scenes."""
     if not command.scenes or STANDARD in command.scenes:
         raise InvalidValueError("name the streams or files of Gaussians to publish")
     _check_url(command.public_url)

@@ -40,7 +40,7 @@ from splatwire.transport.protocol.events import Interrupted, Resumed
 
 
 def run(command: Receive) -> None:
-    """Runs `splatwire receive`."""
+    """Runs `splatwire receive`: receives a stream from a server and writes the scene."""
     address = parse_url(command.url)
     deadline = None if command.deadline is None else parse_seconds(command.deadline)
     viewpoint = None
@@ -172,7 +172,15 @@ def _transfer(
 
 
 def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
-    """Writes one period of an endless live clip to a file named with the period's number."""
+    """Writes one period of an endless live clip to a stream file, whose name contains the number of the period.
+
+    A live clip is divided into periods, each of which is an independent stream.
+
+    Args:
+        command: Options of `splatwire receive`.
+        stream: Stream of the period.
+        number: Number of the period.
+    """
     # The last period is written to the regular output.
     path = prepared_output(real_path(Path(command.output)).with_suffix(f".{number:03}{FILE_SUFFIX}"))
     write_stream(stream, path)
@@ -212,7 +220,7 @@ def _print_result(
 
 
 def _is_complete(reason: str, *, live: bool, num_missed: int) -> bool:
-    """True if a transfer delivered all that was requested.
+    """True if a transfer delivered all data that the user requested.
 
     Args:
         reason: Reason for the end of the transfer. `complete`: everything arrived. `seen`: everything that the

@@ -29,7 +29,7 @@ _VIEW_SIZE = 512
 
 
 def run(options: Render) -> None:
-    """Runs `splatwire render`."""
+    """Runs `splatwire render`: draws a scene from cameras into picture files."""
     cameras = find_cameras(options.cameras, options.data)
     if not 0 < options.scale <= 16:
         raise InvalidValueError(f"--scale must be above 0 and at most 16, not {options.scale:g}")

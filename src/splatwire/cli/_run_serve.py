@@ -46,7 +46,7 @@ UPDATE_POLL_S = 0.2
 
 
 def run(command: Serve) -> None:
-    """Runs `splatwire serve`."""
+    """Runs `splatwire serve`: serves streams to clients until it is stopped."""
     check_listening(command)
     if not command.over_quic and command.origins:
         raise InvalidValueError("--certificate, --key and --origins are for --quic")
@@ -85,7 +85,10 @@ class _Scenes:
 
     @property
     def updates(self) -> dict[str, ServedStream | None]:
-        """Streams of scene updates; the key is the name under which receivers request an update."""
+        """Prepared streams of scene updates, by the name under which receivers request an update.
+
+        The value is None for an update that does not exist yet.
+        """
         return {} if self.folder is None else self.folder.updates
 
 

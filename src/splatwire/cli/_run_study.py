@@ -33,7 +33,7 @@ _RECORDS = ("pyarrow",)
 
 
 def run(command: StudyCommand) -> None:
-    """Runs `splatwire study`."""
+    """Runs `splatwire study`: performs an evaluation that is defined by a protocol file."""
     study = study_of(command)
     check_folder(command.output)
     engine = create_engine(command.engine, command.workers, _slurm(command))
@@ -65,7 +65,7 @@ def _run_sizes(command: StudyCommand, study: Study, store: Store) -> None:
 
 
 def study_of(command: StudyCommand) -> Study:
-    """Reads an evaluation from its protocol file, and applies the command-line options that change it."""
+    """Reads the definition of an evaluation from its protocol file, and changes it by the command-line options."""
     study = load_study(command.protocol, replaced=_replaced_scene(command))
     return dataclasses.replace(
         study,

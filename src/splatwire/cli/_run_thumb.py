@@ -12,7 +12,7 @@ from splatwire.io import drawable_scene
 
 
 def run(command: Thumb) -> None:
-    """Runs `splatwire thumb`."""
+    """Runs `splatwire thumb`: draws one picture of a scene."""
     check_suffix(command.output)
     if not all(1 <= side <= MAX_SIDE for side in command.size):
         raise InvalidValueError(f"--size takes a width and a height from 1 to {MAX_SIDE} pixels")

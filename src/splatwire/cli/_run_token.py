@@ -6,7 +6,7 @@ from splatwire.transport.http.tokens import make_token, read_key
 
 
 def run(command: Token) -> None:
-    """Runs `splatwire token`."""
+    """Runs `splatwire token`: prints a signed token that opens private scenes."""
     token = make_token(read_key(command.key), command.scenes, command.hours * 3600)
     if command.json:
         print_json({"token": token, "scenes": list(command.scenes), "hours": command.hours})

@@ -54,7 +54,7 @@ FINE_TUNING_ITERATIONS = 720
 
 
 def run(command: Train) -> None:
-    """Runs `splatwire train`."""
+    """Runs `splatwire train`: trains a scene from photos."""
     if command.model == GAUSSIAN_MODEL:
         check_gaussian_options(command)
     else:
@@ -108,7 +108,7 @@ def _initial_training(command: Train, device_name: str) -> tuple[TrainState, Tra
 def _continued_training(
     command: Train, scene: Any, model: str, details: str
 ) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
-    """Prepares a training that continues from a finished scene.
+    """Prepares a training that continues with a finished scene (fine-tuning).
 
     Args:
         command: Options of `splatwire train`.

@@ -8,7 +8,7 @@ from splatwire.cli.transmit import Transmit
 
 
 def run(command: Transmit) -> None:
-    """Runs `splatwire transmit`."""
+    """Runs `splatwire transmit`: simulates packet losses and writes the resulting stream."""
     loss = parse_loss(command.loss)
     with input_path(command.stream) as source:
         sent, _ = read_stream(source)

@@ -14,7 +14,7 @@ from splatwire.errors import BitstreamError, InvalidValueError
 
 
 def run(command: Verify) -> None:
-    """Runs `splatwire verify`."""
+    """Runs `splatwire verify`: checks streams without decoding them."""
     if not command.streams:
         raise InvalidValueError("name a stream to verify")
     check_inputs(*(Path(name) for name in command.streams if name != STANDARD))

@@ -32,7 +32,7 @@ MAX_BYTES = 2**28
 
 
 def run(command: View) -> None:
-    """Runs `splatwire view` until Ctrl-C."""
+    """Runs `splatwire view`: shows a stream in a browser until Ctrl-C."""
     check_port(command.port)
     if command.trust.given and "://" not in command.stream:
         raise InvalidValueError("--fingerprint, --authority and --insecure are for quic://")

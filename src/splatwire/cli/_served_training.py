@@ -22,7 +22,7 @@ DRAIN_S = 60.0
 class ServedTraining:
     """Sends the scene to the clients of a server during training.
 
-    Errors do not end the training: a warning is printed.
+    Errors of the server do not end the training; they are printed as warnings.
 
     Args:
         server: The server; None to send nothing.
@@ -36,7 +36,7 @@ class ServedTraining:
         self._error = ""
 
     def iterated(self, scene: Callable[[], SplatScene]) -> None:
-        """Sends the scene after an iteration, but not more often than every few seconds.
+        """Sends the scene after a training iteration, but at most once in a few seconds.
 
         Args:
             scene: Function that returns the scene; only called if the scene is sent.

@@ -52,9 +52,10 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
 
 
 class UpdateFolder:
-    """Applies updates to served scenes when update files appear in a folder.
+    """Applies updates to served scenes when update files appear in a folder. Not thread-safe.
 
-    An update waits until a scene has the version that it changes. Not thread-safe.
+    An update changes one version of a scene to the next. Its file waits until a served scene has the first of these
+    versions.
 
     Args:
         folder: Folder with the updates, `.swz` files that `encode --update` wrote; it may be missing at first.
@@ -62,8 +63,8 @@ class UpdateFolder:
         prepare: Prepares a stream for sending.
 
     Attributes:
-        updates: Prepared updates; the key is the name under which receivers request an update. None for an update that
-            is expected but not there yet.
+        updates: Prepared updates, by the name under which receivers request an update. The value is None for an update
+            that does not exist yet.
     """
 
     # The order of the files does not matter. Scenes with equal content change together. While a file waits, only the
@@ -113,14 +114,18 @@ class UpdateFolder:
         return {name: self._prepare(chain.scene) for name, chain in changed.items()}
 
     def _next(self) -> tuple[list[str], Path] | None:
-        """Finds an update that can be applied; returns the names of the scenes to change and the file, or None."""
+        """Finds an update file that can be applied now.
+
+        Returns:
+            Names of the scenes that the update changes, and the path of the file. None if no update can be applied.
+        """
         states: dict[str, list[str]] = {}
         for name, chain in self._chains.items():
             states.setdefault(chain.source_digest, []).append(name)
         return next(((states[base], path) for path, base in self._waiting.items() if base in states), None)
 
     def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
-        """Checks that no changed scene equals a current or earlier version of another served scene.
+        """Checks that no updated scene equals an earlier version of another served scene, for which an update exists.
 
         Args:
             changed: Scenes that the update changes, by name, each with the update applied.
@@ -135,7 +140,7 @@ class UpdateFolder:
                 raise InvalidValueError(f"{' and '.join(changed)} would have the content that '{name}' had before")
 
     def _read_new(self, now: float) -> None:
-        """Reads files that are new or have changed."""
+        """Reads update files in the folder that are new or have changed."""
         present = sorted(self._folder.glob("*.swz"))
         for known in (self._seen, self._read, self._waiting):
             _forget_removed(known, set(present))

@@ -25,7 +25,7 @@ _CALLBACKS = ("__del__", "_remove", "on_disposal", "_on_type_disposal")
 
 
 class StoppedError(KeyboardInterrupt):
-    """Error of a command that a signal stopped before its end; the exit status is 128 plus the signal's number."""
+    """Error that ends a command after a signal such as SIGTERM. The exit status is 128 plus the signal's number."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
@@ -38,14 +38,14 @@ def status_of(interrupt: KeyboardInterrupt) -> int:
 
 
 class SignalErrors:
-    """Raises an error in the main thread for each signal.
+    """Signal handler that raises an error in the main thread.
 
-    If the interrupted code would discard the error, as callbacks of the import system do, it is raised after that code.
-
-    Signals that follow soon after wait until the command has cleaned up, or for `_CLEANUP_S` seconds.
+    Some functions would discard the error, such as those that Python calls while it frees objects. If a signal
+    interrupts such a function, the error is raised later. Further signals are delayed by up to `_CLEANUP_S` seconds, in
+    which the command removes its temporary files.
 
     Args:
-        error: Function that returns the error for the number of a signal.
+        error: Function that returns the error to raise, given the number of the signal.
         clock: Function that returns the time, seconds.
     """
 
@@ -55,7 +55,12 @@ class SignalErrors:
         self._cleaned_at = 0.0
 
     def handle(self, number: int, frame: FrameType | None) -> None:
-        """Handles a signal (see `signal.signal`)."""
+        """Raises the error for a signal, or schedules the signal again for a later time.
+
+        Args:
+            number: Number of the signal.
+            frame: Stack frame of the interrupted function, as for handlers of `signal.signal`.
+        """
         now = self._clock()
         if now < self._cleaned_at or not _may_raise(frame):
             _repeat_later(number)
@@ -67,9 +72,10 @@ class SignalErrors:
 
     @contextmanager
     def lost_ones_repeated(self) -> Iterator[None]:
-        """Context in which a signal is sent again if Python ignored its error, instead of a message on the error.
+        """Context in which a signal is sent again if Python has discarded the error raised for the signal.
 
-        Python ignores errors in functions that it calls while it frees objects, or that C calls.
+        Python discards errors in functions that it calls while it frees objects, and in callbacks from C. It would
+        otherwise only print a message about the error.
         """
         before = sys.unraisablehook
 
@@ -91,11 +97,11 @@ class SignalErrors:
 def first_interrupt(callback: Callable[[], None]) -> Iterator[None]:
     """Context in which the first SIGINT (Ctrl-C) only calls a function, in another thread.
 
-    Further ones have their action from before. If the signal is ignored, as in background jobs of a shell script, or
-    outside of the main thread, nothing changes.
+    Each further SIGINT has the action that was set before the context. If SIGINT is ignored, as in background jobs of a
+    shell script, the context changes nothing. The same holds outside of the main thread.
 
     Args:
-        callback: The function.
+        callback: Function to call.
     """
     before = signal.getsignal(signal.SIGINT)
     if before in (None, signal.SIG_IGN) or threading.current_thread() is not threading.main_thread():
@@ -119,7 +125,7 @@ def _repeat_later(number: int) -> None:
 
 
 def _repeat(number: int) -> None:
-    """Sends a signal to the main thread again, unless the command has ended meanwhile."""
+    """Sends a signal to the main thread again, unless the command has ended in the meantime."""
     time.sleep(_RETRY_S)
     handler, main = signal.getsignal(number), threading.main_thread().ident
     if not callable(handler) or handler is signal.default_int_handler or main is None:
@@ -131,10 +137,12 @@ def _repeat(number: int) -> None:
 
 
 def _may_raise(frame: FrameType | None) -> bool:
-    """True if no function that is running loses an error or would leave a lock held.
+    """True if a signal handler may raise an error now.
+
+    False while a function is running that would discard the error, or that would leave a lock held after the error.
 
     Args:
-        frame: Innermost function that is running.
+        frame: Stack frame of the innermost running function.
     """
     if frame is not None and _module(frame) in _LOCKING:
         return False

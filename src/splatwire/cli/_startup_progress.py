@@ -31,16 +31,16 @@ class StartupProgress(logging.Handler):
         print(f"splatwire {verb}: loading", file=sys.stderr, flush=True)
 
     def start(self) -> None:
-        """Starts the timer of the loading message if standard error is a terminal."""
+        """Starts the timer for the message that libraries are being loaded, if standard error is a terminal."""
         if sys.stderr.isatty():
             self._loading.start()
 
     def stop(self) -> None:
-        """Cancels the loading message."""
+        """Cancels the timer of the message that libraries are being loaded."""
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints a warning, or how far the compilation of kernels (here or in another process) has proceeded.
+        """Prints a warning, or the progress of the compilation of kernels in this or another process.
 
         Args:
             record: Log record of a compilation or of a warning.

@@ -76,7 +76,7 @@ def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dic
 
 
 def _end(process: "subprocess.Popen[str]") -> None:
-    """Ends a process that still runs; it has `_GRACE_S` seconds to remove its temporary files."""
+    """Ends a process if it still runs. The process gets `_GRACE_S` seconds to remove its temporary files."""
     if process.poll() is None:
         process.terminate()
         with suppress(subprocess.TimeoutExpired):

@@ -104,5 +104,5 @@ def print_failure(text: str) -> None:
 
 
 def discard_stderr() -> None:
-    """Redirects standard error to the null device; otherwise Python would fail to flush it at exit."""
+    """Redirects standard error to the null device, because Python would otherwise report an error when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())

@@ -106,9 +106,14 @@ def run_gaussians(command: Train, device: str, device_name: str) -> None:
 
 
 def _write(scene: SplatScene, train: Dataset, output: Path) -> int | None:
-    """Writes the trained scene.
+    """Writes the trained scene to a file.
 
-    Returns the number of bytes of a stream, or None if `output` is not a `.swz` file.
+    Returns the size of the file in bytes if it is a stream (`.swz`), else None.
+
+    Args:
+        scene: The trained scene.
+        train: Dataset with the training views; their cameras give a stream its initial viewpoint.
+        output: Path of the output.
     """
     if not output.name.lower().endswith(FILE_SUFFIX):
         save_scene(scene, output)

@@ -89,7 +89,7 @@ def changed_options(command: Train) -> list[str]:
 
 
 def preview_writer(path: str | None) -> Callable[[QualityReport], None]:
-    """Returns a callback that writes the preview picture of each test during training to a file.
+    """Returns a callback that writes the preview picture of each quality test during training to a file.
 
     Args:
         path: Path of the image file; None to write nothing.
@@ -249,7 +249,7 @@ def parsed_size(text: str) -> int:
 
 
 def checked_size(scene: AnchorScene, target_bytes: int) -> int | None:
-    """Returns the size of a trained scene's stream in bytes, and prints a message if the target size is missed.
+    """Returns the size of a trained scene's stream in bytes, and prints a message if it is far from the target size.
 
     Args:
         scene: The scene.

@@ -105,7 +105,7 @@ def _standard_streams() -> Iterator[None]:
 
 @contextmanager
 def _rare_collections() -> Iterator[None]:
-    """Makes Python's garbage collections rare, for a faster start and exit."""
+    """Context in which Python's garbage collector runs rarely, for a faster start and exit."""
     # Loading libraries creates half a million objects, none of which becomes garbage. Default collections, one per 700
     # new objects, take a sixth of a command's start-up time, and two at the end of the process another tenth.
     atexit.register(gc.freeze)
@@ -118,7 +118,7 @@ def _rare_collections() -> Iterator[None]:
 
 
 def _end_at_next_interrupt() -> None:
-    """Lets another Ctrl-C end the process at once, after the command has ended."""
+    """Restores the default action of SIGINT, so that another Ctrl-C ends the process at once."""
     # Otherwise, Python prints a traceback for it while objects are freed and the process shuts down.
     # A handler that is not Python's (None) stays, because it could not be set again.
     if _in_main_thread() and signal.getsignal(signal.SIGINT) not in (None, signal.SIG_DFL, signal.SIG_IGN):
@@ -133,11 +133,12 @@ def _in_main_thread() -> bool:
 def _signals_as_exit(*, in_process: bool) -> Iterator[None]:
     """Converts SIGINT, SIGTERM and SIGHUP to a regular exit of the process, so that temporary files are removed.
 
-    A signal raises KeyboardInterrupt (SIGINT) or StoppedError as soon as the error cannot get lost. Signals that are
-    ignored, or have a handler of the caller, keep their action.
+    SIGINT raises KeyboardInterrupt, the others raise StoppedError (`SignalErrors`). Signals that are ignored, or have a
+    handler of the caller, keep their action.
 
     Args:
-        in_process: True if the process continues after the command; the action of Ctrl-C is then restored, too.
+        in_process: True if the process continues after the command. The previous action of SIGINT is then restored at
+            the end.
     """
 
     def stop(number: int) -> BaseException:
@@ -257,7 +258,7 @@ def _parse(arguments: list[str]) -> Any:
 
 @contextmanager
 def _help_output() -> Iterator[None]:
-    """Discards help texts if standard output is closed, and makes them at least `_MIN_COLUMNS` wide."""
+    """Context in which help texts are at least `_MIN_COLUMNS` wide, and are discarded if standard output is closed."""
     with contextlib.ExitStack() as stack:
         if shutil.get_terminal_size().columns < _MIN_COLUMNS:
             stack.enter_context(_columns(_MIN_COLUMNS))  # the option parser would break lines without end

@@ -23,7 +23,10 @@ _DAMAGED = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, Uni
 
 
 class _LimitedReader(io.BufferedReader):
-    """File object for a ZIP reader that limits the number of bytes read for the archive's directory."""
+    """File object for a ZIP reader, which raises an error if the archive's list of members is too long.
+
+    The limit of `MAX_DIRECTORY_BYTES` bytes per call of `read` applies while the attribute `limited` is True.
+    """
 
     limited = True
 
@@ -134,8 +137,8 @@ def open_archive(path: Path, error: type[SplatwireError]) -> Iterator[Archive]:
         error: Exception class to raise for a damaged archive.
 
     Raises:
-        SplatwireError: An `error` if it is not an ordinary file, not an archive, damaged, or has two members of one
-            name.
+        SplatwireError: An exception of class `error` if the path is not an ordinary file, or the file is no archive, is
+            damaged, or has two members of one name.
     """
     with contextlib.ExitStack() as stack:
         file = stack.enter_context(_LimitedReader(open_regular(path, error).detach()))

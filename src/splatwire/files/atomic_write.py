@@ -43,8 +43,8 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
         parents: True to create missing parent folders; False to raise an error.
 
     Raises:
-        InvalidValueError: If the target is not a valid path, is a device or similar or a link to itself, or if its
-            parent folder does not exist.
+        InvalidValueError: If the target is not a valid path, is a special file such as a device, or is a link to
+            itself; or if its parent folder does not exist.
         OSError: If the system call fails; nothing is changed then.
     """
     goal = _resolved_target(path_of(target))
@@ -99,7 +99,8 @@ def check_writable(path: Path, *, inside: bool = False) -> None:
         inside: True if the output is an existing folder that receives files.
 
     Raises:
-        InvalidValueError: If it cannot be written: its folder does not exist, is read-only or belongs to another user.
+        InvalidValueError: If the output cannot be written, because its folder does not exist, is read-only or belongs
+            to another user.
     """
     into = path if inside else path.parent
     try:
@@ -130,7 +131,7 @@ def _resolved_target(path: Path) -> Path:
 
 
 def _replaceable(path: Path) -> bool:
-    """True if this user may replace an existing output.
+    """True if the current user may replace an existing output.
 
     In folders with the sticky bit, such as /tmp, only the owners of the output and of the folder may replace it.
     """
@@ -141,7 +142,9 @@ def _replaceable(path: Path) -> bool:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Cleans up after killed writers: deletes their temporary folders, and restores the folders that they had renamed.
+    """Cleans up after programs that were killed while they wrote outputs.
+
+    Deletes their temporary folders, and restores the old output folders that they had renamed.
 
     Args:
         folder: Folder of the outputs.
@@ -160,13 +163,13 @@ def remove_unfinished(folder: Path) -> None:
 
 @functools.lru_cache(maxsize=1024)
 def _tidy_once(folder: Path) -> None:
-    """Cleans up after killed writers in a folder (`remove_unfinished`). Repeated calls for a folder do nothing."""
+    """Calls `remove_unfinished` for a folder, which cleans up after killed programs. Repeated calls do nothing."""
     remove_unfinished(folder)
 
 
 @contextmanager
 def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> Iterator[int]:
-    """Opens a folder of the current user and returns the file descriptor.
+    """Context manager that opens a folder of the current user and yields the file descriptor.
 
     Args:
         name: Name of the folder.
@@ -174,7 +177,8 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
         follow: True to follow a link and to accept the folder of another user.
 
     Raises:
-        OSError: If it is not a folder, is a link, or belongs to another user.
+        OSError: If the name is not that of a folder. Without `follow`, also if the folder is a link or belongs to
+            another user.
     """
     handle = os.open(name, os.O_RDONLY | os.O_DIRECTORY | (0 if follow else os.O_NOFOLLOW), dir_fd=parent)
     try:
@@ -186,7 +190,7 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
 
 
 def _is_workspace(space: int) -> bool:
-    """True if an open folder is the temporary folder of a writer, and only the current user can access it.
+    """True if an open folder is a temporary folder of `atomic_output`, and only the current user can access it.
 
     Args:
         space: File descriptor of the folder.
@@ -203,11 +207,11 @@ def _is_workspace(space: int) -> bool:
 
 
 def _restore(space: int, parent: int) -> None:
-    """Moves folders back to their original paths, from which a killed writer had moved them.
+    """Moves old output folders back to their original paths, after a program was killed while it replaced them.
 
     Args:
-        space: File descriptor of the temporary folder of the killed writer.
-        parent: File descriptor of the folder that contains it.
+        space: File descriptor of the temporary folder, to which the killed program had moved the old folders.
+        parent: File descriptor of the folder that contains the temporary folder.
     """
     with suppress(OSError), _opened_folder(_OLD, space) as aside:
         for name in os.listdir(aside):

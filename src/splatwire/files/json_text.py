@@ -17,7 +17,7 @@ def json_text(content: Mapping[str, Any], indent: int | None = None) -> str:
 
 
 def json_ready(value: Any) -> Any:
-    """Converts a value for JSON: numbers that are not finite become None, keys become strings."""
+    """Converts a value to one that JSON can express: numbers that are not finite become None, keys become strings."""
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -39,7 +39,8 @@ class Kind:
     Attributes:
         key: Short identifier.
         description: Description with its article, such as `a PLY file`, for messages.
-        use: Operations available for this format, as the end of a sentence in error messages; may be empty.
+        use: Advice on what to do with files of this format, for the end of error messages. Empty if splatwire cannot
+            read such files.
     """
 
     key: str
@@ -296,7 +297,7 @@ def is_not(path: Path, wanted: str, why: str = "") -> str:
 
 
 def model_nearby(path: Path, *kinds: Kind) -> str:
-    """Returns a hint for an error message: an accepted model folder above or below a path.
+    """Returns a hint for an error message: the path of a suitable model folder above or below a rejected path.
 
     The hint is empty if no such folder is found.
 
@@ -357,9 +358,9 @@ def kind_of_format(file_format: FileFormat) -> Kind:
 
 
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
-    """Returns the format of a file that an installed package recognises; otherwise the built-in result.
+    """Returns the format of a file that another installed package recognises, else the built-in result.
 
-    Packages are consulted only if no built-in format was found and the file is not empty.
+    Packages are only consulted if splatwire itself cannot read the file and the file is not empty.
 
     Args:
         kind: Result of the built-in detection; its `use` is empty if splatwire cannot read the file.
@@ -420,7 +421,7 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
 
 
 def _has_ksplat_header(head: bytes) -> bool:
-    """True if a file begins as `.ksplat` files do; its name does not matter.
+    """True if a file begins like a `.ksplat` file; the name of the file does not matter.
 
     The format has no signature: the unused 4,052 bytes of the header are 0, and the used ones are plausible.
     """

@@ -19,7 +19,7 @@ def safe_name(name: str, fallback: str = "unnamed") -> str:
 
 
 def distinct_names(names: Iterable[str], fallback: str = "unnamed") -> tuple[str, ...]:
-    """Converts names to file names that differ even if letter case is ignored; repeated names get a number."""
+    """Converts names to file names that differ even if letter case is ignored. Repeated names get a number."""
     found: list[str] = []
     taken: set[str] = set()
     last: dict[str, int] = {}
@@ -34,7 +34,7 @@ def distinct_names(names: Iterable[str], fallback: str = "unnamed") -> tuple[str
 
 
 def real_path(path: Path) -> Path:
-    """Returns the absolute path without symbolic links, as far as they can be followed."""
+    """Returns the absolute path with symbolic links replaced by their targets, as far as the links can be followed."""
     return Path(os.path.realpath(path))  # `Path.resolve` fails for a link to itself
 
 

@@ -37,7 +37,7 @@ class OpenedFile(_NativePath):
         self._kind, self._file = kind, file
 
     def detach(self) -> None:
-        """Closes the file. Afterwards the object is an ordinary path, which keeps no file open."""
+        """Closes the file. From then on, this object is an ordinary path."""
         if self._file is not None:
             self._file.close()
         self._kind = self._file = None
@@ -51,7 +51,7 @@ class OpenedFile(_NativePath):
     def reader(self) -> BufferedReader | None:
         """Returns a file object at the first byte of the open file, or None if the file is not open.
 
-        The caller closes it. All such objects share one position in the file.
+        The caller must close the file object. All file objects of this path share one position in the file.
         """
         if self._file is None:
             return None

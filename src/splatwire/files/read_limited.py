@@ -23,7 +23,8 @@ def open_regular(path: Path, error: type[SplatwireError]) -> BufferedReader:
         error: Exception class to raise if the path is not an ordinary file.
 
     Raises:
-        SplatwireError: An `error` if it is missing, a folder, a pipe or a device, or cannot be read.
+        SplatwireError: An exception of class `error` if the file is missing, cannot be read, or is a folder, a pipe or
+            a device.
     """
     if isinstance(path, OpenedFile) and (file := path.reader()) is not None:
         return file
@@ -38,10 +39,10 @@ def open_regular(path: Path, error: type[SplatwireError]) -> BufferedReader:
 
 
 def read_at_most(path: Path, size: int, error: type[SplatwireError]) -> bytes:
-    """Reads the first `size` bytes of an ordinary file, or all if it is shorter.
+    """Reads the first `size` bytes of an ordinary file, or the whole file if it is shorter.
 
     Raises:
-        SplatwireError: An `error` if it is not an ordinary file or cannot be read.
+        SplatwireError: An exception of class `error` if the path is not an ordinary file, or the file cannot be read.
     """
     with open_regular(path, error) as file:
         try:
@@ -54,7 +55,8 @@ def read_limited(path: Path, limit: int, error: type[SplatwireError]) -> bytes:
     """Reads an ordinary file of at most `limit` bytes.
 
     Raises:
-        SplatwireError: An `error` if it is not an ordinary file, cannot be read or is larger.
+        SplatwireError: An exception of class `error` if the path is not an ordinary file, or the file cannot be read or
+            is larger than the limit.
     """
     data = read_at_most(path, limit + 1, error)
     if len(data) > limit:
@@ -66,7 +68,8 @@ def read_json(path: Path, error: type[SplatwireError]) -> Any:
     """Reads a JSON file of at most `MAX_JSON_BYTES`.
 
     Raises:
-        SplatwireError: An `error` if it is not an ordinary file, too large or not JSON.
+        SplatwireError: An exception of class `error` if the path is not an ordinary file, or the file is too large or
+            is not JSON.
     """
     data = read_limited(path, MAX_JSON_BYTES, error)
     try:

@@ -17,13 +17,14 @@ class FileFormat:
     Attributes:
         name: Name in messages and in `splatwire export`, such as `spz`.
         description: Description of such a file with its article, such as `an SPZ file`, for messages.
-        recognises: Returns True for a file of this format, given its first bytes (up to 65,536) and the suffix of its
-            name in lower case (`.spz`). Called for files of no other known format. None for built-in formats.
+        recognises: Function that returns True for a file of this format. Its arguments are the first bytes of the file
+            (up to 65,536) and the suffix of the file name in lower case (`.spz`). It is called only for files of which
+            no built-in format is known. None for built-in formats.
         read: Function that reads a file into `splatwire.io.formats.FileContent` or `splatwire.types.splats.Splats`;
             with `scene_type`, into a scene of that type. None for write-only formats.
-        write: Function that writes Gaussians and returns their number. Called with batches of Gaussians (`Splats`, all
-            of one degree), the path, and the properties in `keeps`; with `scene_type`, with a scene and the path. None
-            for read-only formats.
+        write: Function that writes a file and returns the number of Gaussians. Its arguments are batches of Gaussians
+            (`Splats`, all of one degree), the path, and the properties in `keeps`; with `scene_type`, a scene and the
+            path. None for read-only formats.
         scene_type: Type of the scenes in such files; None for explicit Gaussians.
         ending: File name extension without the first dot; `name` if empty.
         keeps: Names of scene properties that `write` accepts as keywords: `antialiased`, `origin`, `metadata`, `note`;

@@ -25,7 +25,7 @@ arrays and sets of any size."""
 
 
 def check_tensor_file(path: Path, error: type[SplatwireError], limit: int = MAX_TENSOR_FILE_BYTES) -> None:
-    """Checks that a file is safe for `torch.load` with `weights_only`, and not larger in memory than on disk.
+    """Checks that a file is safe for `torch.load` with `weights_only`, and is not larger in memory than on disk.
 
     Args:
         path: The file.
@@ -59,7 +59,7 @@ def _refuse_calls(description: bytes | BinaryIO) -> None:
     """Checks that a pickle refers only to the classes and functions of plain tensors.
 
     Raises:
-        ValueError: If it refers to any other class or function.
+        ValueError: If the pickle refers to any other class or function.
     """
     for code, argument, _ in genops(description):
         odd = code.name == "GLOBAL" and not _PLAIN.fullmatch(str(argument))
@@ -254,9 +254,9 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
 
 
 def _storage(word: str, kind: _Name, key: str, device: str, count: int, *views: Any) -> _Storage:
-    """Parses the reference from a pickled tensor to its data in a PyTorch file.
+    """Parses the reference of a pickled tensor to the tensor's data in a PyTorch file.
 
-    The arguments are the items of that reference.
+    The arguments are the items of the reference, in order.
 
     Args:
         word: Always `storage`.
@@ -276,7 +276,7 @@ def _storage(word: str, kind: _Name, key: str, device: str, count: int, *views: 
 
 
 def _construct(maker: Any, arguments: tuple[Any, ...]) -> Any:
-    """Interprets a function call in a pickle without calling the function.
+    """Interprets a function call in a pickle without performing the call.
 
     Args:
         maker: The function that the pickle names.

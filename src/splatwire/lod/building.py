@@ -23,6 +23,8 @@ proportion to the size of their Gaussians."""
 class BuiltLevels:
     """Levels of detail of a scene, and their relation to the original Gaussians.
 
+    A tile is a spatial block of neighbouring Gaussians of one level.
+
     Attributes:
         scene: Gaussians of all levels, coarsest level first.
         order: For each Gaussian of the finest level, its index in the original scene, int64.
@@ -97,7 +99,7 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 def _gaussians_per_tile(
     splats: Splats, finer: LevelShape, shape: LevelShape
 ) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Decides how many Gaussians of the next coarser level represent each tile of a level of detail.
+    """Decides how many Gaussians of the next coarser level of detail represent each tile of the finer level.
 
     Args:
         splats: Gaussians of the finer level.
@@ -105,8 +107,9 @@ def _gaussians_per_tile(
         shape: Sizes of the next coarser level and its tiles.
 
     Yields:
-        For each tile of the finer level: index of the coarser tile that replaces it; index of the tile; number of
-        Gaussians of the coarser tile that represent it; and result of `footprints` for its own Gaussians.
+        For each tile of the finer level, four values: index of the coarser tile that replaces the finer tile; index of
+        the finer tile; number of Gaussians of the coarser tile that represent the finer tile; and result of
+        `footprints` for the Gaussians of the finer tile.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):

@@ -84,11 +84,11 @@ def encode_levels(
 def _precision_classes(
     built: BuiltLevels, classes: np.ndarray | None, quality: str | int | float | Quality | None
 ) -> np.ndarray:
-    """Chooses the precision class of each Gaussian in all levels of detail.
+    """Chooses the precision class (set of quantisation steps) of each Gaussian in all levels of detail.
 
     Args:
         built: The levels of detail.
-        classes: Precision classes of the original Gaussians; None for class 0.
+        classes: Precision classes of the original Gaussians; None for class 0, the finest.
         quality: Quantisation quality; None for the default.
     """
     chosen = quality_of("default" if quality is None else quality).num_classes(built.scene.splats.degree)

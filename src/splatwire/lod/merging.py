@@ -42,7 +42,7 @@ def reduce_gaussians(splats: Splats, count: int, mass: np.ndarray | None = None)
 
     Returns:
         The reduced Gaussians, kept ones first; the number of kept Gaussians; and the error: the area-weighted root mean
-        square distance between centres of Gaussians and of their replacements, world units.
+        square distance between the centre of each Gaussian and that of its replacement, world units.
     """
     mass = footprints(splats) if mass is None else mass
     kept = _num_unchanged(mass, count)
@@ -58,11 +58,11 @@ def reduce_gaussians(splats: Splats, count: int, mass: np.ndarray | None = None)
 
 
 def _num_unchanged(mass: np.ndarray, count: int) -> int:
-    """Returns the number of Gaussians to keep unchanged, largest first, while the others are merged.
+    """Returns how many of the largest Gaussians are kept unchanged; all others are merged.
 
     Args:
         mass: Area times opacity of each Gaussian.
-        count: Number of Gaussians after the reduction.
+        count: Number of Gaussians after the reduction, kept and merged ones together.
     """
     ordered = -np.sort(-mass)[:count]
     # A Gaussian stays unchanged if it is larger than an average merged Gaussian would be.
@@ -85,8 +85,8 @@ def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[S
         starts: Index of the first Gaussian of each group.
 
     Returns:
-        The merged Gaussians, and the sum of the weighted squared distances between centres of Gaussians and of their
-        replacements.
+        The merged Gaussians; and the sum of the weighted squared distances between the centre of each Gaussian and that
+        of its replacement.
     """
     weight = np.maximum(mass, 1e-30)
     total = np.add.reduceat(weight, starts)

@@ -23,7 +23,7 @@ def write_packed_gltf(stream: SceneStream, fallback: Splats, path: Path) -> None
 
     Args:
         stream: The stream.
-        fallback: The few Gaussians, see `fallback_of`.
+        fallback: Gaussians for programs that cannot read the stream, see `fallback_of`.
         path: Path of the output file.
     """
     sections = sections_of(stream)

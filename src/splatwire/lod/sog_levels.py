@@ -116,7 +116,12 @@ def write_sog_levels(
 
 
 def _num_levels(count: int, leaf: int) -> int:
-    """Returns how many levels of detail a scene needs."""
+    """Returns how many levels of detail a scene needs.
+
+    Args:
+        count: Number of Gaussians of the scene.
+        leaf: Maximum number of Gaussians per leaf of the k-d tree.
+    """
     levels = 1
     while levels < _MAX_LEVELS and count > FACTOR and count * FACTOR > leaf:
         count, levels = -(-count // FACTOR), levels + 1
@@ -134,7 +139,7 @@ def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
 
 
 def _leaf_nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]:
-    """Builds the JSON object of each leaf of the k-d tree: its bounding box, and where the Gaussians of each level are.
+    """Builds the JSON object of each leaf of the k-d tree: its bounding box, and the place of each level's Gaussians.
 
     Args:
         leaves: For each leaf, the Gaussians of each level.

@@ -122,8 +122,8 @@ def explicit_scene(scene: Scene, holder: str) -> SplatScene:
 
     Args:
         scene: The scene.
-        holder: Output format and verb, such as "3D Tiles hold": the beginning of the error message about scenes of
-            anchors, before " explicit Gaussians".
+        holder: Start of the error message for scenes of anchors, before the words "explicit Gaussians", such as
+            "3D Tiles hold".
 
     Raises:
         InvalidValueError: If there is no Gaussian, or the scene has anchors.
@@ -176,7 +176,7 @@ def _node(splats: Splats, error: float, name: str) -> dict[str, Any]:
 
 
 def _attach(nodes: list[dict[str, Any]], finer: list[dict[str, Any]]) -> None:
-    """Adds finer tiles of a 3D Tiles tileset as children of the coarser tiles that they refine.
+    """Adds finer tiles of a 3D Tiles tileset as children of the coarser tiles that they replace in near views.
 
     Args:
         nodes: JSON objects of the coarser tiles, changed in place.

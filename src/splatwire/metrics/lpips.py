@@ -121,7 +121,7 @@ class Lpips:
         return outputs
 
     def distance(self, first: tuple[np.ndarray, ...], second: tuple[np.ndarray, ...]) -> Float[np.ndarray, "C"]:
-        """Returns the LPIPS distance of images, given their network features from `features`."""
+        """Returns the LPIPS distance of each pair of images, given the results of `features` for both sets."""
         total = np.zeros(len(first[0]), np.float32)
         for a, b, weight in zip(first, second, self.linear, strict=True):
             total += np.einsum("cdhw,d->chw", (a - b) ** 2, weight).mean(axis=(1, 2))

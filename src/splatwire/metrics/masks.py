@@ -15,7 +15,7 @@ _MOST = 8.0
 
 @checked
 def black_outside(images: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"]) -> Float[np.ndarray, "C H W 3"]:
-    """Sets pixels outside the masks to black, for metrics that compare neighbourhoods (SSIM, LPIPS).
+    """Sets pixels outside the masks to black, for metrics that compare neighbourhoods of pixels (SSIM, LPIPS).
 
     Args:
         images: RGB in [0, 1].
@@ -30,7 +30,7 @@ def image_pair(images: Any, references: Any) -> tuple[np.ndarray, np.ndarray]:
     """Converts two sets of pictures to arrays of the same shape (C, H, W, 3).
 
     Raises:
-        InvalidValueError: If they are not pictures of one size, or their values are those of 8-bit pictures.
+        InvalidValueError: If the pictures have different sizes, or values above 1, such as those of 8-bit pictures.
     """
     ours = _unit_range(array_of(images, "images", ("C", "H", "W", 3)), "images")
     return ours, _unit_range(array_of(references, "references", ours.shape), "references")

@@ -14,7 +14,7 @@ _MAX_SCALE = float(np.finfo(np.float32).max)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _rotate(quat, offset, out):
-    """Rotates a keyframe Gaussian by the change of its track in one frame.
+    """Rotates a keyframe Gaussian to its orientation in one frame of its track (one Gaussian over time).
 
     Args:
         quat: Unit quaternion of the keyframe Gaussian, (w, x, y, z).
@@ -38,7 +38,7 @@ def _rotate(quat, offset, out):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _scale(scales, offset, out):
-    """Scales a keyframe Gaussian by the change of its track in one frame.
+    """Scales a keyframe Gaussian to its size in one frame of its track (one Gaussian over time).
 
     Args:
         scales: Standard deviations of the keyframe Gaussian along its axes.

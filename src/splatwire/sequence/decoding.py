@@ -56,8 +56,8 @@ def decode_frames(
         sequence: Received sequence.
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
         first: Number of the first frame to decode.
-        available: Function that returns the mask of keyframe Gaussians that may be used for a group of pictures, bool
-            (T), given the index of the group. None to use all received ones.
+        available: Function that takes the index of a group of pictures, and returns the mask of keyframe Gaussians
+            that may be used for the group, bool (T). None to use all received keyframe Gaussians.
 
     Raises:
         InvalidValueError: If the sequence has no such frame.
@@ -76,17 +76,18 @@ def decode_frames(
 def decode_group(
     sequence: SequenceScene, group: int, known: np.ndarray, memory: ConcealmentState | None, method: TemporalConcealer
 ) -> tuple[Iterator[SequenceFrame], Callable[[], ConcealmentState]]:
-    """Decodes one group of pictures of a sequence.
+    """Decodes one group of pictures (GOP) of a sequence.
 
     Args:
         sequence: Received sequence.
         group: Index of the group of pictures.
         known: Mask of available keyframe Gaussians, bool (T).
-        memory: State that loss concealment keeps from the previous group; None if that group was not decoded.
+        memory: State of the loss concealment after the previous group; None if the previous group was not decoded.
         method: Concealer for tracks with lost motion.
 
     Returns:
-        Iterator that decodes the frames of the group, and a function that returns the state to keep for the next group.
+        Iterator that decodes the frames of the group; and function that returns the state of the loss concealment after
+        these frames, for the next group.
     """
     poses, hidden, after = conceal_group(sequence, sequence.motion(group, known), group, known, memory, method)
     hints = covering_gains(sequence, known, group, poses, hidden) if method.grow else None
@@ -115,7 +116,7 @@ class SequenceDecoder:
 
     Args:
         manifest: Manifest of the stream.
-        side_info: Side information of the stream.
+        side_info: Side information of the stream (data that all packets need).
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
 
     Raises:
@@ -164,7 +165,7 @@ def pose_frame(
         poses: Motion of the tracks in the group.
         index: Frame index within the group.
         number: Frame number within the sequence.
-        hints: Factors that enlarge the Gaussians of all tracks to cover missing ones; None if nothing is missing.
+        hints: Factors on size and opacity of all tracks, which let them cover missing ones; None if nothing is missing.
     """
     here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
     tracks = poses.tracks[here]
@@ -211,14 +212,14 @@ def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
 def covering_gains(
     sequence: SequenceScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
 ) -> RenderHints | None:
-    """Computes factors that enlarge the drawn Gaussians of a group of pictures, so that they cover missing ones.
+    """Computes factors that enlarge the received Gaussians of a group of pictures, so that they cover missing ones.
 
     Args:
         sequence: Received sequence of T tracks.
         available: Mask of received keyframe Gaussians, bool (T).
         group: Index of the group of pictures.
-        poses: Motion of the drawn tracks in the group.
-        hidden: Estimated motion of the tracks that are not drawn, because their motion was lost.
+        poses: Motion of the drawn tracks in the group. A track is one Gaussian over time.
+        hidden: Estimated motion of the other tracks, which are not drawn because their motion was lost.
 
     Returns:
         Factors on size and opacity of all tracks; None if nothing is missing.
@@ -248,7 +249,7 @@ def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tup
         known: Mask of received Gaussians, bool (T).
 
     Returns:
-        Factors on size and factors on opacity, float32 (T) each.
+        Factors on the size and factors on the opacity of each Gaussian, float32 (T) each; 1 for no change.
     """
     size, opacity = np.ones((2, splats.num_gaussians), np.float32)
     scene = conceal(ReceivedScene(SplatScene(splats.select(index)), LossMask.of_anchors(known[index])), "grow")

@@ -39,8 +39,8 @@ def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
 def count_motions(stream: "SceneStream") -> dict[str, Any]:
     """Returns statistics on the motion of all Gaussians of a sequence, by name.
 
-    `died` is the number of tracks that end before the sequence ends. `still_share` is the fraction of tracks that do
-    not move within a group of pictures, 0 to 1, over all groups.
+    A track is one Gaussian over time. `died` is the number of tracks that end before the sequence ends. `still_share`
+    is the fraction of tracks that do not move within a group of pictures, 0 to 1, over all groups.
     """
     sequence = decode_stream(stream).scene
     alive, there, still = np.zeros(sequence.num_gaussians, bool), 0, 0

@@ -54,8 +54,8 @@ class SequenceEncoder:
 
     Args:
         options: Encoder options.
-        classes: Function that returns the precision class (set of quantisation steps) of each new Gaussian; None to
-            measure classes by rendering.
+        classes: Function that returns the precision class (set of quantisation steps) of each new Gaussian. None to
+            choose the classes by rendering the Gaussians.
         live: True to encode with less delay, at a higher total processing cost.
     """
 
@@ -162,14 +162,14 @@ class SequenceEncoder:
         return []
 
     def _warn_of_other_frame(self, frame: Frame, *, moved: bool) -> None:
-        """Logs a warning if a frame does not fit the first one; each of two warnings is logged once per sequence.
+        """Logs a warning if a frame does not fit the first frame of the sequence.
 
-        Either its Gaussians are too far from the origin of the sequence for precise positions, or its antialiasing
-        differs.
+        There are two such warnings, each logged once per sequence: the Gaussians are too far from the origin of the
+        sequence for precise positions; or the antialiasing of the frame differs from that of the first frame.
 
         Args:
             frame: The frame, relative to the origin of the sequence.
-            moved: True if the frame had another origin.
+            moved: True if the frame was converted from another origin.
         """
         if moved and "position" not in self._warned_kinds and (found := coarse_positions(frame.splats)) is not None:
             self._warned_kinds.add("position")
@@ -214,11 +214,11 @@ class SequenceEncoder:
         return {SECTION: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
-        """Returns the importance of each packet of the last group: the amount of visible motion in the packet."""
+        """Returns the importance of packets of the last group of pictures: the visible motion in each packet."""
         return [self._writer.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:
-        """Encodes the incomplete last group of pictures, and returns the group's packets."""
+        """Encodes the frames of the incomplete last group of pictures, and returns the packets of this group."""
         return self._flush() if self._frames else []
 
     def _flush(self) -> list[Packet]:
@@ -237,7 +237,7 @@ class SequenceEncoder:
         return self._writer.add(group, classes, cut=bool(cuts) and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
-        """Joins the frames of the current group of pictures to tracks."""
+        """Joins the Gaussians of the current group of pictures to tracks, each of which is one Gaussian over time."""
         if len(self._frames) < self._options.group_frames:
             return self._frames.group()
         # The analysis of the motion runs in parallel with the extrapolation of partial tracks.
@@ -253,9 +253,9 @@ class SequenceEncoder:
         """Switches to groups of one frame, for a sequence with many scene cuts, and encodes the first frames.
 
         Args:
-            group: Tracks of the first frames.
-            frames: The first frames of the sequence, which were to become one group.
-            cuts: Indices of those frames that begin a new scene.
+            group: Tracks (one Gaussian over time each) of the first frames.
+            frames: The first frames of the sequence, which would otherwise be encoded as one group of pictures.
+            cuts: Indices of the frames that begin a new scene.
             classes: Precision class of each track (its set of quantisation steps), (n).
 
         Returns:
@@ -276,8 +276,8 @@ class SequenceEncoder:
     def _precision(self, group: TrackGroup, cuts: list[int], new: np.ndarray) -> np.ndarray | None:
         """Chooses the precision class (set of quantisation steps) of each track in a group with a scene cut.
 
-        Tracks that begin at or after a scene cut are measured by rendering. In the first group, classes that are
-        already known are used instead if they cover most tracks.
+        For tracks that begin at or after a scene cut, the classes are chosen by rendering. In the first group, classes
+        that are already known are used instead if they cover most tracks. A track is one Gaussian over time.
 
         Args:
             group: Tracks of the group.
@@ -311,18 +311,21 @@ class SequenceEncoder:
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
-        """Returns the precision class for tracks without a measurement: the median of all measured classes.
+        """Returns a default precision class (set of quantisation steps) for tracks: the median of the known classes.
 
         Args:
-            count: Number of tracks that were not measured.
+            count: Number of tracks (one Gaussian over time each).
 
         Returns:
-            Class of each of these tracks, int8 (count); 0 if no class was measured.
+            The same class for each track, int8 (count); 0 if no class is known yet.
         """
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Does the work on the last group that was put off until its packets had been sent."""
+        """Does the work on the last group that its packets do not need: scene extent, check for changing colours.
+
+        This work follows after the packets were returned, which shortens the delay of a live sequence.
+        """
         sphere = None if self._last is None else bounding_sphere(self._last)
         self._extent = self._extent.union(sphere) if self._extent and sphere else self._extent or sphere
         self._last = None

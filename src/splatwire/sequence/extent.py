@@ -47,7 +47,11 @@ def bounding_sphere(splats: Splats) -> BoundingSphere | None:
 
 
 def sphere_around(positions: np.ndarray) -> BoundingSphere:
-    """Returns a sphere around nearly all points, (n, 3), n > 0, centred at their median."""
+    """Returns a sphere around nearly all points, centred at their median.
+
+    Args:
+        positions: The points, (n, 3), at least one.
+    """
     middle = lower_median(positions)
     away = np.linalg.norm(positions - middle, axis=1)
     last = np.sort(away)[int(np.ceil(NEARLY_ALL * len(away))) - 1]

@@ -97,7 +97,7 @@ class PipeSource:
         return found
 
     def mark_read(self, path: Path, signature: Signature | None) -> None:
-        """Does nothing: names arrive one after another, and each name is a new frame (see `FrameSource.mark_read`)."""
+        """Does nothing, because each name in the pipe is a new frame, even if the same name was read before."""
 
 
 class FolderSource:
@@ -131,7 +131,7 @@ class FolderSource:
         return self._complete(self._new(names), now)
 
     def _new(self, names: list[str]) -> list[tuple[Path, os.stat_result, Signature]]:
-        """Returns the files that are new or have changed, sorted by name."""
+        """Returns the files in the folder that are new or have changed since they were read, sorted by name."""
         found = []
         for name in names:
             path = self._folder / name
@@ -186,7 +186,13 @@ class FolderSource:
         self._warn(f"{path} is no frame and keeps changing: ignored until it is removed")
 
     def mark_read(self, path: Path, signature: Signature | None) -> None:
-        """Records that a file was read or is ignored (see `FrameSource.mark_read`)."""
+        """Records that a frame's file was read or is ignored, so that `poll` does not return the file again.
+
+        Args:
+            path: The file.
+            signature: State of the file when it was read (`signature_of`), so that a changed file is returned again.
+                None to ignore the file until it is removed.
+        """
         if signature is not None and path.name in self._done:
             self._done[path.name] = signature
 
@@ -197,8 +203,8 @@ class FolderSource:
 
         Args:
             path: The file.
-            status: Its status.
-            unchanged: Time since its last change, seconds.
+            status: Status of the file, as returned by `os.stat`.
+            unchanged: Time since the last change of the file, seconds.
             is_first: True at the first check of this file.
             has_later: True if later frames exist.
         """
@@ -222,7 +228,7 @@ class FolderSource:
 
 
 class UnreadableFrame:
-    """Failed attempts to read the file of one frame, which may still be written."""
+    """Record of failed attempts to read the file of one frame, which another program may still be writing."""
 
     def __init__(self) -> None:
         self._path: Path | None = None
@@ -256,7 +262,7 @@ class UnreadableFrame:
         return now - self._changed >= (UNREADABLE_TIMEOUT_QUEUED_S if blocks_others else UNREADABLE_TIMEOUT_S)
 
     def grows(self, now: float) -> bool:
-        """True if the file has grown for `GROWING_TIMEOUT_S` seconds and is still unreadable."""
+        """True if the first failed attempt to read the file was at least `GROWING_TIMEOUT_S` seconds ago."""
         return now - self._first >= GROWING_TIMEOUT_S
 
     def clear(self) -> None:

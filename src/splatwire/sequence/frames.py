@@ -101,8 +101,7 @@ def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Seque
     Args:
         path: The file.
         kind: Detected file type.
-        num_frames: Number of frames requested by the caller. Must be None, because the file determines the number of
-            frames.
+        num_frames: Must be None, because the file determines the number of frames.
 
     Raises:
         DatasetError: If the file is damaged, or an OpenUSD scene has no time samples.
@@ -126,7 +125,7 @@ def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Seque
 
 
 def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
-    """Yields the frames of moving Gaussians at the given times."""
+    """Yields the frames of moving Gaussians (functions of time) at the given times."""
     logged = False
     for time in times:
         splats = moving.at(time)

@@ -61,10 +61,10 @@ class GroupBuilder:
             self._find_neighbors(number)
 
     def _rows_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the index of the track of each Gaussian of the latest frame, and begins tracks for new keys.
+        """Returns the index in this group of the track of each Gaussian in the latest frame; new keys begin new tracks.
 
         Args:
-            keys: Track key of each Gaussian of the frame.
+            keys: Key of each Gaussian, which is the same in all frames of its track, int64 (M).
         """
         by, number = self._key_order, len(self.frames) - 1
         at = np.searchsorted(self._keys, keys, sorter=by)
@@ -90,7 +90,7 @@ class GroupBuilder:
             self._values[name] = grown
 
     def _find_neighbors(self, number: int) -> None:
-        """Finds the neighbours of tracks that begin in a frame, or that ended just before it.
+        """Finds the neighbours of tracks that begin in a frame, or whose last frame is the one before.
 
         Args:
             number: Index of the frame in the group.
@@ -112,14 +112,15 @@ class GroupBuilder:
             self._neighbor_sets.append(self._tree.nearest(means, came, count))
 
     def so_far(self) -> tuple[np.ndarray, Trajectories, int]:
-        """Returns the incomplete group: keys of the tracks, their values in each frame, and the number of frames."""
+        """Returns the incomplete group: keys of its tracks, their attributes in each frame, and number of frames."""
         count = len(self._keys)
         return self._keys, Trajectories(**{name: some[:count] for name, some in self._values.items()}), len(self.frames)
 
     def group(self) -> TrackGroup:
         """Returns the group of all frames added so far.
 
-        The motion of a track is extrapolated to frames in which the track does not exist.
+        In frames in which a track does not exist, it keeps its attributes from the nearest frame. Its position moves
+        like its neighbours, if most tracks move like their neighbours.
         """
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}

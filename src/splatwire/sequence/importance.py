@@ -15,11 +15,13 @@ from splatwire.codec.sequence.side_info import open_side_info
 def packet_importance(
     manifest: Manifest, side_info: bytes, packets: Sequence[Packet], weights: np.ndarray
 ) -> list[float]:
-    """Estimates how visible the loss of each motion packet would be; 0 for keyframe packets.
+    """Estimates how visible the loss of each packet would be: the total weight of the tracks that the packet moves.
+
+    The result is 0 for keyframe packets. A track is one Gaussian over time.
 
     Args:
         manifest: Manifest of the sequence.
-        side_info: Side information of the sequence.
+        side_info: Side information of the sequence (data that all packets need).
         packets: Some packets of the sequence.
         weights: Visibility of each track, from `weights_of`.
     """

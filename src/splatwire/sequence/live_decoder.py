@@ -110,7 +110,7 @@ class LiveDecoder:
             yield from self._frames_before(self._next + 1)
 
     def _frames_before(self, end: int) -> Iterator[SequenceFrame]:
-        """Yields the frames of all groups of pictures before group `end` that were not yet output."""
+        """Yields the frames of all groups of pictures with an index below `end` that were not yet output."""
         while self._next < end:
             group, self._next = self._next, self._next + 1
             yield from self._group(group)
@@ -143,7 +143,7 @@ class LiveDecoder:
             self._memory = after()
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
-        """Prepares a group of pictures for decoding: decodes its new keyframe packets, and stores its motion packets.
+        """Passes the received keyframe packets and motion packets of a group of pictures to a decoder.
 
         Args:
             decoder: Decoder that stores the data.
@@ -164,7 +164,8 @@ class LiveDecoder:
         Args:
             decoder: Decoder that stores the Gaussians.
             manifest: Current manifest.
-            complete_only: True to decode only blocks with all packets; False to decode incomplete blocks, too.
+            complete_only: True to decode only blocks (groups of keyframe Gaussians that are coded together) of which
+                all packets have arrived. False to decode incomplete blocks, too.
         """
         there = {block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._fresh}
         keyframes = {

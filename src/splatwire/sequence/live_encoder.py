@@ -21,7 +21,7 @@ PERIOD_BYTES = 1 << 26
 class LiveEncoder:
     """Encoder of a live sequence: returns an update of the stream after each group of pictures.
 
-    The sequence is divided into periods; each period is an independent stream.
+    The sequence is divided into periods of several groups. Each period is an independent stream.
 
     Args:
         options: Encoder options.
@@ -58,7 +58,7 @@ class LiveEncoder:
         return update
 
     def restart(self) -> None:
-        """Drops the incomplete group of pictures, and starts a new, independent stream."""
+        """Drops the frames of the incomplete group of pictures. The next frame starts a new, independent stream."""
         self.num_frames = self._num_served
         self._begin(self.encoder.restarted(self.num_frames))
 

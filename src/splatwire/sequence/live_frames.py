@@ -19,7 +19,7 @@ class LiveFrames:
     If decoding and writing are slower than the stream for minutes, packets are dropped, and a warning is logged.
 
     Args:
-        path: Output path. If it is a folder, frames are written into it. If it is a stream file, no frames are written.
+        path: Output path. A folder gets one file per frame. For the path of a stream file, no frames are written.
         concealer: Concealer for tracks with lost motion; None for the default.
         show: Called with progress messages.
     """

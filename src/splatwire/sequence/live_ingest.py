@@ -214,7 +214,7 @@ def _has_valid_rows(frame: Frame) -> bool:
 
 
 def _frame_properties(kind: tuple[int, bool]) -> str:
-    """Describes the degree and the antialiasing of a frame, which must be the same in all frames, for messages.
+    """Describes the properties of a frame that must be the same in all frames of a sequence, for messages.
 
     Args:
         kind: Degree of the spherical harmonics, and the antialiasing flag.
@@ -230,5 +230,5 @@ def _reason(error: Exception) -> str:
 
 
 def new_stream_id() -> int:
-    """Returns a random stream id, 32 bits."""
+    """Returns a random id for a stream, 32 bits."""
     return int.from_bytes(os.urandom(4), "little")

@@ -52,7 +52,7 @@ class Match:
 
 
 def tracked(previous: Splats, current: Splats) -> bool:
-    """True if two frames probably have their Gaussians in the same order.
+    """True if two frames probably have the same Gaussians in the same order.
 
     Args:
         previous: Previous frame.
@@ -191,7 +191,7 @@ def _match_one_to_one(
         appearance: Appearance of the previous frame's Gaussians, from `_appearance`.
         appearance_now: Appearance of the current frame's Gaussians.
         candidates: Number of nearest previous Gaussians that are compared with each current one.
-        weight: Weight of the distance relative to the appearance.
+        weight: Weight of the distance between positions, relative to the difference in appearance.
 
     Returns:
         Index of the match of each current Gaussian, -1 for none; and the mask of confident matches.

@@ -26,11 +26,11 @@ BATCH_SIZE = 1 << 12
 
 @dataclass(frozen=True, eq=False)
 class TrackedFrame:
-    """Gaussians of a frame with one track key each, equal in all frames of the track.
+    """Gaussians of a frame, each assigned to a track. A track is one Gaussian over time.
 
     Attributes:
-        splats: The Gaussians.
-        keys: Track key of each Gaussian, constant over frames, int64 (M).
+        splats: The M Gaussians.
+        keys: Key of the track of each Gaussian, the same number in all frames of the track, int64 (M).
     """
 
     splats: Splats
@@ -96,7 +96,7 @@ class NeighborSet:
         """Returns the neighbours of a selection of the tracks.
 
         Args:
-            selection: Indices of these tracks in `tracks`, or a mask or slice.
+            selection: Positions of the selected tracks in the array `tracks`: indices, a mask or a slice.
         """
         return NeighborSet(
             self.tracks[selection], self.frames[selection], self.neighbors[selection], self.weights[selection]
@@ -148,7 +148,7 @@ class NeighborIndex:
             means: Positions of all tracks in all frames, float32 (T, F, 3).
             tracks: Indices of the tracks for which neighbours are searched, int64.
             count: Number of nearest tracks to find for each track.
-            begin: Number of nearest tracks to omit: 1 if the tracks themselves are in the tree.
+            begin: Number of nearest tracks to omit: 1 if `tracks` are in the tree, so that each is nearest to itself.
         """
         found = self.tree.query(means[tracks, self.frame], k=min(count, len(self.rows)))[1].reshape(len(tracks), -1)
         return NeighborSet.with_weights(means, tracks, np.full(len(tracks), self.frame), self.rows[found[:, begin:]])
@@ -170,15 +170,16 @@ def extrapolate_partial_tracks(
 ) -> bool:
     """Extrapolates the positions of tracks that begin or end within a group of pictures to all frames of the group.
 
-    A track is moved like its neighbours. Without enough similarity between the motion of neighbours, nothing is
-    changed.
+    A track (one Gaussian over time) is moved like its neighbours. If neighbours in a sample do not move alike, nothing
+    is changed.
 
     Args:
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
         known: Neighbours that were already found for some of the tracks; may be empty.
-        sample: Sample of tracks with which the similarity is tested; None to choose the sample here.
+        sample: Sample of tracks with their neighbours, with which the similarity of their motion is tested; None to
+            choose the sample here.
 
     Returns:
         True if positions were extrapolated.

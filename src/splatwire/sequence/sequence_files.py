@@ -28,7 +28,7 @@ class SequenceFormat:
         kind: Detected file type of such a file (`splatwire.files.kinds`).
         module: Module in `splatwire.io.formats`.
         writer: Name of the function that writes frames, given frames, path and frames per second.
-        keeps: Names of scene properties that such a file stores.
+        keeps: Names of scene properties that such a file can store, such as the origin.
     """
 
     name: str

@@ -20,7 +20,7 @@ _SHARE = 1_000_000
 
 @dataclass(frozen=True)
 class TrackingReport(CheckedFields):
-    """Statistics of tracking over a sequence.
+    """Statistics on tracking: finding the same Gaussian again in each frame of a sequence.
 
     Attributes:
         tracked: Number of frames with the same order of Gaussians as the previous frame.
@@ -120,7 +120,7 @@ class Tracker:
         return self._matched(frame)
 
     def _by_rows(self, frame: Frame, count: bool) -> TrackedFrame:
-        """Gives each Gaussian the track key of the Gaussian with the same index in the previous frame.
+        """Gives each Gaussian of a frame the track key of the Gaussian with the same index in the previous frame.
 
         Args:
             frame: The frame.
@@ -134,7 +134,7 @@ class Tracker:
         return TrackedFrame(_drawn(frame), keys[frame.drawn])
 
     def _matched(self, frame: Frame) -> TrackedFrame:
-        """Returns the track key of each Gaussian: the key of the match in the previous frame, or a new key."""
+        """Matches a frame's Gaussians to the previous frame. Each gets the track key of its match, or a new key."""
         assert self._last is not None
         current = _drawn(frame)
         found = match(self._last.splats, current, self._match)

@@ -15,8 +15,8 @@ class WaitingEvents:
     """Bounded event queue between the receiver of a live sequence and the decoding thread.
 
     It contains only the events that the decoder uses: packets, and manifests with side information. A full queue drops
-    new packets. A manifest is never dropped. It replaces the last event in the queue if that is an older manifest of
-    the same stream; in a full queue, also a manifest of another stream.
+    new packets, but no manifests. If the last event in the queue is a manifest of the same stream, a new manifest
+    replaces it. In a full queue, a new manifest replaces also a manifest of another stream.
     """
 
     def __init__(self) -> None:

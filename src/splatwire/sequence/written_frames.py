@@ -57,7 +57,8 @@ def write_frames(
 ) -> dict[str, Any]:  # fmt: skip
     """Decodes a sequence and writes one file per frame, or a single frame.
 
-    Returns numbers of frames, tracks, lost tracks and concealed Gaussians by name, such as `num_frames`.
+    Returns the numbers of frames, tracks, lost tracks and concealed Gaussians by name, such as `num_frames`. A track is
+    one Gaussian over time.
 
     Args:
         stream: The sequence; packets may be missing.
@@ -98,7 +99,7 @@ def write_frames(
 
 
 def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Report) -> int:
-    """Writes the frames of a sequence in a frame format, one file per frame, and returns the number of files.
+    """Writes one file of explicit Gaussians per frame of a sequence, and returns the number of files.
 
     Args:
         sequence: The frames.

@@ -68,7 +68,7 @@ def source_symbols(data: bytes, symbol_bytes: int) -> list[bytes]:
 
 
 def recover(symbols: Mapping[int, bytes], total: int, symbol_bytes: int) -> list[bytes] | None:
-    """Recovers the source symbols of a block from enough received symbols.
+    """Recovers the source symbols of a source block (data that are encoded together) from enough received symbols.
 
     Args:
         symbols: Received symbols by number. Numbers 0 to K-1 are source symbols, higher numbers are repair symbols.

@@ -60,7 +60,7 @@ class MonitoringContent:
 
 
 class _ServerCollector(Collector):
-    """Prometheus collector that reads the counters of a server when they are scraped."""
+    """Prometheus collector that reads the counters of a server each time the metrics are requested."""
 
     def __init__(self, running: RunningServer) -> None:
         self._running = running

@@ -51,8 +51,8 @@ class RunningServer:
 
         Args:
             streams: Prepared streams by name.
-            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. None
-                for an update that does not exist yet.
+            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. The
+                value is None for an update that does not exist yet. Without this argument, there are no updates.
 
         Raises:
             InvalidValueError: If the files of the certificate are invalid.
@@ -65,12 +65,12 @@ class RunningServer:
     def publish(
         self, streams: Mapping[str, ServedStream], updates: Mapping[str, ServedStream | None] | None = None
     ) -> None:
-        """Replaces all streams and updates; running transfers are not affected.
+        """Replaces all streams and updates of the server. Running transfers continue with the old ones.
 
         Args:
             streams: Prepared streams by name.
-            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. None
-                for an update that does not exist yet.
+            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. The
+                value is None for an update that does not exist yet. Without this argument, there are no updates.
         """
         self.server.core.replace(streams, updates)
         if self.page is not None and isinstance(self.page.content, PageContent):

@@ -230,7 +230,7 @@ async def receive_udp(
 
 
 class _Client:
-    """Runs a receiver on a UDP socket: passes it the received datagrams and the time, and sends its datagrams."""
+    """Runs a receiver on a UDP socket: passes datagrams and the time to the receiver, and sends its datagrams."""
 
     def __init__(
         self, connection: socket.socket, receiver: Receiver, on_event: Callable[[Event], Any] | None, tap: Tap | None

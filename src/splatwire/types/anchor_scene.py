@@ -28,7 +28,7 @@ class GaussianHeads(CheckedFields):
 
     Attributes:
         opacity: K outputs, then tanh; Gaussians with values of 0 and below are not drawn.
-        covariance: 7 K outputs: three scale logits and a quaternion per offset.
+        covariance: 7 K outputs: three scale logits and a quaternion for each of the K Gaussians.
         color: 3 K outputs, then sigmoid.
     """
 
@@ -67,8 +67,8 @@ class ContextModel(CheckedFields):
     Attributes:
         grid: The hash grid.
         prior: Network that maps the hash-grid feature (H) to `ModelConfig.prior_dim` outputs.
-        channel: One network per group of feature channels, which predicts the distribution of these channels from the
-            outputs of `prior` and the groups decoded before.
+        channel: One network per group of feature channels. It predicts the distributions of these channels from the
+            outputs of `prior` and from the groups that were decoded before.
     """
 
     grid: HashGrid

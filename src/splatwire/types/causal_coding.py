@@ -64,9 +64,10 @@ class CausalCoding(CheckedFields):
         networks: The networks of `CausalConfig.shapes`, by name.
         steps: Quantisation step sizes: one for each feature group, then one each for offset scale, base size and
             offsets.
-        centres: Values subtracted from these four logarithms before quantisation.
+        centres: Values subtracted from the logarithms of the offset scale (1 value) and the base size (3 values) before
+            quantisation.
         middle: Centre of the scene, voxels.
-        spread: Distance from the centre along each axis that contains about half of the anchors, voxels.
+        spread: Distance from the centre along each axis, within which about half of the anchors lie, voxels.
         voxel_size: Spacing of anchor positions, world units.
         config: Configuration that determines the layer sizes of the networks.
     """

@@ -14,7 +14,7 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class LevelScene(SplatScene):
-    """Gaussians of all levels of detail of a scene, in coding order: coarsest level first, within a level by tile.
+    """Gaussians of all levels of detail of a scene, in coding order: the coarsest level first, each level tile by tile.
 
     A tile is a spatial block of neighbouring Gaussians of one level.
 
@@ -27,7 +27,7 @@ class LevelScene(SplatScene):
     __repr__ = summary_repr
 
     def select(self, index: Any) -> "LevelScene":
-        """Returns the scene with the Gaussians at the ascending indices `index`."""
+        """Returns the scene with only the Gaussians at `index` (integers, mask or slice), in their present order."""
         chosen = np.zeros(self.num_elements, np.bool_)
         chosen[indices_of(index, self.num_elements)] = True
         left = tuple(int(part.sum()) for part in np.split(chosen, np.cumsum(self.level_sizes)[:-1]))
@@ -50,7 +50,7 @@ class Levels:
 
     @property
     def copied(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the Gaussians in coarser levels that are unchanged copies of one Gaussian of the next finer level."""
+        """Mask of the Gaussians in coarser levels that are unchanged copies of Gaussians of the next finer level."""
         # The encoder gives copies a more precise class than merged Gaussians.
         coarser = self.lod_level > 0
         return coarser & (self.classes == self.classes[coarser].max()) if bool(coarser.any()) else coarser

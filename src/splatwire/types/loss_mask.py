@@ -51,7 +51,10 @@ class LossMask(CheckedFields):
 
     @staticmethod
     def of_anchors(known: Bool[Any, "N"]) -> "LossMask":
-        """Builds the mask for anchors that were received or lost as a whole.
+        """Builds the mask for anchors of which all attributes were received or all were lost.
+
+        Args:
+            known: Mask of received anchors.
 
         Raises:
             InvalidValueError: If `known` is not a one-dimensional array of booleans.

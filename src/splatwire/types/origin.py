@@ -51,7 +51,7 @@ def _is_coordinate(value: Any) -> bool:
 
 
 def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
-    """Chooses an origin for positions, so that positions relative to it are precise enough as float32.
+    """Chooses an origin for positions, so that float32 is precise enough for positions relative to the origin.
 
     Args:
         means: World coordinates, float (N, 3); rows that are not finite are ignored.
@@ -74,7 +74,7 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
 
 
 def choose_origin_of_small(means: np.ndarray) -> Origin:
-    """Chooses an origin for float64 positions if the scene is so small and far from 0 that float32 would be too coarse.
+    """Chooses an origin for float64 positions of a scene that is so small and far from 0 that float32 is too coarse.
 
     Args:
         means: World coordinates, float64 (N, 3); rows that are not finite are ignored.
@@ -110,7 +110,7 @@ def _middle_and_spread(means: np.ndarray) -> tuple[np.ndarray, float, float] | N
 
 
 def _is_far_and_small(far: float, spread: float) -> bool:
-    """True if float32 would visibly round the positions of a scene.
+    """True if rounding the positions of a scene to float32 would be visible.
 
     Args:
         far: Largest absolute coordinate of the median position.
@@ -165,7 +165,7 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Tests if an origin is so far from the positions that positions relative to it are imprecise as float32.
+    """Tests whether float32 is too imprecise for positions relative to an origin, because the origin is far away.
 
     Args:
         origin: The origin that a file declares.

@@ -22,8 +22,8 @@ class AttributePrior(CheckedFields):
     """Predicted normal distribution and quantisation step of one attribute of N anchors.
 
     Attributes:
-        mean: Predicted value per channel.
-        scale: Predicted standard deviation per channel, positive.
+        mean: Predicted mean of each of the D channels.
+        scale: Predicted standard deviation of each channel, positive.
         step: Quantisation step, one per anchor.
     """
 
@@ -83,7 +83,7 @@ class Prior(CheckedFields):
 
 
 def plausible_scalings(anchors: Anchors, loss_mask: LossMask, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
-    """Raises estimated scalings to at least the minimum over the received anchors, for each of the six components.
+    """Raises estimated scalings to at least the smallest received ones, for each of the six components.
 
     If no scaling was received, the minimum is 0.
 

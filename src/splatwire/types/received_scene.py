@@ -72,8 +72,9 @@ class Copies(CheckedFields):
     Attributes:
         indices: For each copy, index of its original Gaussian in coding order, without duplicates.
         splats: Attributes of the copies.
-        growth: Strengths of concealing lost Gaussians that have no copy, chosen by the sender: size increase of the
-            neighbours; opacity increase of the neighbours; and correction by the network of the concealer `scene_free`.
+        growth: Three strengths for concealing lost Gaussians that have no copy, chosen by the sender. The first two are
+            the exponents with which the size and the opacity of received neighbours increase. The third is the weight
+            of the correction by the network of the concealer `scene_free`.
     """
 
     indices: Int64[np.ndarray, "C"]
@@ -85,14 +86,16 @@ class Copies(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class ReceivedScene(Generic[S]):
-    """A decoded scene with possibly lost elements (Gaussians or anchors), and its side information.
+    """A decoded scene, in which elements (Gaussians or anchors) may be lost, and its side information.
+
+    Side information is the data that all packets need; it is received completely.
 
     Attributes:
         scene: The scene; lost elements have placeholder values.
         loss_mask: Mask of received attributes.
         sections: Sections of the side information for concealers: bytes by section name.
-        records: Further side information on the elements, at most one object of each type (`Expectation`,
-            `ExpectedPlaces`, `TierSizes`, `Copies`, `AnchorLayout`, …).
+        records: Further side information on the elements, at most one object of each type, such as `Prior`,
+            `ExpectedPlaces`, `TierSizes`, `Copies` or `AnchorLayout`.
     """
 
     scene: S
@@ -155,7 +158,8 @@ class ReceivedScene(Generic[S]):
     def positions(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
-        If exact positions are lost with their packets, these are approximate positions from the side information.
+        These are the decoded positions. In streams in which exact positions can be lost, they are the predicted
+        positions of all elements (`ExpectedPlaces`) instead.
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions
@@ -167,7 +171,7 @@ class ReceivedScene(Generic[S]):
 
     @property
     def log_sizes(self) -> Float[np.ndarray, "N"]:
-        """Expected logarithm of the size of each element, received or lost."""
+        """Expected natural logarithm of the size of each element, received or lost."""
         expected = self.expectation
         return to_numpy(self.elements.log_sizes if expected is None else expected.expected_log_sizes())
 
@@ -185,7 +189,7 @@ class ReceivedScene(Generic[S]):
 
     @property
     def filled(self) -> Any:
-        """The elements with missing values replaced by expected ones."""
+        """Elements of the scene, with missing values replaced by the values that the side information predicts."""
         expected = self.expectation
         return self.elements if expected is None else expected.filled(self.elements, self.loss_mask)
 

@@ -34,7 +34,7 @@ class RenderHints(CheckedFields):
 
 @dataclass(frozen=True)
 class Coverage(CheckedFields):
-    """Strength with which the concealer `grow` enlarges received elements next to lost ones, for one type of scene.
+    """Strength with which the concealer `grow` enlarges received elements next to lost ones, for one class of scenes.
 
     Let r be the received share of an element's neighbours, and `exponent` the parameter of the concealer. The element's
     size is multiplied by `r ** -(exponent * size)`. Its opacity o becomes
@@ -51,7 +51,7 @@ class Coverage(CheckedFields):
 
 @runtime_checkable
 class Elements(Protocol):
-    """Typing protocol (structural type) for N elements, which are Gaussians or anchors.
+    """Typing protocol (structural type) for the N elements of a scene, which are Gaussians or anchors.
 
     Each element has a position, a size, and one row in every attribute array.
     """
@@ -61,10 +61,10 @@ class Elements(Protocol):
         """Natural logarithm of each element's size, world units."""
 
     def select(self: Own, index: np.ndarray) -> Own:
-        """Returns the elements at `index`."""
+        """Returns the elements at `index` (integers or mask), in that order."""
 
     def with_losses(self: Own, known: Bool[np.ndarray, "N"], positions: Float[np.ndarray, "N 3"]) -> Own:
-        """Simulates losses: returns the elements with placeholder values for lost ones.
+        """Simulates losses: returns the elements with the values of lost ones replaced by placeholders.
 
         Args:
             known: Mask of received elements.

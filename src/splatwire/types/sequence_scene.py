@@ -22,7 +22,7 @@ from splatwire.types.validity import ElementValidity
 
 @dataclass(frozen=True)
 class Timeline:
-    """Frame rate, length and groups of pictures (GOPs) of a sequence.
+    """Frame rate of a sequence, its length, and its division into groups of pictures (GOPs).
 
     Attributes:
         rate: Frames per second.
@@ -120,7 +120,8 @@ class SequenceScene:
         tracks: The keyframe Gaussians.
         motion: Function that decodes the received motion of a group. Its arguments are the index of the group and the
             mask of received keyframe Gaussians, bool (T).
-        count: Number of elements, N: the keyframe Gaussians, and for each group the tracks whose motion is coded.
+        count: Number of coded elements, N: the keyframe Gaussians (one per track), plus for each group the tracks whose
+            motion is coded.
         background: RGB of the background.
         antialiased: True if the scene was trained with antialiased rendering (Mip-Splatting). Renderers then lower the
             opacity of Gaussians that they widen to a pixel.
@@ -154,7 +155,7 @@ class SequenceScene:
 
     @property
     def num_elements(self) -> int:
-        """Number of elements: the keyframe Gaussians, and for each group the tracks whose motion is coded."""
+        """Number of coded elements: the keyframe Gaussians, plus for each group the tracks whose motion is coded."""
         return self.count
 
     @property
@@ -193,7 +194,7 @@ class SequenceScene:
         )
 
     def select(self, index: np.ndarray) -> "SequenceScene":
-        """Returns the complete sequence for any index, because selecting tracks of a sequence is not supported."""
+        """Returns the complete sequence and ignores `index`, because tracks of a sequence cannot be selected."""
         # Motion refers to tracks by index.
         return self
 

@@ -75,14 +75,14 @@ def check_mask(mask: Any, count: int, name: str) -> None:
         name: Name of the argument, for the message.
 
     Raises:
-        InvalidValueError: If it is anything else, or has another length.
+        InvalidValueError: If the argument is anything else, or has another length.
     """
     if str(getattr(mask, "dtype", "")).removeprefix("torch.") != "bool" or tuple(mask.shape) != (count,):
         raise InvalidValueError(f"{name}: expected a bool array ({count:,},), not {summarize(mask)}")
 
 
 def check_hints(hints: Any, count: int) -> None:
-    """Checks that the hints of a scene are for as many elements as it has.
+    """Checks that the rendering hints of a scene are for as many elements as the scene has.
 
     Args:
         hints: `RenderHints` of the scene, or None.
@@ -107,7 +107,7 @@ def indices_of(index: Any, count: int) -> np.ndarray:
         count: Number of elements.
 
     Raises:
-        InvalidValueError: If it is anything else, a mask has another length, or an index is out of range.
+        InvalidValueError: If `index` is anything else, a mask has another length, or an index is out of range.
     """
     if isinstance(index, slice):
         try:

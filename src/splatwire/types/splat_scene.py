@@ -27,9 +27,9 @@ class SplatCoding(CheckedFields):
 
     Attributes:
         size_log: log2 of the scene's size in world units.
-        unit: `-log2` of the spacing of decoded positions, as a share of the scene's size.
-        coarsest: log2 of the largest quantisation step of positions, in multiples of this spacing.
-        bases: `-log2` of the quantisation step of each attribute in the least precise class.
+        unit: Precision of decoded positions: they are multiples of `2 ** (size_log - unit)` world units.
+        coarsest: log2 of the largest quantisation step of positions, in multiples of that spacing.
+        bases: `-log2` of the quantisation step of each quantity in class 0, in fixed point: multiples of 1/64.
         transform: Decorrelating transform of the spherical harmonics, as integers.
         classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.
     """

@@ -84,7 +84,7 @@ class Splats:
         return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
 
     def gathered(self, index: Any) -> "Splats":
-        """Returns the Gaussians at `index`, in that order.
+        """Returns the Gaussians at `index` (integers, mask or slice), in that order.
 
         Large arrays of the result are backed by a temporary file, so that the result may be larger than memory.
         """
@@ -229,7 +229,7 @@ class Splats:
 
 
 def _colors(splats: Splats, camera_center: Float[np.ndarray, "3"]) -> Float[np.ndarray, "G 3"]:
-    """Returns the colours that a camera sees, by numpy functions of whole arrays."""
+    """Returns the colours that a camera sees, computed by numpy without a compiled kernel."""
     rays = splats.means - camera_center
     with np.errstate(over="ignore"):  # the distance of a very far Gaussian overflows
         distances = np.linalg.norm(rays, axis=1, keepdims=True)
@@ -239,9 +239,9 @@ def _colors(splats: Splats, camera_center: Float[np.ndarray, "3"]) -> Float[np.n
 
 
 def _compiled_colors(splats: Splats, camera_center: Float[np.ndarray, "3"]) -> Float[np.ndarray, "G 3"] | None:
-    """Returns the same colours as `_colors`, by a kernel and in parallel.
+    """Returns the colours that a camera sees, computed by a compiled kernel in parallel; the same as `_colors`.
 
-    None if an array has a type or layout for which the kernel is not compiled.
+    The result is None if an array has a type or layout for which the kernel is not compiled.
     """
     # Deferred, because numba takes a second to load, and most users of Gaussians need no colours.
     view_colours = importlib.import_module("splatwire.ops._colour_kernels").view_colours

@@ -14,7 +14,7 @@ class UpdateScene(SplatScene):
         base_digest: SHA-256 of the manifest of the stream before the update, hexadecimal.
         result_digest: SHA-256 of the manifest of the stream after the update, hexadecimal.
         writer: Program that wrote the stream after the update, for its manifest.
-        removed: Serialised mask of the Gaussians that the update removes.
+        removed: Encoded mask of the Gaussians of the earlier version that the update removes.
     """
 
     base_digest: str = ""

@@ -41,7 +41,7 @@ class ElementValidity:
 
     @property
     def complete(self) -> bool:
-        """True if every element can be drawn."""
+        """True if every element of the scene can be drawn."""
         return not (self.num_invisible or self.num_invalid)
 
     def log_removed(self, source: object, elements: str) -> None:

@@ -30,7 +30,7 @@ class Relay:
     Attributes:
         is_live: True if the stream is a live sequence.
         preview: Preview of the scene; empty before its arrival, or without a preview.
-        ending: End of the transfer, with its reason; None while it runs.
+        ending: Event that ended the transfer, with the reason; None while the transfer runs.
         origin: Origin of the scene's coordinates; (0, 0, 0) until the side information is received.
         manifest: Manifest of the stream; None until the side information is received.
     """
@@ -76,7 +76,7 @@ class Relay:
             self._headed.set()
 
     def failure(self) -> str:
-        """Returns the reason of a transfer that ended before all data was received.
+        """Returns the reason why a transfer has ended before all data was received.
 
         The text is empty if the transfer is complete or still running.
         """
@@ -85,11 +85,11 @@ class Relay:
         return "" if end is None or end.reason in wanted else end.reason
 
     async def begun(self) -> None:
-        """Waits until a page can show at least a preview, or the transfer has ended."""
+        """Waits until a page can show at least a preview of the scene, or until the transfer has ended."""
         await self._begun.wait()
 
     async def headed(self) -> None:
-        """Waits for the side information or the end of the transfer."""
+        """Waits until the side information (data that all packets need) is received, or the transfer has ended."""
         await self._headed.wait()
 
     async def pieces(self) -> AsyncIterator[bytes]:

@@ -142,7 +142,13 @@ class RateControl:
             self.rate = min(self._start, INITIAL_WINDOW / max(round_trip, ROUND_S / 2))
 
     def on_send(self, now: float) -> None:
-        """Restarts the feedback timeout; called before a datagram is sent if all earlier ones were reported."""
+        """Restarts the feedback timeout.
+
+        Called before a datagram is sent if the receiver has already reported all earlier datagrams.
+
+        Args:
+            now: Time, seconds.
+        """
         self._quiet_since = now
 
     def on_feedback_timeout(self, now: float) -> None:
@@ -168,8 +174,8 @@ class RateControl:
             now: Time, seconds.
             round_trip: Round-trip time of the latest received datagram, seconds.
             transit: One-way delay of the latest received datagram, seconds, plus an unknown constant clock offset.
-            num_sent: Number of datagrams sent since the previous report: those after its latest received datagram,
-                up to the latest received datagram of this report.
+            num_sent: Number of datagrams sent between the latest received datagrams of the previous report and of this
+                report.
             num_arrived: Number of these datagrams that were received.
             bytes_arrived: Estimated size of the received datagrams in bytes.
             seconds: Time between the arrivals of the latest datagrams of both reports, seconds.
@@ -240,7 +246,7 @@ class RateControl:
             self.window.grow(now, length, max(self.round_trip, ROUND_S))
 
     def _may_grow(self, seen: LossCounter, length: float) -> bool:
-        """True if the sender used enough of the allowed rate to permit a larger window (RFC 7661).
+        """True if the sender used so much of the allowed rate that the congestion window may grow (RFC 7661).
 
         Args:
             seen: Sent and lost datagrams of the control round.
@@ -316,7 +322,7 @@ class RateControl:
         self.window.set(FULL_SHARE * capacity * max(round_trip, ROUND_S))
 
     def _enter_competitive_mode(self, now: float, pause: _RateReduction) -> None:
-        """Enters competitive mode, in which only loss reduces the rate, because another flow fills the queue.
+        """Enters competitive mode, because another flow fills the queue. In this mode, only loss reduces the rate.
 
         Args:
             now: Time, seconds.

@@ -87,7 +87,7 @@ class QueueMeter:
 
 @dataclass
 class LossCounter:
-    """Number of sent and lost datagrams over one or more control rounds (about one round trip each).
+    """Counter of sent and lost datagrams over one or more control rounds (about one round trip each).
 
     Attributes:
         sent: Number of sent datagrams.
@@ -131,7 +131,7 @@ class LossMeter:
     def is_circuit_broken(self, seen: LossCounter) -> bool:
         """Returns True if the recent loss rate exceeds `CIRCUIT_BREAKER_LOSS`.
 
-        The path is then considered congested at any queuing delay.
+        The caller then treats the path as congested, even if the queuing delay is short.
 
         Args:
             seen: Numbers of datagrams sent and lost in the last control round (about one round trip).
@@ -140,7 +140,7 @@ class LossMeter:
         return self._recent > CIRCUIT_BREAKER_LOSS
 
     def deviation(self, sent: int) -> float:
-        """Returns the number of additional losses that can still be explained by chance (three standard deviations).
+        """Returns how many losses above the expected number can still be chance: three standard deviations.
 
         Args:
             sent: Number of sent datagrams.

@@ -102,7 +102,9 @@ class PageContent:
     _tags: dict[int, str] = field(default_factory=dict, init=False, repr=False)
 
     def answer(self, head: bytes) -> Answer:
-        """Returns the HTTP response to a request for anything except a file to convert (see `respond`).
+        """Returns the HTTP response to a request for the page, a script, a list or a stream.
+
+        Downloads in other file formats need a conversion, for which `respond` waits.
 
         Args:
             head: Head of the HTTP request, up to and including the empty line.
@@ -157,7 +159,8 @@ class PageContent:
         """Parses a download path such as `/room.spz` or `/room/3dtiles/tileset.json`.
 
         Returns:
-            Name of the stream, file format, and path of the file in a folder; None if it is no download.
+            Name of the stream; file format; and for a format with several files, path of the file in their folder, else
+            empty. None if the path is not that of a download.
         """
         if target == f"/{TILESET}":
             listed = self._listed()
@@ -186,7 +189,7 @@ class PageContent:
 
         Args:
             name: Name of the stream.
-            token: Access token to add to the links; may be empty.
+            token: Access token to add to the links; empty to add none.
         """
         query = f"?token={token}" if token else ""
         files = {form: html.escape(download_path(name, form) + query) for form in self._download_formats(name)}
@@ -220,7 +223,7 @@ class PageContent:
         return make_answer(status, kind, body, headers)
 
     def _requested_scene(self, request: Request) -> str:
-        """Returns the name of the scene to which a request refers; empty for requests that need no token."""
+        """Returns the name of the scene that a request is for; empty for a request that needs no access token."""
         if request.target == "/":
             return self._shown_name(request.query)
         if request.target.startswith(PRIVATE):
@@ -247,7 +250,11 @@ class PageContent:
         return [name for name in self.streams if self.access is None or self.access.is_listed(name)]
 
     def _shown_name(self, query: str) -> str:
-        """Returns the name of the scene to show on the page, by default the first listed one."""
+        """Returns the name of the scene to show on the page.
+
+        Args:
+            query: Query string of the URL. Its parameter `stream` names the scene; the default is the first listed one.
+        """
         wanted = re.search(r"(?:^|&)stream=([^&]*)", query)
         return unquote(wanted[1]) if wanted else next(iter(self._listed()), "")
 
@@ -333,9 +340,9 @@ class PageContent:
         return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
 
     def _scene_attributes(self, name: str) -> dict[str, str]:
-        """Returns attributes of a `<splat-wire>` element that show a stream's preview in the list of scenes, by name.
+        """Returns the HTML attributes that show a stream's preview in the list of scenes, by name.
 
-        A stream without a preview has none.
+        They are attributes of the element `<splat-wire>`. The result is empty for a stream without a preview.
         """
         stream = self.streams[name]
         return preview_attributes(*_side_info_of(stream), stream.preview) if isinstance(stream, ServedStream) else {}
@@ -347,7 +354,7 @@ class PageContent:
         return f"{path}?{self._entity_tag(file)}" if isinstance(file, bytes) and file else path
 
     def _stream_path(self, name: str) -> str:
-        """Returns the URL path of a stream's file; files of private scenes have a separate folder."""
+        """Returns the URL path of a stream's file. Paths of private scenes are in a separate folder."""
         return stream_path(name).replace(STREAMS, PRIVATE, 1) if self._is_private(name) else stream_path(name)
 
     def _policy(self) -> str:
@@ -433,7 +440,7 @@ def served_stream_file(stream: ServedStream) -> bytes:
 
 
 def _head(stream: ServedStream) -> tuple[Manifest, bytes]:
-    """Parses the init segment of a prepared stream, and returns the stream's manifest and side information."""
+    """Parses the init segment of a stream, and returns manifest and side information (data that all packets need)."""
     segments = Segments(stream.head_bytes, stream.symbol_bytes)
     symbols = (symbol for number, segment in enumerate(stream.head) for symbol in segment[: segments.size(number)])
     manifest, side_info, _ = split_init_segment(b"".join(symbols)[: stream.head_bytes])

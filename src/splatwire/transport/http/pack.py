@@ -87,7 +87,7 @@ def check_page_support(manifest: Manifest) -> None:
         manifest: Manifest of the stream.
 
     Raises:
-        InvalidValueError: If the stream has format 1, or a schema that the page does not have.
+        InvalidValueError: If the stream has format version 1, or a codec schema that the page does not support.
     """
     if not manifest.schema.page:
         raise InvalidValueError(

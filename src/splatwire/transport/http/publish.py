@@ -60,7 +60,7 @@ class PublishedScene:
 
 
 def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None) -> dict[str, bytes]:
-    """Returns the content of each file of a static site, by relative path, in the order of writing.
+    """Returns the content of each file of a static site, by relative path, in the order in which files are written.
 
     Args:
         scenes: Scenes by name; `index.html` shows the first, `NAME.html` each other one.
@@ -130,7 +130,7 @@ def _hashed(stem: str, data: bytes, suffix: str) -> str:
 
 
 def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
-    """Renames the attribute `data` of a scene's preview to `preview`, as the viewer element expects.
+    """Returns a scene's HTML attributes with the attribute `data` renamed to `preview`, as the viewer element expects.
 
     Args:
         preview: HTML attributes from `preview_attributes`.
@@ -139,7 +139,14 @@ def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
 
 
 def _link_preview(name: str, url: str | None, page: str, picture: str | None) -> str:
-    """Returns the HTML elements from which messengers build a preview of a link to a page."""
+    """Returns the HTML elements from which messengers build a preview of a link to a page.
+
+    Args:
+        name: Name of the scene.
+        url: Address of the site; None for no link previews.
+        page: Relative path of the page.
+        picture: Relative path of the picture; None without a picture.
+    """
     if url is None:
         return ""
     found = {"og:title": name, "og:type": "website", "og:url": f"{url}/{quote(page)}"}

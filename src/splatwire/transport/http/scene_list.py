@@ -34,7 +34,7 @@ def preview_attributes(side_info: bytes, codec: str, preview: bytes) -> dict[str
     """Returns the HTML attributes with a stream's preview, initial viewpoint and up axis; empty without a preview.
 
     Args:
-        side_info: Side information of the stream.
+        side_info: Side information of the stream (data that all packets need).
         codec: Name of the stream's codec schema.
         preview: Encoded preview; may be empty.
     """
@@ -45,7 +45,7 @@ def start_attributes(side_info: bytes, codec: str) -> dict[str, str]:
     """Returns the HTML attributes of the viewer element with a stream's initial viewpoint and up axis.
 
     Args:
-        side_info: Side information of the stream.
+        side_info: Side information of the stream (data that all packets need).
         codec: Name of the stream's codec schema.
     """
     sections = split_sections(side_info, codec)[1]

@@ -47,7 +47,7 @@ class PageLimits:
         request_s: Maximum time from connection to the end of the request head, seconds.
         chunk_s: Maximum time to send the next `CHUNK_BYTES` of a response, seconds.
         slowest_bytes_s: Minimum average rate of a response, bytes per second; slower responses are aborted.
-        grace_s: Additional time that every response may take at this rate, seconds.
+        grace_s: Time that every response may take in addition to its time at the minimum rate, seconds.
     """
 
     slots: int = 256
@@ -61,7 +61,7 @@ class PageLimits:
 
 @runtime_checkable
 class Content(Protocol):
-    """Content of an HTTP server: maps the head of a request to a response."""
+    """Typing protocol for the content of an HTTP server: maps the head of a request to a response."""
 
     @property
     def host(self) -> str:
@@ -76,10 +76,14 @@ class Content(Protocol):
 
 @runtime_checkable
 class SlowContent(Protocol):
-    """Content of an HTTP server that takes time to prepare, such as converted files."""
+    """Typing protocol for the content of an HTTP server, with responses that take time to prepare (converted files)."""
 
     async def respond(self, head: bytes) -> Answer:
-        """Returns the HTTP response to a request, given its head with the final empty line."""
+        """Returns the HTTP response to a request, and waits until its content is prepared.
+
+        Args:
+            head: Head of the HTTP request, up to and including the empty line.
+        """
 
 
 class PageServer:
@@ -294,7 +298,7 @@ def _too_long(start: bytes) -> Answer:
 
 
 async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Ends the response, and discards the rest of the request until the client closes the connection."""
+    """Ends the response. Then discards what the client still sends, until the client closes the connection."""
     writer.write_eof()
     with suppress(TimeoutError):
         async with asyncio.timeout(LINGER_S):
@@ -304,7 +308,7 @@ async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) ->
 
 
 async def _wait_for_pacer(pacer: Pacer) -> None:
-    """Waits until a rate limit permits sending."""
+    """Waits until a pacer (rate limiter) permits the next bytes."""
     loop = asyncio.get_running_loop()
     while (wait := pacer.next_at() - loop.time()) > 0:
         await asyncio.sleep(wait)
@@ -312,7 +316,7 @@ async def _wait_for_pacer(pacer: Pacer) -> None:
 
 @dataclass
 class _Count:
-    """Counter of the sent bytes of a response."""
+    """Number of bytes of a response sent so far, which the sending task increases."""
 
     num_bytes: int = 0
 

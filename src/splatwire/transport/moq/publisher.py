@@ -102,11 +102,15 @@ async def session(address: Address, trust: RelayTrust, **client_options: Any) ->
 
 
 def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
-    """Divides the packets of a stream among MoQ tracks; returns the indices of the packets in each track.
+    """Divides the packets of a stream among MoQ tracks.
 
     Args:
         manifest: Manifest of the stream.
-        tiles: Tiles of the stream, one for each track; None for a stream without levels of detail.
+        tiles: Tiles of the stream, one for each track. None for a stream without levels of detail: each track then gets
+            up to `RUN` consecutive packets.
+
+    Returns:
+        For each track, the indices of its packets in sending order.
     """
     total = manifest.num_packets
     edges = [*range(0, total, RUN), total] if tiles is None else tiles.first_packets.tolist()
@@ -114,7 +118,7 @@ def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
 
 
 def tiles_of(manifest: Manifest, side_info: bytes) -> Tiles | None:
-    """Returns the tiles of a stream with levels of detail, or None for a stream without levels."""
+    """Returns the tiles (spatial blocks of Gaussians) of a stream; None for a stream without levels of detail."""
     return read_tiles(manifest, side_info) if manifest.schema.tiled else None
 
 
@@ -179,7 +183,7 @@ def _frames_of(name: str, head: bytes, track_packets: list[range], packets: list
 
     Args:
         name: Name of the MoQ track.
-        head: Bytes of manifest and side information.
+        head: Bytes of manifest and side information (data that all packets need).
         track_packets: For each MoQ track that has packets, the indices of these packets in sending order.
         packets: All packets in sending order.
     """

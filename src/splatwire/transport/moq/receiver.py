@@ -46,11 +46,11 @@ RECONNECT_INTERVAL_S = 1.0
 
 
 class BrokenOffError(BitstreamError):
-    """The session with the relay has ended early, and a new session may resume the transfer."""
+    """The session with the relay has ended early. A new session may resume the transfer."""
 
 
 def _records(data: bytes) -> Iterator[bytes]:
-    """Splits bytes into records, each of which follows its size; an incomplete last record is skipped."""
+    """Splits bytes into records, each preceded by its size, and yields them. An incomplete last record is skipped."""
     at = 0
     while at + RECORD_PREFIX.size <= len(data):
         (size,) = RECORD_PREFIX.unpack_from(data, at)
@@ -97,13 +97,13 @@ class RelayReceiver:
         self._heard_at, self._bytes_before, self._broken_off = 0.0, 0, False
 
     def stream(self) -> SceneStream | None:
-        """Returns the stream with the packets received so far, or None if side information is missing."""
+        """Returns the stream with the packets received so far, or None until the side information is complete."""
         if self._manifest is None or self._intake is None:
             return None
         return SceneStream(self._manifest, self._side_info, self._intake.packets)
 
     def report(self) -> ReadReport | None:
-        """Returns the numbers of received and missing packets; None while side information is missing."""
+        """Returns the numbers of received and missing packets; None until the side information is complete."""
         return self._intake.report() if self._intake else None
 
     def describe_missing(self) -> str:

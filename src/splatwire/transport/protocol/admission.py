@@ -29,7 +29,8 @@ def network_of(address: Hashable) -> Network:
     For IPv4, these are the /24 prefix and the address; for IPv6, the prefixes /32, /48 and /64.
 
     Args:
-        address: Socket address whose first item is the IP address as text. Any other value is a separate network.
+        address: Socket address whose first item is the IP address as text. Any other value counts as a network of its
+            own.
     """
     if not (isinstance(address, tuple) and address and isinstance(address[0], str)):
         return (address,)
@@ -74,7 +75,8 @@ def choose_eviction(connections: Mapping[Network, int], newcomer: Network) -> Ne
 def largest_holder(connections: Mapping[Network, int], prefix: Network = ()) -> Network:
     """Returns the network that should lose a connection when the server is full.
 
-    Chooses the widest IP prefix with the most connections, then the largest one within it, down to a network.
+    Starts with the widest IP prefixes and chooses the one with the most connections. Then chooses the one with the most
+    connections among the next narrower prefixes within it, and so on down to a single network.
 
     Args:
         connections: Number of connections per network, each above 0.
@@ -95,9 +97,9 @@ def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) ->
     """Returns the IP prefix with the most connections, and their number; None without any connection.
 
     Args:
-        held: Number of connections per network, which is given by nested IP prefixes.
+        held: Number of connections per network. A network is a tuple of nested IP prefixes, the widest first.
         within: Prefixes that a network must start with; other networks are ignored.
-        depth: Number of prefixes to compare: networks that share them are counted together.
+        depth: Number of leading prefixes to compare. Networks with the same leading prefixes are counted together.
     """
     counts: Counter[Network] = Counter()
     for network, count in held.items():
@@ -109,7 +111,7 @@ def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) ->
 class ConnectionSlots:
     """Limit on concurrent connections, shared fairly between networks.
 
-    If the limit is reached, a new connection can replace the oldest one of the network with the most connections.
+    If the limit is reached, a new connection can replace the oldest one of a network with many (`largest_holder`).
 
     Args:
         most: Maximum number of connections in total.
@@ -126,7 +128,7 @@ class ConnectionSlots:
     def take(self, network: Network, connection: asyncio.WriteTransport) -> bool:
         """Requests a slot for a new connection, and returns False if no slot is granted.
 
-        If all slots are in use, the oldest connection of the network with the most slots may be aborted to free one.
+        If all slots are in use, the oldest connection of a network with many slots may be aborted (`largest_holder`).
 
         Args:
             network: Network of the client.

@@ -136,7 +136,7 @@ class InitSegmentCollector:
         return None
 
     def _restart(self, segment: int) -> None:
-        """Discards all symbols of a segment (source block) after a corrupt symbol."""
+        """Discards all received symbols of a segment (source block), because one of them is corrupt."""
         self.num_poisoned += 1
         self._symbols[segment].clear()
         self._pieces[segment] = None
@@ -211,14 +211,14 @@ class PacketCollector:
         return self._intake
 
     def open(self, manifest: Manifest, bundled: Sequence[bytes] = ()) -> tuple[PacketIntake, list[Packet]]:
-        """Processes a new manifest: checks and stores the packets that had to wait for the manifest.
+        """Processes a new manifest: checks and stores the packets that arrived before the manifest.
 
         Args:
             manifest: Manifest of the stream.
             bundled: Packets bundled in the init segment.
 
         Returns:
-            The filter that checks packets against the manifest; and the packets that this call has accepted.
+            Filter that checks packets against the manifest; and the packets that were accepted now.
         """
         if self._intake is None:
             self._intake = PacketIntake(manifest)
@@ -240,7 +240,8 @@ class PacketCollector:
     def add(self, frame: Data) -> list[Packet]:
         """Adds a received packet.
 
-        Returns this packet and all lost packets that can now be recovered.
+        Returns the packet if the manifest already lists it, and all lost packets that can now be recovered. The result
+        is empty for an invalid or repeated packet.
         """
         if frame.packet_index >= self._welcome.num_packets or len(frame.packet) > self._welcome.packet_bytes:
             self.num_bad += 1
@@ -332,7 +333,8 @@ class PacketCollector:
             number: Index of the parity group.
 
         Returns:
-            The recovered packets that the manifest lists; empty if none can be recovered.
+            The recovered packets, without those that the current manifest does not list yet; empty if too few symbols
+            have been received.
         """
         group, repair = self._finder.group(number), self._repair.get(number, {})
         members = self._members.setdefault(number, {})

@@ -126,7 +126,7 @@ class Welcome(NamedTuple):
 
 
 class Side(NamedTuple):
-    """Datagram with a source or repair symbol of the init segment.
+    """Datagram with a source or repair symbol of the init segment (manifest, side information, bundled packets).
 
     Attributes:
         session: Id of the transfer.

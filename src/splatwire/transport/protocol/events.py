@@ -38,7 +38,7 @@ class SideInfoArrived:
 
     Attributes:
         manifest: Manifest of the stream.
-        side_info: Side information of the stream.
+        side_info: Side information of the stream (data that all packets need).
         intake: Filter that checks packets against the manifest.
     """
 

@@ -60,14 +60,14 @@ class GapTracker:
         return self._nack_tracker.attempts(number)
 
     def _below(self, before: int) -> Iterator[int]:
-        """Yields the missing sequence numbers below `before`, ascending."""
+        """Yields the sequence numbers of missing datagrams below `before`, ascending."""
         for start, stop in zip(self._starts, self._stops, strict=True):
             if start >= before:
                 return
             yield from range(start, min(stop, before))
 
     def _discard(self, number: int) -> None:
-        """Removes one sequence number from the missing ones."""
+        """Removes a sequence number from the missing ones, if it is one of them."""
         at = bisect_right(self._starts, number) - 1
         if at < 0 or number >= self._stops[at]:
             return

@@ -28,7 +28,7 @@ class HandshakeAttempt:
         nonce: Random 64-bit number that identifies the attempt.
         now: Time, seconds.
         name: Name of the requested stream.
-        reliable: True on QUIC connections, which need no token.
+        reliable: True on QUIC connections, which need no token to prove the client's address.
         scene_token: Signed token that opens private scenes; empty without one.
     """
 

@@ -13,10 +13,10 @@ class KnownPackets:
         self._head = False
 
     def take(self, frame: Have, stream: ServedStream) -> int:
-        """Records which packets a client lists as received; returns the number of bytes that need not be sent.
+        """Records which packets a client already has, and returns the number of bytes that therefore need not be sent.
 
         Args:
-            frame: List of received packets.
+            frame: Datagram of the client with a list of its packets. Ignored if the list is for another stream.
             stream: Stream that the server sends to the client.
         """
         count, at = len(stream.packets), frame.first // 8

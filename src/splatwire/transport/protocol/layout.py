@@ -24,7 +24,7 @@ def init_segment(manifest: Manifest, side_info: bytes, packets: Sequence[bytes] 
 
     Args:
         manifest: Manifest of the stream.
-        side_info: Side information of the stream.
+        side_info: Side information of the stream (data that all packets need).
         packets: Packets to bundle, the first in sending order.
     """
     data = manifest_to_bytes(manifest)

@@ -47,7 +47,7 @@ class LiveState(ServedStream):
     def may_retransmit(self, index: int) -> bool:
         """Returns True if a packet may be retransmitted.
 
-        These are the packets of the newest group of pictures, and those that later groups also need.
+        Only packets of the newest group of pictures, and packets that later groups also need, may be retransmitted.
 
         Args:
             index: Index of the packet in sending order.
@@ -79,7 +79,7 @@ class LiveSession:
         Args:
             manifest: Manifest of the stream, including the new group.
             side_info: Side information of the stream, including the new group.
-            packets: Packets of the new group, without stream id, in sending order.
+            packets: Packets of the new group in sending order; the id of the stream is written into them here.
 
         Raises:
             InvalidValueError: If a packet is too large for a datagram, or the manifest has another packet count.

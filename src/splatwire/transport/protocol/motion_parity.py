@@ -42,7 +42,7 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
 
     Args:
         packets: All packets of the sequence, in sending order.
-        plan: Packet plan of the manifest.
+        plan: Packet plan of the manifest: mapping between elements and packets.
     """
     groups = [GroupPackets((), ())] * (len(plan.spans) // 2)
     found: list[tuple[list[int], list[int]]] = [([], []) for _ in groups]
@@ -55,14 +55,16 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
 def arrange(
     groups: Sequence[GroupPackets], importance: Sequence[float] | None, protection: Protection, first: int = 0
 ) -> Arranged:
-    """Sorts the packets of each group of pictures for sending: keyframes, motion with parity, then all other motion.
+    """Sorts packets for sending. In each group of pictures: keyframes, then motion with parity, then other motion.
+
+    If there are more than `MAX_CODES` groups, several consecutive groups are sorted together.
 
     Args:
         groups: Packet indices of consecutive groups of pictures.
         importance: Cost of losing each packet, by packet index; the motion packets with the highest costs get
             parity. None for equal costs.
         protection: Redundancy, which determines the motion packets with parity.
-        first: Index in the sequence of the first of these groups.
+        first: Index of the first of these groups in the sequence, which selects its entry in `Protection.motion`.
 
     Returns:
         Sending order of the packets, and their parity.

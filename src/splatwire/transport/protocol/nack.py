@@ -43,7 +43,8 @@ class NackTracker:
 
     Attributes:
         max_attempts: Maximum number of NACKs per packet.
-        exhausted: Number of packets at the start of the sending order that are not requested any more.
+        exhausted: Index in sending order of the first packet that may still be requested. All missing packets before it
+            have been requested `max_attempts` times.
     """
 
     def __init__(self) -> None:

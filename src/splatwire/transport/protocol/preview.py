@@ -11,7 +11,7 @@ def stream_preview(side_info: bytes, codec: str) -> bytes:
     """Returns the encoded preview of a stream; empty if the stream has none.
 
     Args:
-        side_info: Side information of the stream.
+        side_info: Side information of the stream (data that all packets need).
         codec: Name of the stream's codec schema.
 
     Raises:

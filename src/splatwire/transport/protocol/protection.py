@@ -28,15 +28,15 @@ class Protection:
             to 1. The repair symbols of the init segment protect them, too.
         tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, the most important first. Further
             tiers have no parity.
-        parity_until: Point of the transfer, as a share of the packets, 0 to 1. The repair symbols of a tier are sent
-            before this point, or among the tier's packets. Small values recover packets early, large values survive
+        parity_until: End of the time in which the repair symbols of a tier are sent, as a share of the packets, 0 to 1;
+            at the earliest, the end of the tier's packets. Small values recover packets early, large values survive
             longer bursts.
         tier_spread: Overlap of the tiers in time, 0 to 1: 0 sends the tiers one after another, 1 mixes all tiers
             evenly. Overlap protects small tiers from bursts of losses.
         resend: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4; None for no limit.
         resend_until: Share of the packets, from the start of the sending order, that may be retransmitted, 0 to 1.
-        motion: For a sequence, one pair per group of pictures: share of the motion packets that get parity, 0 to 1, and
-            number of repair symbols per packet that gets parity, 0 to 2. The last pair applies to all later groups.
+        motion: For a sequence, one pair of numbers per group of pictures: share of its motion packets with parity, 0 to
+            1; and repair symbols per packet with parity, 0 to 2. The last pair applies to all later groups.
 
     Raises:
         InvalidValueError: If a number is out of range.
@@ -95,7 +95,7 @@ def num_bundled_packets(num_packets: int, protection: Protection) -> int:
 
 
 def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[ParityRange, ...]:
-    """Returns the parity of consecutive ranges of packets, in sending order.
+    """Divides the packets of a stream into consecutive ranges, and returns the parity of each range in sending order.
 
     The first range has the packets that are bundled in the init segment. A range for each importance tier with parity
     follows, and a range for all other packets.
@@ -124,7 +124,8 @@ def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int,
         protection: Redundancy.
 
     Returns:
-        Number of packets of each tier. Without interleaving of tiers (`tier_spread` 0), only their sum.
+        Number of packets of each tier. If the tiers are sent one after another (`tier_spread` is 0), a single number:
+        the packets of all tiers.
     """
     bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:

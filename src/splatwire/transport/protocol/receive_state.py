@@ -74,9 +74,9 @@ class ReceiveState:
         return True
 
     def _is_for_next_state(self, frame: Data) -> bool:
-        """Returns True if a datagram belongs to a state of the live stream that the server has not yet declared.
+        """Returns True if a datagram belongs to a newer state of a live stream than the server has declared so far.
 
-        Such a datagram is stored until the server declares the state, unless too many are stored already.
+        Such a datagram is stored until the server declares that state. If too many are stored already, it is dropped.
 
         Args:
             frame: Datagram with a packet.
@@ -93,12 +93,12 @@ class ReceiveState:
 
     @property
     def is_live(self) -> bool:
-        """True if the stream is, or was until its end, a live stream."""
+        """True if the stream is a live stream, or was one before it ended."""
         return self._grew
 
     @property
     def num_missed(self) -> int:
-        """Number of packets of a live sequence lost since this receiver joined."""
+        """Number of packets of a live sequence that have not arrived, counted since this receiver joined."""
         if self._welcome is None or self._collector is None or not self._grew:
             return self._missed_before
         # Packets from before it joined do not count: the server does not send their motion to late receivers.
@@ -121,13 +121,13 @@ class ReceiveState:
         return self._collector
 
     def stream(self) -> SceneStream | None:
-        """Returns the stream with the packets received so far, or None if side information is missing."""
+        """Returns the stream with the packets received so far, or None until the side information is complete."""
         if self._manifest is None or self._collector is None:
             return None
         return SceneStream(self._manifest, self._side_info, self._collector.packets)
 
     def report(self) -> ReadReport | None:
-        """Returns the numbers of received, missing and damaged packets; None while side information is missing."""
+        """Returns the numbers of received, missing and damaged packets; None until the side information is complete."""
         intake = self._collector.intake if self._collector else None
         return intake.report() if intake else None
 

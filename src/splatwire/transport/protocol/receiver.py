@@ -304,7 +304,7 @@ class Receiver(ReceiveState):
         return out, [*events, Welcomed.of(frame)]
 
     def _begin_session(self, now: float) -> None:
-        """Prepares for the datagrams of a new transfer."""
+        """Resets counters and timers for the datagrams of a new transfer."""
         self._largest, self._received, self._largest_at = -1, 0, now
         self._nack_tracker, self._gaps = NackTracker(), GapTracker()
         self._view_repeats, self._fruitless_ends = 0, 0
@@ -316,7 +316,8 @@ class Receiver(ReceiveState):
     def _received_lists(self, now: float) -> list[bytes]:
         """Returns datagrams that list the packets which this receiver has from an earlier transfer.
 
-        The server then does not send them again. Empty if the lists were sent a short time ago.
+        The server then does not send these packets again. The result is empty if the lists were sent a short time ago,
+        or often enough.
         """
         if not self._have_left or now < self._have_at:
             return []
@@ -414,7 +415,7 @@ class Receiver(ReceiveState):
         return [arrived, *(PacketArrived(packet, False) for packet in new)]
 
     def _resend_viewpoint(self) -> None:
-        """Sends the viewpoint again, relative to the origin of the current stream."""
+        """Schedules the viewpoint to be sent again, in coordinates relative to the origin of the current stream."""
         if self._viewpoint is not None and self._relative_to_origin(self._viewpoint[0]).origin != AT_ZERO:
             self.set_viewpoint(*self._viewpoint)
             self._moved_at = self._heard_at
@@ -426,7 +427,7 @@ class Receiver(ReceiveState):
         return viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, self._manifest.codec))
 
     def _end_reason(self, now: float) -> str | None:
-        """Returns the reason if the transfer is over, else None."""
+        """Returns the reason for the end of the transfer if the transfer is over, else None."""
         if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
             return "deadline"
         if self._welcome is None:
@@ -469,7 +470,7 @@ class Receiver(ReceiveState):
 
     @property
     def _is_cut_off(self) -> bool:
-        """True if no large datagrams arrive, probably because the path allows only smaller ones (MTU)."""
+        """True if only small datagrams have arrived, probably because the path drops large ones (MTU)."""
         assert self._welcome is not None
         assert self._collector is not None
         return self._collector.highest < 0 and self._longest < min(MAX_DATAGRAM // 2, self._welcome.packet_bytes)

@@ -55,10 +55,12 @@ class ViewUpdateBudget:
 
 
 class SentLog:
-    """Log of the packet in each recently sent datagram, to interpret NACKs that contain sequence numbers.
+    """Log of recently sent datagrams: maps the sequence number of a datagram to its packet.
+
+    The server needs this log if the receiver requests lost datagrams by sequence number (NACKs).
 
     Args:
-        enabled: False to log nothing, because the receiver's NACKs contain packet indices.
+        enabled: False to log nothing, because the receiver requests lost packets by packet index.
     """
 
     def __init__(self, enabled: bool) -> None:
@@ -127,7 +129,7 @@ class SendQueue:
 
     @property
     def _num_scheduled(self) -> int:
-        """Number of datagrams in the fixed part of the sending order."""
+        """Number of datagrams in the part of the sending order that does not depend on the viewpoint."""
         return self._schedule.opening_end if self.has_viewpoint else len(self._schedule.datagrams)
 
     def pop(self) -> Item:
@@ -167,8 +169,8 @@ class SendQueue:
 
         Args:
             tile: Index of the tile.
-            if_begun: True for a tile whose packets have been sent in part. Only its remaining packets are queued, and
-                nothing if none has been sent.
+            if_begun: True to queue only the rest of a tile whose packets were sent in part, and nothing for a tile of
+                which no packet was sent. False to queue all packets of the tile.
         """
         tiles = self._stream.tiles
         assert tiles is not None
@@ -186,8 +188,8 @@ class SendQueue:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
             welcome: Queue item of the datagram that declares the new sizes of the stream.
-            known: Number of packets that the stream had before; the queue gets only packets after these. 0 for another
-                stream, of which all packets are queued.
+            known: Number of packets that the live stream had before. Later packets are added to those that still wait
+                in the queue. 0 for another stream: its packets replace the whole queue.
         """
         self._stream = stream
         source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams

@@ -22,7 +22,7 @@ def build_send_schedule(
         parity: Number of repair symbols of each parity group.
         protection: Redundancy.
         present: Number of packets of each importance tier that are sent as datagrams, not bundled in the init segment.
-            Empty if no packets are bundled and tiers do not matter.
+            Empty if no packets are bundled; all packets then count as one tier.
 
     Returns:
         Three integers for each datagram, as in `SendSchedule.datagrams`.

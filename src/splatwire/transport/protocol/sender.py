@@ -224,8 +224,8 @@ class Server:
 
         Args:
             streams: Prepared streams by name; a client that requests no name gets the first.
-            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. None
-                for an update that does not exist yet.
+            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. The
+                value is None for an update that does not exist yet. Without this argument, there are no updates.
         """
         self._streams, self._updates = dict(streams), dict(updates or {})
 
@@ -311,7 +311,12 @@ class Server:
         return refusal
 
     def _begin(self, key: Key, frame: Request, now: float, reliable: bool, network: Network) -> int | None:
-        """Starts a transfer if the server's limits permit, and otherwise returns the reason for the refusal."""
+        """Starts a transfer if the server's limits permit it.
+
+        Returns:
+            None for an accepted request, else the reason for the refusal, as an index into `REFUSALS`; 0 for a repeated
+            request, which gets no response.
+        """
         starts = self._update_starts if frame.name in self._updates else self._starts
         if self._starts.seen(network, key[1]) or self._update_starts.seen(network, key[1]):
             self.num_rejected += 1
@@ -396,7 +401,7 @@ class Server:
         )  # fmt: skip
 
     def _end_silent(self, now: float) -> None:
-        """Ends transfers whose clients have not sent datagrams for some time."""
+        """Ends transfers whose clients have sent no datagram for longer than `ServerLimits.silence_s`."""
         if now - self._swept_at < 0.25:
             return
         self._swept_at = now

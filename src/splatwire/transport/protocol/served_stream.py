@@ -73,8 +73,8 @@ class ServedStream:
         head_bytes: Size of the init segment (manifest, side information, bundled packets) in bytes.
         head_digest: SHA-256 of the init segment.
         symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
-        head: Symbols of each source block (separately encoded part) of the init segment, with a reserve of repair
-            symbols.
+        head: For each source block (separately encoded part) of the init segment, its source symbols and repair
+            symbols. Some of the repair symbols are only sent on request.
         packets: Packets in sending order.
         packet_bytes: Maximum size of a packet in bytes.
         bundled: Number of packets at the start of the sending order that are bundled in the init segment.
@@ -151,7 +151,10 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of FEC symbols that the server sends without a request, for each segment of the init segment."""
+        """Number of FEC symbols sent without a request for each segment (source block) of the init segment.
+
+        The smallest number, if it differs between segments.
+        """
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         # The smallest number, if it differs between segments. Further symbols are only sent after NACKs.
         return min(counts.values())
@@ -176,7 +179,7 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def is_still_useful(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a datagram that was queued before a live stream has grown is still useful.
+        """True if a datagram is still useful that was queued in an earlier state of a live stream.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).
@@ -311,8 +314,8 @@ def head_symbols(
         protection: Redundancy.
 
     Returns:
-        Symbols of each segment (source block), with a reserve of repair symbols; and for each segment, the number of
-        symbols that every client gets.
+        For each segment (source block), its source symbols, followed by repair symbols. And for each segment, the
+        number of symbols that every client gets; the others are a reserve.
     """
     segments = Segments(len(data), symbol_bytes)
     out, scheduled = [], []

@@ -122,7 +122,7 @@ class ServerTransfer:
         self._raise_byte_limit(known)
 
     def _raise_byte_limit(self, known: int) -> None:
-        """Raises the maximum number of bytes for this client by the growth of a live stream.
+        """Raises the maximum number of bytes for this client, because a live stream has grown.
 
         Args:
             known: Number of packets of the stream before the growth.
@@ -131,7 +131,7 @@ class ServerTransfer:
         self._max_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
 
     def exclude_known(self, frame: Have) -> None:
-        """Removes packets that the client already has from the queue."""
+        """Records which packets the client already has, so that they are not sent; lowers the client's byte limit."""
         self._max_bytes -= int(self._limits.max_sent_ratio * self._known_packets.take(frame, self.stream))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
@@ -162,7 +162,8 @@ class ServerTransfer:
     def may_welcome(self, now: float) -> bool:
         """Returns True if the server may send its response to the request (welcome) now, and counts it as sent.
 
-        The number and the frequency of these responses are limited, and the client's first feedback report ends them.
+        The response is repeated until the client's first feedback report: at a minimum interval, and a limited number
+        of times.
 
         Args:
             now: Time, seconds.
@@ -243,7 +244,12 @@ class ServerTransfer:
             self._pacer.rate = self.control.rate
 
     def _on_retransmitted(self, item: tuple[int, int, int], now: float) -> None:
-        """Records that a datagram was retransmitted."""
+        """Records that a datagram was retransmitted.
+
+        Args:
+            item: The datagram, as in `SendSchedule.datagrams`.
+            now: Time, seconds.
+        """
         if item[0] == SIDE:
             self._num_head_retransmissions -= 1
             self._head_sent_at = now if self._num_head_retransmissions == 0 else None

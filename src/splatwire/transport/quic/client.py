@@ -306,11 +306,11 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
 
 
 class _Connected:
-    """Sends the datagrams of aioquic over a connected UDP socket, and reports each one to a function.
+    """Transport for aioquic that sends datagrams over a connected UDP socket, and reports each datagram to a function.
 
     Args:
         transport: asyncio transport of the connected socket.
-        tap: Called with True for a sent datagram and its bytes.
+        tap: Called for each sent datagram, with True and the bytes of the datagram.
     """
 
     def __init__(self, transport: Any, tap: Callable[[bool, bytes], None]) -> None:

@@ -23,7 +23,7 @@ class Page:
     Attributes:
         port: TCP port; 0 lets the system choose.
         public_origin: Web origin by which visitors reach the page through a proxy; None without a proxy.
-        pinned: True if the page accepts the server's certificate by its fingerprint.
+        pinned: True if the page accepts the server's certificate by its fingerprint, as needed for a self-signed one.
         live: Name of the live stream that the page shows; None to show the streams of the server.
         proxies: Networks of trusted proxies, whose header `X-Forwarded-For` gives the address of the client.
     """

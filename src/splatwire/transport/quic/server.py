@@ -137,7 +137,7 @@ class QuicServer(SocketServer):
         self.core.forget(session)
 
     def pump(self) -> None:
-        """Passes the datagrams whose sending time is reached to QUIC, and sets a timer for the next ones."""
+        """Passes the datagrams that are due to QUIC, and sets a timer for the next ones."""
         self._cancel_timer()
         now = self._loop.time()
         due = self.core.poll(now, BATCH)
@@ -176,11 +176,11 @@ class QuicServer(SocketServer):
             self.networks -= Counter([connection.network])
 
     def is_full(self, network: Network, *, begins: bool = False) -> bool:
-        """True if no further connection can be accepted, in total or from one network.
+        """True if the maximum number of connections is exceeded, in total or for one network.
 
         Args:
             network: Network of the client.
-            begins: True for a connection with an unfinished handshake; the limits for such connections are higher.
+            begins: True to test the higher limits, which apply before the handshake of a new connection is finished.
         """
         counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
         return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)
@@ -188,7 +188,7 @@ class QuicServer(SocketServer):
     def connection_to_evict(self, network: Network, newcomer: "_Connection | None" = None) -> "_Connection | None":
         """Chooses the connection that is closed in favour of a new one when the server is full.
 
-        It is the newest connection of the network with the most connections.
+        It is the newest connection of the network that `choose_eviction` selects, one with many connections.
 
         Args:
             network: Network of the new connection.
@@ -297,7 +297,7 @@ class _Connection(QuicConnectionProtocol):
             self.malformed("too much waits for what is missing before it")
 
     def quic_event_received(self, event: events.QuicEvent) -> None:
-        """Processes an event of aioquic."""
+        """Processes an event of aioquic, such as the end of the handshake or received data."""
         if isinstance(event, events.StreamDataReceived):
             self._read += len(event.data)
         match event:

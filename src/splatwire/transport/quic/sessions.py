@@ -40,8 +40,8 @@ as by a full queue on the path. A client may confirm to the protocol core what i
 class Session:
     """Session with one client over QUIC: sends and receives datagrams of the transport protocol.
 
-    Requests, their responses and the init segment travel as frames on a reliable stream. All other datagrams travel in
-    QUIC DATAGRAM frames.
+    Requests, their responses and the init segment travel as frames on a reliable stream; the first of these frames also
+    travel in QUIC DATAGRAM frames, which may arrive earlier. All other datagrams travel in QUIC DATAGRAM frames only.
 
     Args:
         connection: QUIC connection of the client.
@@ -99,7 +99,7 @@ class Session:
             self.connection.owner.on_frame(self, frame)
 
     def datagram(self, data: bytes) -> None:
-        """Processes a received DATAGRAM."""
+        """Processes the content of a received QUIC DATAGRAM frame."""
         if len(data) <= MAX_DATAGRAM:
             self.connection.owner.on_frame(self, data)
 
@@ -117,7 +117,7 @@ class NativeSession:
         self.has_request = False
 
     def event(self, event: events.QuicEvent) -> None:
-        """Processes an event of the QUIC connection."""
+        """Processes an event of the QUIC connection: data on the reliable stream, or a DATAGRAM frame."""
         match event:
             case events.StreamDataReceived():
                 if event.stream_id != STREAM:
@@ -155,7 +155,7 @@ class WebTransportSessions:
         self.has_request = False
 
     def event(self, event: events.QuicEvent) -> None:
-        """Processes an event of the QUIC connection."""
+        """Passes an event of the QUIC connection to HTTP/3, and processes the resulting events of the session."""
         if isinstance(event, (events.StreamDataReceived, events.StreamReset, events.StopSendingReceived)):
             inside = self._session is not None and event.stream_id == self._session.stream
             if isinstance(event, events.StopSendingReceived) and (inside or event.stream_id == self._id):
