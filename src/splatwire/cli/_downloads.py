@@ -150,7 +150,7 @@ class MadeDownloads:
         """Runs a splatwire subcommand in a separate process, and waits for the process to end.
 
         Raises:
-            SplatwireError: If it fails, or takes longer than the maximum duration.
+            SplatwireError: If the subcommand fails, or takes longer than the maximum duration.
         """
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "splatwire", *words, stdin=asyncio.subprocess.DEVNULL,

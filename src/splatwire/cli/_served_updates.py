@@ -177,7 +177,7 @@ def _read_update(path: Path) -> SceneStream:
 
     Raises:
         BitstreamError: If the file is damaged or incomplete, or is no update.
-        OSError: If it cannot be read.
+        OSError: If the file cannot be read.
     """
     update = read_stream(path)[0]
     if update.manifest.codec != UPDATE:

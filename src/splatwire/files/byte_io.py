@@ -6,7 +6,7 @@ from splatwire.errors import BitstreamError, TruncatedStreamError
 
 
 class ByteWriter:
-    """Writer of numbers and blocks to a little-endian byte string."""
+    """Writer of numbers and byte strings to a little-endian byte string."""
 
     def __init__(self) -> None:
         self._parts: list[bytes] = []

@@ -423,7 +423,7 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
 def _has_ksplat_header(head: bytes) -> bool:
     """True if a file begins like a `.ksplat` file; the name of the file does not matter.
 
-    The format has no signature: the unused 4,052 bytes of the header are 0, and the used ones are plausible.
+    The format has no signature. Therefore the unused 4,052 bytes of the header must be 0, and the others plausible.
     """
     if len(head) <= _KSPLAT_BYTES or any(head[_KSPLAT_USED_BYTES:_KSPLAT_BYTES]):
         return False

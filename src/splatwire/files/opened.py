@@ -16,7 +16,7 @@ else:
 class OpenedFile(_NativePath):
     """Path of a file that stays open, created by `splatwire.files.kinds.opened`.
 
-    Format detection and readers of this package use the open file; for everything else it is an ordinary path.
+    Format detection and readers of this package use the open file. All other code can use the object as a path.
     """
 
     _file: BufferedReader | None = None

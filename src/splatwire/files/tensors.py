@@ -33,8 +33,8 @@ def check_tensor_file(path: Path, error: type[SplatwireError], limit: int = MAX_
         limit: Maximum size of the file, bytes.
 
     Raises:
-        SplatwireError: An `error` if the file is absent, too large or compressed, or its pickle refers to classes or
-            functions other than those of plain tensors.
+        SplatwireError: An exception of class `error` if the file is absent, too large or compressed, or if its pickle
+            refers to classes or functions other than those of plain tensors.
     """
     if not path.is_file():
         raise error(f"{path}: missing")
@@ -79,7 +79,8 @@ def read_tensors(path: Path, error: type[SplatwireError], limit: int = MAX_TENSO
         Read-only arrays by name, which may share memory; numbers and strings unchanged.
 
     Raises:
-        SplatwireError: An `error` if `check_tensor_file` rejects the file, or it is damaged or contains other objects.
+        SplatwireError: An exception of class `error` if `check_tensor_file` rejects the file, or if the file is damaged
+            or contains objects other than tensors, numbers and strings.
     """
     check_tensor_file(path, error, limit)
     try:

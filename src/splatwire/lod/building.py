@@ -85,8 +85,8 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
     """Returns the boundaries of the tiles of each level of detail, coarsest level first.
 
-    A tile of any level covers a range of the sorted Gaussians of the finest level. A boundary is the index of the first
-    Gaussian of this range. The last boundary of each level is the number of Gaussians of the finest level.
+    A tile of any level represents a range of the sorted Gaussians of the finest level. Its boundary is the index of the
+    first Gaussian in this range. The last boundary of each level is the number of Gaussians of the finest level.
     """
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):

@@ -63,6 +63,8 @@ def _scale(scales, offset, out):
 def move(bases, tracks, offsets, out):
     """Computes the Gaussians of tracks in one frame: keyframe Gaussians, changed by decoded motion.
 
+    A track is one Gaussian over time; its keyframe Gaussian is its state in its first frame.
+
     Args:
         bases: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T) and spherical harmonics,
             flattened from (T, B, 3) to (T, 3 B); float32.

@@ -160,6 +160,8 @@ def pose_frame(
 ) -> SequenceFrame:
     """Builds one frame of a sequence: the Gaussians of the tracks that exist in the frame, with their motion applied.
 
+    A track is one Gaussian over time.
+
     Args:
         sequence: Received sequence.
         poses: Motion of the tracks in the group.
@@ -187,6 +189,8 @@ def pose_frame(
 
 def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
     """Computes the Gaussians of tracks in one frame: keyframe Gaussians moved by decoded motion.
+
+    A track is one Gaussian over time; its keyframe Gaussian is its state in its first frame.
 
     Args:
         splats: Keyframe Gaussians of all tracks.

@@ -49,7 +49,7 @@ class LiveDecoder:
         self._num_bytes = 0
 
     def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[SequenceFrame]:
-        """Updates manifest and side information when the server adds a group; yields frames that are now complete.
+        """Updates manifest and side information when the server adds a group of pictures; yields frames now complete.
 
         Raises:
             BitstreamError: If the manifest contradicts the previous manifest, or is not that of a sequence.
@@ -71,7 +71,7 @@ class LiveDecoder:
         yield from self._complete()
 
     def add(self, packets: Iterable[Packet]) -> Iterator[SequenceFrame]:
-        """Adds packets; yields the frames of a group that is now complete.
+        """Adds packets; yields the frames of a group of pictures that is now complete.
 
         Raises:
             BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify.

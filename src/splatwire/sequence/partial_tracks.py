@@ -41,6 +41,8 @@ class TrackedFrame:
 class NeighborSet:
     """Nearest neighbours of n tracks, from which the motion of the tracks is interpolated.
 
+    A track is one Gaussian over time.
+
     Attributes:
         tracks: Indices of the n tracks, int64 (n).
         frames: Frame in which the distances of each track to its neighbours were measured, int64 (n).
@@ -115,7 +117,7 @@ class NeighborSet:
 
 @dataclass(frozen=True, eq=False)
 class NeighborIndex:
-    """Search tree for the nearest neighbours of tracks, by their positions in one frame.
+    """Search tree for the nearest neighbours of tracks (one Gaussian over time each), by their positions in one frame.
 
     Attributes:
         frame: Index of the frame.
@@ -208,7 +210,7 @@ def extrapolate_partial_tracks(
 
 
 def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighbors: NeighborSet) -> None:
-    """Moves tracks like their neighbours in frames in which the tracks do not exist.
+    """Moves tracks like their neighbours in the frames before the tracks begin and after they end.
 
     Args:
         means: Positions of all tracks, float32 (n, F, 3); modified in place.
@@ -231,7 +233,7 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighb
 
 
 def _is_coherent(means: np.ndarray, full_length: np.ndarray, sample: NeighborSet | None) -> bool:
-    """True if most tracks move like their neighbours, tested with a sample.
+    """True if most tracks (one Gaussian over time each) move like their neighbours, tested with a sample.
 
     Args:
         means: Positions of all tracks in all frames, float32 (n, F, 3).
@@ -261,7 +263,7 @@ def _moves_like(motion: np.ndarray, neighbor_motion: np.ndarray, exists: np.ndar
 
 
 def first_gaussians(frames: Sequence[TrackedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
-    """Returns the Gaussian of each track in its first frame.
+    """Returns the Gaussian of each track (one Gaussian over time) in the first frame of the track.
 
     Args:
         frames: Gaussians of all frames of the group, each with the key of its track.

@@ -14,7 +14,7 @@ def check_background(values: object) -> Background:
     """Validates a colour read from a file or an option, and returns it as three floats.
 
     Raises:
-        InvalidValueError: If it is not three numbers from 0 to 1.
+        InvalidValueError: If `values` is not three numbers from 0 to 1.
     """
     if (
         not isinstance(values, Sequence)

@@ -83,9 +83,9 @@ class Prior(CheckedFields):
 
 
 def plausible_scalings(anchors: Anchors, loss_mask: LossMask, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
-    """Raises estimated scalings to at least the smallest received ones, for each of the six components.
+    """Raises estimated scalings to a lower limit: for each of the six components, the smallest received value.
 
-    If no scaling was received, the minimum is 0.
+    If no scaling was received, the limit is 0.
 
     Args:
         anchors: All anchors.

@@ -125,7 +125,7 @@ class ReceivedScene(Generic[S]):
         """Returns the side information of a type, such as `TierSizes`.
 
         Raises:
-            InvalidValueError: If it is absent.
+            InvalidValueError: If there is no side information of that type.
         """
         found = self.get(kind)
         if found is None:

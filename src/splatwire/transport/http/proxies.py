@@ -14,7 +14,7 @@ def parse_networks(texts: Sequence[str]) -> tuple[IpNetwork, ...]:
     """Parses IP addresses and networks such as `10.0.0.0/8` or `::1`.
 
     Raises:
-        InvalidValueError: If a text is neither.
+        InvalidValueError: If a text is neither an IP address nor a network.
     """
     try:
         return tuple(ipaddress.ip_network(text.strip()) for text in texts)

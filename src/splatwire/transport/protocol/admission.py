@@ -156,7 +156,7 @@ class ConnectionSlots:
 
 @dataclass(slots=True)
 class _Starts:
-    """Recent transfers of a network.
+    """Transfers that clients of one network have started recently.
 
     Attributes:
         recent: Time in seconds and nonce of each new transfer, the oldest first.

@@ -9,7 +9,7 @@ def need_aioquic() -> None:
     """Checks that the package `aioquic` is installed.
 
     Raises:
-        BackendUnavailableError: If it is not installed.
+        BackendUnavailableError: If the package `aioquic` is not installed.
     """
     if importlib.util.find_spec("aioquic") is None:
         raise BackendUnavailableError("aioquic", "pip install 'splatwire[relay]'")
