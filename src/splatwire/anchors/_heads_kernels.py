@@ -111,15 +111,7 @@ def _choose_anchors(n, last, anchors, hints, camera, chosen):
         anchors: Arrays of all anchors: positions, features, scalings, offsets and masks.
         hints: Arrays of `RenderHints`; the first is the mask of hidden anchors, empty for none.
         camera: Pose, intrinsics, centre, width, height and near plane.
-        chosen: Output: indices of the visible anchors.
-
-    Args:
-        n: Index of the first anchor to test.
-        last: Index after the last anchor to test.
-        anchors: Arrays of all anchors, positions first.
-        hints: Arrays of the concealment; the first one marks anchors that are not drawn, or is empty.
-        camera: Parameters of the camera.
-        chosen: Receives the indices of the visible anchors, int64 (16).
+        chosen: Output: indices of the visible anchors, int64 (16).
 
     Returns:
         Number of visible anchors found, and index of the next anchor to test.

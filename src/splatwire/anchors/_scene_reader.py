@@ -143,7 +143,11 @@ class SceneReader:
 def open_scene_file(path: Path, file_format: str, version: int, kind: str | None) -> Iterator[SceneReader]:
     """Opens a scene file and checks format, version and kind in the header.
 
-    The kind is complete or lossy; None accepts both.
+    Args:
+        path: Path of the file.
+        file_format: Expected format in the header.
+        version: Expected version in the header.
+        kind: Expected kind, such as `scene` (complete) or `partial` (with losses); None to accept any kind.
 
     Raises:
         UnsupportedVersionError: If the file has a version that this release does not support.

@@ -96,8 +96,8 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
 def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGaussians:
     """Returns the Gaussians that camera `view` sees, and for each the index of the anchor and offset that generated it.
 
-    For scenes of explicit Gaussians, the anchor is the Gaussian itself and the offset is 0. The factors and hidden
-    elements chosen by loss concealment (`scene.hints`) are not applied.
+    For scenes of explicit Gaussians, the anchor is the Gaussian itself and the offset is 0. Enlarged and hidden
+    elements, as chosen by loss concealment (`scene.hints`), are not taken into account.
     """
     own = np.arange(scene.num_elements)
     return SpawnedGaussians(gaussians_of_view(scene, cameras, view), own, np.zeros_like(own))

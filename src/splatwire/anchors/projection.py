@@ -26,8 +26,8 @@ class Projected:
 
     Attributes:
         means2d: Centres in pixels, (0, 0) is the centre of the top-left pixel.
-        covs2d: Entries xx, xy, yy of the dilated covariance, square pixels.
-        depths: Distance along the viewing axis.
+        covs2d: Entries xx, xy, yy of the projected covariance plus 0.3 on the diagonal, square pixels.
+        depths: Distance from the camera along the viewing axis, world units.
         radii: Three standard deviations along the longest axis, whole pixels; 0 for Gaussians too near to the camera.
     """
 
@@ -39,7 +39,12 @@ class Projected:
     __repr__ = summary_repr
 
     def tile_rectangles(self, width: int, height: int) -> Float[np.ndarray, "N 4"]:
-        """Returns the tiles that each Gaussian overlaps: left, top, right, bottom (exclusive), in tiles."""
+        """Returns the tiles that each Gaussian overlaps: left, top, right, bottom (exclusive), in tiles.
+
+        Args:
+            width: Width of the image, pixels.
+            height: Height of the image, pixels.
+        """
         grid = np.array([-(-width // TILE), -(-height // TILE)], self.radii.dtype)
         radius = self.radii[:, None]
         low = np.floor((self.means2d - radius) / TILE)

@@ -86,7 +86,7 @@ class Sketch(Protocol):
 
     @property
     def trusts(self) -> Sequence[float]:
-        """Candidates for the weight of the neural network that corrects this enlargement, 0 to 1, the default first."""
+        """Candidates for the weight of the network that corrects the enlargement, 0 to 1, the default first."""
 
     def with_growth(self, growth: tuple[float, ...]) -> "Sketch":
         """Returns a sketch with the same coarse copies and new parameters for the enlargement of received elements.

@@ -93,9 +93,10 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the price of a bit at which copies of about `count` anchors pay off.
+        """Returns the price of a bit at which about `count` anchors get a copy.
 
-        The price is a squared error in the pictures: the Lagrange multiplier for `fit_sketch`.
+        The price is a squared error in the pictures, the Lagrange multiplier for `fit_sketch`. An anchor gets a copy if
+        the error caused by its loss exceeds the price times the bits of the copy.
 
         Args:
             count: Number of anchors to copy.
@@ -282,7 +283,7 @@ class _Plan:
 
         Args:
             copied: Mask of the candidates that are likely to get a copy, bool (M). The frequencies of coded symbols are
-                counted in these; in all candidates if these are fewer than 16.
+                counted in their copies; if fewer than 16 are likely, in the copies of all candidates.
         """
         used = copied if copied.sum() >= 16 else np.ones_like(copied)
         total = np.full(len(copied), 6.0)

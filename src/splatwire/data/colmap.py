@@ -121,7 +121,7 @@ def read_views(folder: Path) -> list[ColmapView]:
 
 
 def _warn_of_other_text(folder: Path, views: list[ColmapView]) -> None:
-    """Logs a warning if the text files and the binary files of a reconstruction list different views."""
+    """Logs a warning if the text files of a reconstruction are damaged, or list other views than the binary files."""
     try:
         others = {view.name: view for view in _views(folder, ("txt",))}
     except DatasetError as error:

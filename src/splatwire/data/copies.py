@@ -37,7 +37,7 @@ def _copied_views(
 ) -> Iterable[tuple[int, int]]:
     """Yields pairs of a test view and the first training view with an identical photo.
 
-    Test views with other photos are omitted.
+    Test views whose photo is not also a training photo are omitted.
 
     Args:
         views: Indices of the views to compare.

@@ -177,7 +177,7 @@ def open_dataset(
 
 
 def _warn_of_unread_masks(path: Path) -> None:
-    """Logs a warning if a dataset whose views name no mask, in any split, has a folder of masks."""
+    """Logs a warning if a dataset has a folder of masks, but no view of any split names a mask."""
     try:
         found = [name for name in ("masks", "mask") if (path / name).is_dir() and any((path / name).iterdir())]
     except OSError as error:

@@ -32,7 +32,8 @@ def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths:
         True if photos must be rotated to fit their cameras.
 
     Raises:
-        DatasetError: If photos have an EXIF rotation, and their aspect ratios fit both cases or contradict each other.
+        DatasetError: If photos have an EXIF rotation, and their aspect ratios do not show which case applies: they fit
+            both cases, or some fit one case and some the other.
     """
     turned = [(view, file) for view, file in zip(views, image_paths, strict=True) if is_turned(file)]
     if not turned:

@@ -43,7 +43,7 @@ class SceneExtent:
         return cls(path, middle + origin_of(scene), float(lower_median(np.linalg.norm(positions - middle, axis=1))))
 
     def difference(self, other: "SceneExtent") -> str | None:
-        """Returns how two scenes differ in position or size if they differ strongly, else None."""
+        """Returns a message if two scenes differ strongly in position or size, else None."""
         small, large = min(self.radius, other.radius), max(self.radius, other.radius)
         away = float(np.linalg.norm(other.centre - self.centre))
         # A radius of 0, as of a single Gaussian, is no measure of a scene.

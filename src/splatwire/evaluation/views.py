@@ -87,7 +87,7 @@ class Compared:
     mask: Bool[np.ndarray, "1 H W"] | None
 
     def measure(self, metric: str) -> float:
-        """Computes a metric over the evaluated pixels."""
+        """Computes the metric with the given name for the image and its reference, over the evaluated pixels."""
         return measure_view(metric, self.image, self.reference, self.mask)
 
 
@@ -133,9 +133,9 @@ def photo_views(dataset: Dataset) -> ReferenceViews:
 
 
 def photo_source(*, masked: bool) -> str:
-    """Returns the name of photos as reference images, for reports.
+    """Returns the text with which reports describe reference images that are photos.
 
     Args:
-        masked: True if only the pixels inside masks are evaluated, which the name then states.
+        masked: True if only the pixels inside masks are evaluated; the text then says so.
     """
     return "photos inside their masks" if masked else "photos"

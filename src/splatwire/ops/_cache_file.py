@@ -19,14 +19,14 @@ _REPORTED: set[str] = set()
 
 
 class CacheFile(IndexDataCacheFile):
-    """The cached machine code of a kernel: an index file, and a data file for each signature.
+    """Cache of a kernel's machine code in a folder: an index file, and a data file for each signature.
 
-    A data file is named after its content and written before the index that names it. An index therefore never names
-    the code of another signature or of an earlier source, however processes alternate and wherever one is killed. Code
-    that is absent or damaged counts as not cached.
+    A data file is named after its content, and is written before the index that names it. An index therefore never
+    names the code of another signature or of earlier sources, even if several processes write alternately, or a process
+    is killed. Code that is absent or damaged counts as not cached.
 
     Args:
-        plain: The object of numba to replace.
+        plain: Cache object of numba that the new object replaces.
         source_stamp: Identifies the sources of the kernel; code of other sources counts as not cached.
     """
 
@@ -38,7 +38,9 @@ class CacheFile(IndexDataCacheFile):
         super().__init__(plain._cache_path, self._stem, source_stamp)
 
     def save(self, key: Any, data: Any) -> None:
-        """Stores the machine code of a signature. An error of the file system is logged: the kernel works without.
+        """Stores the machine code of a signature.
+
+        An error of the file system is only logged, because the kernel also works without a cache.
 
         Args:
             key: Identifies the signature and the processor.
@@ -74,7 +76,7 @@ class CacheFile(IndexDataCacheFile):
             return None
 
     def _load_index(self) -> dict[Any, str]:
-        """Returns the names of the data files by key. An unreadable index, such as of another release, is empty."""
+        """Returns the names of the data files by key; empty for an unreadable index, such as one of another release."""
         try:
             found: dict[Any, str] = super()._load_index()
         except Exception:  # unpickling may raise anything
@@ -85,7 +87,7 @@ class CacheFile(IndexDataCacheFile):
         return f"{self._stem}.{hashlib.blake2b(packed, digest_size=_DIGEST_BYTES).hexdigest()}.nbc"
 
     def _data(self, name: str) -> bytes | None:
-        """Returns the content of a data file; None if it is absent, unreadable or not what its name says."""
+        """Returns the content of a data file; None if it is absent, unreadable or does not match its name."""
         try:
             packed = Path(self._cache_path, name).read_bytes()
         except OSError:
@@ -107,7 +109,10 @@ class CacheFile(IndexDataCacheFile):
                 unfinished.unlink()
 
     def _remove_all_but(self, kept: set[str]) -> None:
-        """Removes code of earlier sources, and the unfinished files of killed processes."""
+        """Removes all files of this kernel's cache except those with the names `kept`.
+
+        Removed files are code of earlier sources, or unfinished files of killed processes.
+        """
         # Another process that is about to name such a file in its index compiles its kernel once more.
         for path in self._files():
             if path.name not in kept:

@@ -203,7 +203,7 @@ def _lock_within(duration_s: float, handle: int) -> bool:
 
 
 def _without_folder_errors(cache: Any) -> Callable[[Any, Any], None]:
-    """Wraps numba's function that stores machine code: a cache folder that cannot be made is logged.
+    """Wraps numba's function that stores machine code, so that a cache folder that cannot be created is only logged.
 
     Args:
         cache: Cache of a kernel.
@@ -330,7 +330,7 @@ class _Compilations(event.Listener):
 
     @contextmanager
     def counted(self) -> Iterator[None]:
-        """Context that counts as a running compilation."""
+        """Context manager that increases `num_running` by 1, for a wait for another process."""
         self._count(1)
         try:
             yield

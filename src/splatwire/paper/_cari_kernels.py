@@ -74,7 +74,8 @@ def _score_query(context, signature, reliability, query, candidates, distance, e
         query: Index of the lost anchor.
         candidates: Indices of its candidate anchors, int64 (L).
         distance: Distances of the candidates, float32 (L).
-        exponents: Exponents of distance, context similarity and signature similarity, then epsilon, float32 (4).
+        exponents: Exponents of distance, context similarity and signature similarity; then epsilon, which is added to
+            distances, float32 (4).
         index: Output: indices of the best candidates of each attribute group, best first, int64 (G, K).
         strength: Output: scores of the best candidates, float32 (G, K).
     """
@@ -126,7 +127,8 @@ def score_and_keep(
         candidates: Indices of the candidate anchors of each query, int64 (Q, L).
         distance: Distances of the candidates, float32 (Q, L).
         keep: Number of candidates to keep, at most L.
-        exponents: Exponents of distance, context similarity and signature similarity, then epsilon, float32 (4).
+        exponents: Exponents of distance, context similarity and signature similarity; then epsilon, which is added to
+            distances, float32 (4).
 
     Returns:
         Anchor indices, int64 (Q, G, keep), and scores, float32 (Q, G, keep), highest score first.

@@ -14,6 +14,8 @@ from splatwire.ops.compiled import njit
 def _distance_bound(x, low, high, reach):
     """Returns a lower bound of the squared Mahalanobis distance from a query to the points of a block.
 
+    A block is a group of points that the search skips as a whole if this bound is too large.
+
     Args:
         x: Query position, float64 (3).
         low: Lower corner of the block's bounding box.
@@ -53,6 +55,8 @@ def _insert(index, distance, candidate, gap):
 def nearest(queries, points, sizes, number, starts, low, high, reach, bound, index, distance):
     """Finds the k nearest points of each query by Mahalanobis distance, nearest first.
 
+    Points are divided into B blocks; blocks that are too far from a query are skipped.
+
     Args:
         queries: Query positions, float64 (Q, 3).
         points: Point positions, sorted by block, float64 (S, 3).
@@ -64,7 +68,7 @@ def nearest(queries, points, sizes, number, starts, low, high, reach, bound, ind
         reach: Largest size in each block along each axis, float64 (B, 3).
         bound: Upper bound of the squared distance from each query to its k-th neighbour, float64 (Q).
         index: Output: indices of the neighbours before sorting, int64 (Q, k).
-        distance: Output: squared distances of the neighbours, float64 (Q, k).
+        distance: Output: squared distances of the neighbours, float64 (Q, k); infinite initially.
     """
     # Points are divided into blocks; blocks that are too far from a query are skipped. Of equally distant points,
     # the one with the lower index is first. `distance` must be initialised with infinity.

@@ -262,7 +262,13 @@ class _Neighbors:
 
 
 def _estimate_masks(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[Tensor, "Q K"]:
-    """Estimates which offsets of lost anchors (queries) exist, by a weighted vote of their neighbours."""
+    """Estimates which offsets of lost anchors (queries) exist, by a weighted vote of their neighbours.
+
+    Args:
+        settings: Settings of the concealer, with the rule of the vote.
+        mask: Offset masks of all anchors.
+        near: Neighbours of the lost anchors, with weights.
+    """
     total = near.weight.sum(dim=1, keepdim=True)
     votes = weighted_mean(mask.to(total.dtype), near.index, near.weight)
     return settings.vote(votes / total.clamp(min=torch.finfo(total.dtype).tiny), total[:, 0] > 0)

@@ -65,6 +65,10 @@ class Idw:
     def neighborhoods(self, context: ReceivedScene, received: Bool[Tensor, "N"]) -> Iterator[tuple[Tensor, ...]]:
         """Finds the nearest received anchors of each lost anchor (query), and their weights for the interpolation.
 
+        Args:
+            context: The received scene.
+            received: Mask of the anchors that can be neighbours; the others are the queries.
+
         Yields:
             Groups of queries: their indices (Q), the indices of their neighbours (Q, k), and the weights of the
             neighbours (Q, k), with sum 1 per query.

@@ -287,6 +287,11 @@ def _neighborhoods(
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Finds the nearest received anchors of each lost anchor (query).
 
+    Args:
+        context: The received scene.
+        received: Mask of the anchors that can be neighbours; the others are the queries.
+        neighbors: Maximum number of neighbours, k.
+
     Yields:
         Groups of queries: their indices (Q), the indices of their neighbours (Q, k), and the distances (Q, k).
     """

@@ -86,7 +86,12 @@ class MahalanobisSearch:
 
 
 def _local_order(positions: np.ndarray, extents: np.ndarray) -> np.ndarray:
-    """Returns an order of points in which consecutive points are close in space and of similar size, as indices."""
+    """Returns an order of points in which consecutive points are close in space and of similar size, as indices.
+
+    Args:
+        positions: Positions of the points, (S, 3).
+        extents: Sizes of the points along the axes, (S, 3).
+    """
     # The nearest-neighbour search divides the points into blocks in this order. The points of a block are similar,
     # so that it can skip most blocks as a whole.
     # Sorted by the largest extent, rounded down to a power of two, then along the Z-order curve.

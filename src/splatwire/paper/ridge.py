@@ -14,7 +14,7 @@ def ridge_correction(
     weight: Float[Tensor, "Q k"],
     strength: float,
 ) -> Float[Tensor, "Q D"]:
-    """Corrects the interpolated residual of a lost anchor (query) by a local linear model of the residuals.
+    """Computes a correction of the interpolated residual of each lost anchor (query), with a local linear model.
 
     A linear function of the position, with slope B, is fitted to the neighbours' residuals by weighted least squares,
     with the penalty `strength * |B| ** 2`.
@@ -26,7 +26,7 @@ def ridge_correction(
         strength: Weight of the penalty, positive.
 
     Returns:
-        Correction to add to the weighted mean.
+        Correction to add to the weighted mean of the neighbours' residuals.
     """
     # Positions are in units of the standard deviation of the neighbours' positions. The correction is the value of
     # the function at the query minus the weighted mean of the residuals. With a large penalty, it approaches 0.

@@ -59,15 +59,15 @@ def _blend_back(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue, ou
         buf: Pixel buffer of the tile; changed in place.
         low: First pixel row.
         high: End of the pixel rows (exclusive).
-        x: Centre of the Gaussian in the tile, pixels.
-        y: Centre of the Gaussian in the tile, pixels.
-        A: Coefficient of dx ** 2 in the exponent of alpha (base 2).
-        B: Coefficient of dx * dy.
-        C: Coefficient of dy ** 2.
+        x: Column of the Gaussian's centre, relative to the tile, pixels.
+        y: Row of the Gaussian's centre, relative to the tile, pixels.
+        A: Coefficient of dx ** 2 in log2 of alpha; dx and dy are distances from the centre, pixels.
+        B: Coefficient of dx * dy in log2 of alpha.
+        C: Coefficient of dy ** 2 in log2 of alpha.
         log_opacity: log2 of the opacity.
-        red: Colour of the Gaussian.
-        green: Colour of the Gaussian.
-        blue: Colour of the Gaussian.
+        red: Red component of the Gaussian's colour.
+        green: Green component of the colour.
+        blue: Blue component of the colour.
         out: Output: gradient sums, one row for each pair of Gaussian and tile.
         row: Row of `out` to write.
     """
@@ -141,9 +141,9 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 
     Args:
         splats: Projected Gaussians.
-        starts: Start of each tile's list of Gaussians.
-        ids: Lists of the Gaussians of each tile.
-        spans: Pixel rows that the Gaussian of each list entry covers.
+        starts: Start of each tile's list in `ids`, and the end of the last list.
+        ids: Lists of all tiles, one after another: indices of Gaussians, nearest first.
+        spans: Pixel rows that each entry of `ids` covers in its tile: first row and end (exclusive).
         grid_x: Number of tile columns.
         first_row: First row of tiles.
         image: The rendered image.

@@ -103,7 +103,18 @@ def prefetch_splat(splats, ids, k):
 @njit(inline="always")
 @no_type_check
 def splat_numbers(splats, g, left, top):
-    """Returns the values of a projected Gaussian that blending needs, with its centre relative to the tile's corner."""
+    """Returns the values of a projected Gaussian that blending needs.
+
+    Args:
+        splats: Projected Gaussians.
+        g: Index of the Gaussian.
+        left: Left edge of the tile, pixels.
+        top: Top edge of the tile, pixels.
+
+    Returns:
+        Centre relative to the corner of the tile (x, y), coefficients A, B and C of log2 of alpha, log2 of the opacity,
+        and RGB: the arguments of the same names of `_blend`.
+    """
     # Single values are read, because an array view of the row would be slower (reference counting).
     at = np.int64(g) * SPLAT
     x, y = pick(splats, at) - np.float32(left), pick(splats, at + 1) - np.float32(top)
@@ -124,8 +135,8 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
         spans: Pixel rows of the tile that the Gaussian of each entry of `ids` covers.
         begin: First entry of `ids` for this tile.
         end: End of the entries (exclusive).
-        left: Left corner of the tile, pixels.
-        top: Top corner of the tile, pixels.
+        left: Left edge of the tile, pixels.
+        top: Top edge of the tile, pixels.
         background: RGB of the background.
         image: Output: RGB of the pixels.
         left_over: Output: remaining transmittance of the pixels.
@@ -177,9 +188,9 @@ def draw_tiles(splats, starts, ids, spans, grid_x, first_row, background, image,
 
     Args:
         splats: Projected Gaussians.
-        starts: Start of each tile's list of Gaussians.
-        ids: Lists of the Gaussians of each tile.
-        spans: Pixel rows that the Gaussian of each list entry covers.
+        starts: Start of each tile's list in `ids`, and the end of the last list.
+        ids: Lists of all tiles, one after another: indices of Gaussians, nearest first.
+        spans: Pixel rows that each entry of `ids` covers in its tile: first row and end (exclusive).
         grid_x: Number of tile columns.
         first_row: First row of tiles.
         background: RGB of the background.

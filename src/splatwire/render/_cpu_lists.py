@@ -22,7 +22,7 @@ _LOWEST = -200.0  # lower bound of exponents for any opacity
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def row_entries(tiles, grid_y):
-    """Counts the entries of the tile lists in each row of tiles; an entry is a Gaussian in a tile.
+    """Counts the pairs of a Gaussian and a tile that it overlaps, for each row of tiles.
 
     Args:
         tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).
@@ -84,8 +84,8 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
         g: Index of the Gaussian.
         left: First column of tiles that the Gaussian overlaps.
         columns: Number of columns of tiles that it overlaps.
-        top: Lower limit of the pixel rows.
-        bottom: Upper limit of the pixel rows (exclusive).
+        top: First pixel row that may be written.
+        bottom: End of the pixel rows that may be written (exclusive).
         strips: Output: first pixel row and end (exclusive), one row of this array for each column.
         strip: Row of `strips` for the column `left`.
     """

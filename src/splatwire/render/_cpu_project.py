@@ -152,7 +152,14 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
 @njit(inline="always")
 @no_type_check
 def _scaled_axis(row_x, row_y, axis, scale):
-    """Projects one principal axis of a Gaussian, scaled by its standard deviation, to the image plane."""
+    """Projects one principal axis of a Gaussian, scaled by its standard deviation, to the image plane.
+
+    Args:
+        row_x: First row of the projection's Jacobian.
+        row_y: Second row of the projection's Jacobian.
+        axis: The principal axis.
+        scale: Standard deviation along the axis, world units.
+    """
     along_x = row_x[0] * axis[0] + row_x[1] * axis[1] + row_x[2] * axis[2]
     along_y = row_y[0] * axis[0] + row_y[1] * axis[1] + row_y[2] * axis[2]
     return along_x * scale, along_y * scale

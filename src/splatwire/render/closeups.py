@@ -93,7 +93,12 @@ def _surface_point(
 
 
 def _moved_towards(pose: Float[np.ndarray, "4 4"], target: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
-    """Turns a camera towards a point, and moves the camera closer to the point."""
+    """Turns a camera towards a point, and moves the camera closer to the point.
+
+    Args:
+        pose: World-to-camera transform.
+        target: The point, world coordinates.
+    """
     eye = -pose[:3, :3].T @ pose[:3, 3]
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(pose[1, :3], forward)

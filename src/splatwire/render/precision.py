@@ -90,7 +90,8 @@ def scene_precision_classes(
         recompute: True to ignore quantisation steps that the Gaussians already have.
 
     Returns:
-        Classes, int8 (N); None if the scene already has quantisation steps.
+        Classes, int8 (N); None for a scene without explicit Gaussians, and for Gaussians that already have
+        quantisation steps unless `recompute` is True.
     """
     splats = explicit_gaussians(scene)
     return (
@@ -161,8 +162,9 @@ def measure_gaussians(
 
     Args:
         scene: Gaussians that can be drawn.
-        cameras: Cameras of the images; None for views around the scene, that frame it, and close to its surfaces.
-        framing: Cameras that show the whole scene, given together with `cameras`; None for no further ones.
+        cameras: Cameras of the images; None for generated views around the scene, of the whole scene, and close to its
+            surfaces.
+        framing: Cameras that show the whole scene, given together with `cameras`; None for no such views.
         closeups: Cameras close to the surfaces of the scene, given together with `cameras`; they only add to the errors
             after removal. None for no further ones.
         seed: Random seed.

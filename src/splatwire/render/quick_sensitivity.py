@@ -90,8 +90,8 @@ class _NetworkErrors:
         metric: Matrix M for changes of features and logarithms of scalings: a change by the vector d in all selected
             anchors causes the error `d . M d`.
         offset: Error if one coordinate of an offset changes by 1, summed over the offsets.
-        offset_share: Error if one Gaussian is removed, times `_relative_size` of its anchor, summed over the Gaussians.
-            The error of an offset is estimated from it: `offset / offset_share` is their ratio.
+        offset_share: As `removal`, but the error of each Gaussian is multiplied by `_relative_size` of its anchor
+            before the sum. The ratio `offset / offset_share` converts such products to the errors of single offsets.
         removal: Error if one Gaussian is removed, summed over the Gaussians.
     """
 

@@ -167,7 +167,16 @@ def _with_metrics(
     score: FileScore, references: ReferenceViews, drawn: Iterable[np.ndarray], lpips: Lpips | None, pictures: bool,
     progress: Progress,
 ) -> FileScore:  # fmt: skip
-    """Measures the image quality of a scene file, and adds the results to the file's score."""
+    """Measures the image quality of a scene file, and adds the results to the file's score.
+
+    Args:
+        score: Score of the file without image quality.
+        references: Views with their reference images.
+        drawn: Rendered image of each view.
+        lpips: The LPIPS metric; None to leave it out.
+        pictures: True to store pictures for a report.
+        progress: Called with the name of the task and its finished share, 0 to 1.
+    """
     num_views = references.cameras.num_views
     figures: dict[str, list[float]] = {"psnr": [], "ssim": [], "lpips": []}
     shots = Shots(spread(num_views, Shots.NUM_VIEWS)) if pictures else Shots()
@@ -198,7 +207,12 @@ class _TimedScene:
 
     @classmethod
     def of(cls, path: Path, reads: int) -> "_TimedScene":
-        """Reads a scene several times, and measures the shortest reading time."""
+        """Reads a scene several times, and measures the shortest reading time.
+
+        Args:
+            path: The file or folder of the scene.
+            reads: Number of times that the scene is read, at least 1.
+        """
         seconds = math.inf
         with opened(path) as source:
             kind = file_kind(source)

@@ -158,7 +158,10 @@ def _by_size(summaries: Sequence[Summary], key: str) -> list[Summary]:
 
 
 def _axis_positions(losses: Sequence[Loss]) -> tuple[list[float], list[str]]:
-    """Returns the horizontal position and the label of each loss model in a chart."""
+    """Returns the horizontal position and the label of each loss model in a chart.
+
+    Positions are loss rates in percent if all losses are independent (Bernoulli); otherwise they are equally spaced.
+    """
     # Loss rates in percent if all losses are independent; otherwise equally spaced.
     models = [parse_loss(loss.model) for loss in losses]
     if all(isinstance(model, Bernoulli) for model in models):

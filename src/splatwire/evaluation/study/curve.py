@@ -100,10 +100,7 @@ def curve_losses(result: StudyResult, curve: StudyResult) -> tuple[Loss, ...]:
 
 
 def _with_loss_rate(model: LossModel, rate: float) -> str | None:
-    """Returns a loss model, as text, with its loss rate replaced.
-
-    None if the model has no parameter for the rate.
-    """
+    """Returns the specification of a loss model with another loss rate; None if the model has no rate."""
     if isinstance(model, Bernoulli):
         return f"bernoulli:{rate}"
     if isinstance(model, GilbertElliott) and (model.arrival_bad, model.arrival_good) == (0.0, 1.0):

@@ -325,11 +325,11 @@ def _check_concealer(name: str, options: Mapping[str, Any]) -> None:
 
 
 def _check_metric(name: str) -> None:
-    """Checks that a metric exists and that its name does not clash with a record column.
+    """Checks that a metric exists, and that its name is not that of a column of the result records.
 
     Raises:
         UnknownNameError: If no metric has that name.
-        InvalidValueError: If a record column has the name.
+        InvalidValueError: If a column of the result records has the name.
     """
     if name in RECORD_COLUMNS:
         raise InvalidValueError(f"metric '{name}' has the name of a column of records: rename it")

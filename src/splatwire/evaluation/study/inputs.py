@@ -59,7 +59,7 @@ class PreparedScene:
         entry: Definition of the scene.
         references: The reference images.
         streams: Encoded streams, by name of the stream (`Row.variant`).
-        parts: For each stream by its name, number of bytes of each part by name. A part is, for example, one attribute.
+        parts: Number of bytes of each part of a stream, such as one attribute: by name of the stream, then of the part.
         masks: Loss masks, by name of the stream, loss and seed.
         sections: Names of the additional side information in the scene's streams.
         codec: Name of the codec schema; empty if nothing is sent.
@@ -275,7 +275,12 @@ def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], dige
 
 
 def _background(first: PreparedStream, store: Store) -> Background:
-    """Returns the background colour of a scene, read from one of its streams or from its scene file."""
+    """Returns the background colour of a scene.
+
+    Args:
+        first: Stream or scene file from which the colour is read.
+        store: Store that contains the file.
+    """
     path = store.root / first.path
     if first.num_packets:
         return BACKGROUND.of_stream(store.files.stream(path))
@@ -343,10 +348,11 @@ def stored_stream(store: Store, path: str, about: Path) -> PreparedStream | None
     Args:
         store: The store.
         path: Path of the stream within the store.
-        about: Path of the file that describes it.
+        about: Path of the JSON file that describes the stream.
 
     Raises:
-        SplatwireError: If the stream or its description is damaged: scores of it would be stored.
+        SplatwireError: If the stream or the JSON file is damaged, because scores of a damaged stream must not be
+            stored.
     """
     if (found := read_json(about)) is None:
         return None

@@ -113,7 +113,7 @@ def make_lead(
 def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lead | None:
     """Creates the first part of the report for an evaluation of a single method without losses.
 
-    Returns None for an evaluation of several methods.
+    Returns None for an evaluation of several methods, or if no PSNR was measured.
     """
     found, *others = summarize(result)
     figure = found.figures.get("psnr")

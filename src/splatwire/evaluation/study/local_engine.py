@@ -106,7 +106,10 @@ class _Worker:
 
 @contextlib.contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Context in which SIGINT (Ctrl-C) waits; a process that is started in it never gets SIGINT."""
+    """Context manager that blocks the signal SIGINT (Ctrl-C), except on Windows.
+
+    This process receives the signal after the context. Processes that are started within the context never receive it.
+    """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

@@ -121,8 +121,8 @@ def _tables(
     Args:
         result: Results of the evaluation.
         store: Store of the evaluation.
-        summaries: Statistics of each scene.
-        everything: Statistics of each scene; if there are several scenes, also the means over scenes, at the end.
+        summaries: Statistics for each scene, method and loss.
+        everything: The same statistics; if there are several scenes, followed by the means over scenes.
     """
     names = list(result.scenes)
     order = ordering_table(orderings(result, summaries))
@@ -152,7 +152,16 @@ def _save_masks(result: StudyResult, store: Store) -> None:
 
 
 def write_size_outputs(study: Study, found: Sequence[SceneSizes], folder: Path) -> dict[str, Path]:
-    """Writes the results of a comparison of sizes into a folder."""
+    """Writes the results of a comparison of sizes into a folder.
+
+    Args:
+        study: Definition of the comparison.
+        found: Sizes of each scene.
+        folder: Output folder.
+
+    Returns:
+        Paths of the written files by kind of content.
+    """
     tables = size_tables(study, found)
     lines = [
         {"scene": sizes.scene, "num_anchors": sizes.num_anchors, "column": column, "part": part, "num_bytes": size}

@@ -138,6 +138,15 @@ def _render_missing(
 ) -> str:  # fmt: skip
     """Renders the reference images into the store, unless they are already there.
 
+    Args:
+        name: Name of the scene, for progress reports.
+        cameras: Cameras of the images.
+        background: RGB of the background.
+        pictures: Function that yields the rendered images; called only if images are missing.
+        store: Store for the images.
+        folder: Folder of the images within the store.
+        progress: Called with the name of the task and its finished share, 0 to 1.
+
     Returns:
         Digest of cameras, background and images.
     """

@@ -178,8 +178,8 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
     """Returns one task for each scene and loss, by which the views of the report are chosen.
 
-    The report shows the views with the lowest PSNR in these tasks. They are tasks of the baseline, or of the first
-    method with losses.
+    The report shows the views with the lowest PSNR in these tasks. Each task is that of the baseline or, without a
+    baseline, that of the first method with losses.
     """
     # A task of the baseline, or of the first row with losses if there is no baseline.
     image_tasks = []

@@ -131,9 +131,14 @@ def _report_finished(store: Store, left: dict[str, Unit], listener: Listener) ->
 
 
 def _run(root: str, units: Sequence[Unit]) -> dict[str, str] | None:
-    """Executes the tasks of a cluster job sequentially.
+    """Executes the tasks of a cluster job sequentially, and stops at the first failure.
 
-    Returns the key and the error of the failed task, or None.
+    Args:
+        root: Folder of the store.
+        units: The tasks.
+
+    Returns:
+        Key (`unit`) and error message (`problem`) of the failed task; None if all tasks succeeded.
     """
     use_one_thread()
     for unit in units:

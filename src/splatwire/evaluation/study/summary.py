@@ -60,9 +60,10 @@ class Summary:
         figures: Estimate of each metric, by name; None if a value is not finite.
         exact: True if every image equals its reference.
         delta: Estimate of the paired difference to the baseline, by metric; empty for the baseline itself.
-        by_seed: Values of each metric, by its name: the mean over views, for each seed.
-        by_view: Values of each metric, by its name: the mean over seeds, for each view.
-        view_range: Values of each metric, by its name: the lowest and highest value over seeds, for each view.
+        by_seed: For each metric by name, one value per seed: the mean over views.
+        by_view: For each metric by name, one value per view: the mean over seeds.
+        view_range: For each metric by name, the lowest value over seeds for each view, and the highest value for each
+            view.
         num_bytes: Size of the stream, including weights sent with it, bytes.
         parts: Bytes of each part of the stream.
         num_packets: Number of packets of the stream.
@@ -99,7 +100,7 @@ class Summary:
     references: str
 
     def to_json(self) -> dict[str, Any]:
-        """Converts to JSON values."""
+        """Converts the statistics to JSON values."""
         content = asdict(self)
         content["row"], content["label"] = self.row.key, self.row.label
         content["loss"] = None if self.loss is None else self.loss.label

@@ -191,7 +191,8 @@ def packet_loss_table(scene: str, by_variant: Mapping[str, Sequence[PacketLossRa
 
     Args:
         scene: Name of the scene.
-        by_variant: Loss rates, one entry per loss model, by name of the packetization (the way to split the scene).
+        by_variant: Loss rates by name of the packetization (division of the scene into packets), with one entry per
+            loss model.
 
     Returns:
         The table, with one row per loss model; None if `by_variant` is empty.

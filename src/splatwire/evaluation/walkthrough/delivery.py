@@ -159,7 +159,11 @@ class _Sender:
         self._queue = [int(packet) for run in runs for packet in run if not under_way[packet]]
 
     def send(self, until: float) -> None:
-        """Sends packets until the next report arrives, or the queue is empty."""
+        """Sends queued packets until a given time, or until the queue is empty.
+
+        Args:
+            until: Time at which the next report of the receiver arrives at the sender, seconds.
+        """
         for packet in self._queue:
             if self.now >= until:
                 return
@@ -176,7 +180,8 @@ class _Sender:
 def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, received: np.ndarray) -> np.ndarray:
     """Returns the mask of tiles that can be drawn, bool (B).
 
-    A tile can be drawn once `MOST` of its packets are received. For tiles of the coarsest level, one packet suffices.
+    A tile can be drawn once at least the share `MOST` of its packets is received. For tiles of the coarsest level of
+    detail, one packet suffices.
 
     Args:
         tiles: The B tiles.

@@ -162,7 +162,12 @@ class StreamedWalkthrough:
         )
 
     def shown(self, seconds: float, viewpoint: Viewpoint) -> Scene:
-        """Returns the scene as a receiver draws it at a given time."""
+        """Returns the scene as a receiver draws it at a given time.
+
+        Args:
+            seconds: Time since the request for the scene, seconds.
+            viewpoint: Viewpoint of the receiver, which determines the drawn tiles.
+        """
         return self._drawn(self.delivery.drawable(self.tiles, seconds), self.delivery.arrivals <= seconds, viewpoint)
 
     def complete(self, viewpoint: Viewpoint) -> Scene:
@@ -176,9 +181,10 @@ class StreamedWalkthrough:
 
     @property
     def time_to_complete(self) -> float:
-        """Returns the time from which every part of the scene can be drawn in some level of detail, seconds.
+        """Returns the time since the request at which the coarsest level of detail is completely received, seconds.
 
-        It is infinite if parts never arrive.
+        From this time on, every part of the scene can be drawn. The time is infinite if a packet of the level never
+        arrives.
         """
         return float(self.delivery.arrivals[self.tiles.parents[self.delivery.blocks] < 0].max())
 

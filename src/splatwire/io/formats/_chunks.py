@@ -23,6 +23,9 @@ _CLASS = 8.0
 def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
     """Distributes Gaussians over the chunks of a compressed PLY so that few positions are rounded visibly.
 
+    Positions are quantised within the extent of their chunk of 256 rows. Gaussians of chunks with visible errors are
+    divided into other chunks, and unused rows are filled (padding).
+
     Args:
         splats: The Gaussians, sorted along a space-filling curve.
 

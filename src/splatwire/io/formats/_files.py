@@ -19,10 +19,10 @@ _MOST_READ = 1 << 30
 
 
 class FileBytes:
-    """The bytes of a file, or of a part of it, of which only the accessed slices are read.
+    """The bytes of a file, or of a part of a file. Only accessed slices are read.
 
-    The file is not mapped: if a program truncated it, such as a frame of a live clip that is written again, the system
-    would end this process (SIGBUS).
+    The file is not mapped into memory, because the system ends a process that accesses a mapped file after another
+    program has truncated it (SIGBUS). This could happen to a frame of a live clip that is written again.
 
     Args:
         path: The file; it stays open as long as this object lives.
@@ -60,7 +60,7 @@ class FileBytes:
         return data
 
     def part(self, start: int, stop: int) -> "FileBytes":
-        """Returns the bytes from `start` to `stop`, of which nothing is read yet."""
+        """Returns the part from byte `start` to byte `stop` (exclusive), without reading it."""
         start, stop, _ = slice(start, stop).indices(self._size)
         found = copy.copy(self)  # the file stays open as long as one of them lives
         found._start, found._size, found._whole = self._start + start, max(stop - start, 0), self
@@ -71,8 +71,8 @@ def is_in_folder_of(path: Path, other: Path) -> bool:
     """True if a file is in the folder of a scene, or below it, after symbolic links are resolved.
 
     Args:
-        path: The scene, a file.
-        other: File that the scene names; it need not exist.
+        path: File of the scene.
+        other: File to which the scene refers; it need not exist.
     """
     # in the cache of the Hugging Face Hub, the files of a scene are links to a folder `blobs`
     found = Path(os.path.realpath(other))

@@ -138,7 +138,7 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
         path: The file.
         comments: Text of each comment, without the word `comment`.
         keyword: First word of the comments with the scene's origin: `ORIGIN` or `OFFSET`. The reader applies the first
-            valid one of them, so that only invalid or different ones cause a warning.
+            valid one of them. Invalid ones, and those that state another origin, cause a warning.
     """
     known = tuple(comments)
     used = stated_origin(keyword, known)
@@ -284,8 +284,9 @@ def _is_identity(values: list[float]) -> bool:
     """Returns True if the numbers are those of a transform that leaves all positions unchanged.
 
     Args:
-        values: The numbers. Their count determines their meaning: 1 for a scale; 3 for a vector; 9, 12 or 16 for a
-            matrix row by row; any other for rotation, shift and scale.
+        values: The numbers. Their count determines their meaning. One number is a scale or a shift, three are a vector,
+            and 9, 12 or 16 are a matrix row by row. Any other count is a mix of rotation, shift and scale; it is the
+            identity if all numbers are 0 or 1, with at most two ones.
     """
     if len(values) in (1, _VECTOR):
         return not any(values) or values == [1.0]

@@ -85,18 +85,18 @@ class Limits:
         self._set()
 
     def restart(self) -> None:
-        """Restarts the time limits, e.g. for the next frame."""
+        """Restarts the time limits of this process, for example before it reads the next frame."""
         self._gaussians = 0
         self._since, self._since_clock = time.process_time(), time.monotonic()
         self._set()
 
     def pause(self) -> None:
-        """Pauses the wall-clock limit, until `resume`."""
+        """Pauses the limit on the wall-clock time of this process, until `resume`."""
         faulthandler.cancel_dump_traceback_later()
         self._paused = time.monotonic()
 
     def resume(self) -> None:
-        """Continues the wall-clock limit after `pause`."""
+        """Continues the limit on the wall-clock time of this process after `pause`."""
         self._since_clock += time.monotonic() - self._paused
         self._set()
 

@@ -290,7 +290,7 @@ class Stage:
 
 
 def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """Yields the prims above a prim."""
+    """Yields the ancestors of a prim, from its parent upwards, without the root of the stage."""
     above = prim.GetParent()
     while above and not above.IsPseudoRoot():
         yield above

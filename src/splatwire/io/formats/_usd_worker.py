@@ -36,7 +36,13 @@ class _Sender(logging.Handler):
         self._sink, self._limits = sink, limits
 
     def send(self, key: str, value: Any, arrays: tuple[np.ndarray, ...] = ()) -> None:
-        """Writes a message, followed by arrays."""
+        """Writes a message to the parent process: a line of JSON, followed by the values of arrays as float32.
+
+        Args:
+            key: Key of the message.
+            value: Value of the message, JSON-serialisable.
+            arrays: Arrays that follow the line.
+        """
         self._limits.pause()  # the receiver may take any time
         self._sink.write(json.dumps({key: value}).encode() + b"\n")
         for array in arrays:
@@ -45,7 +51,7 @@ class _Sender(logging.Handler):
         self._limits.resume()
 
     def send_content(self, content: FileContent) -> None:
-        """Writes a message with Gaussians and scene properties."""
+        """Writes a message with Gaussians and scene properties to the parent process."""
         splats = content.splats
         found = {
             "count": splats.num_gaussians,

@@ -318,8 +318,8 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
         A tuple of three items:
         * the values with a mask of the outliers;
         * the values with the outliers clipped, float64 (N, 3);
-        * the largest quantisation step if the outliers are unchanged, clipped or removed. These steps are 0 if no chunk
-          has outliers.
+        * three numbers: the largest quantisation step with outliers unchanged, clipped, and removed. All are 0 if no
+          chunk has outliers.
     """
     found = []
     for share in SHARES:

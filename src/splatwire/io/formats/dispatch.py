@@ -217,8 +217,10 @@ def _content(file_format: FileFormat, path: Path) -> FileContent:
 def read_with(file_format: FileFormat, path: Path) -> Any:
     """Reads a file with the reader of its format.
 
+    Common exceptions of readers of other packages, such as ValueError, are converted to DatasetError.
+
     Raises:
-        DatasetError: If a reader of another package fails.
+        DatasetError: If the file cannot be read.
     """
     assert file_format.read is not None
     if file_format.recognises is None:

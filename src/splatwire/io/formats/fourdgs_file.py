@@ -182,7 +182,7 @@ class _ConstantIntervals:
         self._done: list[tuple[Splats, np.ndarray, np.ndarray]] = []
 
     def add(self, splats: Splats) -> None:
-        """Adds the next frame."""
+        """Adds the Gaussians of the next frame of the sequence."""
         before = self._open
         if before is None or before.num_gaussians != splats.num_gaussians:
             self._end_intervals(np.ones(0 if before is None else before.num_gaussians, bool))

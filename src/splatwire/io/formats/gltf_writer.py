@@ -45,14 +45,14 @@ def write_gltf(
     """Writes all Gaussians as one point primitive in float32; returns their number.
 
     Args:
-        parts: Batches of Gaussians. Programs that support the extension EXT_splatwire draw the content of `stream`
-            instead, if it is given.
+        parts: Batches of Gaussians.
         path: Path of the file.
         antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
             that it widens to a pixel (Mip-Splatting); stored in the primitive's extras.
         origin: World coordinates of the point that positions are relative to; stored as translation of the node.
         metadata: Metadata of the scene, relative to `origin`.
-        stream: Content of a `.swz` file of the same scene, to embed in the file (EXT_splatwire, docs/gltf.md).
+        stream: Content of a `.swz` file of the same scene, to embed in the file; None for none. Programs that support
+            the extension EXT_splatwire (docs/gltf.md) draw it instead of the Gaussians in `parts`.
     """
     splats = join(path, parts)
     columns = _columns(flip_axes(splats, GLTF_FLIPS))

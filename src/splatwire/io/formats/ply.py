@@ -67,7 +67,8 @@ _MIN_OPACITY = 1e-6
 def content_of_vertices(vertices: PlyElement) -> FileContent:
     """Builds Gaussians from the vertices of a 3DGS PLY.
 
-    If the positions are far from 0, the content has an origin, and its positions are relative to it.
+    If the positions are far from 0, the result has an origin near the Gaussians, and its positions are relative to this
+    origin.
 
     Raises:
         DatasetError: If a property is missing, or values are invalid.

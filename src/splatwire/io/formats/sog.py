@@ -145,7 +145,7 @@ class _Sog:
         self._count = check_count(path, count, file_bytes)
 
     def is_antialiased(self) -> bool:
-        """Returns the flag `antialias`."""
+        """Returns the flag `antialias` of `meta.json`. An invalid value is logged and counts as False."""
         stated = self.meta.get("antialias", False)
         if stated is not None and stated not in (False, True):
             LOG.warning(

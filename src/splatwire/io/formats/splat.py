@@ -50,10 +50,10 @@ def read_splat(path: Path) -> Splats:
 
 
 def _num_implausible(records: np.ndarray) -> int:
-    """Returns the number of records whose positions or sizes no program writes.
+    """Counts the records whose positions or scales are implausible, which shows that a file is of another format.
 
-    The format has no signature. In files of other formats, bytes at the place of floats are often negative, not finite,
-    or of an extreme exponent. Flat Gaussians may have a scale of any small size.
+    The `.splat` format has no signature. In files of other formats, the bytes in place of floats are often negative,
+    not finite, or of an extreme magnitude. Scales close to 0 are plausible, because Gaussians may be flat.
     """
     with np.errstate(invalid="ignore"):
         distances, scales = np.abs(records["position"]), records["scale"]

@@ -155,7 +155,7 @@ class _Writer:
         self._prim.CreateRadianceSphericalHarmonicsDegreeAttr(degree)
 
     def put(self, splats: Splats, time: Usd.TimeCode) -> None:
-        """Writes the attributes of one frame."""
+        """Writes the attributes of the Gaussians of one frame to the stage, as values at `time`."""
         turned, prim = splats if self._flips == KEPT_AXES else flipped(splats, self._flips), self._prim
         prim.CreatePositionsAttr().Set(_vectors(turned.means), time)
         orientations = Vt.QuatfArray.FromNumpy(_contiguous(np.roll(turned.quats, -1, axis=1)))

@@ -145,7 +145,7 @@ def _build(name: str, stack: list[Any], tensors: "_Tensors") -> None:
         tensors: Reader of the archive's tensors.
 
     Raises:
-        ValueError: If the instruction is unknown, or builds anything else.
+        ValueError: If the instruction is unknown, or would build a value of any other kind.
     """
     if name in ("MARK", "EMPTY_DICT", "EMPTY_LIST", "EMPTY_TUPLE"):
         stack.append({"MARK": _MARK, "EMPTY_DICT": {}, "EMPTY_LIST": [], "EMPTY_TUPLE": ()}[name])
@@ -191,8 +191,12 @@ class _Tensors:
     def storage(self, reference: tuple[Any, ...]) -> np.ndarray:
         """Returns the values of a storage (a flat array in the archive, of which tensors are views) as float32.
 
+        Args:
+            reference: Persistent id of the storage in the pickle; states its type, its name and its number of values.
+
         Raises:
-            ValueError: If the storage is not float32, has another size than stated, or has non-finite numbers.
+            ValueError: If the storage is not float32, has another number of values than stated,
+                or has non-finite numbers.
         """
         word, kind, key, _, count = reference
         if word != "storage" or kind != _FLOATS or not str(key).isdigit():

@@ -109,7 +109,9 @@ def _head(
     num_offsets: int,
     appearance: int | None,
 ) -> Mlp:
-    """Converts a network of Scaffold-GS to one of the three networks with which this package draws anchors.
+    """Converts a Scaffold-GS network to one that predicts opacity, covariance or colour of Gaussians in this package.
+
+    The network gets the inputs of this package. An appearance embedding becomes a constant.
 
     Args:
         iteration: Folder of the model's iteration, for messages.

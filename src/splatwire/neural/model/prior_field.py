@@ -54,6 +54,9 @@ def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> P
 def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
     """Returns the typical standard deviation of each channel of an attribute, including the rounding error.
 
+    The result combines the median of the predicted standard deviations over the anchors with the standard deviation of
+    the rounding error.
+
     Args:
         scale: Predicted standard deviations of the channels of some anchors.
         step: Base quantisation step of the attribute.

@@ -17,7 +17,7 @@ class ProjectedTensors:
 
     Attributes:
         means2d: Centres in pixels; (0, 0) is the centre of the top-left pixel.
-        covs2d: Entries xx, xy, yy of the dilated covariance, square pixels.
+        covs2d: Entries xx, xy, yy of the projected covariance plus 0.3 on the diagonal, square pixels.
         depths: Distance from the camera along the viewing axis, world units.
         radii: Three standard deviations along the longest axis, rounded up to whole pixels; 0 for Gaussians closer
             than the near plane.
@@ -31,7 +31,12 @@ class ProjectedTensors:
     __repr__ = summary_repr
 
     def tile_rectangles(self, width: int, height: int) -> Float[Tensor, "N 4"]:
-        """Returns the image tiles that each Gaussian covers: left, top, right, bottom (exclusive), in tiles."""
+        """Returns the image tiles that each Gaussian covers: left, top, right, bottom (exclusive), in tiles.
+
+        Args:
+            width: Width of the image, pixels.
+            height: Height of the image, pixels.
+        """
         grid = torch.tensor([-(-width // TILE), -(-height // TILE)], dtype=self.radii.dtype, device=self.radii.device)
         radius = self.radii[:, None]
         low = torch.floor((self.means2d - radius) / TILE)
@@ -39,7 +44,12 @@ class ProjectedTensors:
         return torch.cat([low.clamp(min=0).minimum(grid), high.clamp(min=0).minimum(grid)], dim=1).detach()
 
     def touches_image(self, width: int, height: int) -> Bool[Tensor, "N"]:
-        """Returns the mask of the Gaussians beyond the near plane that intersect a tile of the image, bool (N)."""
+        """Returns the mask of the Gaussians beyond the near plane that intersect a tile of the image, bool (N).
+
+        Args:
+            width: Width of the image, pixels.
+            height: Height of the image, pixels.
+        """
         tiles = self.tile_rectangles(width, height)
         return (self.radii > 0) & (tiles[:, 2] > tiles[:, 0]) & (tiles[:, 3] > tiles[:, 1])
 

@@ -50,7 +50,18 @@ def render_projected(
     cameras: Cameras,
     background: Float[Tensor, "3"],
 ) -> Float[Tensor, "H W 3"]:
-    """Draws Gaussians that are already projected to the image."""
+    """Draws Gaussians that are already projected to the image.
+
+    Args:
+        flat: The projected Gaussians, in any order.
+        opacities: Opacity of each Gaussian.
+        colors: RGB of each Gaussian.
+        cameras: Cameras that give the image size.
+        background: RGB of the background.
+
+    Returns:
+        RGB of the image.
+    """
     order = torch.argsort(flat.depths.detach(), stable=True)
     order = order[flat.touches_image(cameras.width, cameras.height)[order]]
     flat = ProjectedTensors(flat.means2d[order], flat.covs2d[order], flat.depths[order], flat.radii[order])

@@ -66,13 +66,13 @@ def interpolate(table, rows3, weights3, rows2, weights2, index, out):
     The grid has 3D levels, and 2D levels for the projections of a position onto the planes xy, xz and yz.
 
     Args:
-        table: Concatenated tables of all levels.
-        rows3: Table rows of the grid cell's corners on the 3D levels, for all positions.
-        weights3: Interpolation weights of the corners on the 3D levels.
-        rows2: Table rows of the grid cell's corners on the 2D levels, for all positions.
-        weights2: Interpolation weights of the corners on the 2D levels.
-        index: Indices of the positions at which to interpolate.
-        out: Output, the features at the positions `index`.
+        table: Concatenated tables of all levels, (rows, D).
+        rows3: Table rows of the grid cell's corners on the 3D levels, for all positions, (L3, N, 8).
+        weights3: Interpolation weights of the corners on the 3D levels, (L3, N, 8).
+        rows2: Table rows of the grid cell's corners on the 2D levels, for all positions, (L2, N, 4).
+        weights2: Interpolation weights of the corners on the 2D levels, (L2, N, 4).
+        index: Indices of the positions at which to interpolate, (M).
+        out: Output: the features at the positions `index`, level after level, (M, (L3 + L2) D).
     """
     # Positions are processed in chunks whose data stays in the CPU cache.
     depth, levels3 = table.shape[1], rows3.shape[0]
@@ -114,13 +114,13 @@ def scatter(upstream, rows3, weights3, rows2, weights2, index, gradient):
     The grid has 3D levels, and 2D levels for the projections of a position onto the planes xy, xz and yz.
 
     Args:
-        upstream: Gradient with respect to the result of `interpolate`.
-        rows3: Table rows of the grid cell's corners on the 3D levels, for all positions.
-        weights3: Interpolation weights of the corners on the 3D levels.
-        rows2: Table rows of the grid cell's corners on the 2D levels, for all positions.
-        weights2: Interpolation weights of the corners on the 2D levels.
-        index: Indices of the positions that were interpolated.
-        gradient: Gradient with respect to the tables, changed in place.
+        upstream: Gradient with respect to the result of `interpolate`, (M, (L3 + L2) D).
+        rows3: Table rows of the grid cell's corners on the 3D levels, for all positions, (L3, N, 8).
+        weights3: Interpolation weights of the corners on the 3D levels, (L3, N, 8).
+        rows2: Table rows of the grid cell's corners on the 2D levels, for all positions, (L2, N, 4).
+        weights2: Interpolation weights of the corners on the 2D levels, (L2, N, 4).
+        index: Indices of the positions that were interpolated, (M).
+        gradient: Gradient with respect to the tables, (rows, D); changed in place.
     """
     depth, levels3 = gradient.shape[1], rows3.shape[0]
     levels = levels3 + rows2.shape[0]

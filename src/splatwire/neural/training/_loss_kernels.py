@@ -86,13 +86,14 @@ def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2, ssim):
 def similarity(moments, blurred, x, y, c1, c2, sums):
     """Computes the sum of SSIM, and the sum of absolute errors, over each image row.
 
-    Also computes the gradient of SSIM.
+    Also computes the gradient of SSIM. Images have one row of RGB values per row of pixels, (H, 3 W).
 
     Args:
-        moments: Blurred x, x * x and x * y; each is overwritten by the gradient of SSIM with respect to it.
-        blurred: Blurred y and y * y.
-        x: The picture.
-        y: The photo.
+        moments: Blurred x, x * x and x * y, (3, H, 3 W); each is overwritten by the gradient of SSIM with respect to
+            it.
+        blurred: Blurred y and y * y, (2, H, 3 W).
+        x: The picture, (H, 3 W).
+        y: The photo, (H, 3 W).
         c1: First constant of SSIM.
         c2: Second constant of SSIM.
         sums: Output, both sums of each row, (H, 2).
@@ -115,12 +116,14 @@ def similarity(moments, blurred, x, y, c1, c2, sums):
 def combine(gradients, x, y, dssim, out):
     """Computes the gradient of the photometric loss with respect to the picture, and writes it to `out`.
 
+    Images are flat lists of n values.
+
     Args:
-        gradients: Blurred gradients of SSIM with respect to x, x * x and x * y.
-        x: The picture.
-        y: The photo.
+        gradients: Blurred gradients of SSIM with respect to x, x * x and x * y, (3, n).
+        x: The picture, (n).
+        y: The photo, (n).
         dssim: Weight of 1 - SSIM in the loss.
-        out: Output, the gradient.
+        out: Output: the gradient, (n).
     """
     n = np.float32(x.shape[0])
     structure, absolute = np.float32(-dssim) / n, np.float32(1 - dssim) / n

@@ -9,13 +9,13 @@ from splatwire.neural.training.state import TrainState
 
 
 def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
-    """Returns the iteration after which parameters are averaged.
+    """Returns the iteration of a phase after which parameters are averaged.
 
     Parameters are averaged at the end of the main phase, and again at the end of the fine-tuning.
 
     Args:
         config: The configuration.
-        iteration: Any iteration of the phase (main phase or fine-tuning) in question.
+        iteration: An iteration of the phase, which is the main phase or the fine-tuning.
     """
     # Parameters are averaged over the last iterations before the fine-tuning, and again over the last iterations of
     # the fine-tuning. Iterations in which anchors are added and removed are excluded.

@@ -147,11 +147,16 @@ def noisy_numbers(
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 4"], Float[Tensor, "M O"]]:
     """Returns features, logarithms of scale and sizes, and offsets of anchors, with noise in place of rounding.
 
+    The noise is uniform and as wide as the quantisation step.
+
     Args:
         state: State of the training.
         index: Indices of the anchors.
         steps: Quantisation steps (`channel_steps`).
         uniform: Draws the random numbers.
+
+    Returns:
+        Features; logarithms of the offset scale and of three sizes; and flattened offsets. Each has one row per anchor.
     """
     # The noise is uniform and as wide as the quantisation steps. Offsets are multiplied by the anchor's scale, so
     # they are first corrected for the noise of the scale. An encoder does the same with the rounded scale.
@@ -236,7 +241,12 @@ def number_bits_of(
 
 
 def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-    """Concatenates the predicted normal distributions of two attributes: means and standard deviations."""
+    """Concatenates the predicted normal distributions of two attributes: means, and log2 of standard deviations.
+
+    Args:
+        first: Means, and log2 of standard deviations, of the first attribute.
+        second: Means, and log2 of standard deviations, of the second attribute.
+    """
     return torch.cat([first[0], second[0]], dim=1), torch.cat([first[1], second[1]], dim=1)
 
 

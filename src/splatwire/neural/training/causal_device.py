@@ -84,14 +84,14 @@ class DeviceCausal(TrainedCausal):
         steps: Float[Tensor, "D"],
         masks: tuple[Tensor, Tensor],
     ) -> Float[Tensor, ""]:
-        """Estimates the total bits of some anchors.
+        """Estimates the total bits of some anchors: attribute values, offset masks and positions.
 
         Args:
             state: State of the training.
             index: Indices of the anchors.
-            numbers: Features, logarithms of scale and sizes, and offsets, with noise in place of rounding.
+            numbers: Features, logarithms of offset scale and sizes, and offsets, with noise in place of rounding.
             steps: Quantisation step of each attribute value (`column_steps`).
-            masks: Straight-through masks of offsets and of anchors.
+            masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
         """
         (feature, logs, offsets), (offset_mask, anchor_mask) = numbers, masks
         values = torch.cat([feature, logs - state.parameters["centres"].detach(), offsets], dim=1) / steps

@@ -130,7 +130,7 @@ def _steering_to_list(steering: Steering) -> list[float | None]:
     """Converts the state of the size controller to a list for a checkpoint.
 
     Returns:
-        The fields `log_rate` and `miss`; and `ratio` if it is set.
+        The values of `log_rate` and `miss`, followed by `ratio` unless it is None.
     """
     values = [steering.log_rate, steering.miss]
     return values if steering.ratio is None else [*values, steering.ratio]

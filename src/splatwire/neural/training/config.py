@@ -212,11 +212,14 @@ class RefineConfig:
 class LossTraining:
     """Simulated packet loss in training (`neural.training.packet_loss`).
 
+    Each iteration with packet loss uses one of `models` or one of `first`, chosen at random. If both are empty, no
+    packet loss is simulated.
+
     Attributes:
-        models: Loss models in the syntax of `splatwire.channel.parse_loss`, chosen at random; empty for no packet loss.
-        first: Simulated receptions of only the most important anchors: the received share of the anchors, 0 to 1, for
-            each.
-        packets: Names of packetizations (`packetization_named`), chosen at random.
+        models: Loss models in the syntax of `splatwire.channel.parse_loss`.
+        first: Shares of the anchors, 0 to 1. Each share simulates that only this share of the anchors is received, the
+            most important ones.
+        packets: Names of packetizations (`packetization_named`); one of them is chosen at random.
         share: Share of the iterations with packet loss in the last phase of the training.
     """
 

@@ -57,7 +57,7 @@ class AttributeBits:
 
 
 class AnchorCache:
-    """Cache of data derived from anchor positions."""
+    """Cache of data derived from anchor positions: world coordinates, and table rows and weights of the hash grid."""
 
     # Valid until anchors or the bounding box of the hash grid change.
 
@@ -75,7 +75,7 @@ class AnchorCache:
         return self._positions
 
     def corners(self, state: TrainState) -> GridCorners:
-        """Returns the hash-grid corners of all anchors."""
+        """Returns the table rows and weights with which the hash grid is interpolated at all anchors."""
         positions = self.positions(state)
         box = (state.bounds_min, state.bounds_max)
         if self._corners is None or self._box is None or any(a is not b for a, b in zip(box, self._box, strict=True)):

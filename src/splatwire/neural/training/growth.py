@@ -113,7 +113,8 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
     Args:
         state: State of the training; changed in place.
         config: The configuration.
-        gradients: Mean gradient length of each offset's 2D centre; negative for offsets drawn in too few views.
+        gradients: Mean length of the gradient of the loss with respect to the 2D centre of each offset's Gaussian.
+            Negative for offsets drawn in too few views.
         uniform: Draws random numbers.
     """
     rules, first = config.growth, state.num_anchors

@@ -81,7 +81,9 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
 
 
 def points_of(scene: Scene) -> SparsePoints:
-    """Converts explicit Gaussians to initial points of a training: visible centres with their colours.
+    """Converts explicit Gaussians to initial points of a training: their centres and colours.
+
+    Gaussians with an opacity of at most 1/255 are omitted.
 
     Raises:
         InvalidValueError: If no Gaussian is left, or the scene has no explicit Gaussians.

@@ -77,7 +77,7 @@ class ModelTraining(Protocol):
         """Performs one iteration with the photo of a view."""
 
     def save(self, path: Path) -> None:
-        """Writes a checkpoint."""
+        """Writes a checkpoint of the training to a file."""
 
     def scene(self, device: torch.device) -> Scene:
         """Returns the scene of the present state, on the CPU.
@@ -133,10 +133,10 @@ class TrainingLoop:
         return photos
 
     def run(self, model: ModelTraining, photos: PhotoStore) -> bool:
-        """Trains until the last iteration, and writes a checkpoint at the end.
+        """Trains until the last iteration; then writes a checkpoint if the options name a checkpoint file.
 
         Returns:
-            True if the training was stopped before its last iteration, by the listener of its progress.
+            True if `Listener.should_stop` ended the training before its last iteration.
 
         Raises:
             DatasetError: If a resumed training had more views than `photos`.
@@ -168,7 +168,16 @@ class TrainingLoop:
         return False
 
     def test(self, scene: Scene, iteration: int, num_views: int) -> QualityReport | None:
-        """Measures the quality of test views and reports it to the listener."""
+        """Measures the quality of test views and reports it to the listener.
+
+        Args:
+            scene: The scene to render.
+            iteration: Number of the iteration, for the report.
+            num_views: Maximum number of views.
+
+        Returns:
+            The quality; None if there are no test views.
+        """
         if self.test_views is None:
             return None
         renderer = create_renderer("cpu" if self.device.type == "cpu" else "gsplat")

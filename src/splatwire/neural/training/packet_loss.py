@@ -106,10 +106,10 @@ class PacketLosses:
         return (*self._models, *self._config.losses.first)
 
     def begin(self, state: TrainState, cameras: Cameras) -> None:
-        """Removes anchors without offsets before an iteration, as an encoder does.
+        """Removes anchors without offsets, as an encoder does, and sorts the anchors by importance.
 
-        If `LossTraining.first` is set, it also sorts the anchors by importance from time to time. Most calls change
-        nothing, because both steps take time.
+        Sorting is needed only if `LossTraining.first` is set. Both steps take time, so they are done only at fixed
+        intervals of iterations. All other calls change nothing.
 
         Args:
             state: State of the training before an iteration; changed in place.
@@ -213,7 +213,7 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Estimates the typical size of the received anchors and that of the lost ones, as a receiver does.
+        """Estimates two typical sizes, as a receiver does: that of the received anchors and that of the lost anchors.
 
         A receiver knows only typical sizes per importance tier, not the size of a single lost anchor. The received
         anchors count as one tier, and the lost ones as another.
@@ -223,7 +223,8 @@ class PacketLosses:
             known: True for received anchors, in coding order.
 
         Returns:
-            Typical size of each anchor's tier, in coding order, above 0; the larger of the two sizes is 1.
+            For each anchor in coding order, the typical size of the received or of the lost anchors, to which it
+            belongs. Above 0; the larger of the two sizes is 1.
         """
         tiers = (~known).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()
@@ -269,7 +270,10 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
 
 
 def _anchors_per_packet(packetization: Packetization, rate: SampleBits | None) -> int:
-    """Estimates how many anchors a packet contains, from the estimated bits per anchor."""
+    """Estimates how many anchors a packet contains, from the estimated bits per anchor.
+
+    The result is 1 if it is not needed (only hashed grouping needs it), or if no estimate of the bits is available.
+    """
     # Only packetizations with hashed grouping (packets filled up to a size in bytes) need this number.
     if rate is None or not packetization.hashed:
         return 1

@@ -177,9 +177,9 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """Raises the learning rates of the last part of the training of the causal model, if the training is short.
+    """Raises the learning rates after the last change of the set of anchors, if a training is short.
 
-    This part begins after the last change of the set of anchors.
+    The factors are for trainings with the causal model.
 
     Args:
         rates: Learning rates; only the factors `LearningRate.late` change.

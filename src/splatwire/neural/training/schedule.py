@@ -51,10 +51,12 @@ def half_cosine(share: float) -> float:
 
 
 def second_half(rates: LearningRates) -> LearningRates:
-    """Returns learning rates for fine-tuning, which fall as HAC++'s default rates do in the second half of a training.
+    """Returns learning rates for fine-tuning: those of the second half of a training with HAC++'s default rates.
+
+    Only the rate of the masks is derived from `rates`.
 
     Args:
-        rates: Learning rates of the training, from which only the rate of the masks is used.
+        rates: Learning rates of the training before the fine-tuning.
     """
     # Only the rate of the masks is used.
     published = dataclasses.replace(LearningRates(), mask_logits=rates.mask_logits)

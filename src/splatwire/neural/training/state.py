@@ -42,7 +42,8 @@ class GrowthStatistics:
     Attributes:
         opacity_sum: Sum of the opacities of an anchor's Gaussians, over the views that saw the anchor.
         visits: Number of views that saw the anchor.
-        gradient_sum: Sum over views of the length of the gradient of an offset's 2D centre.
+        gradient_sum: Sum over views of the length of the loss gradient with respect to the 2D centre of an offset's
+            Gaussian.
         gradient_count: Number of views that drew the offset's Gaussian.
     """
 

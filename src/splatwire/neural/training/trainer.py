@@ -95,7 +95,7 @@ def train_scene(
 
 
 class _AnchorTraining:
-    """Training of anchors, for the training loop.
+    """Model with which the training loop (`TrainingLoop`) trains anchors.
 
     Args:
         state: State of the training, on the training device; changed in place.
@@ -114,13 +114,13 @@ class _AnchorTraining:
         )
 
     def step(self, view: int, photo: Photo) -> StepReport:
-        """Performs one iteration; also adjusts the weight of the bit rate."""
+        """Performs one training iteration with the photo of a view, and adjusts the weight of the bit rate."""
         report = self._step(self.state, view, photo)
         steer(self.state, self._config, self._step.size_estimate)
         return report
 
     def save(self, path: Path) -> None:
-        """Writes a checkpoint."""
+        """Writes a checkpoint of the training to a file."""
         save_checkpoint(self.state, self._config, path)
 
     def scene(self, device: torch.device) -> AnchorScene:

@@ -22,7 +22,7 @@ MAX_RATE_FACTOR = 5.0
 
 @dataclass(frozen=True)
 class GaussianRates:
-    """Learning rates by parameter; that of the centres is multiplied by the extent of the cameras.
+    """Learning rates by parameter; the rate of the centres is multiplied by the extent of the cameras.
 
     Attributes:
         means: Centres.
@@ -46,8 +46,8 @@ class GaussianRates:
     def for_length(self, iterations: int) -> "GaussianRates":
         """Returns learning rates adapted to the length of a training.
 
-        A shorter training starts with higher rates, except for the opacities. Only the centres also end with a higher
-        rate.
+        A shorter training starts with higher rates for all parameters except the opacities. The final rate is higher
+        only for the centres.
 
         Args:
             iterations: Number of iterations of the training.
@@ -187,5 +187,5 @@ class GaussianConfig:
 
 
 def tuning_iterations(iterations: int) -> int:
-    """Returns the usual number of iterations of the fine-tuning after a training."""
+    """Returns the default number of fine-tuning iterations after a training of `iterations` iterations."""
     return min(math.ceil(TUNING_SHARE * iterations), MAX_TUNING)

@@ -24,16 +24,16 @@ _GATE, _GATE_OPACITY = 100.0, 0.005
 def shared_appearance(
     opacities: Float[Tensor, "M"], copies: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
-    """Computes opacity and size of several equal Gaussians that replace a given one without a visible change.
+    """Computes opacity and size of equal Gaussians (copies) that together look like the Gaussian that they replace.
 
     Source: relocation in 3DGS-MCMC (arXiv 2404.09591).
 
     Args:
-        opacities: Opacity of each given Gaussian, in (0, 1).
-        copies: Number of equal Gaussians that replace each given one, 1 to `MAX_COPIES`.
+        opacities: Opacity of each replaced Gaussian, in (0, 1).
+        copies: Number of copies that replace each Gaussian, 1 to `MAX_COPIES`.
 
     Returns:
-        Opacity of each equal Gaussian, and the factor from the given standard deviations to theirs.
+        Opacity of each copy; and standard deviations of a copy relative to those of the replaced Gaussian.
     """
     # Together they have the same opacity at the centre as the given Gaussian, and the same integral of the opacity
     # along a line through the centre (arXiv 2404.09591, section on relocation).
@@ -51,11 +51,11 @@ def shared_appearance(
 
 @torch.no_grad()
 def relocate(state: GaussianState, num_gaussians: int, dead_opacity: float) -> None:
-    """Moves nearly transparent Gaussians to the positions of visible ones, and adds new Gaussians at visible ones.
+    """Moves nearly transparent Gaussians to positions of more opaque ones, and adds new Gaussians at such positions.
 
     Args:
         state: State of the training; changed in place.
-        num_gaussians: Number of Gaussians afterwards, at least the present one.
+        num_gaussians: Number of Gaussians afterwards, at least the present number.
         dead_opacity: Gaussians with at most this opacity are moved.
     """
     # The targets are drawn at random, with a probability proportional to the opacity. Adam's moments of all moved,

@@ -125,7 +125,7 @@ def _tuned(scene: SplatScene, train: Dataset, config: GaussianConfig, listener: 
 
 
 class _GaussianTraining:
-    """Training of Gaussians, for the training loop.
+    """Model with which the training loop (`TrainingLoop`) trains explicit Gaussians.
 
     Args:
         state: State of the training, on the training device; changed in place.
@@ -142,11 +142,11 @@ class _GaussianTraining:
         self.means = RunningMeans(self.iterations, kernels.report_interval, elements=SplatScene.ELEMENTS)
 
     def step(self, view: int, photo: Photo) -> StepReport:
-        """Performs one iteration."""
+        """Performs one training iteration with the photo of a view."""
         return self._step(self.state, view, photo)
 
     def save(self, path: Path) -> None:
-        """Writes a checkpoint."""
+        """Writes a checkpoint of the training to a file."""
         save_gaussian_checkpoint(self.state, self._config, path)
 
     def scene(self, device: torch.device) -> SplatScene:
