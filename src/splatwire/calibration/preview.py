@@ -290,7 +290,12 @@ class _Adam:
         self._mean, self._square, self._steps = np.zeros_like(values), np.zeros_like(values), 0
 
     def step(self, gradient: np.ndarray, rate: float) -> None:
-        """Updates the parameters with a gradient and a learning rate."""
+        """Updates the parameters by one step of Adam.
+
+        Args:
+            gradient: Gradient of the loss with respect to the parameters.
+            rate: Learning rate.
+        """
         self._steps += 1
         self._mean += (1 - _DECAYS[0]) * (gradient - self._mean)
         self._square += (1 - _DECAYS[1]) * (gradient**2 - self._square)

@@ -86,7 +86,10 @@ class Sketch(Protocol):
 
     @property
     def trusts(self) -> Sequence[float]:
-        """Candidates for the weight of the network that corrects the enlargement, 0 to 1, the default first."""
+        """Candidates for the weight of the neural network that corrects the enlargement of elements, 0 to 1.
+
+        The first one is the default.
+        """
 
     def with_growth(self, growth: tuple[float, ...]) -> "Sketch":
         """Returns a sketch with the same coarse copies and new parameters for the enlargement of received elements.

@@ -36,7 +36,7 @@ class FisheyeLens(LensModel):
     sy1: float = 0.0
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane."""
+        """Projects rays (x, y, 1) to points of the image plane at distance 1."""
         u, v = _equidistant(x, y)
         square = u * u + v * v
         radial = 1 + square * (self.k1 + square * (self.k2 + square * (self.k3 + square * self.k4)))
@@ -78,7 +78,7 @@ class RadTanThinPrismLens(LensModel):
     s3: float
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the distorted image plane."""
+        """Projects rays (x, y, 1) to points of the image plane at distance 1."""
         u, v = _equidistant(x, y)
         angle = u * u + v * v
         radial = np.polynomial.polynomial.polyval(angle, (1.0, *astuple(self)[:6]))
@@ -107,7 +107,7 @@ class FovLens(LensModel):
         return abs(self.omega) >= 1e-3
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane."""
+        """Projects rays (x, y, 1) to points of the image plane at distance 1."""
         radius, wide = np.hypot(x, y), 2 * np.tan(self.omega / 2)
         safe = np.maximum(radius, 1e-12)
         factor = np.where(radius > 1e-9, np.arctan(safe * wide) / (safe * self.omega), wide / self.omega)
@@ -133,7 +133,10 @@ class DivisionLens(LensModel):
         return self.k != 0
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane; NaN for rays that the lens does not image."""
+        """Projects rays (x, y, 1) to points of the image plane at distance 1.
+
+        Rays outside of the image give NaN.
+        """
         with np.errstate(invalid="ignore"):
             factor = 2 / (1 + np.sqrt(1 - 4 * self.k * (x * x + y * y)))
         return x * factor, y * factor
@@ -157,7 +160,10 @@ class EucmLens(LensModel):
         return self.alpha != 0
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane; NaN for rays that the lens does not image."""
+        """Projects rays (x, y, 1) to points of the image plane at distance 1.
+
+        Rays outside of the image give NaN.
+        """
         with np.errstate(invalid="ignore"):
             depth = self.alpha * np.sqrt(self.beta * (x * x + y * y) + 1) + 1 - self.alpha
             depth = np.where(depth > 0, depth, np.nan)

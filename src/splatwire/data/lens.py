@@ -35,6 +35,13 @@ class LensModel(ABC):
         """Projects rays (x, y, 1) to points of the image plane at distance 1.
 
         Rays outside of the image give NaN.
+
+        Args:
+            x: First components of the rays.
+            y: Second components of the rays, of the same shape.
+
+        Returns:
+            The coordinates x and y of the image points.
         """
 
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:

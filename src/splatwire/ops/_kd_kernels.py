@@ -50,7 +50,16 @@ def _widest(points, order, begin, end):
 @njit()
 @no_type_check
 def _select(points, axis, order, low, high, rank):
-    """Partially sorts a range of `order` by one coordinate, until the element at `rank` is in place (quickselect)."""
+    """Partially sorts a range of `order` by one coordinate, until the element at `rank` is in place (quickselect).
+
+    Args:
+        points: Coordinates of all points.
+        axis: Axis of the coordinate.
+        order: Indices of the points; permuted in place.
+        low: First position of the range.
+        high: Last position of the range (inclusive).
+        rank: Position in `order` whose element must be correct afterwards.
+    """
     while low < high:
         pivot = _middle_of_three(points, axis, order, low, high)
         left, right = low - 1, high + 1

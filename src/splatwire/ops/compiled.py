@@ -42,7 +42,7 @@ _HELD: set[Path] = set()
 
 
 def _supports_option(option: str) -> bool:
-    """True if the installed numba version supports a certain private compiler option."""
+    """True if the installed numba version supports the private compiler option with the name `option`."""
     try:
         from numba.core.registry import cpu_target
 

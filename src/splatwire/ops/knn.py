@@ -104,7 +104,12 @@ def nearest_others(
 
 
 def _order_ties(distance: np.ndarray, index: np.ndarray) -> None:
-    """Sorts neighbours at the same distance by index, in place."""
+    """Sorts neighbours at the same distance by index, in place.
+
+    Args:
+        distance: Distances of each query's neighbours, ascending, (Q, k).
+        index: Indices of the neighbours, (Q, k); changed.
+    """
     tied = np.flatnonzero((distance[:, 1:] == distance[:, :-1]).any(axis=1))
     if len(tied):
         order = np.lexsort((index[tied], distance[tied]), axis=1)

@@ -66,7 +66,12 @@ def _blend(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue):
 @njit()
 @no_type_check
 def new_buffer(columns, rows):
-    """Returns a new pixel buffer for a tile."""
+    """Returns a new pixel buffer for a tile, with full transmittance inside the image.
+
+    Args:
+        columns: Number of pixel columns of the tile inside the image.
+        rows: Number of pixel rows of the tile inside the image.
+    """
     # It is initialised with column numbers and transmittance 1 (0 outside the image). Pixel rows are aligned to
     # cache lines.
     size = COLUMN + TILE
@@ -84,7 +89,7 @@ def new_buffer(columns, rows):
 @njit(borrows=True, fastmath=True)
 @no_type_check
 def finished(buf):
-    """True if no pixel of a tile has transmittance left."""
+    """True if no pixel of a tile has transmittance left, so that further Gaussians are invisible."""
     live = np.float32(0)
     for i in range(LIVE, LIVE + PIXELS):
         live = max(live, buf[i])

@@ -119,7 +119,14 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
 @njit(inline="always")
 @no_type_check
 def _rows_between(low, high, top, bottom):
-    """Clips a range of pixel rows to the rows from `top` to `bottom` (exclusive)."""
+    """Returns the first pixel row and the end (exclusive) of the rows from `low` to `high`, within `top` to `bottom`.
+
+    Args:
+        low: Smallest row coordinate, pixels; may be fractional.
+        high: Largest row coordinate, pixels.
+        top: First row of the limits.
+        bottom: End of the limits (exclusive).
+    """
     first, last = np.ceil(min(max(low, top), bottom)), np.floor(min(max(high, top - 1.0), bottom - 1.0))
     return np.int32(first), np.int32(last) + np.int32(1)
 

@@ -99,6 +99,10 @@ class Attempts:
     def lost(self, unit: Unit, reason: str) -> None:
         """Records that the worker of a task died.
 
+        Args:
+            unit: The task.
+            reason: Reason of the death, for the error message.
+
         Raises:
             SplatwireError: If workers have died `MAX_ATTEMPTS` times while executing the task.
         """

@@ -226,6 +226,12 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
 def prepare_streams(study: Study, source: Source, store: Store, progress: Progress) -> dict[str, PreparedStream]:
     """Encodes a scene once for each distinct stream that the methods of an evaluation use.
 
+    Args:
+        study: The evaluation.
+        source: The scene.
+        store: Store for the streams.
+        progress: Called with the name of the current task and its finished share, 0 to 1.
+
     Returns:
         The streams by name (`Row.variant`).
 
@@ -351,8 +357,7 @@ def stored_stream(store: Store, path: str, about: Path) -> PreparedStream | None
         about: Path of the JSON file that describes the stream.
 
     Raises:
-        SplatwireError: If the stream or the JSON file is damaged, because scores of a damaged stream must not be
-            stored.
+        SplatwireError: If the stream or the JSON file is damaged; a damaged stream must not be evaluated.
     """
     if (found := read_json(about)) is None:
         return None

@@ -210,6 +210,11 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
 def _packet_loss_rates(result: StudyResult, store: Store, scene: str) -> dict[str, list[PacketLossRates]]:
     """Measures the lost share of each stream's packets at several loss rates of datagrams.
 
+    Args:
+        result: Results of the evaluation.
+        store: Store of the evaluation.
+        scene: Name of the scene.
+
     Returns:
         One result for each loss rate, by name of the stream.
     """

@@ -166,6 +166,10 @@ def table_to_bytes(rows: Sequence[Mapping[str, Any]], labels: Sequence[str] = ()
 def records_from_bytes(data: bytes, name: str) -> list[Record]:
     """Reads records from the output of `records_to_bytes`.
 
+    Args:
+        data: The output.
+        name: Name of the file, for messages.
+
     Raises:
         BitstreamError: If the data is damaged.
     """

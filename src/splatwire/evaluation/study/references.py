@@ -169,7 +169,12 @@ def _picture(root: Path, folder: str, view: int) -> Path:
 
 
 def _cameras_of(entry: SceneEntry, background: Background) -> tuple[Cameras, Dataset | None]:
-    """Returns the cameras of a scene and, if the references are photos, the dataset with the photos."""
+    """Returns the cameras of a scene and, if the references are photos, the dataset with the photos.
+
+    Args:
+        entry: The scene.
+        background: RGB visible where a photo's alpha is below 1.
+    """
     if entry.photos is not None:
         dataset = open_dataset(
             entry.photos, split=entry.split, images=entry.images, max_width=entry.max_width,

@@ -298,7 +298,10 @@ def _pairs(rows: Sequence[Row]) -> list[tuple[Row, Row]]:
 
 
 def streams_of(summaries: Sequence[Summary], scene: str) -> dict[str, Summary]:
-    """Returns the summary of a method for each distinct stream of a scene, by name of the stream."""
+    """Returns a summary for each distinct stream of a scene, by name of the stream.
+
+    If several methods use the same stream, the summary is that of the first.
+    """
     # If several rows use the same stream, that of the first.
     found: dict[str, Summary] = {}
     for s in (s for s in summaries if not s.row.decoded):  # the parts of another codec's bytes are unknown

@@ -76,7 +76,12 @@ def result_tables(result: StudyResult, summaries: Sequence[Summary]) -> list[Tab
 
 
 def _with_skipped(table: Table, rows: Sequence[Row]) -> Table:
-    """Appends a table row without values for each method that was not evaluated."""
+    """Appends a table row without values for each method that was not evaluated.
+
+    Args:
+        table: Table of results.
+        rows: The methods that were not evaluated.
+    """
     empty = ("",) * (len(table.columns) - 2)
     return replace(table, rows=(*table.rows, *((row.label, SKIPPED, *empty) for row in rows)))
 
@@ -210,7 +215,15 @@ def packet_loss_table(scene: str, by_variant: Mapping[str, Sequence[PacketLossRa
 
 
 def bytes_table(scene: str, streams: Mapping[str, Summary]) -> Table | None:
-    """Returns the table of each stream's size in bytes, divided into attributes, headers and side information."""
+    """Returns the table of each stream's size in bytes, divided into attributes, headers and side information.
+
+    Args:
+        scene: Name of the scene.
+        streams: A summary for each stream, by name of the stream.
+
+    Returns:
+        The table; None if no stream has parts.
+    """
     names = list(dict.fromkeys(part for s in streams.values() for part in s.parts))
     if not names:
         return None

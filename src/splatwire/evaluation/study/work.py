@@ -158,7 +158,13 @@ class UnitRunner:
     def _images(
         self, unit: Unit, arrived: ReceivedInput, views: ReferenceViews
     ) -> Iterable[Float[np.ndarray, "H W 3"]]:
-        """Returns one image per view to compare with the reference image: a render, or the picture of another codec."""
+        """Returns one image per view to compare with the reference image: a render, or the picture of another codec.
+
+        Args:
+            unit: The task.
+            arrived: The received scene of the task, before concealment.
+            views: Cameras with the reference images.
+        """
         if arrived.scene is None:
             paths = picture_paths(Path(unit.stream.path), unit.references)
             return read_pictures(paths, views.cameras.height, views.cameras.width)

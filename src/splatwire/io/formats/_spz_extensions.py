@@ -74,7 +74,13 @@ def write_records(metadata: SceneMetadata, origin: Origin = NO_ORIGIN) -> bytes:
 
 
 def frame_of(path: Path, extensions: dict[int, bytes]) -> str:
-    """Returns the axis convention (coordinate frame) that the extension records of a file declare, such as `RUB`.
+    """Returns the axis convention (coordinate frame) that the extension records of an SPZ file declare, such as `RUB`.
+
+    The result is the convention of the format if no record declares one.
+
+    Args:
+        path: The file, for messages.
+        extensions: Content of each extension record by its type.
 
     Raises:
         DatasetError: If the record of the axis convention has a wrong size or an unknown code.
@@ -93,6 +99,10 @@ def frame_of(path: Path, extensions: dict[int, bytes]) -> str:
 
 def split_records(path: Path, data: bytes | memoryview) -> list[tuple[int, bytes]]:
     """Splits the extension part of an SPZ file into records; returns the type and the content of each.
+
+    Args:
+        path: The file, for messages.
+        data: The extension part.
 
     Raises:
         DatasetError: If a record exceeds the data.

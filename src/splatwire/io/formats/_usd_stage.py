@@ -277,7 +277,17 @@ class Stage:
         )
 
     def _array(self, prim: Usd.Prim, name: str, width: int, time: Usd.TimeCode) -> np.ndarray:
-        """Returns an array attribute of a prim, float32 (N, width)."""
+        """Returns an array attribute of a prim, float32 (N, width).
+
+        Args:
+            prim: The prim.
+            name: Name of the attribute.
+            width: Numbers per row.
+            time: Time of the values.
+
+        Raises:
+            DatasetError: If the attribute is missing, has no value, or has too many rows.
+        """
         attribute = _attribute(prim, name)
         if attribute is None:
             raise DatasetError(f"{self._path}: {prim.GetPath()}: has no {name}")

@@ -413,7 +413,7 @@ def register_format(form: FileFormat) -> FileFormat:
 
 
 def _problem(file_format: FileFormat) -> str:
-    """Returns a message about a missing or invalid part of a registered format, or an empty text."""
+    """Returns a message about a missing or invalid part of a registered format, or an empty text if there is none."""
     if not isinstance(file_format.name, str) or not re.fullmatch(
         "[a-z0-9][a-z0-9_.]{0,31}", file_format.name, re.ASCII
     ):

@@ -216,7 +216,13 @@ class _ConstantIntervals:
 
 
 def _splats_at(path: Path, scene: Any, time: float) -> Splats:
-    """Evaluates the moving Gaussians of a file at a time; returns the visible ones, in the axes of the file."""
+    """Evaluates the moving Gaussians of a file at a time; returns the visible ones, in the axes of the file.
+
+    Args:
+        path: The file, for messages.
+        scene: The file as the package fourdgs reads it.
+        time: The time, seconds.
+    """
     state, records = scene.state_at(time), scene.gaussians
     rows = state["indices"]
     degree = records.sh_degree if records.sh is not None else 0

@@ -377,7 +377,16 @@ class _Gltf:
         return FileBytes(file)
 
     def _accessor(self, attributes: dict[str, int], name: str, width: int) -> np.ndarray:
-        """Returns the values of a glTF accessor (vertex attribute) as float32 (N, width)."""
+        """Returns the values of a glTF accessor (vertex attribute) as float32 (N, width).
+
+        Args:
+            attributes: Index of the accessor of each vertex attribute, by name.
+            name: Name of the attribute.
+            width: Numbers per Gaussian.
+
+        Raises:
+            DatasetError: If the attribute is missing, or has another form.
+        """
         if name not in attributes:
             raise DatasetError(f"{self._path}: attribute {name} is missing")
         accessor = entry(self._path, self._document["accessors"], attributes[name], "accessor")

@@ -106,6 +106,10 @@ def _opened(path: Path) -> "Iterator[_Sog]":
 def _folder_of(path: Path, names: Iterable[str]) -> str:
     """Returns the folder of `meta.json` in an archive, with trailing slash; empty for the top level.
 
+    Args:
+        path: The archive, for messages.
+        names: Names of the files in the archive.
+
     Raises:
         DatasetError: If there is no such folder, or several.
     """
@@ -359,6 +363,10 @@ class _Sog:
 
     def _width(self, section: str, file: int) -> int:
         """Returns the width of an image from its header, without decoding the pixels.
+
+        Args:
+            section: Name of the section that the image belongs to.
+            file: Index of the image in the section's list of files.
 
         Raises:
             DatasetError: If it is not a WebP image, or its file is larger than the largest possible palette.

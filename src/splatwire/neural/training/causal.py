@@ -94,6 +94,10 @@ class TrainedCausal:
         """Returns the scalings, world units, that a receiver predicts for lost anchors.
 
         The prediction depends only on the anchors' positions.
+
+        Args:
+            state: State of the training.
+            index: Indices of the anchors.
         """
         place, layout = self._position_inputs(state)[index], self._model.layout
         networks, nothing = causal_networks(state.parameters, self._model), place.new_zeros(len(place), 1)

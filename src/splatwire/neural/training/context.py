@@ -155,7 +155,15 @@ class TrainedContext:
         return state.rate(self._config.weights) * self.bits_per_parameter(state, rate)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
-        """Predicts the scalings of anchors from their positions alone, as a receiver must for lost anchors."""
+        """Predicts the scalings of anchors from their positions alone, as a receiver must for lost anchors.
+
+        Args:
+            state: State of the training.
+            index: Indices of the anchors.
+
+        Returns:
+            The scalings, world units.
+        """
         prior, start = state.networks.context_prior, 3 * self._config.model.layout.feature_dim
         columns = slice(start, start + 6)
         means = Mlp(

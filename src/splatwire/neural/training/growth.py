@@ -178,6 +178,12 @@ def _cells(keys: Int64[Tensor, "M"]) -> Int64[Tensor, "M 3"]:
 
 
 def _maximum_by_group(rows: Float[Tensor, "M F"], group: Int64[Tensor, "M"], num_groups: int) -> Float[Tensor, "U F"]:
-    """Returns the maximum of each column over the rows with the same group number."""
+    """Returns the maximum of each column over the rows with the same group number.
+
+    Args:
+        rows: The rows.
+        group: Group number of each row, from 0.
+        num_groups: Number of groups, U.
+    """
     index = group[:, None].expand(-1, rows.shape[1])
     return rows.new_full((num_groups, rows.shape[1]), -torch.inf).scatter_reduce_(0, index, rows, "amax")

@@ -329,7 +329,7 @@ def _networks(config: TrainConfig, generator: torch.Generator) -> dict[str, Tens
 
 
 def first_steps(config: TrainConfig) -> Float[Tensor, "S"]:
-    """Returns the initial quantisation steps of the causal model, as logarithms."""
+    """Returns the natural logarithms of the causal model's initial quantisation steps."""
     feature, *rest = FIRST_STEPS
     return torch.tensor([feature] * len(config.model.layout.feature_groups) + rest).log()
 

@@ -39,7 +39,12 @@ class TrainedModel(Protocol):
         """
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
-        """Predicts the scalings of anchors from their positions alone, world units."""
+        """Predicts the scalings of anchors from their positions alone, world units.
+
+        Args:
+            state: State of the training.
+            index: Indices of the anchors.
+        """
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss, given the estimated rate of a sample of anchors."""

@@ -124,5 +124,9 @@ class _AnchorTraining:
         save_checkpoint(self.state, self._config, path)
 
     def scene(self, device: torch.device) -> AnchorScene:
-        """Returns the scene of the present state."""
+        """Returns the scene of the present state of the training.
+
+        Args:
+            device: Device for the computation.
+        """
         return export_scene(self.state, self._config, device)

@@ -118,7 +118,13 @@ def repair(context: ReceivedScene, graph: RepairGraph, network: InpaintingNetwor
 
 
 def _replace_invalid(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> Anchors:
-    """Replaces predictions that are not finite by the interpolation, and raises scalings that are too small."""
+    """Replaces predictions that are not finite by the interpolation, and raises scalings that are too small.
+
+    Args:
+        context: The received scene; its smallest received scaling is the minimum.
+        anchors: Lost anchors as predicted.
+        interpolated: The same anchors as interpolated.
+    """
     # Anchors with a prediction that is NaN or infinite get the interpolated values. Predicted scalings are raised
     # to the smallest received scaling, because they may be negative.
     good = anchors.features.isfinite().all(dim=1) & anchors.scalings.isfinite().all(dim=1)

@@ -150,5 +150,5 @@ class _GaussianTraining:
         save_gaussian_checkpoint(self.state, self._config, path)
 
     def scene(self, device: torch.device) -> SplatScene:
-        """Returns the Gaussians of the present state; `device` is ignored."""
+        """Returns the Gaussians of the present state of the training, on the CPU; `device` is ignored."""
         return self.state.scene(self._config.degree, self._config.background)
