@@ -136,5 +136,5 @@ class _Pass:
         self.outputs = (hidden * self._slope) @ network.output.weight.T + network.output.bias
 
     def back(self, gradient: Float[np.ndarray, "N out"]) -> Float[np.ndarray, "N in"]:
-        """Back-propagates a gradient with respect to the outputs; returns that with respect to the inputs."""
+        """Back-propagates a gradient with respect to the outputs; returns the gradient with respect to the inputs."""
         return ((gradient @ self._network.output.weight) * self._slope) @ self._network.hidden.weight

@@ -338,13 +338,16 @@ class _DifferentiablePicture:
 
 
 def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
-    """Measures the mean PSNR of an encoded preview over a set of views, decibels.
+    """Measures the mean PSNR of an encoded preview and of pictures for comparison, over a set of views.
 
     Args:
         scene: The complete scene, for comparison.
         section: Bytes of the encoded preview.
         pictures: Reference pictures of the views.
         show: Called with the name of the current task and its completed share, 0 to 1.
+
+    Returns:
+        Mean PSNR in decibels by name of the pictures, as in `PreviewResult.psnr`.
     """
     gaussians, background = preview_gaussians(section)
     behind = np.array(background, np.float32)

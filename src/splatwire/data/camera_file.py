@@ -210,7 +210,7 @@ def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
 
     Args:
         path: The cameras file, for messages.
-        holders: JSON objects that may have such fields: that of the file, and that of each view.
+        holders: JSON objects that may have such fields: the object of the file, and the object of each view.
     """
     stated = [(key, value) for holder in holders for key, value in holder.items() if states_axes(key, value)]
     for key, value in dict.fromkeys(stated):

@@ -107,7 +107,7 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
 
     Poses are camera-to-world with OpenGL axes (y up, z backward). Intrinsics are `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
     (common or per frame), a matrix, or `camera_angle_x`. `k1`, `k2`, `k3`, `p1` and `p2` are the distortion in OpenCV's
-    model, or `k1` to `k4` that of its fisheye model.
+    model, or `k1` to `k4` the distortion in its fisheye model.
 
     Args:
         path: The file.

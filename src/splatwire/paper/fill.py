@@ -43,10 +43,10 @@ class MaskVote:
             raise InvalidValueError(f"threshold of the mask vote must be in (0, 1], not {self.threshold!r}")
 
     def __call__(self, share: Float[Tensor, "Q K"], supported: Bool[Tensor, "Q"]) -> Bool[Tensor, "Q K"]:
-        """Estimates the offset masks of lost anchors (queries) from those of their neighbours.
+        """Estimates the offset masks of lost anchors (queries) by the vote of their neighbours.
 
         Args:
-            share: Support of each offset, 0 to 1.
+            share: Support of each offset: weight of the neighbours that have it, relative to all neighbours, 0 to 1.
             supported: True for queries with at least one neighbour.
         """
         if self.rule == "all":

@@ -79,8 +79,9 @@ def select_neighbors(
     """Selects the candidates with the highest scores as neighbours of each lost anchor (query).
 
     The score is the product of five factors: `u = w_geo w_ctx w_unc w_conf w_sig` (Section 3.3 of the paper). `w_geo`
-    depends on distance, `w_ctx` on the similarity of hash-grid features, and `w_sig` on that of residual signatures.
-    `w_unc` is lower for candidates with an uncertain prior, and `w_conf` for candidates that are themselves concealed.
+    depends on distance, `w_ctx` on the similarity of hash-grid features, and `w_sig` on the similarity of residual
+    signatures. `w_unc` is lower for candidates with an uncertain prior, and `w_conf` for candidates that are themselves
+    concealed.
 
     Args:
         support: Properties of all anchors that determine scores.

@@ -67,8 +67,8 @@ class _View:
     Attributes:
         depths: Depth of each element, world units.
         inside: Mask of the elements whose centres are in the picture.
-        reaches_in: Mask of the elements that may overlap the picture. Elements nearer than the near plane are not
-            drawn; of these, only those in `inside` are included.
+        reaches_in: Mask of the elements that may overlap the picture. Elements nearer than the near plane are never
+            drawn; they are included only if they are in `inside`.
         is_dot: True if most elements of the scene are in the picture, but together cover no more than about a pixel.
     """
 

@@ -166,7 +166,7 @@ def measure_gaussians(
             surfaces.
         framing: Cameras that show the whole scene, given together with `cameras`; None for no such views.
         closeups: Cameras close to the surfaces of the scene, given together with `cameras`; they only add to the errors
-            after removal. None for no further ones.
+            after removal. None for no such views.
         seed: Random seed.
         part: Maximum number of Gaussians that are measured together, if no cameras are given.
     """

@@ -80,7 +80,7 @@ class _Worker:
             self.pipe.send(unit)
 
     def result(self) -> tuple[Unit, str | None, bool]:
-        """Returns the result of the task that the worker has finished, or during which its process died.
+        """Returns the outcome of the worker's task, after the task has ended or the process has died.
 
         Returns:
             The task; its error message, or None if the task succeeded; and True if the process is alive.

@@ -37,12 +37,12 @@ def run_plain_study(
         study: The evaluation: one scene and one loss.
         output: Folder of the report; None for no report.
         progress: Called with the name of the current task and its finished share, 0 to 1.
-        decode: Decoder of received streams; None for that of the codec.
+        decode: Decoder of received streams; None for the decoder of the codec.
         links: Paths of other reports, by title.
         files: Reader of the scene's files; None for a new one.
 
     Returns:
-        The results, and the same as JSON values with the path of the report.
+        The results; and the results as JSON values, with the path of the report.
 
     Raises:
         SplatwireError: If a task fails.

@@ -239,7 +239,7 @@ def seconds_table(scene: str, summaries: Sequence[Summary]) -> Table:
 
     Args:
         scene: Name of the scene.
-        summaries: Results of all scenes; those of other scenes are ignored.
+        summaries: Results of all scenes; results of other scenes are ignored.
     """
     own = [s for s in summaries if s.scene == scene]
     phases = list(dict.fromkeys(phase for s in own for phase in s.seconds))

@@ -76,7 +76,7 @@ def score_walk(
         walk: Camera path.
         times: Times of the comparison, seconds since the request.
         renderer: A renderer or its name.
-        background: RGB of the background; None for that of the reference.
+        background: RGB of the background; None for the background of the reference scene.
         on_picture: Receives the compared images.
         progress: Called with the finished share, 0 to 1.
     """

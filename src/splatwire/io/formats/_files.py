@@ -44,7 +44,9 @@ class FileBytes:
         return self._size
 
     def __getitem__(self, part: slice) -> memoryview:
-        """Reads a slice; a large one may exceed the main memory (`large_empty`).
+        """Reads a slice.
+
+        The bytes of a large slice are in a temporary file, so that they may exceed the main memory (`large_empty`).
 
         Raises:
             DatasetError: If the file was truncated meanwhile.

@@ -182,7 +182,7 @@ def warn_of_files_beside(path: Path) -> None:
 
 
 def warn_of_unused_fields(path: Path, content: object) -> None:
-    """Logs a warning that names the fields of a JSON object which are not applied although they may change the scene.
+    """Logs a warning with the names of JSON fields that are ignored although they may change the scene.
 
     Args:
         path: The file.

@@ -35,7 +35,9 @@ _MAX_COLOUR = 10.0
 
 
 def warn_of_other_units(vertices: PlyElement) -> None:
-    """Logs a warning if opacities, scales or colours do not look like logits, logarithms or coefficients.
+    """Logs a warning if values in a PLY seem to have other units than expected.
+
+    Expected are opacities as logits, scales as logarithms, and colours as coefficients of spherical harmonics.
 
     Raises:
         DatasetError: If a property is missing.
@@ -75,7 +77,7 @@ def _look_like_sizes(sample: PlyElement, scales: np.ndarray, several: bool) -> b
 
     Args:
         sample: A sample of the vertices.
-        scales: Their scales, all at least 0 and none of them NaN.
+        scales: Scales of the sample, all at least 0, without NaN.
         several: True if there are enough values to judge the distribution.
     """
     # as logarithms, these would be too large for the scene, all from 0 to 1, or have a minimum far below the median

@@ -58,7 +58,10 @@ class Limits:
         return _FREE_BYTES + _BYTES_PER_BYTE * binary + _BYTES_PER_CHARACTER * self._characters
 
     def add_file(self, file: Path) -> None:
-        """Raises the limits for a file before it is read, once for each file."""
+        """Raises the limits of this process according to the size of a file, before the file is read.
+
+        A file that was passed before is ignored.
+        """
         name = os.path.realpath(file)
         if name in self._files or not os.path.isfile(name):
             return

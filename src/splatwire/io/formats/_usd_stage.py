@@ -226,7 +226,7 @@ class Stage:
         return FileContent(splats, origin, metadata=metadata.moved_origin(NO_ORIGIN, origin))
 
     def _axes(self) -> tuple[tuple[float, float, float], dict[str, Any]]:
-        """Returns the conversion from the axes of the stage to those of a PLY, and the metadata of the stage.
+        """Returns the conversion from the axes of the stage to the axes of a PLY, and the metadata of the stage.
 
         Returns:
             Signs of x, y and z to apply to positions; and metadata as a JSON object.
@@ -349,7 +349,7 @@ def _transformed(splats: Splats, placement: np.ndarray, flips: tuple[float, floa
     Args:
         splats: The Gaussians.
         placement: Transform from the prim to the world, float64 (4, 4), for column vectors.
-        flips: Signs of x, y and z that convert the axes of the stage to those of a PLY.
+        flips: Signs of x, y and z that convert the axes of the stage to the axes of a PLY.
         origin: World coordinates of the point that the result is relative to, in the axes of a PLY.
     """
     signs = np.diag(flips)

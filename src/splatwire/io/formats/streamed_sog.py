@@ -125,7 +125,7 @@ def _is_here(chunk: Path) -> bool:
 def _file_of(chunk: Path) -> Path:
     """Returns the path of the file to open for a chunk of a streamed SOG.
 
-    A chunk is a bundle, or a folder with a `meta.json`.
+    A chunk is a bundle, which is opened itself, or a folder, of which `meta.json` is opened.
     """
     return chunk if chunk.suffix.lower() == _BUNDLE and not chunk.is_dir() else chunk / SOG_META_NAME
 

@@ -75,7 +75,7 @@ def read_torchscript_weights(path: Path) -> dict[str, Tensor]:
 
 
 def _collect(root: Any) -> dict[str, Tensor]:
-    """Returns the tensors of a tree of modules, keyed by their dotted path."""
+    """Returns the tensors of a tree of modules, keyed by their dotted path, such as `0.weight`."""
     weights: dict[str, Tensor] = {}
     todo, seen = [("", root)], 0
     while todo:

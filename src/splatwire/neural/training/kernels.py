@@ -147,7 +147,7 @@ def plain_kernels(draw: TrainingRenderer, random: Randomness = DEVICE_RANDOMNESS
     """Returns the expensive training operations in plain torch, for any device.
 
     Args:
-        draw: Renderer for tensors on that device.
+        draw: Renderer for tensors on the training device.
         random: Functions that draw random numbers.
     """
     return Kernels(
