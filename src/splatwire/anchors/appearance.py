@@ -205,7 +205,7 @@ def _(scene: SplatScene) -> SplatScene:
 def _is_surely_valid(splats: Splats) -> bool:
     """True if a quick check shows that all Gaussians are valid; False if the check is inconclusive.
 
-    After False, `validity_of_splats` finds the invalid Gaussians.
+    If the result is False, `validity_of_splats` determines which Gaussians are invalid.
     """
     if not splats.num_gaussians:
         return True

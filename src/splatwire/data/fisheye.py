@@ -135,7 +135,7 @@ class DivisionLens(LensModel):
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Projects rays (x, y, 1) to points of the image plane at distance 1.
 
-        Rays outside of the image give NaN.
+        Rays that the lens does not image give NaN.
         """
         with np.errstate(invalid="ignore"):
             factor = 2 / (1 + np.sqrt(1 - 4 * self.k * (x * x + y * y)))
@@ -162,7 +162,7 @@ class EucmLens(LensModel):
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Projects rays (x, y, 1) to points of the image plane at distance 1.
 
-        Rays outside of the image give NaN.
+        Rays that the lens does not image give NaN.
         """
         with np.errstate(invalid="ignore"):
             depth = self.alpha * np.sqrt(self.beta * (x * x + y * y) + 1) + 1 - self.alpha

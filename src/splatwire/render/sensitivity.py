@@ -116,7 +116,7 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimated decrease of the function if a Gaussian is removed, to first order, (G)."""
+        """Estimated decrease, to first order, of the differentiated function if a Gaussian is removed, (G)."""
         # The derivative with respect to a factor on the Gaussian's opacity; the effect has the opposite sign.
         return (self.fields[3] * self._opacities).astype(np.float64)
 

@@ -57,7 +57,7 @@ def load_torch_file(path: Path) -> Any:
     """Loads tensors written by `torch.save`, on the CPU. Nothing in the file is executed.
 
     Raises:
-        DatasetError: If the file is absent, too large, or is anything but plain tensors.
+        DatasetError: If the file is absent, too large, or contains anything but plain tensors.
     """
     check_tensor_file(path, DatasetError)
     try:

@@ -103,7 +103,7 @@ def _follow(tensors: "_Tensors", description: bytes) -> Any:
         The root module.
 
     Raises:
-        ValueError: If the pickle contains anything else.
+        ValueError: If the pickle contains any other value or instruction.
     """
     # `data.pkl` is a program for a stack machine. Only the few instructions that describe tensors and names are
     # interpreted; others are errors.

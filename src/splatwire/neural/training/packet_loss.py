@@ -223,8 +223,8 @@ class PacketLosses:
             known: True for received anchors, in coding order.
 
         Returns:
-            For each anchor in coding order, the typical size of the received or of the lost anchors, to which it
-            belongs. Above 0; the larger of the two sizes is 1.
+            For each anchor in coding order, the typical size of its tier (received or lost), above 0. The larger of the
+            two sizes is 1.
         """
         tiers = (~known).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()
