@@ -159,6 +159,34 @@ def test_responses_that_the_socket_does_not_accept_are_bounded():
     run(work())
 
 
+def test_flood_of_requests_does_not_stop_transfers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each time the socket is read, a request waits, so that responses are never all sent before the next turn."""
+
+    class Flooded:
+        def __init__(self) -> None:
+            self.sent = list[bytes]()
+
+        def recvfrom(self, size: int) -> tuple[bytes, tuple[str, int]]:
+            return encode(Hello(1, "")), ("127.0.0.1", 9)
+
+        def sendto(self, data: bytes, address: object) -> int:
+            self.sent.append(data)
+            return len(data)
+
+    async def work() -> None:
+        server, flooded = served(OTHER), Flooded()
+        real = server._socket
+        server._socket = cast(socket.socket, flooded)
+        monkeypatch.setattr(server.core, "poll", lambda now, count: [(("127.0.0.1", 8), b"packet")])
+        for _ in range(3):
+            server._readable()
+        assert flooded.sent.count(b"packet") == 3
+        server._socket = real
+        server.close()
+
+    run(work())
+
+
 def test_interrupted_transfer_keeps_received_packets():
     async def work() -> None:
         server, stop = served(STREAM, limits=ServerLimits(fixed_rate=1.5e5)), asyncio.get_running_loop().create_future()

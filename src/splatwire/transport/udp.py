@@ -138,7 +138,8 @@ class UdpServer(SocketServer):
         """Sends the datagrams that are due, and sets a timer for the next one."""
         self._cancel_timer()
         now = self._loop.time()
-        if not self._backlog:
+        # Also with waiting responses: a flood of requests, which need responses, must not delay transfers.
+        if not self._blocked and len(self._backlog) <= MAX_PENDING_RESPONSES:
             self._backlog.extend(self.core.poll(now, BATCH))
         while self._backlog:
             address, data = self._backlog[0]
