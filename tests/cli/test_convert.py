@@ -1,11 +1,15 @@
 """`convert` gives the results of encode, export and decode, for one file or for many."""
 
+import os
+import signal
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from explicit import ball_of_gaussians
+from splatwire.cli import _run_convert
 from splatwire.io.formats import read_splats, write_splats
 from splatwire.sequence.frames import frame_files
 
@@ -85,6 +89,23 @@ def test_many_files_are_converted_and_failures_named(run, cloud, frames, tmp_pat
     assert "broken.ply" in done.json["converted"][1]["error"]
     assert (out / "cloud.swz").exists()
     assert not (out / "broken.swz").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM")
+def test_a_signal_ends_the_conversions_that_run_and_those_that_wait(run, cloud, tmp_path, monkeypatch):
+    finished = []
+
+    def convert(processes, chosen, accept_damage):
+        os.kill(os.getpid(), signal.SIGTERM)
+        finished.append(processes.run([sys.executable, "-c", "import time; time.sleep(300)"]))
+
+    sources = [tmp_path / f"{number}.ply" for number in range(3)]
+    for path in sources:
+        path.write_bytes(cloud.read_bytes())
+    monkeypatch.setattr(_run_convert, "_in_process", convert)
+    done = run("convert", *sources, "--to", "spz", "-o", tmp_path / "out", "--jobs", 1)
+    assert done.status == 128 + signal.SIGTERM
+    assert all(each.returncode for each in finished)
 
 
 def test_a_scene_becomes_3d_tiles(run, cloud, frames, tmp_path):

@@ -21,6 +21,7 @@ from splatwire.cli._listening import (
     check_listening,
     open_server,
     print_ready,
+    reload_on_hangup,
     stop_on_signals,
     url_host,
 )
@@ -147,11 +148,11 @@ def test_finished_thread_returns_its_result_or_error(fails):
 
 def test_second_signal_ends_a_verb_immediately():
     async def work() -> None:
-        stop = stop_on_signals()
-        signal.raise_signal(signal.SIGINT)
-        await asyncio.wait_for(stop.wait(), 120)
-        signal.raise_signal(signal.SIGINT)
-        await asyncio.sleep(10)
+        with stop_on_signals() as stop:
+            signal.raise_signal(signal.SIGINT)
+            await asyncio.wait_for(stop.wait(), 120)
+            signal.raise_signal(signal.SIGINT)
+            await asyncio.sleep(10)
 
     with pytest.raises(KeyboardInterrupt):
         asyncio.run(work())
@@ -162,10 +163,10 @@ def test_the_second_signal_has_its_earlier_action():
     received: list[int] = []
 
     async def work() -> None:
-        stop = stop_on_signals()
-        signal.raise_signal(signal.SIGTERM)
-        await asyncio.wait_for(stop.wait(), 120)
-        signal.raise_signal(signal.SIGTERM)
+        with stop_on_signals() as stop:
+            signal.raise_signal(signal.SIGTERM)
+            await asyncio.wait_for(stop.wait(), 120)
+            signal.raise_signal(signal.SIGTERM)
 
     before = signal.signal(signal.SIGTERM, lambda number, _: received.append(number))
     try:
@@ -179,16 +180,38 @@ def test_a_server_ignores_signals_that_were_ignored_before():
     """A script's background job must not end at the Ctrl-C that is meant for another program."""
 
     async def work() -> None:
-        stop = stop_on_signals()
-        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-        signal.raise_signal(signal.SIGTERM)
-        await asyncio.wait_for(stop.wait(), 120)
+        with stop_on_signals() as stop:
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+            signal.raise_signal(signal.SIGTERM)
+            await asyncio.wait_for(stop.wait(), 120)
 
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         asyncio.run(work())
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no SIGHUP")
+@pytest.mark.parametrize("numbers", [(signal.SIGINT, signal.SIGTERM), (getattr(signal, "SIGHUP", signal.SIGTERM),)])
+def test_signals_have_their_earlier_action_after_a_server_that_no_signal_ended(numbers, monkeypatch):
+    """With the system's default action, a signal soon after leaves temporary files of the command."""
+    monkeypatch.setattr("sys.stdin", None)
+    received: list[int] = []
+
+    async def work() -> None:
+        with stop_on_signals(), reload_on_hangup():
+            pass
+        for number in numbers:
+            signal.raise_signal(number)
+
+    before = {number: signal.signal(number, lambda number, _: received.append(number)) for number in numbers}
+    try:
+        asyncio.run(work())
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert received == list(numbers)
 
 
 STUCK = """

@@ -431,6 +431,24 @@ def test_kernels_work_if_their_code_cannot_be_stored(tmp_path, monkeypatch, capl
     assert not [path for path in tmp_path.rglob("*") if path.is_file() and path.suffix != ".lock"]
 
 
+def test_files_that_another_process_reads_are_no_reason_for_a_warning(tmp_path, monkeypatch, caplog):
+    """Windows refuses to replace them; a later process stores the code."""
+    monkeypatch.setattr(_cache_file, "_HOLDS_OPEN_FILES", True)
+    _store(tmp_path, 1, "int64")
+    with monkeypatch.context() as patched:
+
+        def held(*_: Any) -> None:
+            raise PermissionError(errno.EACCES, "Access is denied")
+
+        patched.setattr(os, "replace", held)
+        _store(tmp_path, 2, "int64")
+    assert not caplog.records
+    assert not list(tmp_path.glob("*.tmp"))
+    _check_codes(tmp_path)
+    _store(tmp_path, 2, "int64")
+    assert _cache(tmp_path, 2).load("int64") == "code 2 int64"
+
+
 def test_kernels_work_if_their_folder_is_gone(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(_cache_file, "_REPORTED", set())

@@ -7,7 +7,7 @@ import math
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from splatwire.cli._loop_signals import LoopSignals
@@ -130,8 +130,13 @@ async def open_server(
     return running
 
 
-def stop_on_signals() -> asyncio.Event:
-    """Returns an event that is set by SIGINT (Ctrl-C) or SIGTERM; a second signal ends the command immediately."""
+@contextlib.contextmanager
+def stop_on_signals() -> Iterator[asyncio.Event]:
+    """Context with an event that is set by SIGINT (Ctrl-C) or SIGTERM; a second signal ends the command immediately.
+
+    Yields:
+        The event.
+    """
     # Errors of the event loop outside of any request, such as exhausted file descriptors, are printed as one line each.
     stop = asyncio.Event()
 
@@ -141,16 +146,28 @@ def stop_on_signals() -> asyncio.Event:
 
     signals = LoopSignals(end)
     asyncio.get_running_loop().set_exception_handler(LoopErrors())
-    return stop
+    try:
+        yield stop
+    finally:
+        signals.restore()
 
 
-def reload_on_hangup() -> asyncio.Event:
-    """Returns an event that is set by SIGHUP, unless standard input is a terminal."""
+@contextlib.contextmanager
+def reload_on_hangup() -> Iterator[asyncio.Event]:
+    """Context with an event that is set by SIGHUP, unless standard input is a terminal.
+
+    Yields:
+        The event.
+    """
     # With a terminal, SIGHUP means that the terminal was closed, and ends the process.
-    reload = asyncio.Event()
+    reload, numbers = asyncio.Event(), list[int]()
     if hasattr(signal, "SIGHUP") and not (sys.stdin is not None and sys.stdin.isatty()):
-        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, reload.set)
-    return reload
+        numbers.append(signal.SIGHUP)
+    signals = LoopSignals(lambda number: reload.set(), numbers, ignored=True)
+    try:
+        yield reload
+    finally:
+        signals.restore()
 
 
 async def first_event(first: asyncio.Event, second: asyncio.Event) -> asyncio.Event:

@@ -2,22 +2,28 @@
 
 import asyncio
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 
 class LoopSignals:
-    """Lets the running event loop call a function for SIGINT (Ctrl-C) and SIGTERM.
-
-    Signals that are ignored, as in background jobs of a shell script, stay ignored.
+    """Lets the running event loop call a function for signals.
 
     Args:
         callback: Called with the number of a signal.
+        numbers: Numbers of the signals, by default SIGINT (Ctrl-C) and SIGTERM.
+        ignored: True to handle also signals that are ignored; otherwise they stay ignored, as in background jobs of a
+            shell script.
     """
 
-    def __init__(self, callback: Callable[[int], None]) -> None:
+    def __init__(
+        self, callback: Callable[[int], None], numbers: Sequence[int] = (signal.SIGINT, signal.SIGTERM), *,
+        ignored: bool = False,
+    ) -> None:  # fmt: skip
         self._loop = asyncio.get_running_loop()
-        found = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-        self._before = {number: handler for number, handler in found.items() if handler is not signal.SIG_IGN}
+        found = {int(number): signal.getsignal(number) for number in numbers}
+        self._before = {
+            number: handler for number, handler in found.items() if ignored or handler is not signal.SIG_IGN
+        }
         for number in self._before:
             self._loop.add_signal_handler(number, callback, number)
 

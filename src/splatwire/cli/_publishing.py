@@ -31,7 +31,6 @@ async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: boo
     address = parse_url(f"moq://{url.partition('://')[2]}")
     need_moq()
     stream = read_stream(path)[0].require_scene(path)
-    stop = stop_on_signals()
 
     def ready() -> None:
         if json:
@@ -40,5 +39,6 @@ async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: boo
             print(f"publishing at moq://{address.host}:{address.port}/{address.name} (Ctrl-C ends it)")
         sys.stdout.flush()
 
-    asked = await publish(address, stream, relay_trust(trust), stop, ready)
+    with stop_on_signals() as stop:
+        asked = await publish(address, stream, relay_trust(trust), stop, ready)
     print(f"the relay asked for {asked.tracks:,} tracks, {asked.num_bytes:,} bytes", file=sys.stderr)

@@ -1,7 +1,6 @@
 """Implementation of `splatwire convert`: runs `encode`, `decode` or `export` for each input, by its format."""
 
 import json
-import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -16,6 +15,7 @@ from splatwire.cli import _run_decode, _run_encode, _run_export
 from splatwire.cli._files import STANDARD, check_folder, check_inputs, input_path, output_folder, prepared_output
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
+from splatwire.cli._processes import Processes
 from splatwire.cli.convert import Convert
 from splatwire.cli.decode import Decode
 from splatwire.cli.encode import Encode
@@ -239,13 +239,18 @@ def _convert_inputs(command: Convert, format_name: str) -> None:
             raise InvalidValueError(f"{other} and {each.source} would both be written to {each.output}: rename one")
     folder.mkdir(exist_ok=True)
     started, results = time.perf_counter(), list[dict[str, Any]]()
+    processes = Processes()
     with progress_bars() as report, ThreadPoolExecutor(command.jobs) as pool:
         report("converting", 0.0)
-        for result in pool.map(lambda each: _in_process(each, accept_damage=command.accept_damage), chosen):
-            results.append(result)
-            for line in result.pop("messages"):
-                print(line, file=sys.stderr)
-            report("converting", len(results) / len(chosen))
+        try:
+            for result in pool.map(lambda each: _in_process(processes, each, command.accept_damage), chosen):
+                results.append(result)
+                for line in result.pop("messages"):
+                    print(line, file=sys.stderr)
+                report("converting", len(results) / len(chosen))
+        except BaseException:  # also a signal: the pool would wait for all conversions
+            processes.end()
+            raise
     failed = [result for result in results if result["status"]]
     if command.json:
         print_json({"converted": results, "num_failed": len(failed), "seconds": time.perf_counter() - started})
@@ -281,10 +286,11 @@ def _is_timed(path: Path) -> bool:
     return read_stream(path)[0].manifest.schema.timed if file_kind(path) in STREAMS else is_sequence(path)
 
 
-def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
+def _in_process(processes: Processes, chosen: Conversion, accept_damage: bool) -> dict[str, Any]:
     """Converts one of several inputs in a separate process, so that an error does not end the other conversions.
 
     Args:
+        processes: The processes of all conversions.
         chosen: The conversion.
         accept_damage: True to convert also a stream with damaged bytes.
 
@@ -303,7 +309,7 @@ def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
     words = [source, output, "--to", chosen.form.replace(".", "-"), "--json"]
     words += ["--accept-damage"] * accept_damage
     command = [sys.executable, "-m", "splatwire", "convert", *words]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    done = processes.run(command)
     messages = [line for line in done.stderr.splitlines() if line.startswith("splatwire: ") or done.returncode]
     if done.returncode < 0:
         messages.append(f"splatwire: error: {chosen.source}: the conversion was ended by signal {-done.returncode}")

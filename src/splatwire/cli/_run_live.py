@@ -73,8 +73,9 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
         None if the encoder has ended. Otherwise an exit status: the encoder still runs after the signal, and the
         process should exit at once.
     """
-    stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
+    loop, warn = asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:
+        stop = stack.enter_context(stop_on_signals())
         limits = ServerLimits(
             command.clients,
             command.clients_per_address,

@@ -206,9 +206,9 @@ def _access(command: Serve) -> Access | None:
 
 
 async def _serve(command: Serve, scenes: _Scenes, access: Access | None) -> None:
-    stop, reload = stop_on_signals(), reload_on_hangup()
     streams = scenes.served
     async with contextlib.AsyncExitStack() as stack:
+        stop, reload = stack.enter_context(stop_on_signals()), stack.enter_context(reload_on_hangup())
         running = await open_server(
             streams, command, limits(command), stack, origins=allowed_origins(command), access=access
         )

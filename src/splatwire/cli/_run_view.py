@@ -1,6 +1,7 @@
 """Implementation of `splatwire view`: local web page that shows a stream, its losses and their concealment."""
 
 import asyncio
+import contextlib
 import sys
 import webbrowser
 from collections.abc import Mapping
@@ -82,10 +83,11 @@ async def _serve(
         receiving: Task that receives the stream from a server; None for a stream of this machine.
         relay: Object that receives the stream; None for a stream of this machine.
     """
-    stop = stop_on_signals()
-    if receiving is not None:
-        receiving.add_done_callback(lambda task: None if _went_well(task) else stop.set())
-    async with PageServer(content, command.port) as page:
+    async with contextlib.AsyncExitStack() as stack:
+        stop = stack.enter_context(stop_on_signals())
+        if receiving is not None:
+            receiving.add_done_callback(lambda task: None if _went_well(task) else stop.set())
+        page = await stack.enter_async_context(PageServer(content, command.port))
         if command.json:
             print_json({"url": page.url})
         else:

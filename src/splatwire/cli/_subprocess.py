@@ -5,18 +5,18 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from splatwire.anchors.scene_file import load_partial
 from splatwire.bitstream import SceneStream, write_stream
+from splatwire.cli._processes import end_process
 from splatwire.errors import DesyncError, SplatwireError
 from splatwire.types import ReceivedScene
 from splatwire.types.scene_digest import scene_digest
 
 _WARNING = "splatwire: warning: "
-_GRACE_S = 5.0
 
 
 def decode_in_fresh_process(stream: SceneStream) -> ReceivedScene:
@@ -72,13 +72,4 @@ def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dic
         try:
             yield answer
         finally:
-            _end(process)
-
-
-def _end(process: "subprocess.Popen[str]") -> None:
-    """Ends a process if it still runs. The process gets `_GRACE_S` seconds to remove its temporary files."""
-    if process.poll() is None:
-        process.terminate()
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(_GRACE_S)
-    process.kill()
+            end_process(process)

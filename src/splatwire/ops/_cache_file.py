@@ -14,6 +14,8 @@ from numba.core.caching import IndexDataCacheFile
 
 LOG = logging.getLogger("splatwire.ops.compiled")
 _DIGEST_BYTES = 16
+_HOLDS_OPEN_FILES = os.name == "nt"
+"""True if the system refuses to replace a file that another process reads."""
 _REPORTED: set[str] = set()
 """Reasons for which machine code could not be kept, each logged once."""
 
@@ -95,7 +97,7 @@ class CacheFile(IndexDataCacheFile):
         return packed if self._data_name_of(packed) == name else None
 
     def _replace(self, name: str, content: bytes) -> None:
-        """Writes a file of the cache folder atomically.
+        """Writes a file of the cache folder atomically, unless another process reads it and the system then refuses.
 
         Raises:
             OSError: If it cannot be written.
@@ -104,6 +106,9 @@ class CacheFile(IndexDataCacheFile):
         try:
             unfinished.write_bytes(content)
             os.replace(unfinished, Path(self._cache_path, name))
+        except PermissionError:
+            if not (_HOLDS_OPEN_FILES and unfinished.exists()):  # else a later process writes it
+                raise
         finally:
             with contextlib.suppress(OSError):
                 unfinished.unlink()

@@ -1,0 +1,67 @@
+"""Processes that a command starts, and ends with itself."""
+
+import subprocess
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+
+GRACE_S = 5.0
+"""Time for a process to remove its temporary files after SIGTERM, seconds."""
+
+
+class Processes:
+    """Processes that threads run, and that end together. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running: set[subprocess.Popen[str]] = set()
+        self._ended = False
+
+    def run(self, command: Sequence[str]) -> "subprocess.CompletedProcess[str]":
+        """Runs a command without input to its end.
+
+        Args:
+            command: Program and arguments.
+
+        Returns:
+            The finished process, with its exit status and what it printed.
+
+        Raises:
+            KeyboardInterrupt: If the processes were ended before.
+        """
+        pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
+        with self._lock:
+            if self._ended:
+                raise KeyboardInterrupt
+            process = subprocess.Popen(command, stdin=nothing, stdout=pipe, stderr=pipe, text=True)
+            self._running.add(process)
+        try:
+            printed, errors = process.communicate()
+        finally:
+            with self._lock:
+                self._running.discard(process)
+        return subprocess.CompletedProcess(command, process.returncode, printed, errors)
+
+    def end(self) -> None:
+        """Ends all running processes, and starts no more. They get `GRACE_S` seconds to remove temporary files."""
+        with self._lock:
+            self._ended = True
+            running = list(self._running)
+        for process in running:
+            process.terminate()
+        end = time.monotonic() + GRACE_S
+        for process in running:
+            # their threads wait for them at the same time, which `Popen.wait` permits
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(max(end - time.monotonic(), 0))
+            process.kill()
+
+
+def end_process(process: "subprocess.Popen[str]") -> None:
+    """Ends a process if it still runs. The process gets `GRACE_S` seconds to remove its temporary files."""
+    if process.poll() is None:
+        process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(GRACE_S)
+    process.kill()
