@@ -32,10 +32,10 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Returns a decorator like `checked` that leaves some parameters unchecked.
+    """Returns a decorator that checks and converts a function's arguments by annotation, except for some parameters.
 
     Args:
-        *own: Names of parameters that the decorated function checks itself.
+        *own: Names of the parameters that are passed on unchanged, because the decorated function checks them itself.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:

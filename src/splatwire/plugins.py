@@ -61,18 +61,18 @@ class Registry(Generic[Entry]):
         self._entries[name], self._sources[name] = entry, source
 
     def check_free(self, name: str, other: str, source: str) -> None:
-        """Checks that a new entry may use a name that another entry already has.
+        """Checks that a new entry may replace an existing entry of the same name.
 
-        Permitted are entries with the same source. Permitted is also an entry of splatwire in place of an entry of
-        another package; a warning is then logged.
+        An entry may be replaced by one with the same source. An entry of another package may also be replaced by one of
+        splatwire itself; a warning is then logged.
 
         Args:
-            name: The name.
-            other: Source of the existing entry, a full dotted name.
-            source: Source of the new entry, a full dotted name.
+            name: Name of both entries.
+            other: Full dotted name of the class or function that defines the existing entry (its source).
+            source: Full dotted name of the class or function that defines the new entry.
 
         Raises:
-            InvalidValueError: If the new entry may not use the name.
+            InvalidValueError: If the new entry may not replace the existing one.
         """
         if other == source:
             return
@@ -112,7 +112,10 @@ class Registry(Generic[Entry]):
         return dict(self._entries)
 
     def all(self) -> dict[str, Entry]:
-        """Returns all entries. Packages that cannot be loaded are skipped, with a warning in the log."""
+        """Loads all installed packages that announce entries of this kind, and returns every entry by name.
+
+        A package that cannot be loaded is skipped, with a warning in the log.
+        """
         for point in self._announced():
             try:
                 if point.name not in self._entries:

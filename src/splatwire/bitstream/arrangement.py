@@ -57,7 +57,8 @@ class Run:
     Attributes:
         block: Index of the block of the first packet.
         packets: The packets, ascending by id.
-        members: Indices of each packet's elements in coding order, int64.
+        members: For each packet, indices of its elements within the scene, int64. `arrived_blocks` numbers elements in
+            plan order (see `PacketPlan`). Runs that a decoder gets number them in coding order.
     """
 
     block: int
@@ -68,7 +69,7 @@ class Run:
 
     @property
     def ranks(self) -> np.ndarray:
-        """Indices of all elements in coding order, packet by packet, int64."""
+        """Indices within the scene of the elements of all packets, packet by packet: `members` concatenated, int64."""
         return np.concatenate([np.empty(0, dtype=np.int64), *self.members])
 
     @property

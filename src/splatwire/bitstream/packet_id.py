@@ -21,13 +21,13 @@ SCALING, OFFSET, FIRST_FEATURE = 1, 2, 3
 class PacketId:
     """Id of a packet within a stream.
 
-    Ids are ordered by block, then by packet of the block, then by attribute.
+    Ids are ordered by the three attributes: by block, then by lane, then by part.
 
     Attributes:
-        block: Index of the spatial block.
-        lane: Index of the packet within its block. If packets are filled up to a size limit (grouping `hashed`), index
-            of the packet's first element within the block, in hash order.
-        part: Attribute that the packet contains, an index into `PARTS`; 0 for whole elements.
+        block: Index of the spatial block, a group of neighbouring elements (anchors or Gaussians).
+        lane: Number that distinguishes the packets of a block. Usually it counts them from 0. If packets are filled up
+            to a size limit (grouping `hashed`), it is instead the number of the block's elements in earlier packets.
+        part: Attribute of the elements that the packet contains, an index into `PARTS`; 0 for all attributes.
     """
 
     block: int

@@ -20,11 +20,11 @@ LANE_ELEMENTS = 64
 
 @dataclass(frozen=True)
 class TierShape(CheckedFields):
-    """Number of elements and of packets per block in one importance tier.
+    """Number of elements of one importance tier, and number of packets per block.
 
     Attributes:
-        num_elements: Number of elements.
-        lanes: Number of packets per block.
+        num_elements: Number of elements of the tier.
+        lanes: Number of packets among which the elements of each block of the tier are divided.
     """
 
     num_elements: int
@@ -32,14 +32,14 @@ class TierShape(CheckedFields):
 
 
 class Span(NamedTuple):
-    """Consecutive blocks of one importance tier.
+    """Blocks of one importance tier, which are consecutive blocks of the stream.
 
     Attributes:
-        first: Index of the tier's first element, when elements are sorted by tier.
-        num_elements: Number of elements.
-        block_size: Maximum number of elements of a block.
-        lanes: Number of packets per block.
-        first_block: Index of the first block.
+        first: Index of the tier's first element when all elements of the stream are sorted by tier.
+        num_elements: Number of elements of the tier.
+        block_size: Maximum number of elements of a block of the tier.
+        lanes: Number of packets among which the elements of each block are divided.
+        first_block: Index within the stream of the tier's first block.
     """
 
     first: int

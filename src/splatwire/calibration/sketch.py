@@ -102,13 +102,14 @@ class Sketch(Protocol):
         """Encodes the sketch as the section `sketch` of the side information."""
 
     def replace_lost(self, partial: ReceivedScene) -> Any:
-        """Replaces the lost elements of a received scene by the sketch's coarse copies.
+        """Replaces lost elements of a received scene by their coarse copies, as far as the sketch has copies.
 
         Args:
             partial: The received scene.
 
         Returns:
-            The scene with copies in the form that the method `conceal` takes. Its type depends on the class.
+            The argument of the method `conceal` of the same sketch: the scene with the copies, and whatever else that
+            method needs. Each class of sketches has its own type for it.
         """
         # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
         # only in these can share it.

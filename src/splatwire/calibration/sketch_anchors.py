@@ -102,7 +102,7 @@ class AnchorSketch:
         return replace(self, copies=replace(self.copies, exponent=exponent, trust=trust))
 
     def section(self) -> bytes:
-        """Returns the bytes of the section `sketch` of the side information."""
+        """Encodes the coarse copies of the most important anchors as the section `sketch` of a stream."""
         return write_sketch(self.copies, self.buckets)
 
     def replace_lost(self, partial: ReceivedScene[AnchorScene]) -> SketchedLoss:

@@ -110,7 +110,7 @@ class GaussianSketch:
         return replace(self, growth=growth)
 
     def section(self) -> bytes:
-        """Returns the bytes of the section `sketch` of the side information."""
+        """Encodes the coarse copies of the most important Gaussians as the section `sketch` of a stream."""
         size, opacity, trust = self.growth
         return write_copies(self.splats, self.indices, self.info, precision_class=LEVEL, growth=(size, opacity, trust))
 

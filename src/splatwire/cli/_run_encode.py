@@ -264,9 +264,10 @@ def _print_result(
 
 
 def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
-    """Returns the up axis that the stream stores for viewers: the value of `--up`, or an estimate.
+    """Returns the up axis that the stream stores for viewers: the value of `--up`, or an estimate from the scene.
 
-    Returns None if no axis is stored, because viewers know the view or use the default axis.
+    Returns None if no axis is stored. This is the case without a value of `--up` if the scene's metadata or the cameras
+    already determine an axis or a view, or if the estimate is the axis that viewers assume anyway (`-y`).
     """
     # No axis is estimated if the metadata of the scene has an up axis or a view, or if cameras are given. An estimated
     # axis equal to the default, -y, is not stored either.

@@ -121,10 +121,14 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits until the encoder ends after a stop request, but stops waiting if the encoder compiles kernels.
+    """Waits for the end of the encoder after a stop request, and returns why the waiting ended.
+
+    Args:
+        encoding: The running encoder.
 
     Returns:
-        True as soon as the encoder compiles kernels. False once it has ended, or when the time for it has passed.
+        True if the encoder is compiling kernels, which takes too long to wait for. False if the encoder has ended, or
+        the time limit has passed.
     """
     # Compiling takes too long to wait for.
     end = time.monotonic() + STOP_TIMEOUT_S - COMPILING_TIMEOUT_S

@@ -27,7 +27,8 @@ def anchor_order(voxels: np.ndarray, order: str) -> np.ndarray:
         order: `morton` (Z-order) or `raster` (by z, then y, then x).
 
     Returns:
-        Indices of the anchors in sorted order, int64 (N); anchors at equal positions keep their order.
+        Permutation, int64 (N): entry i is the index in `voxels` of the i-th anchor in sorted order. Anchors at equal
+        positions keep their order.
     """
     # HAC++ calls the raster order Morton order.
     if order == "raster":
@@ -39,7 +40,7 @@ def encode_positions(voxels: np.ndarray) -> bytes:
     """Encodes a set of voxels without loss.
 
     Args:
-        voxels: Voxel indices in any order, int64 (N, 3); repeated points are kept.
+        voxels: Integer coordinates (x, y, z) of voxels in any order, int64 (N, 3). Repeated voxels are kept.
 
     Returns:
         The encoded bytes.
@@ -70,14 +71,14 @@ def decode_positions(data: bytes, count: int, order: str) -> np.ndarray:
 
     Args:
         data: Bytes written by `encode_positions`.
-        count: Number of points.
-        order: Order of the result, as in `anchor_order`.
+        count: Number of voxels; a voxel that was encoded several times counts as often.
+        order: Order of the voxels in the result: `morton` (Z-order) or `raster` (by z, then y, then x).
 
     Returns:
-        Voxel indices in coding order, int64 (count, 3).
+        Integer coordinates (x, y, z) of each voxel, int64 (count, 3).
 
     Raises:
-        BitstreamError: If the code is too short for this number of points, or its extent is out of range.
+        BitstreamError: If `data` is too short for this number of voxels, or the coordinates in it are out of range.
     """
     reader = ByteReader(data, "positions")
     origin = np.array([reader.signed() for _ in range(3)], dtype=np.int64)

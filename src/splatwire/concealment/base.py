@@ -26,7 +26,11 @@ class Concealed(RenderHints):
 
     @staticmethod
     def filled(elements: Any) -> "Concealed":
-        """Returns a result that draws all elements; `elements` contains the estimates of the lost ones."""
+        """Returns the result of a concealer that estimates all lost values, so that every element is drawn unchanged.
+
+        Args:
+            elements: All Gaussians or anchors of the scene: received ones, and estimates of lost ones.
+        """
         elements = to_arrays(elements)
         count = len(next(iter(vars(elements).values())))
         return Concealed(np.ones(count, np.float32), np.zeros(count, np.bool_), elements=elements)

@@ -56,7 +56,15 @@ class Coarse:
         return "coarse"
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
-        """Returns factors on the size and opacity of the Gaussians of all levels, and the mask of hidden Gaussians."""
+        """Chooses for each Gaussian of a scene with several levels of detail whether and how it is drawn.
+
+        Args:
+            partial: Received scene with the Gaussians of all levels of detail.
+
+        Returns:
+            Factors on the size and the opacity of each Gaussian, and the mask of Gaussians that are not drawn. Among
+            the drawn Gaussians are coarser ones in place of lost fine ones.
+        """
         levels, known = partial[Levels], partial.known
         finest = levels.lod_level == 0
         fine, coarse = np.flatnonzero(finest & known), np.flatnonzero((levels.lod_level == 1) & known)

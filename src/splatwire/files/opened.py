@@ -37,7 +37,10 @@ class OpenedFile(_NativePath):
         self._kind, self._file = kind, file
 
     def detach(self) -> None:
-        """Closes the file. From then on, this object is an ordinary path."""
+        """Closes the open file of this path and forgets its detected format; only the path itself remains.
+
+        Readers then open the file again by its path. Without an open file, nothing is closed.
+        """
         if self._file is not None:
             self._file.close()
         self._kind = self._file = None
@@ -49,9 +52,10 @@ class OpenedFile(_NativePath):
         return super().stat(follow_symlinks=follow_symlinks)
 
     def reader(self) -> BufferedReader | None:
-        """Returns a file object at the first byte of the open file, or None if the file is not open.
+        """Returns a file object for reading the open file from its first byte; None if no file is open.
 
-        The caller must close the file object. All file objects of this path share one position in the file.
+        The caller must close the file object. File objects from several calls share one reading position: reading from
+        one moves the others, and another call moves all of them to the first byte.
         """
         if self._file is None:
             return None

@@ -105,10 +105,17 @@ def _protection(values: Any) -> Protection:
 
 
 def _parse_motion_protection(values: Any) -> tuple[tuple[float, float], ...]:
-    """Parses the parity of the groups of pictures in a plan file.
+    """Parses how much parity a plan file requires for the motion packets of a sequence.
+
+    Args:
+        values: Value of the key `motion` in the plan file.
 
     Returns:
-        One pair per group: share of the motion packets that get parity, and repair symbols per packet with parity.
+        One pair of numbers for each group of pictures. The first is the share of the group's motion packets that are
+        protected by parity, 0 to 1. The second is the number of repair symbols per protected packet.
+
+    Raises:
+        InvalidValueError: If the value is not a list of pairs of numbers, or is too long.
     """
     fine = isinstance(values, list) and len(values) <= MAX_GROUPS
     if not (fine and all(isinstance(pair, list) and len(pair) == 2 for pair in values)):

@@ -62,11 +62,12 @@ class RemovalViews:
 
     @staticmethod
     def of(source: SplatScene, cameras: Cameras | None) -> "RemovalViews":
-        """Chooses the views in which Gaussians are measured.
+        """Chooses the views in which the image error of removing Gaussians is measured.
 
         Args:
             source: The complete scene.
-            cameras: Cameras at typical viewing positions; None for views around the scene.
+            cameras: Cameras at typical viewing positions. None to choose views from the scene itself: around the scene,
+                framing it, and close to its surfaces.
         """
         if cameras is not None:
             return RemovalViews(((1.0, SourcePictures(source, cameras)),))
@@ -112,7 +113,7 @@ class PruningCurve:
     """Image error of a pruned scene as a function of the share of Gaussians that is kept.
 
     Attributes:
-        order: Indices of the Gaussians, most important first.
+        order: Indices in the scene of its Gaussians, most important first.
         shares: Shares of kept Gaussians, ascending to 1.
         errors: Mean squared image error at each share.
     """
@@ -131,12 +132,16 @@ class PruningCurve:
     ) -> "PruningCurve":
         """Measures how the image error of a scene grows if its least important Gaussians are removed.
 
+        The Gaussians are removed in several steps. After some of the steps, the importance of the remaining Gaussians
+        is measured again, because it grows when similar Gaussians are gone.
+
         Args:
-            scene: The scene.
-            removal: Image error of removing each single Gaussian, from `measure_gaussians`.
-            pictures: Renderings of the complete scene, as references.
-            views: Views in which the effect of further removals is measured, once some Gaussians are removed.
-            progress: Called with the finished share of the work.
+            scene: The scene of N Gaussians.
+            removal: Importance of each Gaussian at the start: the image error if only this Gaussian is removed from the
+                complete scene, from `measure_gaussians`.
+            pictures: Renderings of the complete scene, with which the pruned scene is compared.
+            views: Views in which importance is measured again.
+            progress: Called with the finished share of the work, 0 to 1.
         """
         # The error is measured for a few shares of kept Gaussians (`SHARES`), and interpolated between them. The first
         # Gaussian of a thin part hardly matters, as others cover the same pixels; the last one does. The effect of the

@@ -62,13 +62,13 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Elements of a scene in front of one camera.
+    """The M elements (Gaussians or anchors) of a scene that are in front of one camera.
 
     Attributes:
         depths: Depth of each element, world units.
-        inside: Mask of the elements whose centres are in the picture.
-        reaches_in: Mask of the elements that may overlap the picture. Elements nearer than the near plane are never
-            drawn; they are included only if they are in `inside`.
+        inside: Mask of the elements whose centres are in the picture, at any depth.
+        reaches_in: Mask of the elements that may overlap the picture: those of `inside`, and elements beyond the near
+            plane whose centres are outside the picture by less than their extent.
         is_dot: True if most elements of the scene are in the picture, but together cover no more than about a pixel.
     """
 

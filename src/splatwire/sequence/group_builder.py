@@ -119,8 +119,9 @@ class GroupBuilder:
     def group(self) -> TrackGroup:
         """Returns the group of all frames added so far.
 
-        In frames in which a track does not exist, it keeps its attributes from the nearest frame. Its position moves
-        like its neighbours, if most tracks move like their neighbours.
+        Every track gets attributes in every frame, also in frames in which it does not exist. There, it has the
+        attributes of the nearest frame in which it exists. Its position is an exception in groups in which most tracks
+        move like their neighbours: it then moves like its neighbours. In other groups, the position stands still.
         """
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}

@@ -158,8 +158,9 @@ class ReceivedScene(Generic[S]):
     def positions(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
-        These are the decoded positions. In streams in which exact positions can be lost, they are the predicted
-        positions of all elements (`ExpectedPlaces`) instead.
+        In streams whose positions cannot be lost, these are the decoded positions. In streams whose exact positions can
+        be lost with their packets, these are positions predicted from the side information (`ExpectedPlaces`), for
+        received elements, too.
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions

@@ -95,8 +95,10 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
         coder: Entropy coder.
         codes: int64 (n), the Morton codes; filled by a decoder.
         bits: Number of bits of a code.
-        interleaved: 1 if the packet's Gaussians are spread over the block, otherwise 0. If 1, the low bits of the codes
-            (`slot_of`) are coded separately. A decoder reads this flag from the packet and ignores the argument.
+        interleaved: 1 if the packet's Gaussians are spread over the block, 0 if they are adjacent. If 1, the lowest
+            bits of each code are coded separately from its other bits: they are similar in all Gaussians of such a
+            packet, because Gaussians are assigned to packets in the order of these bits. A decoder reads this flag from
+            the packet and ignores the argument.
         slots: Working array, int64 (n).
         stack: Working array of `code_cells`.
     """

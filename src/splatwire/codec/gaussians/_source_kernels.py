@@ -366,10 +366,10 @@ def gather_sources(
     indices, quats, scales, opacities, sh, size_log, matrix, grey, luma_chroma, inverse, silent, room, classes, logs,
     axes, colours, harmonics,
 ):  # fmt: skip
-    """Converts Gaussians to the fixed-point input of the encoding kernels (fields of `BlockSource`).
+    """Converts n of N Gaussians to the fixed-point input of the encoding kernels (fields of `BlockSource`).
 
     Args:
-        indices: Indices of the Gaussians in the next four arrays, uint32 (n).
+        indices: Indices of the n Gaussians in the next four arrays, uint32 (n).
         quats: Quaternions (w, x, y, z) of any length, float32 (N, 4).
         scales: Standard deviations, float32 (N, 3).
         opacities: float32 (N).
@@ -378,13 +378,13 @@ def gather_sources(
         matrix: Transform of base colours, see `write_colours`.
         grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
         luma_chroma: Transform of harmonics from RGB to Y Co Cg in fixed point, float64 (3, 3).
-        inverse: Inverse of the transform of harmonics, float64 (K, columns): column k is transformed harmonic k;
-            columns from K on are 0.
-        silent: For each precision class, Euclidean length of a Gaussian's harmonics in a colour component below which
-            quantisation makes all transformed harmonics 0, float64 (classes). If all components of a Gaussian are
-            shorter, its harmonics in the output are 0.
+        inverse: Matrix that an encoder applies to the K harmonics of a colour component, float64 (K, columns): their
+            product with column k is transformed harmonic k. Columns from K on are 0.
+        silent: Threshold for each precision class, float64 (classes). If the K harmonics of each colour component of a
+            Gaussian are shorter (Euclidean length), the Gaussian's harmonics in the output are 0, because quantisation
+            would make them 0 anyway.
         room: Working array, float64 (6, columns).
-        classes: Precision classes, int64 (n).
+        classes: Precision class (set of quantisation steps) of each of the n Gaussians, int64 (n).
         logs: Output, int64 (n, 4), see `write_logs`.
         axes: Output, float64 (n, 3, 3), see `write_axes`.
         colours: Output, int64 (n, 3), see `write_colours`.

@@ -33,14 +33,14 @@ def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> 
 
 
 def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
-    """Rounds Gaussians to the values that a decoder obtains, in the same order.
+    """Rounds Gaussians to the values that a decoder obtains; the Gaussians keep their order.
 
     Args:
         splats: The Gaussians.
         coding: Quantisation steps from `coding_for`, or those of a decoded scene.
 
     Returns:
-        The rounded Gaussians, with scales in decreasing order.
+        The rounded Gaussians. The axes of each Gaussian are sorted: its three scales decrease.
 
     Raises:
         InvalidValueError: If a position exceeds the range of the lattice.

@@ -104,11 +104,13 @@ class SideInfo:
     def harmonics_inverse(self) -> tuple[np.ndarray, np.ndarray]:
         """Matrix and thresholds with which an encoder transforms the K spherical harmonics above degree 0.
 
-        The matrix is the inverse of `transform`, float64 (K, columns). Column k computes transformed harmonic k. The
-        columns from K on are 0: they make the number of columns a multiple of 8, for vector instructions.
+        The matrix is the inverse of `transform`, float64 (K, columns). The K harmonics of a colour component,
+        multiplied by column k, give transformed harmonic k. The columns from K on are 0: they make the number of
+        columns a multiple of 8, for vector instructions.
 
-        The thresholds are lengths by precision class, in fixed point, float64 (`MAX_CLASSES`). If the K harmonics of a
-        colour component are shorter (Euclidean length), quantisation makes all its transformed harmonics 0.
+        There is one threshold for each precision class (set of quantisation steps), in units of `2 ** -BITS`, float64
+        (`MAX_CLASSES`). If the Euclidean length of the K harmonics of a colour component is below the threshold,
+        quantisation makes all its transformed harmonics 0, so that they need not be computed.
         """
         number = len(self.transform)
         inverse = np.zeros((number, -(-number // 8) * 8))

@@ -79,12 +79,13 @@ def _smallest_candidates(squares, candidates, count):
 
     Args:
         squares: Squared distances of all tracks, float64.
-        candidates: Indices of the preselected tracks in `squares`.
+        candidates: Indices in `squares` of the preselected tracks.
         count: Number of preselected tracks.
 
     Returns:
-        `NUM_NEIGHBOURS` integers, nearest first. The high bits are the integer part of the squared
-        distance, the low bits are the index.
+        `NUM_NEIGHBOURS` integers, one for each selected track, nearest first. The lowest `_INDEX_BITS` bits of an
+        integer are the index of the track in `squares`; the other bits are its squared distance, rounded down. With
+        fewer candidates, the last integers are `_MOST`.
     """
     # The keys stay in registers. No branch depends on a comparison of keys, because processors would often predict it
     # wrongly.

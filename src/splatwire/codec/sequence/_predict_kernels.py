@@ -284,7 +284,12 @@ def pack_coefficients(values, rows, states, orders, flat):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def predict_from_neighbours(positions, states, shifts, orders, quantised, targets, dead, coefficients):
-    """Encodes or decodes the motion of a packet's tracks (Gaussians over time), predicted from neighbouring tracks.
+    """Quantises or reconstructs the motion of a packet's M tracks (Gaussians over time), predicted from neighbours.
+
+    Motion is described by U polynomial coefficients per track: for each channel, as many as `orders` states. Each
+    coefficient is predicted from neighbouring tracks. Its residual is the difference from the prediction, in
+    quantisation steps. An encoder computes the residuals from the coefficients. A decoder computes the coefficients
+    from the residuals.
 
     Args:
         positions: Positions of the keyframe Gaussians of the packet's M tracks, in the fixed-point unit in which the
@@ -293,12 +298,13 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
         orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
             coded per channel, int64 (kinds).
-        quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
-        targets: Coefficients before quantisation from `pack_coefficients`, float64 (M, U); of length 0 for a decoder.
-        dead: Dead zone of the quantiser: extra width of the interval that is rounded to 0, in 64ths of a quantisation
-            step.
-        coefficients: Decoded coefficients, float32 (M, channels, K), which must be 0 before the call; of length 0 for
-            an encoder.
+        quantised: Residuals, int32 (M, channels, frames): output of an encoder, input of a decoder.
+        targets: Input of an encoder: the coefficients from `pack_coefficients`, float64 (M, U). An array of length 0
+            selects decoding.
+        dead: For an encoder, dead zone of the quantiser: extra width of the interval that is rounded to 0, in 64ths of
+            a quantisation step.
+        coefficients: Output of a decoder: the reconstructed coefficients, float32 (M, channels, K), where K
+            is the largest of `orders`. The array must be 0 before the call. An encoder passes an array of length 0.
     """
     if not len(positions):
         return

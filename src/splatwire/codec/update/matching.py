@@ -11,14 +11,21 @@ from splatwire.types.splats import Splats
 def find_unchanged(
     before: Splats, coding: SplatCoding, after: Splats, coarsest_class: np.ndarray | None = None
 ) -> np.ndarray:
-    """Returns the index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.
+    """Finds the Gaussians of an edited scene that are already in a stream.
+
+    A Gaussian of the edited scene is unchanged if it equals a Gaussian of the stream after rounding with the same
+    quantisation steps. Each Gaussian of the stream is found at most once.
 
     Args:
         before: Decoded Gaussians of the stream.
-        coding: Quantisation steps and precision classes of these Gaussians.
-        after: Gaussians of the edited scene, with spherical harmonics of the same degree.
-        coarsest_class: For each Gaussian of `after`, the coarsest precision class that counts as unchanged, uint8 (M);
-            None for any class.
+        coding: Quantisation steps and precision classes of the stream's Gaussians.
+        after: The M Gaussians of the edited scene, with spherical harmonics of the same degree.
+        coarsest_class: Minimum precision class (set of quantisation steps, 0 for the coarsest) for each Gaussian of
+            `after`, uint8 (M). A Gaussian of the stream with a coarser class is not accepted for it. None to accept any
+            class.
+
+    Returns:
+        Index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.
     """
     found = np.full(after.num_gaussians, -1, np.int64)
     for level in np.unique(coding.classes)[::-1]:

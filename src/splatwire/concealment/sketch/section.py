@@ -299,15 +299,16 @@ def _read_directions(reader: ByteReader, channels: int, columns: int) -> np.ndar
 
 
 def _models(num_levels: int, columns: int, num_offsets: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns the adaptive bit models of the range coder for the section `sketch`, in their initial state.
+    """Returns the initial bit models of the range coder for a sketch: the coarse copies of the most important anchors.
 
     Args:
-        num_levels: Number of precision levels of copies.
-        columns: Number of basis vectors, C.
+        num_levels: Number of precision levels from which the encoder chooses for each copy.
+        columns: Number of transform coefficients of a copy, C; they describe its features and scalings.
         num_offsets: Number of offsets per anchor, K.
 
     Returns:
-        Three tables of models: for the precision levels, the offset masks, and the coefficients and offsets of copies.
+        Three tables of adaptive bit models. The first codes which anchors have copies, and the precision levels of the
+        copies. The second codes the offset masks, the third codes the transform coefficients and the offsets.
     """
     from splatwire.concealment.sketch import _kernels as kernels
 

@@ -118,7 +118,14 @@ def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
 
 @rc_context(STYLE)
 def rate_chart(panel: Sequence[Curve]) -> str | None:
-    """Draws rate-distortion curves of one scene and loss: PSNR against bytes."""
+    """Draws rate-distortion curves of one scene with one packet loss: PSNR against size.
+
+    Args:
+        panel: The curves; curves without points are left out.
+
+    Returns:
+        The chart as SVG text, or None if no curve has points.
+    """
     lines = [(curve.name, curve.points) for curve in panel if curve.points]
     if not lines:
         return None
@@ -137,7 +144,14 @@ def rate_chart(panel: Sequence[Curve]) -> str | None:
 
 @rc_context(STYLE)
 def bytes_chart(streams: Mapping[str, Summary]) -> str:
-    """Draws the bytes of each stream, divided into attributes and overhead."""
+    """Draws the size of each stream in bytes, divided into attributes and overhead, as a bar chart.
+
+    Args:
+        streams: Summary of each stream, by its label in the chart.
+
+    Returns:
+        The chart as SVG text.
+    """
     figure = Figure(figsize=(8.6, 0.7 + 0.55 * len(streams)), layout="constrained")
     axes = figure.add_subplot()
     left = [0.0] * len(streams)

@@ -406,11 +406,14 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
 
 
 def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
-    """Divides a stream into other packets, as a row of the result table requires; quantised values stay the same.
+    """Divides a stream into packets by the packetization of a compared method; quantised values stay the same.
+
+    Side information that the method does not use is removed.
 
     Args:
-        whole: The stream.
-        row: The table row, with packetization and names of the side information to keep.
+        whole: The complete stream.
+        row: The method (a row of the result table), with its packetization and the names of the sections of the side
+            information that it uses.
         progress: Called with the finished share, 0 to 1.
     """
     # Quantised values and networks stay the same, so that the methods can be compared. Side information that the method

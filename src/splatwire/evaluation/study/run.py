@@ -201,11 +201,12 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
 def _choose_images(study: Study, store: Store, image_tasks: Sequence[Cell]) -> ReportImages:
     """Selects the packet loss and the views whose pictures the report shows for a scene.
 
+    The report shows the loss with the lowest mean PSNR, and those views in which the PSNR under this loss is lowest.
+
     Args:
-        study: Definition of the evaluation.
-        store: Store with the records of the tasks.
-        image_tasks: Tasks of the scene to choose from, one for each loss. The task with the lowest mean PSNR is chosen;
-            the report shows its loss, and its views with the lowest PSNR.
+        study: Definition of the evaluation, with the number of views to show.
+        store: Store with the results of the tasks.
+        image_tasks: One finished task of the scene for each loss, from `_hardest_view_tasks`; their PSNR is compared.
     """
     # The views with the lowest PSNR of this task are chosen, to show the effect of losses.
 

@@ -115,13 +115,13 @@ class GrowthRules:
 
     Attributes:
         gradient_threshold: An anchor is added near a Gaussian if the gradient of the loss with respect to its 2D centre
-            is longer than this on average. Unit: 1 / half of the image size. The threshold doubles from each grid to
+            is at least this long on average. Unit: 1 / half of the image size. The threshold doubles from each grid to
             the next finer one.
-        seen_share: Number of iterations in which an anchor must have been visible before it may be removed, as a share
-            of `Milestones.growth_interval`. Iterations before the last round of growth count, too.
+        seen_share: An anchor is examined for removal once more than `seen_share * Milestones.growth_interval` views
+            have seen it since its last examination. This may take several intervals.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged
             over views.
-        levels: Number of grids, from coarse to fine, whose cells receive new anchors.
+        levels: Maximum number of grids, from coarse to fine, whose cells receive new anchors.
         coarsest_cell: Cell size of the coarsest grid, in voxels.
         cell_ratio: Ratio of the cell sizes of consecutive grids.
         max_log_size: Upper bound on the logarithm of an anchor's base size, world units.

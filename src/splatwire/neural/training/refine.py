@@ -88,7 +88,10 @@ class _ScaledMlp:
         self.parameters = [tensor.detach().clone().requires_grad_() for tensor in start]
 
     def mlp(self) -> Mlp:
-        """Returns the network with outputs in their original units; differentiable."""
+        """Returns the trained network with its outputs multiplied by `unit`, as in the initial network.
+
+        The result is differentiable with respect to the trained parameters.
+        """
         weight, bias, output, output_bias = self.parameters
         return Mlp(Linear(weight, bias), Linear(output * self._unit[:, None], output_bias * self._unit), self._slope)
 

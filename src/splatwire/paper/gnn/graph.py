@@ -20,14 +20,17 @@ from splatwire.types import AnchorLayout, Anchors, Attribute, Prior, ReceivedSce
 
 @dataclass(frozen=True, eq=False)
 class RepairGraph:
-    """Graph on which the network repairs a scene: each lost anchor (query) is connected to received (known) anchors.
+    """Graph on which the network repairs a scene: each incomplete anchor (query) is connected to complete anchors.
+
+    An anchor is incomplete if at least one of its attributes was lost. The missing attributes of queries are first
+    estimated by simple methods; the network corrects these estimates.
 
     Attributes:
-        queries: Indices of the anchors with at least one missing attribute.
-        index: Anchor indices of the neighbours of each query, all of them completely received.
-        interpolated: The queries after the method `GnnSettings.interpolation` has filled their missing attributes.
-        given: Input of the network: the queries after the method `GnnSettings.query_input` has filled their missing
-            attributes.
+        queries: Indices in the scene of the incomplete anchors.
+        index: For each query, indices in the scene of the k complete anchors next to it.
+        interpolated: The queries with missing attributes estimated by the method `GnnSettings.interpolation`.
+        given: The queries with missing attributes estimated by the method `GnnSettings.query_input`: what the network
+            gets as its input.
     """
 
     queries: Int64[Tensor, "Q"]

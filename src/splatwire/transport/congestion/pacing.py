@@ -170,15 +170,17 @@ class RateControl:
     ) -> None:
         """Updates the sending rate after a feedback report of the receiver.
 
+        Each report names the latest datagram that the receiver has got. A report covers the datagrams that were sent
+        after the latest datagram of the previous report, up to its own latest datagram.
+
         Args:
             now: Time, seconds.
-            round_trip: Round-trip time of the latest received datagram, seconds.
-            transit: One-way delay of the latest received datagram, seconds, plus an unknown constant clock offset.
-            num_sent: Number of datagrams sent between the latest received datagrams of the previous report and of this
-                report.
-            num_arrived: Number of these datagrams that were received.
-            bytes_arrived: Estimated size of the received datagrams in bytes.
-            seconds: Time between the arrivals of the latest datagrams of both reports, seconds.
+            round_trip: Round-trip time of the latest datagram, seconds.
+            transit: One-way delay of the latest datagram, seconds, plus an unknown constant clock offset.
+            num_sent: Number of datagrams that the report covers.
+            num_arrived: Number of covered datagrams that were received.
+            bytes_arrived: Estimated total size of the covered datagrams that were received, bytes.
+            seconds: Time from the arrival of the previous report's latest datagram to that of this report, seconds.
         """
         only_lost = self.round_trip is None and round_trip < FEEDBACK_TIMEOUT_ROUNDS * ASSUMED_ROUND_TRIP_S
         self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip

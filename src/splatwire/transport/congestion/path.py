@@ -47,7 +47,11 @@ class WindowedMinFilter:
         self._kept: deque[tuple[float, float]] = deque()
 
     def add(self, now: float, value: float) -> float:
-        """Adds a value at time `now` (seconds) and returns the minimum."""
+        """Adds a value that was measured at time `now` (seconds).
+
+        Returns:
+            Minimum of all values of the last `window_s` seconds, including the new one.
+        """
         while self._kept and self._kept[-1][1] >= value:
             self._kept.pop()
         self._kept.append((now, value))

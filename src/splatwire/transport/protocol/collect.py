@@ -240,8 +240,12 @@ class PacketCollector:
     def add(self, frame: Data) -> list[Packet]:
         """Adds a received packet.
 
-        Returns the packet if the manifest already lists it, and all lost packets that can now be recovered. The result
-        is empty for an invalid or repeated packet.
+        Args:
+            frame: Datagram with the packet. An invalid or repeated packet is counted and ignored.
+
+        Returns:
+            The packets that can be decoded now: the new packet, and all lost packets that can be recovered with it.
+            Before a manifest lists the new packet, it is only stored; `open` then returns it later.
         """
         if frame.packet_index >= self._welcome.num_packets or len(frame.packet) > self._welcome.packet_bytes:
             self.num_bad += 1

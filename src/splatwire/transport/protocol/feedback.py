@@ -12,12 +12,15 @@ MAX_LOGGED_DATAGRAMS = 8192
 class FeedbackSample(NamedTuple):
     """Delay and loss between two successive reports of the receiver; input of the rate control.
 
+    Each report names the latest datagram that the receiver has got. The sample covers the datagrams that were sent
+    after the latest datagram of the first report, up to the latest datagram of the second report.
+
     Attributes:
-        round_trip: Round-trip time of the latest received datagram, seconds.
-        transit: One-way delay of the latest received datagram, seconds, plus an unknown constant clock offset.
-        num_sent: Number of datagrams that were sent between the latest received datagrams of both reports.
-        num_arrived: Number of these datagrams that were received.
-        bytes_arrived: Estimated size of the received datagrams in bytes.
+        round_trip: Round-trip time of the second report's latest datagram, seconds.
+        transit: One-way delay of the second report's latest datagram, seconds, plus an unknown constant clock offset.
+        num_sent: Number of covered datagrams.
+        num_arrived: Number of covered datagrams that were received.
+        bytes_arrived: Estimated total size of the covered datagrams that were received, bytes.
         seconds: Time between the arrivals of the latest datagrams of both reports, seconds.
     """
 

@@ -151,9 +151,10 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of FEC symbols sent without a request for each segment (source block) of the init segment.
+        """Number of FEC symbols that a client gets without a request for each source block of the init segment.
 
-        The smallest number, if it differs between segments.
+        Source symbols and repair symbols are counted. If the number differs between source blocks (the parts of the
+        init segment that are coded separately), it is the smallest number.
         """
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         # The smallest number, if it differs between segments. Further symbols are only sent after NACKs.

@@ -137,7 +137,7 @@ class QuicServer(SocketServer):
         self.core.forget(session)
 
     def pump(self) -> None:
-        """Passes the datagrams that are due to QUIC, and sets a timer for the next ones."""
+        """Sends the datagrams whose sending time has come over QUIC, and sets a timer for later datagrams."""
         self._cancel_timer()
         now = self._loop.time()
         due = self.core.poll(now, BATCH)

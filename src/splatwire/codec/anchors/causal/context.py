@@ -181,7 +181,8 @@ def linear_values(quantised: np.ndarray, step: float | np.ndarray) -> np.ndarray
     """Dequantises features or offsets by multiplication with the quantisation step.
 
     Args:
-        quantised: Features or offsets in quantisation steps, int32 (n, D), `NUMBER_BITS` fractional bits.
+        quantised: Features or offsets as fixed-point numbers in units of the quantisation step, int32 (n, D), with
+            `NUMBER_BITS` fractional bits: predicted means, which may be fractional, plus whole numbers of steps..
         step: Quantisation step of all columns, or one step for each column.
 
     Returns:
