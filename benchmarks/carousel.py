@@ -1,15 +1,17 @@
 """One sender without feedback: PSNR and completion of receivers that join a broadcast of levels of detail.
 
-    python benchmarks/carousel.py > benchmarks/results/carousel.json
+    python benchmarks/carousel.py --draw docs/images/carousel.webp > benchmarks/results/carousel.json
 
 Simulates `JOINS` joins at random times with independent losses. `fountain`: repair symbols of the whole file. `plain`:
 the packets in a loop, coarsest level first. `spread`: the packets in a loop, in random order. `weighted`: each level
 has its own loop; RaptorQ symbols replace its lost packets, and coarse levels get more than their part of the air time.
 Each receiver is assumed to join at the beginning of these loops, which no sender can do for all.
 Sizes and PSNR are those of `levels.json`; a partly received level counts as in its measurement of the
-concealer `coarse`, and an empty picture as `EMPTY_DB`.
+concealer `coarse`, and an empty picture as `EMPTY_DB`. `curve` is the mean PSNR at `CURVE_TIMES`, `complete_by` the
+share of receivers with the complete scene at these times, both in units of the file's air time.
 """
 
+import argparse
 import json
 from pathlib import Path
 
@@ -22,6 +24,11 @@ OVERHEAD = 2
 SHARES = {"weighted": (0.05, 0.14, 0.81), "weighted, 1.2": (0.09, 0.18, 0.73)}
 """Air time of the levels, coarsest first. The finest level then ends within 1.1 and 1.2 of the ideal time."""
 TIMES = np.linspace(0, 3, 301)
+CURVE_TIMES = np.linspace(0, 2, 41)
+NAMES = {
+    "fountain": "RaptorQ over the whole file", "plain": "packets, coarsest level first",
+    "spread": "packets in random order",
+}  # fmt: skip
 
 
 def order_of(way: str, sizes: list[int], rng: np.random.Generator, slots: int) -> tuple[np.ndarray, np.ndarray]:
@@ -71,8 +78,29 @@ def join(way: str, sizes: list[int], curve, rng: np.random.Generator) -> tuple[n
     return psnr, done
 
 
+def draw(rows: list[dict], path: Path) -> None:
+    """Draws the mean PSNR and the share of complete receivers over the time since the join."""
+    from matplotlib import pyplot
+
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
+    for row in rows:
+        shares = "" if row["shares"] is None else " / ".join(f"{100 * share:.0f}" for share in row["shares"]) + " %"
+        left.plot(CURVE_TIMES, row["curve"], label=NAMES.get(row["way"], f"RaptorQ for each level, {shares}"))
+        right.plot(CURVE_TIMES, 100 * np.array(row["complete_by"]))
+    left.set_ylabel("mean PSNR, dB")
+    right.set_ylabel("receivers with the complete scene, %")
+    for axis in (left, right):
+        axis.set_xlabel("time since the join, air times of the file")
+        axis.grid(alpha=0.3)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+    figure.savefig(path, dpi=90)
+
+
 def main() -> None:
     """Simulates all ways on truck."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draw", type=Path, help="path of a picture of the results")
+    args = parser.parse_args()
     scene = json.loads((RESULTS / "levels.json").read_text())[0]
     levels = scene["levels"][::-1]
     sizes, best = [-(-level["bytes"] // PACKET) for level in levels], [level["psnr"] for level in levels]
@@ -98,7 +126,11 @@ def main() -> None:
             **{f"after_{round(100 * t)}": float(psnr[np.abs(TIMES - t).argmin()]) for t in (0.05, 0.15, 0.5, 1.0)},
             "complete_share": float(np.isfinite(ends).mean()),
             "complete": float(ends.mean()) if np.isfinite(ends).all() else None,
+            "curve": np.interp(CURVE_TIMES, TIMES, psnr).round(2).tolist(),
+            "complete_by": [float((ends <= t).mean()) for t in CURVE_TIMES],
         })  # fmt: skip
+    if args.draw:
+        draw(found, args.draw)
     print(json.dumps({"scene": scene["scene"], "packets": sizes, "rows": found}, indent=1))
 
 

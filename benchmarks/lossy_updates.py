@@ -3,6 +3,7 @@
     cd $SPLATWIRE_DATA/splats
     python benchmarks/lossy_updates.py tandt_truck_opensplat_116k.splat > lossy_updates.json
     python benchmarks/lossy_updates.py guitar.compressed.ply --training
+    python benchmarks/lossy_updates.py --draw docs/images/after_an_edit.webp
 
 Server and receiver are the real ones, the path is simulated: 20 Mbit/s with a queue of 100 ms, 20 ms each way, losses
 both ways. With feedback, the receiver requests missing packets. Without, repair symbols are sent ahead, and an update
@@ -10,9 +11,9 @@ with a missing packet at the end is requested again as a whole. Bytes are those 
 
 `edits`: a ball of 2 % of the Gaussians (`updates.py`). `curve` is the mean PSNR over several transfers at the times
 `TIMES` after the request, in four views of the ball, against the edited scene: of the update, and of a transfer of the
-whole scene that is shown when it is complete. `training`: the simulated training of `watched_training.py`, with its
-PSNR; the only part with `--training`. Encoding and applying are measured in processor time and are not part of the
-times.
+whole scene that is shown when it is complete. `--draw` draws the stored curves. `training`: the simulated training of
+`watched_training.py`, with its PSNR; the only part with `--training`. Encoding and applying are measured in processor
+time and are not part of the times.
 """
 
 import argparse
@@ -162,12 +163,40 @@ def training(target: Splats) -> list[dict[str, object]]:
     return rows
 
 
+def draw(path: Path) -> None:
+    """Draws PSNR over the time after an edit, from the stored results."""
+    from matplotlib import pyplot
+
+    results = Path(__file__).parent / "results" / "lossy_updates.json"
+    edits = [row for row in json.loads(results.read_text())["edits"] if row["feedback"]]
+    names = list(dict.fromkeys(row["edit"] for row in edits))
+    figure, axes = pyplot.subplots(1, len(names), figsize=(9, 3.4), squeeze=False, layout="constrained")
+    for axis, name in zip(axes[0], names, strict=True):
+        for row in (row for row in edits if row["edit"] == name):
+            for sent, line in (("update", "-"), ("whole", "--")):
+                label = f"{'update' if sent == 'update' else 'whole scene'}, {100 * row['loss']:.0f} % lost"
+                color = "C1" if row["loss"] else "C0"
+                axis.plot(TIMES, row[sent]["curve"], line, color=color, drawstyle="steps-post", label=label)
+        axis.set_title(f"a {name} ball", fontsize=9)
+        axis.set_xlabel("seconds after the request")
+        axis.grid(alpha=0.3)
+    axes[0][0].set_ylabel("mean PSNR, dB")
+    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    figure.savefig(path, dpi=90)
+
+
 def main() -> None:
     """Measures edits and training."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("scene", type=Path)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path, nargs="?")
     parser.add_argument("--training", action="store_true")
+    parser.add_argument("--draw", type=Path, help="path of a picture of the stored results; nothing is measured")
     args = parser.parse_args()
+    if args.draw:
+        draw(args.draw)
+        return
+    if args.scene is None:
+        parser.error("a scene is missing")
     scene = open_scene(args.scene)
     assert isinstance(scene, SplatScene)
     scene = replace(scene.select(scene.drawable), coding=None)
