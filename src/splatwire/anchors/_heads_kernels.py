@@ -38,7 +38,7 @@ def _layer(packed, num_inputs, num_groups, x, slope, out):
         num_groups: Number of blocks of six outputs.
         x: Inputs, flat; input i of anchor a is at index `16 * i + a`.
         slope: Factor on negative results; 1 for no activation.
-        out: Output: results of the layer, in the same order as `x`.
+        out: Output: results of the layer, flat; output i of anchor a is at index `16 * i + a`.
     """
     zero = spread(_ZERO)
     for group in range(num_groups):

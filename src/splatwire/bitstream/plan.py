@@ -23,8 +23,8 @@ class PacketGroups(NamedTuple):
     that several packets describe together.
 
     Attributes:
-        ranks: Indices of all elements in plan order (see `PacketPlan`), group after group, int64 (N). Group g has the
-            elements `ranks[starts[g]:starts[g + 1]]`.
+        ranks: All elements, group after group, int64 (N). Each is given by its index in plan order (see `PacketPlan`).
+            Group g has the elements `ranks[starts[g]:starts[g + 1]]`.
         starts: Start of each group in `ranks` and the end of the last, int64 (G + 1).
     """
 
@@ -37,7 +37,7 @@ class PacketPlan:
     """Mapping between elements (anchors or Gaussians) and packets, computed from a few parameters in the manifest.
 
     Elements are identified by their index in plan order: sorted by importance tier, then by coding order. With a single
-    tier, plan order is coding order. `bitstream.tiers.tier_order` converts plan order to coding order.
+    tier, plan order is coding order. `bitstream.tiers.tier_order` gives the index in coding order of each element.
 
     Attributes:
         packetization: Parameters of the division into packets.
@@ -157,14 +157,17 @@ class PacketPlan:
         return counts[counts > 0]
 
     def block_ranks(self, block: int) -> np.ndarray:
-        """Returns the elements of a block, packet after packet, as indices in plan order, int64 (elements)."""
+        """Returns the elements of a block, packet after packet, int64 (elements).
+
+        Each element is given by its index in plan order (see `PacketPlan`).
+        """
         if self.packetization.hashed:
             return self._hash_order(block)
         start, lanes = self._block_lanes(PacketId(block, 0, self.parts[0]))
         return start + np.argsort(lanes, kind="stable")
 
     def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
-        """Returns the elements of a packet as indices in plan order (see `PacketPlan`), int64.
+        """Returns the elements of a packet, each given by its index in plan order (see `PacketPlan`), int64.
 
         Args:
             packet_id: The packet.

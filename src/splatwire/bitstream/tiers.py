@@ -106,7 +106,7 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
         tiers: Tier of each element in coding order, N.
 
     Returns:
-        Index in coding order of each sorted element, int64, N.
+        Entry i is the index in coding order of the i-th element in sorted order, int64, N.
     """
     return np.argsort(array_of(tiers, "tiers", ("N",), "i"), kind="stable").astype(np.int64)
 

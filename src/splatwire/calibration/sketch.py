@@ -36,7 +36,7 @@ class SketchResult:
     """Result of creating a sketch (coarse copies of important elements) for a scene.
 
     Attributes:
-        section: Bytes of the section `sketch` of the side information.
+        section: The sketch in encoded form, which becomes the section `sketch` of the stream's side information.
         num_sketched: Number of elements that have a coarse copy in the sketch.
         exponent: Received elements next to lost ones are enlarged to cover them; this exponent controls by how much.
         trust: Weight, 0 to 1, of a neural network that corrects this enlargement.
@@ -99,7 +99,7 @@ class Sketch(Protocol):
         """
 
     def section(self) -> bytes:
-        """Encodes the sketch as the section `sketch` of the side information."""
+        """Encodes the coarse copies as the section `sketch` of the stream's side information."""
 
     def replace_lost(self, partial: ReceivedScene) -> Any:
         """Replaces lost elements of a received scene by their coarse copies, as far as the sketch has copies.
@@ -201,7 +201,7 @@ class _Scores:
         """Measures the picture quality without loss, and after simulated packet losses with three concealers.
 
         Args:
-            sketch: The sketch.
+            sketch: The sketch (coarse copies) that one of the concealers uses.
             show: Called with the name of the current task and its completed share, 0 to 1.
 
         Returns:

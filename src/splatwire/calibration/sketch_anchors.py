@@ -141,7 +141,7 @@ def _sensitivity(
     Args:
         scene: The complete scene.
         cameras: Views to render.
-        max_bytes: Maximum size of the sketch in bytes.
+        max_bytes: Maximum size of all coarse copies (the sketch) in bytes.
         config: Settings of the calibration.
         show: Called with the name of the current task and its completed share, 0 to 1.
     """

@@ -127,7 +127,12 @@ def _resized(image: Float[np.ndarray, "H W C"], size: tuple[int, int]) -> Float[
 
 
 def _resized_mask(mask: Bool[np.ndarray, "H W"] | None, size: tuple[int, int]) -> Bool[np.ndarray, "H2 W2"] | None:
-    """Resizes an evaluation mask to the size of the resized photo."""
+    """Resizes the evaluation mask of a photo to the size of the resized photo; returns None without a mask.
+
+    Args:
+        mask: Mask of the pixels of the photo that are evaluated, or None.
+        size: Size of the resized photo in pixels.
+    """
     # A resized pixel is True if all contributing original pixels are True.
     if mask is None:
         return None

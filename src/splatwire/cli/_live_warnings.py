@@ -64,7 +64,7 @@ class _Forward(logging.Filter):
         """Passes the text of a warning or error to the function of this logging filter; drops records of lower level.
 
         Returns:
-            False, so that no log handler receives the record.
+            False for every record, so that no log handler receives it.
         """
         if record.levelno >= logging.WARNING:
             self._warn(record.getMessage())

@@ -24,7 +24,7 @@ from splatwire.types import ReceivedScene
 
 
 def run(command: Calibrate) -> None:
-    """Runs `splatwire calibrate`: adds a network, a sketch or a preview to a stream."""
+    """Runs `splatwire calibrate`: adds a network, coarse copies (sketch) or a preview to a stream."""
     addition = command.addition
     if isinstance(addition, CalibrateGnn):
         from splatwire.cli import _run_calibrate_gnn  # imports torch

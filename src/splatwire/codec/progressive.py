@@ -101,7 +101,7 @@ class ProgressiveDecoder(Arrivals):
         return self._num_known == self.manifest.num_elements
 
     def members(self, packet: Packet) -> np.ndarray:
-        """Returns the indices of a packet's elements in coding order, int64.
+        """Returns the index in the scene (which is in coding order) of each element of a packet, int64.
 
         Raises:
             InvalidValueError: If the stream has no such packet.
@@ -124,7 +124,7 @@ class ProgressiveDecoder(Arrivals):
                 counted.
 
         Returns:
-            Indices of the new elements in coding order, int64.
+            Index in the scene (which is in coding order) of each new element, int64.
 
         Raises:
             BitstreamError: If the decoded elements exceed the memory limit (`splatwire.codec.memory`).

@@ -29,7 +29,8 @@ def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths:
         image_paths: Photo of each view.
 
     Returns:
-        True if photos must be rotated to fit their cameras.
+        True if the cameras describe rotated photos, so that readers must apply the EXIF rotation. False if the cameras
+        describe the stored pixels.
 
     Raises:
         DatasetError: If photos have an EXIF rotation, and their aspect ratios do not show which case applies: they fit

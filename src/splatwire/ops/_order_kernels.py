@@ -55,7 +55,7 @@ def scatter(codes, indices, shift, free, edges, order):
         free: Working array, int64 (digits); the number of digits is a power of two.
         edges: Position in `order` of the first element with each digit, and the number of elements, int64 (digits + 1);
             initially zero.
-        order: Output: the indices in sorted order, uint32.
+        order: Output: the indices of the elements (in `codes`) in sorted order, uint32.
     """
     mask, listed = len(free) - 1, len(indices) > 0
     for i in range(len(order)):

@@ -22,7 +22,7 @@ def code_order(codes: np.ndarray, bits: int, groups: np.ndarray | None = None) -
             code. None to sort by the codes alone.
 
     Returns:
-        Indices of the elements in sorted order, uint32 (N).
+        Entry i is the index in `codes` of the i-th element in sorted order, uint32 (N).
     """
     order, all_elements = np.empty(len(codes), np.uint32), np.empty(0, np.uint32)
     if groups is None:
@@ -39,7 +39,7 @@ def _sort(codes: np.ndarray, order: np.ndarray, bits: int, indices: np.ndarray) 
 
     Args:
         codes: Codes of all elements, int64 (N).
-        order: Output: the indices in sorted order.
+        order: Output: the indices of the elements (in `codes`) in sorted order.
         bits: Number of low bits to sort by; all higher bits of these elements are equal.
         indices: Indices of the elements to sort, uint32; empty for all elements.
     """
@@ -59,7 +59,7 @@ def _scatter(codes: np.ndarray, order: np.ndarray, shift: int, indices: np.ndarr
 
     Args:
         codes: Codes of all elements, int64 (N).
-        order: Output: the indices in sorted order.
+        order: Output: the indices of the elements (in `codes`) in sorted order.
         shift: Number of bits below the digit.
         indices: Indices of the elements to sort, uint32; empty for all elements.
 

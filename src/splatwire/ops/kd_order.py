@@ -18,7 +18,7 @@ def kd_order(points: np.ndarray, nested: Sequence[np.ndarray]) -> np.ndarray:
             contains all boundaries of the previous level.
 
     Returns:
-        Indices of the points in sorted order, int64 (N).
+        Entry i is the index in `points` of the i-th point in sorted order, int64 (N).
     """
     order = large_empty((len(points),), np.int64)
     order[:] = np.arange(len(points))

@@ -564,7 +564,7 @@ class _Trials:
             slope: Expected increase of the measured value per level.
 
         Returns:
-            True if different shares of kept Gaussians were also tried.
+            True if different shares of kept Gaussians were also tried; False if only quantisation levels were.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)

@@ -42,7 +42,7 @@ def changes(before: Splats, after: Splats) -> Float[np.ndarray, "G"]:
 
     Args:
         before: Gaussians before the change.
-        after: The same Gaussians in the same order, after the change.
+        after: These Gaussians after the change; Gaussian i of `before` is Gaussian i of `after`.
     """
     # Sum of the displacement in multiples of the Gaussian's mean size, and of the mean absolute changes of the
     # logarithms of the axes, of the coefficients of spherical harmonics, and of the opacity.

@@ -19,7 +19,7 @@ def picture_changes(before: Splats, after: Splats, cameras: Cameras, seed: int =
 
     Args:
         before: Gaussians before the change.
-        after: The same Gaussians in the same order, after the change.
+        after: These Gaussians after the change; Gaussian i of `before` is Gaussian i of `after`.
         cameras: Cameras of the pictures.
         seed: Random seed.
 

@@ -182,7 +182,11 @@ class LiveIngest:
         return frame
 
     def _push(self, frame: Frame) -> bool:
-        """Encodes a frame, and returns False if the encoding of the frame's group of pictures failed."""
+        """Encodes a frame, and publishes the group of pictures if the frame completes it.
+
+        Returns:
+            True if the frame was accepted. False if encoding failed; the frames of the group are then skipped.
+        """
         try:
             update = self._encoder.push(frame)
         except BackendUnavailableError:

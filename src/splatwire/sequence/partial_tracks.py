@@ -184,7 +184,7 @@ def extrapolate_partial_tracks(
             choose the sample here.
 
     Returns:
-        True if positions were extrapolated.
+        True if positions were extrapolated. False if nothing was changed, because neighbours do not move alike.
     """
     # The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly
     # the true position in the first frame of the track.

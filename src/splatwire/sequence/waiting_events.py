@@ -26,7 +26,11 @@ class WaitingEvents:
         self.num_bytes = 0
 
     def put(self, event: Event) -> bool:
-        """Adds an event to the queue, and returns False if the event is a packet dropped from a full queue."""
+        """Adds an event to the queue if it is about received data; other events are ignored.
+
+        Returns:
+            False if the event is a packet and was dropped because the queue is full; otherwise True.
+        """
         if not isinstance(event, (PacketArrived, SideInfoArrived)):
             return True
         with self._changed:

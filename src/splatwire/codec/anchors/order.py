@@ -41,7 +41,8 @@ class AnchorCoder(Protocol):
         """Encodes groups of anchors; may be called from several threads.
 
         Args:
-            ranks: Indices of the anchors in coding order, group after group, int64 (n).
+            ranks: Index in the scene (whose anchors are in coding order) of each anchor to encode, group after group,
+                int64 (n).
             counts: Number of anchors in each group, int64 (groups).
             packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
@@ -117,7 +118,7 @@ def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
 
     Args:
         scene: The scene.
-        order: As in `Packetization.order`.
+        order: `morton` (Z-order) or `raster` (by z, then y, then x).
 
     Raises:
         InvalidValueError: If no anchor is drawable.
@@ -126,11 +127,14 @@ def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
 
 
 def coding_order(scene: AnchorScene, order: str) -> Int64[np.ndarray, "n"]:
-    """Returns the indices of a scene's drawable anchors in coding order.
+    """Sorts the drawable anchors of a scene into coding order.
 
     Args:
         scene: The scene, N anchors, n of them drawable (`splatwire.types.validity`).
-        order: As in `Packetization.order`.
+        order: `morton` (Z-order) or `raster` (by z, then y, then x).
+
+    Returns:
+        Entry i is the index in `scene` of the i-th anchor in coding order, int64 (n).
 
     Raises:
         InvalidValueError: If no anchor is drawable.
@@ -255,7 +259,7 @@ class AnchorDecoder:
         """Predicts the attributes of anchors from the side information alone, for the case that their packets are lost.
 
         Args:
-            ranks: Indices of the anchors in coding order, int64 (n).
+            ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
         """
         raise NotImplementedError
 

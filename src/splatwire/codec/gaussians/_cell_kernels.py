@@ -20,7 +20,7 @@ def code_cells(coder, codes, bits, stack):
 
     Args:
         coder: Entropy coder.
-        codes: int64 (n), the codes in ascending order; filled by a decoder.
+        codes: The codes in ascending order, int64 (n): input of an encoder, output of a decoder.
         bits: Number of bits of a code.
         stack: Working array, int64 (at least `bits` + 2, 5).
     """

@@ -93,7 +93,7 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
 
     Args:
         coder: Entropy coder.
-        codes: int64 (n), the Morton codes; filled by a decoder.
+        codes: The Morton codes, int64 (n): input of an encoder, output of a decoder.
         bits: Number of bits of a code.
         interleaved: 1 if the packet's Gaussians are spread over the block, 0 if they are adjacent. If 1, the lowest
             bits of each code are coded separately from its other bits: they are similar in all Gaussians of such a

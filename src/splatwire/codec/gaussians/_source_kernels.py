@@ -240,7 +240,8 @@ def sort_cells(codes, shift, contiguous):
             first, with the order of these bits reversed. Each packet is then spread over the block.
 
     Returns:
-        Indices of the Gaussians in sorted order, int64 (n); equal Gaussians keep their order.
+        Entry i is the index in `codes` of the i-th Gaussian in sorted order, int64 (n). Gaussians with equal sort keys
+        keep their order.
     """
     # Radix sort: by the digits of the code from the lowest one on, then by the reversed bits.
     used, first = np.int64(0), shift

@@ -75,7 +75,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
         tiers: Importance of each Gaussian, 0 for the most important, which are sorted first; None if all are equal.
 
     Returns:
-        Indices of the Gaussians in sorted order, uint32 (N).
+        Entry i is the index in `means` of the i-th Gaussian in sorted order, uint32 (N).
     """
     ends = (0.01, 0.99)
     found = share(lambda column: quantiles(functools.partial(runs, column), len(means), ends), list(means.T))

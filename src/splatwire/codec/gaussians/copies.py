@@ -130,14 +130,14 @@ def _parse_section(
 
 
 def moved_copies(section: bytes, new_index: np.ndarray) -> bytes:
-    """Updates the redundant copies of Gaussians (section `sketch`) after the order of the Gaussians has changed.
+    """Updates which Gaussians the redundant copies replace, after the order of the Gaussians has changed.
 
     Args:
-        section: Content of the section before the change.
-        new_index: Index in the new stream of each Gaussian of the old stream, int64 (N).
+        section: The copies in encoded form: content of the section `sketch` before the change.
+        new_index: Entry i is the index in the new stream of Gaussian i of the old stream, int64 (N).
 
     Returns:
-        The new content of the section.
+        The copies in encoded form with the new indices: the new content of the section.
     """
     # A copy refers to its Gaussian by index, which the rearrangement changes.
     reader = ByteReader(section, f"section '{SECTION}'")

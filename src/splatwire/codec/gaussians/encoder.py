@@ -223,11 +223,14 @@ class GaussianEncoder:
         return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))
 
     def ranked(self, run: int, counts: np.ndarray) -> np.ndarray:
-        """Returns the indices of a block's Gaussians in the scene, in coding order, int64 (n).
+        """Sorts a block's Gaussians into coding order.
 
         Args:
             run: Index of the block, which is encoded as a whole (one run).
             counts: Number of Gaussians in each packet of the block, from `encode`.
+
+        Returns:
+            Entry i is the index in the scene of the i-th Gaussian in coding order, int64 (n).
         """
         return self._scene.ranked(run, self._info, counts)
 

@@ -35,7 +35,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
         size_log: log2 of the scene's size in world units.
 
     Returns:
-        All Gaussians in the same order; `splats` itself if none was moved.
+        All Gaussians in the order of `splats`; `splats` itself if none was moved.
     """
     reach = 2.0 ** (REACH + size_log)
     means = splats.means

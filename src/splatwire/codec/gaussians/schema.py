@@ -57,9 +57,10 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
 
 
 def ranked_by_attributes(splats: Splats) -> np.ndarray:
-    """Returns the indices that sort Gaussians by the values of their attributes, int64 (N).
+    """Sorts Gaussians by the values of their attributes, so that their order no longer depends on that of the input.
 
-    The sorted Gaussians do not depend on the order of the input, for example on the packets of a stream.
+    Returns:
+        Entry i is the index in `splats` of the i-th Gaussian in sorted order, int64 (N).
     """
     columns = [values.reshape(len(values), math.prod(values.shape[1:])) for values in vars(splats).values()]
     return np.lexsort(np.concatenate(columns, axis=1).T)

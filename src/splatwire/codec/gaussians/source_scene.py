@@ -255,10 +255,12 @@ class SourceScene:
         Returns:
             Four items:
 
-            * Positions relative to the corner of the block's bounding box, in the order of `order`, int64 (n, 3).
+            * Positions relative to the corner of the block's bounding box, int64 (n, 3). The n Gaussians of the block
+              are in the order of `members(block)`.
             * Morton codes of these positions, int64 (n).
             * log2 of the cell size of the coarse position grid, in lattice spacings.
-            * Indices of the Gaussians within the block, in the order in which packets are filled, int64 (n).
+            * Order in which packets are filled, int64 (n): entry i is the row, in the first array, of the i-th Gaussian
+              in this order.
         """
         members, bits = self.order[self.members(block)], int(info.boxes.bits[block])
         positions, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
@@ -272,12 +274,15 @@ class SourceScene:
         return positions, codes, at, sources.sort_cells(codes, 3 * (at - dropped), self.contiguous)
 
     def ranked(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
-        """Returns the coding order of a block's Gaussians, as indices in `splats`, int64 (n).
+        """Sorts a block's Gaussians into coding order.
 
         Args:
             block: Index of the block.
             info: Side information with the bounding boxes of blocks.
             sizes: Number of Gaussians in each packet of the block.
+
+        Returns:
+            Entry i is the index in `splats` of the i-th Gaussian in coding order, int64 (n).
         """
         _, codes, _, by = self._arranged_positions(block, info)
         # Within a packet Gaussians are sorted along the curve, as in the kernels.

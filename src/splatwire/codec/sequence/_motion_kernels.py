@@ -52,7 +52,7 @@ def _code_headers(coder, headers, n, frames, first_new):
 
     Args:
         coder: Entropy coder.
-        headers: Headers, int64 (n, fields), ascending by track index; filled by a decoder.
+        headers: Headers, int64 (n, fields), ascending by track index: input of an encoder, output of a decoder.
         n: Number of tracks in the packet.
         frames: Number of frames in the group.
         first_new: Index in the stream of the first track that begins in the group.
@@ -248,12 +248,13 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
 
     Args:
         coder: Entropy coder of the packet.
-        headers: Headers of the tracks, int64 (n, fields), ascending by track index; filled by a decoder.
+        headers: Headers of the tracks, int64 (n, fields), ascending by track index: input of an encoder, output of a
+            decoder.
         n: Number of tracks in the packet.
         orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
-            coded per channel, int64 (kinds); filled by a decoder.
-        quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames). A decoder fills this
-            array, which must be 0 before the call.
+            coded per channel, int64 (kinds): input of an encoder, output of a decoder.
+        quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames): input of an encoder,
+            output of a decoder. A decoder must be given an array of zeros.
         frames: Number of frames in the group, F.
         first_new: Index in the stream of the first track that begins in the group.
     """

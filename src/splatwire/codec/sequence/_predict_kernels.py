@@ -78,7 +78,7 @@ def prediction_order(positions, moving, shifts):
         shifts: log2 of the quantisation steps of motion, int64 (M, channels).
 
     Returns:
-        Indices of the moving tracks in sorted order, int64 (n).
+        Entry i is the index of the i-th moving track in sorted order, int64 (n).
     """
     n = len(moving)
     codes = np.zeros(n, np.int64)

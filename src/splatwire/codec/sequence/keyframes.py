@@ -47,7 +47,7 @@ class CodedKeyframes:
     """Encoded keyframe Gaussians of one group of frames.
 
     Attributes:
-        order: Index in the encoder's input of each keyframe Gaussian, in coding order, int64 (n).
+        order: Entry i is the index in the encoder's input of the i-th keyframe Gaussian in coding order, int64 (n).
         rows: Decoded integers of the keyframe Gaussians, int64 (n, columns), with positions relative to their blocks.
         positions: Positions relative to the scene's origin, in the unit in which the motion of positions is coded,
             int64 (n, 3).

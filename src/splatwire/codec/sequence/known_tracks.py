@@ -17,7 +17,7 @@ class KnownTracks:
 
     Attributes:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
-        by_key: Track indices sorted by key, int64 (T).
+        by_key: Entry i is the index of the track with the i-th smallest key, int64 (T).
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
         positions: Decoded position of each keyframe Gaussian, in the unit of positions of its shot (groups of frames
             between scene cuts), int64 (T, 3).

@@ -16,11 +16,14 @@ GROUP, GROUPS = 16, 16
 
 
 def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
-    """Returns the indices of decoded Gaussians sorted along a Morton curve, int64 (N).
+    """Sorts decoded Gaussians along a Morton curve.
 
     Args:
-        splats: The decoded Gaussians.
+        splats: The N decoded Gaussians.
         coding: Quantisation parameters of the scene.
+
+    Returns:
+        Entry i is the index in `splats` of the i-th Gaussian along the curve, int64 (N).
     """
     # The input order differs between receivers: a page appends new Gaussians, `apply_update` encodes the scene again.
     positions = to_lattice(splats.means.astype(np.float64), coding.unit, coding.size_log)
@@ -41,7 +44,8 @@ def write_removed(removed: np.ndarray) -> bytes:
     """Serialises a mask of removed Gaussians.
 
     Args:
-        removed: Mask of removed Gaussians in the order of `curve_order`, bool (N).
+        removed: For each Gaussian, True if it was removed, bool (N). The Gaussians are sorted along a Morton curve
+            (`curve_order`).
     """
     # Flags for large groups with a set bit, for groups in them with a set bit, and for full groups; then the bits of
     # groups that are neither empty nor full.

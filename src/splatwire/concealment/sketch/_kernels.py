@@ -61,7 +61,7 @@ class Coder(NamedTuple):
         return Coder(True, data, state)
 
     def finish(self) -> bytes:
-        """Ends encoding and returns the bytes."""
+        """Ends the encoding, and returns all encoded bytes."""
         return self.data[: encoder_finish(self.data, self.state)].tobytes()
 
 
@@ -133,7 +133,8 @@ def code_levels(coder, models, precision_levels, buckets, num_levels):
     Args:
         coder: State of the range coder.
         models: Table of adaptive bit probabilities, changed in place.
-        precision_levels: Precision level of each anchor's copy; 0 without a copy.
+        precision_levels: Precision level of each anchor's copy, from 1; 0 without a copy. Input of an encoder, output
+            of a decoder.
         buckets: Size class of each anchor; selects the context.
         num_levels: Number of precision levels.
 
@@ -157,6 +158,8 @@ def code_levels(coder, models, precision_levels, buckets, num_levels):
 @no_type_check
 def code_rows(coder, bit_models, models, precision_levels, masks, values, offsets):
     """Encodes or decodes the content of coarse copies: offset masks, transform coefficients and offsets.
+
+    The last three arrays are the input of an encoder, or the output of a decoder.
 
     Args:
         coder: State of the range coder.

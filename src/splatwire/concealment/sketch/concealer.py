@@ -52,7 +52,7 @@ class Sketch(CheckedFields):
         """Draws coarse copies of lost elements. Lost elements without a copy are hidden; their neighbours are enlarged.
 
         Raises:
-            InvalidValueError: If the stream lacks the section `sketch`.
+            InvalidValueError: If the stream has no section `sketch`, which contains the coarse copies.
             BitstreamError: If the section is damaged or belongs to another scene.
         """
         copies = partial.get(Copies)
@@ -142,7 +142,7 @@ class SketchedLoss:
         """Hides lost anchors without a coarse copy, and enlarges the drawn anchors next to hidden anchors.
 
         Args:
-            section: The section `sketch` of the side information, which contains the parameters of the enlargement.
+            section: The decoded section `sketch`, with the parameters of the enlargement and the coarse copies.
         """
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
         gain = rule.gain(self.drawn_share, self.filled.known, self.filled.tier_sizes)

@@ -154,7 +154,7 @@ class SketchSection:
 
 
 def size_buckets(expected_size: np.ndarray) -> np.ndarray:
-    """Divides anchors into size classes, by which the entropy coder of a sketch selects its contexts.
+    """Divides anchors into size classes, by which the entropy coder of their coarse copies selects its contexts.
 
     Args:
         expected_size: Sizes predicted by the prior, float (N), identical on all machines.
@@ -279,7 +279,11 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
 
 
 def _write_directions(directions: np.ndarray) -> bytes:
-    """Entropy-codes the basis vectors of a sketch, each with a normal distribution of mean 0."""
+    """Entropy-codes the basis vectors of the coarse copies, each with a normal distribution of mean 0.
+
+    Args:
+        directions: Basis vectors as columns, int16 (D, C).
+    """
     scales = scale_index(np.sqrt((directions.astype(np.float64) ** 2).mean(axis=0) + 0.05))
     writer = ByteWriter()
     for scale in scales.tolist():

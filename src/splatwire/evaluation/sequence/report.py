@@ -96,7 +96,15 @@ def render_sequence_report(
 
 @rc_context(STYLE)
 def _chart(scores: Sequence[SequenceScore], labels: Sequence[str]) -> str:
-    """Draws PSNR per frame, one line per experiment; vertical lines separate groups of pictures."""
+    """Draws PSNR per frame, one line per experiment; vertical lines separate groups of pictures.
+
+    Args:
+        scores: Result of each experiment.
+        labels: Label of each experiment.
+
+    Returns:
+        The chart as SVG text.
+    """
     figure = Figure(figsize=(8.6, 3.6), layout="constrained")
     axes = figure.add_subplot()
     for number, (score, label) in enumerate(zip(scores, labels, strict=True)):

@@ -26,7 +26,14 @@ STYLE: dict[str, Any] = {
 
 @rc_context(STYLE)
 def seeds_chart(shown: Sequence[Summary]) -> str | None:
-    """Draws the PSNR of every method: one dot per seed, with mean and confidence interval."""
+    """Draws the PSNR of every method: one dot per seed, with mean and confidence interval.
+
+    Args:
+        shown: Results of the methods on one scene with one packet loss.
+
+    Returns:
+        The chart as SVG text, or None if no method has a PSNR.
+    """
     rows = [s for s in shown if s.figures.get("psnr") is not None]
     if not rows:
         return None
@@ -50,7 +57,15 @@ def seeds_chart(shown: Sequence[Summary]) -> str | None:
 
 @rc_context(STYLE)
 def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
-    """Draws the PSNR of every view for every method, as mean and range over seeds."""
+    """Draws the PSNR of every view for every method, as mean and range over seeds.
+
+    Args:
+        shown: Results of the methods on one scene with one packet loss.
+        views: Names of the views.
+
+    Returns:
+        The chart as SVG text, or None if no method has a PSNR for each view.
+    """
     rows = [s for s in shown if s.figures.get("psnr") is not None and s.by_view]
     if not rows:
         return None
@@ -69,7 +84,15 @@ def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
 
 @rc_context(STYLE)
 def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None:
-    """Draws PSNR against the loss rate, one line per method; lost packets and lost datagrams have separate panels."""
+    """Draws PSNR against the loss rate, one line per method; lost packets and lost datagrams have separate panels.
+
+    Args:
+        shown: Results of the methods on one scene.
+        losses: Packet losses of the evaluation.
+
+    Returns:
+        The chart as SVG text, or None if there are fewer than two losses of packets and fewer than two of datagrams.
+    """
     units = [unit for unit in ("pak", "datagram") if sum(loss.unit == unit for loss in losses) > 1]
     if not units:
         return None
@@ -96,7 +119,15 @@ def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None
 
 @rc_context(STYLE)
 def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
-    """Draws the PSNR difference to the baseline against the size of the scene."""
+    """Draws each method's PSNR difference to the baseline against the number of elements of the scene.
+
+    Args:
+        summaries: Results of the methods on all scenes.
+        loss: Packet loss whose results are drawn.
+
+    Returns:
+        The chart as SVG text, or None if there are results for fewer than three scenes.
+    """
     own = [s for s in summaries if s.loss == loss and s.delta.get("psnr") is not None and s.by_view]
     if len({s.scene for s in own}) < 3:
         return None

@@ -65,7 +65,12 @@ def render_study_report(
 
 
 def render_sizes_report(study: Study, tables: Sequence[Table]) -> str:
-    """Renders the report of a comparison of sizes."""
+    """Renders the report of a comparison of sizes as an HTML page.
+
+    Args:
+        study: Definition of the comparison.
+        tables: Tables of the report.
+    """
     subtitle = ", ".join(scene.name for scene in study.scenes)
     return _render(study, subtitle=subtitle, notes=study.notes, tables={"results": tables})
 

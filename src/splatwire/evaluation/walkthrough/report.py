@@ -69,7 +69,7 @@ def render_walk_report(
 
 @rc_context(STYLE)
 def _chart(moments: Sequence[QualitySample]) -> str:
-    """Draws PSNR and received bytes over time."""
+    """Draws PSNR and received bytes over time; returns the chart as SVG text."""
     figure = Figure(figsize=(8.6, 3.6), layout="constrained")
     axes = figure.add_subplot()
     seconds = [moment.seconds for moment in moments]

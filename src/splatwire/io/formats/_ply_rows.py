@@ -124,7 +124,11 @@ class _Numbers:
         return self._at == len(self._words) and not self._more()
 
     def _more(self) -> bool:
-        """Reads from the file until a complete number is buffered; returns False at the end of the file."""
+        """Reads from the file until the buffer contains a complete number.
+
+        Returns:
+            True if more data were read, False at the end of the file.
+        """
         while True:
             piece = next(self._source, b"")
             data = self._rest + piece

@@ -190,7 +190,7 @@ class _Writer:
             packed: True to write a package (`.usdz`), False for a single layer.
 
         Returns:
-            False if usd-core reports a failure.
+            True if the file was written, False if usd-core reports a failure.
         """
         layer = self._stage.GetRootLayer()
         if not packed:

@@ -136,7 +136,8 @@ class TrainingLoop:
         """Trains until the last iteration; then writes a checkpoint if the options name a checkpoint file.
 
         Returns:
-            True if `Listener.should_stop` ended the training before its last iteration.
+            True if `Listener.should_stop` ended the training before its last iteration; False if the training is
+            complete.
 
         Raises:
             DatasetError: If a resumed training had more views than `photos`.

@@ -253,7 +253,7 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
             to a size in bytes.
 
     Returns:
-        Index of the packet in sending order, for each anchor in coding order, int64 (N).
+        Entry i is the index, in sending order, of the packet with the i-th anchor in coding order, int64 (N).
     """
     # Consecutive packets contain different parts of the scene.
     plan = PacketPlan(packetization, num_anchors)

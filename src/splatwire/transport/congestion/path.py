@@ -205,7 +205,8 @@ class LossMeter:
             slower: Sending rate during the test as a share of the rate before the test.
 
         Returns:
-            True if the loss decreased at the lower rate, so that it was congestion.
+            True if the loss was congestion: it decreased at the lower rate, or is so high that the path counts as
+            congested anyway. False if the loss persisted, so that it is random loss of the path.
         """
         self._late = LossCounter()
         if_full = max(1.0 - (1.0 - before.share) / slower, 0.0)

@@ -126,13 +126,17 @@ class ConnectionSlots:
         return sum(map(len, self._connections.values()))
 
     def take(self, network: Network, connection: asyncio.WriteTransport) -> bool:
-        """Requests a slot for a new connection, and returns False if no slot is granted.
+        """Counts a new connection if the limits on connections permit it.
 
-        If all slots are in use, the oldest connection of a network with many slots may be aborted (`largest_holder`).
+        If the total number of connections is at its limit, the oldest connection of a network with many connections may
+        be aborted in favour of the new one.
 
         Args:
             network: Network of the client.
             connection: Transport of the new connection.
+
+        Returns:
+            True if the connection may stay. False if it must be refused.
         """
         if self._per_network is not None and len(self._connections.get(network, ())) >= self._per_network:
             return False
@@ -148,7 +152,7 @@ class ConnectionSlots:
         return True
 
     def leave(self, network: Network, connection: asyncio.WriteTransport) -> None:
-        """Frees the slot of a connection that has ended."""
+        """Removes a connection that has ended from the count, so that another one may take its place."""
         left = [other for other in self._connections.pop(network, []) if other is not connection]
         if left:
             self._connections[network] = left

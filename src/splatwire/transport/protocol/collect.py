@@ -136,7 +136,11 @@ class InitSegmentCollector:
         return None
 
     def _restart(self, segment: int) -> None:
-        """Discards all received symbols of a segment (source block), because one of them is corrupt."""
+        """Discards all received symbols of a source block of the init segment, because one of them is corrupt.
+
+        Args:
+            segment: Index of the source block (part of the init segment that is coded separately).
+        """
         self.num_poisoned += 1
         self._symbols[segment].clear()
         self._pieces[segment] = None

@@ -131,8 +131,8 @@ class Side(NamedTuple):
     Attributes:
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
-        segment: Index of the segment (source block) of the init segment.
-        symbol: Index of the symbol in the segment; source symbols come first.
+        segment: Index of the source block: part of the init segment that is coded separately.
+        symbol: Index of the symbol in the source block; source symbols come first, then repair symbols.
         payload: Bytes of the symbol.
     """
 

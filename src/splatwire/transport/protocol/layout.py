@@ -82,20 +82,20 @@ class Segments(NamedTuple):
 
     @property
     def num_symbols(self) -> int:
-        """Total number of source symbols."""
+        """Number of source symbols of the whole init segment."""
         return num_symbols(self.num_bytes, self.symbol_bytes)
 
     @property
     def num_segments(self) -> int:
-        """Number of segments (source blocks)."""
+        """Number of source blocks into which the init segment is divided."""
         return -(-self.num_symbols // MAX_SYMBOLS)
 
     def size(self, segment: int) -> int:
-        """Returns the number of source symbols of one segment."""
+        """Returns the number of source symbols of the source block with index `segment`."""
         return self.num_symbols * (segment + 1) // self.num_segments - self.num_symbols * segment // self.num_segments
 
     def span(self, segment: int) -> slice:
-        """Returns the byte range of one segment within the init segment."""
+        """Returns the byte range within the init segment of the source block with index `segment`."""
         first = self.num_symbols * segment // self.num_segments
         last = first + self.size(segment)
         return slice(first * self.symbol_bytes, min(last * self.symbol_bytes, self.num_bytes))

@@ -55,11 +55,13 @@ class ReceiveState:
     def _resume(self, before: Welcome, welcome: Welcome) -> bool:
         """Continues an interrupted transfer with the data received before the interruption.
 
-        Returns False if the server offers a different stream.
-
         Args:
             before: Server's response in the earlier transfer.
             welcome: Server's response in the new transfer.
+
+        Returns:
+            True if the transfer continues. False if this is impossible, because no data were received before or the
+            server now offers a different stream.
         """
         if self._collector is None or welcome.stream_id != before.stream_id:
             return False

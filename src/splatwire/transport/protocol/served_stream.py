@@ -53,7 +53,8 @@ class SendSchedule(NamedTuple):
             two:
 
             * `DATA` (a packet): 0, and the index of the packet in sending order.
-            * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.
+            * `SIDE` (a symbol of the init segment): index of the source block (part of the init segment that is coded
+              separately), and index of the symbol in the source block.
             * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
         head_end: Number of datagrams up to the end of the init segment.
         opening_end: Number of datagrams that are sent before the order depends on the viewpoint; 0 without tiles.
@@ -315,8 +316,9 @@ def head_symbols(
         protection: Redundancy.
 
     Returns:
-        For each segment (source block), its source symbols, followed by repair symbols. And for each segment, the
-        number of symbols that every client gets; the others are a reserve.
+        Two lists with an entry for each source block (part of the init segment that is coded separately): its source
+        symbols, followed by its repair symbols; and the number of these symbols that every client gets. The others are
+        a reserve.
     """
     segments = Segments(len(data), symbol_bytes)
     out, scheduled = [], []

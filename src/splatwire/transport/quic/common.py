@@ -96,12 +96,15 @@ def on_stream(data: bytes) -> bool:
 
 
 def send_on_stream(quic: Any, stream: int, data: bytes) -> bool:
-    """Writes bytes to a QUIC stream; returns False if the peer has reset the stream.
+    """Writes bytes to a QUIC stream.
 
     Args:
         quic: Connection of aioquic.
         stream: Number of the stream.
         data: Bytes to write.
+
+    Returns:
+        True if the bytes were accepted for sending, False if the peer has reset the stream.
     """
     try:
         quic.send_stream_data(stream, data)

@@ -100,7 +100,7 @@ class CausalDecoder(AnchorDecoder):
         """Predicts the attributes of anchors from their positions alone, and stores means and standard deviations.
 
         Args:
-            ranks: Indices of the anchors in coding order, int64 (n).
+            ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
         """
         place, means, spreads = predict_from_positions(self._context, self._info.positions.known.select(ranks).voxels)
         self._place[ranks] = place * 2.0**-ACTIVATION_BITS

@@ -158,7 +158,8 @@ class CausalEncoder:
         """Encodes groups of anchors; each group becomes one packet, or several packets of limited size.
 
         Args:
-            ranks: Indices of the anchors in coding order, group after group, int64 (n).
+            ranks: Index in the scene (whose anchors are in coding order) of each anchor to encode, group after group,
+                int64 (n).
             counts: Number of anchors of each group, int64 (groups).
             packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """

@@ -89,7 +89,7 @@ def store_symbols(
 
     Args:
         arrays: Destination.
-        ranks: Indices of the anchors in coding order, int64 (n).
+        ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
         symbols: Quantised attributes of the anchors.
         factors: Factors on the quantisation steps of the anchors' feature, scaling and offset, int64 (n, 3).
         context: The stream's networks and constants.

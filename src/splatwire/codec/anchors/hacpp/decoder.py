@@ -113,7 +113,7 @@ class HacppDecoder(AnchorDecoder):
         """Predicts the attributes of anchors from the hash grid, and stores the predictions.
 
         Args:
-            ranks: Indices of the anchors in coding order, int64 (n).
+            ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
         """
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
@@ -205,8 +205,8 @@ def _payloads_by_group(run: Run) -> Iterator[tuple[np.ndarray, dict[int, bytes]]
         run: Received packets of the block.
 
     Yields:
-        Indices of a group's anchors in coding order, int64; and the payloads of its packets by attribute
-        (`PacketId.part`).
+        Index in the scene (whose anchors are in coding order) of each anchor of a group, int64; and the payloads of the
+        group's packets by attribute (`PacketId.part`).
     """
     both = zip(run.packets, run.members, strict=True)
     for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.lane):

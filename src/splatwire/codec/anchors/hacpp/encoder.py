@@ -90,7 +90,8 @@ class HacppEncoder:
         """Encodes groups of anchors; each group becomes one packet, or several packets of limited size.
 
         Args:
-            ranks: Indices of the anchors in coding order, group after group, int64 (n).
+            ranks: Index in the scene (whose anchors are in coding order) of each anchor to encode, group after group,
+                int64 (n).
             counts: Number of anchors of each group, int64 (groups).
             packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
@@ -128,7 +129,7 @@ class SymbolSource:
         """Quantises the attributes of the given anchors.
 
         Args:
-            ranks: Indices of the anchors in coding order, int64 (n).
+            ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
             factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
             context: Coding context, which contains the base quantisation steps.
         """

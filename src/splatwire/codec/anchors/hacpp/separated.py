@@ -152,7 +152,7 @@ def _decode_features(
         payloads: Payloads of the received packets, by attribute (`PacketId.part`).
 
     Returns:
-        True if all feature groups were received.
+        True if all feature groups were received and decoded, False if the decoding ended at a missing group.
     """
     # Channels of groups that are not decoded stay unchanged.
     edges, rows = _edges(context), slice(0, len(feature))
