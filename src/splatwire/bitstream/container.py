@@ -172,7 +172,7 @@ def _record_end(file: io.BufferedIOBase, size: int, position: int) -> int | None
 
 
 def _find(file: io.BufferedIOBase, mark: bytes, position: int) -> int | None:
-    """Returns the byte position of the next `mark` at or after `position`, or None."""
+    """Returns the byte position of the next `mark` at or after `position`; None if no mark follows."""
     file.seek(position)
     kept = b""
     while piece := file.read(SEARCH_BYTES):

@@ -228,7 +228,10 @@ class _Fit:
         return (back * self._rates).astype(np.float32), behind * np.float32(BACKGROUND_RATE)
 
     def _start_rounding(self) -> None:
-        """Switches to rounded parameters, with the range of the current parameters as quantisation range."""
+        """Begins to round the Gaussians' parameters in each step of the fit, as encoding the preview will do.
+
+        The range between the smallest and the largest current value is quantised from now on.
+        """
         values = self._raw.values * self._rates
         low, high = values.min(axis=0), values.max(axis=0)
         least, most = [*low[:3].tolist(), float(low[3:6].min())], [*high[:3].tolist(), float(high[3:6].max())]

@@ -17,7 +17,7 @@ MAX_BYTES = 1 << 20
 
 
 def config_path(words: Sequence[str]) -> Path | None:
-    """Returns the value of the option `--config` among command-line arguments, or None."""
+    """Returns the value of the option `--config` among command-line arguments; None without this option."""
     for place, word in enumerate(words):
         name, equals, value = word.partition("=")
         if name == f"--{OPTION}":

@@ -28,7 +28,7 @@ __all__ = ["follow", "keep_preview", "viewpoint_of_options", "write_scene"]
 
 
 def viewpoint_of_options(command: Receive) -> Viewpoint | None:
-    """Returns the viewpoint of the first camera in the file of the option `--camera`, or None."""
+    """Returns the viewpoint of the first camera in the file of the option `--camera`; None without this option."""
     # Checks first that the concealer of `--conceal` exists.
     if command.conceal is not None:
         check_concealer(command.conceal)

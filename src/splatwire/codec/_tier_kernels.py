@@ -90,7 +90,7 @@ def decode_tiers(data, num_tiers, models, tiers):
         data: Input bytes.
         num_tiers: Number of tiers.
         models: Adaptive bit models, changed in place.
-        tiers: Output: tier of each anchor.
+        tiers: Output: importance tier of each anchor, 0 for the most important.
     """
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)

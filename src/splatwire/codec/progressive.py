@@ -196,7 +196,11 @@ class ProgressiveDecoder(Arrivals):
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def _check(self) -> None:
-        """Checks that the hash of all decoded integers equals the hash in the manifest."""
+        """Checks, once all packets have arrived, that the hash of all decoded integers is that in the manifest.
+
+        Raises:
+            DesyncError: If the hashes differ.
+        """
         with self.lock:
             if self._checked or not self.has_every_packet:
                 return

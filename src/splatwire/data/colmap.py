@@ -71,7 +71,7 @@ class ColmapView:
 
 
 def find_reconstruction(root: Path) -> Path | None:
-    """Returns the folder below `root` that contains a COLMAP reconstruction, or None."""
+    """Returns the folder below `root` that contains a COLMAP reconstruction; None if there is none."""
     for name in ("sparse/0", "sparse", "colmap/sparse/0"):
         if _has(root / name, "images"):
             return root / name

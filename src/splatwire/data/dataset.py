@@ -205,7 +205,7 @@ def _checked_path(path: str | os.PathLike[str], split: str, max_width: int | Non
 
 @checked
 def dataset_layout(path: Path) -> str | None:
-    """Returns the layout of a folder, one of `LAYOUTS`, or None."""
+    """Returns the layout of a dataset folder, one of `LAYOUTS`; None for a folder without any of these layouts."""
     if (path / bungee.FILE).is_file():
         return "bungeenerf"
     if find_reconstruction(path) is not None:
@@ -256,7 +256,7 @@ def _transforms_views(
         test_views: Rule that selects the test views; None for the default rule of the layout.
 
     Returns:
-        The views; the file that lists them; and the point cloud that this file names, or None.
+        The views; the file that lists them; and the point cloud that this file names, or None if it names none.
     """
     if (path / bungee.FILE).is_file():
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"

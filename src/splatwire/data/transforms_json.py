@@ -61,7 +61,7 @@ class TransformsView:
         K: float64 (3, 3), for an image of `width` x `height` pixels.
         width: Image width for `K`, pixels.
         height: Image height for `K`, pixels.
-        mask_path: Mask of the image, or None.
+        mask_path: File with the mask of the image; None without a mask.
         lens: Distortion of the lens.
         size_is_known: False if the transforms file has no image size; width and height are then read from the image.
     """
@@ -85,7 +85,7 @@ class Transforms:
         views: The frames in file order.
         splits: Names of the training, validation and test views, with the keys `train`, `val` and `test`. A key is
             missing if the file has no such list.
-        points: The point cloud named by `ply_file_path`, or None.
+        points: The point cloud named by the key `ply_file_path`; None if the file lacks this key.
     """
 
     views: list[TransformsView]

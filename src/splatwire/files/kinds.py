@@ -258,9 +258,10 @@ def _detect(path: Path) -> tuple[Kind, BufferedReader | None]:
 
 
 def trained_ply(folder: Path) -> Path | None:
-    """Returns the PLY of the last iteration in a 3DGS model folder, or None.
+    """Returns the PLY of the last iteration in a 3DGS model folder; None if the folder contains no such file.
 
-    The path is `point_cloud/iteration_N/point_cloud.ply`. `folder` may also be one of these subfolders.
+    The path of the file is `point_cloud/iteration_N/point_cloud.ply`. `folder` may also be `point_cloud`, or an
+    `iteration_N` in it.
     """
     if _iteration(folder) is not None:
         return ply if (ply := folder / _TRAINED_PLY).is_file() else None
@@ -442,7 +443,7 @@ def _glb_json_end(head: bytes) -> int:
 
 
 def _torch_kind(head: bytes) -> Kind | None:
-    """Detects a PyTorch archive from the first bytes of a file, or returns None."""
+    """Detects the kind of a PyTorch archive from the first bytes of a file; returns None for any other file."""
     (length,) = struct.unpack("<H", head[26:28]) if len(head) >= 28 else (0,)
     if not re.fullmatch(
         rb"[^/]+/(data\.pkl|data/\d+|constants\.pkl|version|byteorder|code/.*)", head[30 : 30 + length]

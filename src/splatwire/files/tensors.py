@@ -152,7 +152,12 @@ def _read_archive(path: Path, error: type[SplatwireError]) -> tuple[Any, Callabl
 
 
 def _read_old(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_Storage], bytes]]:
-    """Parses a file from before PyTorch 1.6; returns the same as `_read_archive`."""
+    """Parses a file that PyTorch wrote before version 1.6, without importing or calling anything.
+
+    Returns:
+        The content, with a description in place of each tensor; and a function that returns the bytes to which such a
+        description refers.
+    """
     found = dict[str, bytes]()
     with open_regular(path, error) as file:
         magic, protocol, _, content, keys = (_interpreted(file) for _ in range(_OLD_DESCRIPTIONS))

@@ -81,7 +81,10 @@ class TunedGaussians:
 
     @property
     def rounded(self) -> SplatScene:
-        """Rounded Gaussians with quantisation steps, for lossless encoding without a quality setting."""
+        """Scene with the Gaussians rounded as by a decoder, and with the quantisation steps of this rounding.
+
+        An encoder that uses these steps does not change the Gaussians.
+        """
         return replace(self.scene, splats=round_splats(self.scene.splats, self.coding), coding=self.coding)
 
 

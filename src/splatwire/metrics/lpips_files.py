@@ -18,7 +18,9 @@ WEIGHT_FILES = {
 
 
 def find_lpips_files(network: str = "vgg") -> tuple[Path, Path] | None:
-    """Returns the paths of the backbone and linear-layer files named by environment variables, or None.
+    """Returns the paths of the weight files of LPIPS (backbone, linear layers) that environment variables name.
+
+    The result is None if no variable is set, or the folder does not contain the backbone.
 
     The variables are `SPLATWIRE_LPIPS_BACKBONE` and `SPLATWIRE_LPIPS_LINEAR`, or `SPLATWIRE_LPIPS_DIR` for a folder
     with `vgg16_features.pth` and `lpips_lin_vgg.pth` (`alexnet_features.pth`, `lpips_lin_alex.pth`).

@@ -15,7 +15,7 @@ def split_runs(points, bounds, order):
     Args:
         points: Coordinates, float (N, 3).
         bounds: Leaf i gets the positions `bounds[i]` to `bounds[i + 1]` (exclusive) of the sorted order, int64.
-        order: Indices of the points; permuted in place.
+        order: Indices of the points in their present order, reordered in place.
     """
     stack = [(np.int64(0), np.int64(len(bounds) - 1))]
     while len(stack):
@@ -55,7 +55,7 @@ def _select(points, axis, order, low, high, rank):
     Args:
         points: Coordinates of all points.
         axis: Axis of the coordinate.
-        order: Indices of the points; permuted in place.
+        order: Indices of the points in their present order, reordered in place.
         low: First position of the range.
         high: Last position of the range (inclusive).
         rank: Position in `order` whose element must be correct afterwards.

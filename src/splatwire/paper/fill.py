@@ -111,12 +111,12 @@ def weighted_mean_of_existing(
     Args:
         values: K offsets of each anchor, side by side in D columns; zero if an offset does not exist.
         exists: True for offsets that exist.
-        index: Neighbours of each query.
+        index: For each of the Q lost anchors, indices of its k neighbours.
         weight: Weights of the neighbours, not negative.
 
     Returns:
-        Averages, zero for offsets that exist in no neighbour; and for each offset, the weight of the neighbours that
-        have it, divided by the weight of all neighbours, 0 to 1.
+        Averages, zero for offsets that exist in no neighbour; and for each offset, the weight of the neighbours in
+        which the offset exists, divided by the weight of all neighbours, 0 to 1.
     """
     # Averages are scaled by the sum of the weights, usually 1.
     total = weight.sum(dim=1, keepdim=True)

@@ -193,7 +193,7 @@ class _Field:
         """Computes the squared error of estimated residuals, over all values that were received.
 
         Args:
-            rows: Indices of the S anchors.
+            rows: Indices in the scene of the S anchors.
             estimate: Estimated residuals of these anchors.
 
         Returns:

@@ -56,7 +56,7 @@ class Selection:
     """The neighbours with the highest scores for each lost anchor (query), per attribute group.
 
     Attributes:
-        index: Anchor indices of the neighbours.
+        index: Index in the scene of each neighbour.
         weight: Weights of the neighbours, not negative, with a sum of about 1.
     """
 

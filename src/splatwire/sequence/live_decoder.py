@@ -148,7 +148,7 @@ class LiveDecoder:
         Args:
             decoder: Decoder that stores the data.
             manifest: Current manifest.
-            group: Index of the group.
+            group: Index of the group of pictures.
         """
         self._store_keyframes(decoder, manifest, complete_only=False)
         plan, motion = manifest.plan, 2 * group + 1

@@ -127,7 +127,10 @@ class LiveIngest:
             )
 
     def _next_frame(self) -> Frame | None:
-        """Reads the next file of the queue, or returns None if the file is skipped or incomplete."""
+        """Reads the next file of the queue, and returns its frame.
+
+        Returns None if the file cannot be used now: it is still incomplete, and is tried again later, or it is skipped.
+        """
         path, now = self._queue[0], self._clock()
         signature = signature_at(path)
         if not self._unreadable.is_unchanged(path, signature):

@@ -121,7 +121,7 @@ class NeighborIndex:
 
     Attributes:
         frame: Index of the frame.
-        rows: Indices of the tracks in the tree, int64.
+        rows: Index of the track of each point in the tree, int64.
         tree: Search tree (`cKDTree` of scipy).
     """
 

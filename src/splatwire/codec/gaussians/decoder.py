@@ -181,7 +181,7 @@ def decode_packets(
 
     Args:
         info: The stream's side information.
-        block: Index of the block.
+        block: Index of the spatial block.
         counts: int64 (packets), number of Gaussians in each packet.
         payloads: Content of each packet without its header.
 
@@ -226,7 +226,7 @@ def store_block(
         harmonics: int32 (n, harmonics), decoded integers of the spherical harmonics, 0 for lost Gaussians.
         received: Mask of received Gaussians, bool (n).
         info: The stream's side information.
-        block: Index of the block.
+        block: Index of the spatial block.
     """
     lost = np.flatnonzero(~received)
     filled = rows.copy() if len(lost) else rows
@@ -251,7 +251,7 @@ def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarra
 
     Args:
         info: Side information of the stream, with default attribute values for each block.
-        block: Index of the block.
+        block: Index of the spatial block.
         near: Lattice coordinates of the block's received Gaussians, int64 (received, 3).
         lost: Indices of the lost Gaussians; only their number matters.
 

@@ -172,7 +172,7 @@ def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndar
     Args:
         source: Attributes of the Gaussians, sorted for the division into packets.
         info: The stream's side information.
-        block: Index of the block.
+        block: Index of the spatial block.
         sizes: int64 (P), number of Gaussians in each packet; ignored if `max_bytes` is not 0.
         max_bytes: Maximum size of a packet's payload, bytes; 0 to use `sizes`.
     """

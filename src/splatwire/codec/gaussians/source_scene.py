@@ -201,7 +201,7 @@ class SourceScene:
         """Returns the bounding box and the mean attributes of a block's Gaussians.
 
         Args:
-            block: Index of the block.
+            block: Index of the spatial block.
 
         Returns:
             Smallest and largest coordinates in lattice spacings, int64 (2, 3); and means of the seven coded quantities
@@ -249,7 +249,7 @@ class SourceScene:
         """Returns lattice positions of a block's Gaussians, and the order in which packets are filled.
 
         Args:
-            block: Index of the block.
+            block: Index of the spatial block.
             info: Side information with the bounding boxes of blocks.
 
         Returns:
@@ -277,7 +277,7 @@ class SourceScene:
         """Sorts a block's Gaussians into coding order.
 
         Args:
-            block: Index of the block.
+            block: Index of the spatial block.
             info: Side information with the bounding boxes of blocks.
             sizes: Number of Gaussians in each packet of the block.
 
@@ -293,7 +293,7 @@ class SourceScene:
         """Returns a block's Gaussians as input of the encoding kernels, in the order in which packets are filled.
 
         Args:
-            block: Index of the block.
+            block: Index of the spatial block.
             info: Side information with the bounding boxes, the transform of spherical harmonics and the quantisation
                 steps. Harmonics that these steps make 0 are 0 in the result.
             selection: Gaussians to return, as a range or as indices in the order in which packets are filled; all by

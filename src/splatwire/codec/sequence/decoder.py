@@ -187,7 +187,7 @@ class TracksDecoder:
         """Decodes the received motion packets of one group of frames.
 
         Args:
-            group: Index of the group.
+            group: Index of the group of frames.
             received: Mask of tracks with a received keyframe Gaussian, bool (T).
 
         Raises:

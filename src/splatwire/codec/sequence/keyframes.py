@@ -128,7 +128,10 @@ class KeyframeEncoder:
 
     @property
     def motion_spacing(self) -> int:
-        """log2 of the unit of motion in the current shot (see `shots`), relative to that of the first shot."""
+        """log2 of the unit of motion in the current shot, relative to the unit in the first shot.
+
+        A shot is a range of groups of frames that share quantisation parameters; a scene cut may begin a new shot.
+        """
         return self._spacing_to_first(self.reference) if self._references else 0
 
     def _spacing_to_first(self, info: SideInfo) -> int:

@@ -106,10 +106,10 @@ def encode_change(
     """Encodes the changes of a scene (see `encode_update`), and returns the update together with the changed stream.
 
     Args:
-        base: As for `encode_update`.
-        scene: As for `encode_update`.
-        classes: As for `encode_update`.
-        threads: As for `encode_update`.
+        base: The complete stream of the scene before the changes.
+        scene: The changed scene.
+        classes: Precision class of each Gaussian (its set of quantisation steps), as for `encode_update`.
+        threads: Number of threads, as for `encode_update`.
         finest: Precision class of Gaussians with a 0 in `classes`, as numbered in the bitstream, from 0 (the coarsest)
             to `MAX_CLASSES - 1`. Unchanged Gaussians with a coarser class in the stream are encoded again. None for the
             finest class of the stream; unchanged Gaussians then keep their class.

@@ -33,7 +33,7 @@ class ElementInputs:
     """Inputs of the network that predicts factors on the size and opacity of M received Gaussians.
 
     Attributes:
-        rows: Indices of the received Gaussians.
+        rows: Indices in the scene of the received Gaussians.
         signature: D input features of each Gaussian, which describe it and its neighbourhood.
         lost: `-log(1 - rho)` for each Gaussian, where `rho` is the lost share of its neighbours.
         opacity: Opacities of the received Gaussians.
@@ -127,7 +127,7 @@ def enlarge_received(
 
     Args:
         partial: The received scene.
-        rows: Indices of the received elements.
+        rows: Indices in the scene of the M received elements.
         gains: Factors on the size and on the opacity of the received elements.
     """
     size, opacity = np.ones_like(partial.log_sizes), np.ones_like(partial.log_sizes)

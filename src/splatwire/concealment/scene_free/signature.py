@@ -91,7 +91,7 @@ def _weighting_inputs(
 
     Args:
         area: Area that the prior predicts for each anchor of the scene.
-        rows: Indices of the M anchors.
+        rows: Indices in the scene of the M anchors.
         neighbors: Nearest neighbours of the M anchors.
     """
     theirs = area[neighbors.index]

@@ -25,7 +25,7 @@ class Neighborhood:
     """The k nearest neighbours of each of M anchors, and their distances.
 
     Attributes:
-        index: Indices of the neighbours, nearest first.
+        index: For each anchor, indices in the scene of its neighbours, nearest first.
         distance: Distances to the neighbours, world units.
     """
 
@@ -59,7 +59,7 @@ class Surroundings:
     classes: tuple[Neighborhood, ...]
 
     def select(self, mask: Bool[np.ndarray, "M"]) -> "Surroundings":
-        """Returns the neighbours of those of the M anchors that the mask `mask` selects."""
+        """Returns a copy with the neighbours of only some of the M anchors, those that `mask` selects."""
 
         def of(part: Neighborhood) -> Neighborhood:
             return Neighborhood(part.index[mask], part.distance[mask])

@@ -31,7 +31,7 @@ def extrapolate(
         arrived: Tracks with received motion.
         lost_tracks: Indices of the tracks with lost motion, int64 (n).
         before: Concealment state at the end of the previous group of pictures.
-        group: Index of the group.
+        group: Index of the group of pictures.
         neighbors: Number of nearest tracks with received motion to interpolate; 0 keeps the last position.
         smooth: True for a quadratic fit of the neighbours' motion, False for a weighted mean.
         momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.

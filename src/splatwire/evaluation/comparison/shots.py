@@ -35,7 +35,7 @@ class Shots:
 
     Attributes:
         wanted: Indices of the views that are kept for all files.
-        kept: Pictures of these views.
+        kept: Pictures of the views in `wanted`.
         worst: Picture of the view with the lowest PSNR; None before the first view.
     """
 

@@ -59,7 +59,7 @@ class Delivery:
     """Arrival times of the packets of a stream.
 
     Attributes:
-        head: Arrival time of the stream's head (manifest and side information), seconds.
+        head: Time at which manifest and side information of the stream have arrived, seconds.
         arrivals: Arrival time of each packet in seconds, ordered by packet id, float64 (P); infinite if it never
             arrived.
         sent_bytes: Bytes of all sent packets, including lost ones.

@@ -47,7 +47,10 @@ class FileContent(CheckedFields):
         )
 
     def with_chosen_origin(self: Content) -> Content:
-        """Returns the content relative to an origin near the Gaussians if the Gaussians are far from 0."""
+        """Returns the content with positions relative to an origin near the Gaussians, if they are far from 0.
+
+        Content near 0, and content that already has an origin, is returned unchanged.
+        """
         if self.origin != NO_ORIGIN:
             return self
         return self.relative_to(choose_origin(self.splats.means, double_precision=False))

@@ -58,7 +58,7 @@ LOG = logging.getLogger(__name__)
 
 @checked
 def find_format(kind: Kind) -> FileFormat | None:
-    """Returns the registered scene format of a detected kind of file, or None."""
+    """Returns the registered scene format of a detected kind of file; None if no registered format can read it."""
     for form in FORMATS.registered().values():
         if kind in form.kinds or (form.recognises is not None and kind == kind_of_format(form)):
             return form

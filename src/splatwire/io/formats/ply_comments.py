@@ -101,7 +101,7 @@ def origin_comments(keyword: str, origin: Origin) -> list[str]:
 
 
 def stated_origin(keyword: str, comments: Iterable[str]) -> Origin | None:
-    """Returns the origin in the first valid PLY comment that starts with `keyword`, or None."""
+    """Returns the origin in the first valid PLY comment that starts with `keyword`; None without such a comment."""
     for comment in comments:
         words = comment.split()
         if words[:1] != [keyword]:

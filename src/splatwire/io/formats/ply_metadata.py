@@ -112,7 +112,7 @@ def names_up(comment: str) -> bool:
 
 
 def named_up(comment: str) -> str | None:
-    """Returns the up axis that a PLY comment states, such as `-y`, or None."""
+    """Returns the up axis that a PLY comment states, such as `-y`; None if the comment states no axis."""
     match = _UP.fullmatch(comment.strip().rstrip(".;,"))
     return None if match is None else _axis((match[1] or match[2]).strip())
 

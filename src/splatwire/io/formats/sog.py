@@ -83,7 +83,7 @@ def is_antialiased(path: Path) -> bool:
 
 
 def read_asset(path: Path) -> object:
-    """Returns the metadata object `asset` of a valid SOG, or None."""
+    """Returns the metadata object `asset` of a valid SOG; None if the SOG has no such object."""
     with _opened(path) as found:
         return found.meta.get("asset")
 

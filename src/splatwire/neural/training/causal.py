@@ -49,7 +49,10 @@ class TrainedCausal:
         self._inputs: Tensor | None = None
 
     def begin(self, state: TrainState) -> None:
-        """Initialises the networks once, before the loss includes the bit rate; called before each iteration."""
+        """Initialises the networks before the first iteration whose loss includes the bit rate.
+
+        The method is called before each iteration; before all others, it does nothing.
+        """
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = position_bounds(state.voxels)
             self._key = None
@@ -97,7 +100,7 @@ class TrainedCausal:
 
         Args:
             state: State of the training.
-            index: Indices of the anchors.
+            index: Indices of the M anchors in the training state.
         """
         place, layout = self._position_inputs(state)[index], self._model.layout
         networks, nothing = causal_networks(state.parameters, self._model), place.new_zeros(len(place), 1)
@@ -155,7 +158,7 @@ def noisy_numbers(
 
     Args:
         state: State of the training.
-        index: Indices of the anchors.
+        index: Indices of the M anchors in the training state.
         steps: Quantisation steps (`channel_steps`).
         uniform: Draws the random numbers.
 

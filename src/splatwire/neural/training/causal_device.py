@@ -88,7 +88,7 @@ class DeviceCausal(TrainedCausal):
 
         Args:
             state: State of the training.
-            index: Indices of the anchors.
+            index: Indices of the M anchors in the training state.
             numbers: Features, logarithms of offset scale and sizes, and offsets, with noise in place of rounding.
             steps: Quantisation step of each attribute value (`column_steps`).
             masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.

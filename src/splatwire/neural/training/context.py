@@ -97,7 +97,10 @@ class TrainedContext:
         self._config, self._kernels, self._cache = config, kernels, cache
 
     def begin(self, state: TrainState) -> None:
-        """Initialises the networks once, before the loss includes the bit rate; called before each iteration."""
+        """Initialises the networks before the first iteration whose loss includes the bit rate.
+
+        The method is called before each iteration; before all others, it does nothing.
+        """
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
             calibrate_prior(state, self._config)
@@ -159,7 +162,7 @@ class TrainedContext:
 
         Args:
             state: State of the training.
-            index: Indices of the anchors.
+            index: Indices of the M anchors in the training state.
 
         Returns:
             The scalings, world units.
@@ -231,7 +234,7 @@ def noisy_attributes(
 
     Args:
         state: State of the training.
-        index: Indices of the M anchors.
+        index: Indices of the M anchors in the training state.
         steps: Quantisation steps of features, scalings and offsets.
         uniform: Function that draws uniform random numbers in [0, 1).
 

@@ -178,11 +178,11 @@ def _cells(keys: Int64[Tensor, "M"]) -> Int64[Tensor, "M 3"]:
 
 
 def _maximum_by_group(rows: Float[Tensor, "M F"], group: Int64[Tensor, "M"], num_groups: int) -> Float[Tensor, "U F"]:
-    """Returns the maximum of each column over the rows with the same group number.
+    """Divides the rows of a matrix into groups, and returns the maximum of each column in each group.
 
     Args:
-        rows: The rows.
-        group: Group number of each row, from 0.
+        rows: The matrix.
+        group: Index of the group of each row, 0 to U - 1.
         num_groups: Number of groups, U.
     """
     index = group[:, None].expand(-1, rows.shape[1])

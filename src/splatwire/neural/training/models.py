@@ -43,7 +43,7 @@ class TrainedModel(Protocol):
 
         Args:
             state: State of the training.
-            index: Indices of the anchors.
+            index: Indices of the M anchors in the training state.
         """
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:

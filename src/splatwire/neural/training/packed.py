@@ -50,7 +50,7 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 
     Args:
         networks: The networks, all with the same negative slope of their (leaky) ReLU.
-        order: Order of the outputs, as indices into the concatenated outputs of all networks.
+        order: Entry i is the index of the combined network's output i in the concatenated outputs of all networks.
     """
     tensors = [
         tensor
@@ -80,7 +80,7 @@ def _copy_indices(
 
     Args:
         shapes: Numbers of inputs, hidden units and outputs of each separate network.
-        order: Order of the combined network's outputs.
+        order: Entry i is the index of the combined network's output i in the concatenated outputs of all networks.
         device: Device of the results.
 
     Returns:

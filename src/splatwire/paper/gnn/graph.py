@@ -97,7 +97,7 @@ def source_inputs(context: ReceivedScene, rows: Int64[Tensor, "S"]) -> Float[Ten
 
     Args:
         context: The received scene.
-        rows: Indices of the known anchors.
+        rows: Indices in the scene of the S known anchors.
     """
     anchors = context.scene.anchors.select(rows)
     return torch.cat([context.positions[rows], context[Prior].context[rows], attribute_columns(anchors)], dim=1)

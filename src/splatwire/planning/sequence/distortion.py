@@ -49,7 +49,7 @@ class SequenceDistortion:
         """Predicts the mean PSNR of a group of pictures.
 
         Args:
-            group: Index of the group.
+            group: Index of the group of pictures.
             lost: Lost share of the group's motion in each of T transfers, (T).
 
         Returns:

@@ -17,7 +17,7 @@ class Arranged(NamedTuple):
     """Sending order and parity of the packets of one or more groups of pictures.
 
     Attributes:
-        order: Indices of the packets, in sending order.
+        order: Entry i is the index, before sorting, of the packet that is sent as the i-th.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
     """
 

@@ -135,7 +135,10 @@ class ServerTransfer:
         self._max_bytes -= int(self._limits.max_sent_ratio * self._known_packets.take(frame, self.stream))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
-        """Removes and returns the next datagram in the queue that the client needs, or None."""
+        """Removes datagrams from the queue up to the first one that the client needs, and returns this datagram.
+
+        The result is as in `SendSchedule.datagrams`. It is None if the client needs no datagram of the queue.
+        """
         while self._queue:
             item = self._queue.pop()
             if self._queue.is_head_sent:

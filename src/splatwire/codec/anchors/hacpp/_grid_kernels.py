@@ -102,7 +102,7 @@ def cell_of(units, n, axes, grid_level, dims, resolution):
     Args:
         units: Positions of the anchors in the grid's bounding box, `UNIT_BITS` fractional bits.
         n: Index of the anchor.
-        axes: World axes that each level spans.
+        axes: World axes that each level spans, int64 (levels, 3); -1 in the last column for a plane.
         grid_level: Index of the level.
         dims: 3 for a level of the 3D grid, 2 for a level of a plane.
         resolution: Grid points of the level per axis.

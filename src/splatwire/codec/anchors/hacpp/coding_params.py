@@ -192,7 +192,7 @@ class CodingContext:
         """Predicts one group of feature channels from the groups before it, with the group's channel network.
 
         Args:
-            group: Index of the group.
+            group: Index of the group of feature channels.
             shared: Result of `shared_sums` for the group.
             activations: Features of the groups before, from `feature_activations`, float64 (N, channels of these
                 groups).
