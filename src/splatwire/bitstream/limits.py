@@ -97,8 +97,8 @@ class StreamSchema:
         explicit: True if the elements are Gaussians, which are the same in all views; False for anchors, from which
             Gaussians are generated for each view.
         page: True if the web decoder supports the schema.
-        timed: True for sequences: elements belong to groups of frames, with a tier of keyframes and a tier of motion
-            per group.
+        timed: True for sequences: elements belong to groups of frames. The keyframes and the motion of each group have
+            separate packets.
         tiled: True if a block is a tile that viewers request individually.
         max_tiers: Maximum number of importance tiers.
         codec: Import path `module:name` of the codec (`Schema`); empty if this object is itself a codec.

@@ -50,7 +50,7 @@ class Span(NamedTuple):
 
     @property
     def num_blocks(self) -> int:
-        """Number of blocks of the tier."""
+        """Number of blocks of this importance tier."""
         return -(-self.num_elements // self.block_size)
 
     def block_elements(self, block: int) -> int:
@@ -58,7 +58,7 @@ class Span(NamedTuple):
         return min(self.block_size, self.num_elements - (block - self.first_block) * self.block_size)
 
     def block_start(self, block: int) -> int:
-        """Returns the index of a block's first element, when elements are sorted by tier.
+        """Returns the index of a block's first element when all elements of the stream are sorted by importance tier.
 
         Args:
             block: Index of the block within the stream.
@@ -112,10 +112,10 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
 
 
 def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
-    """Checks that the tiers of a stream are possible for a sequence, or for a static scene.
+    """Checks that the tiers (parts with separate packets) of a stream are possible for a sequence or a static scene.
 
-    A sequence needs two tiers for each group of pictures: keyframe Gaussians and motion. A static scene must not have
-    an empty tier.
+    A sequence needs two tiers for each group of pictures: one with keyframe Gaussians, and one with motion. In a static
+    scene, a tier contains elements of similar importance, and must not be empty.
 
     Args:
         tiers: Sizes of the tiers; empty for a single tier.
@@ -131,7 +131,7 @@ def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
 
 
 def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> None:
-    """Checks that sizes of tiers fit the number of elements and the packetization.
+    """Checks that the sizes of importance tiers fit the number of elements and the packetization.
 
     Raises:
         InvalidValueError: If the tiers contradict the number of elements or the packetization, or if there are too

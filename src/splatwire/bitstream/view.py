@@ -66,7 +66,7 @@ class Cut(CheckedFields):
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
     """Returns the screen-space error of drawing the next coarser tile instead of each tile, pixels, float64 (B).
 
-    The error is infinite for tiles of the coarsest level, and reduced for tiles outside the picture.
+    The error is infinite for tiles of the coarsest level of detail, and reduced for tiles outside the picture.
 
     Args:
         tiles: All tiles of the scene.
@@ -79,7 +79,7 @@ def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[n
     """Returns the screen-space error (`pixel_errors`) and the usefulness of each tile, float64 (B) each.
 
     Usefulness is the area of the tile's bounding box in the picture, divided by the size of the tile in bytes. It is
-    reduced outside the picture, and infinite in the coarsest level. Without a viewpoint, it equals the error.
+    reduced outside the picture, and infinite in the coarsest level of detail. Without a viewpoint, it equals the error.
     """
     errors = np.where(tiles.parents < 0, np.inf, tiles.errors[tiles.parents])
     if viewpoint is None:
@@ -158,7 +158,7 @@ def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarra
     Args:
         tiles: All tiles of the scene.
         viewpoint: The viewpoint; None to refine the whole scene.
-        budget: Maximum number of Gaussians in the selected tiles. Tiles of the coarsest level may exceed it.
+        budget: Maximum number of Gaussians in the selected tiles. Tiles of the coarsest level of detail may exceed it.
     """
     errors, useful = _errors_and_usefulness(tiles, viewpoint)
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
@@ -180,7 +180,7 @@ def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
         means: Centres of some Gaussians of this tile, float64 (N, 3).
 
     Returns:
-        Index of the finer tile with the nearest bounding box, int64 (N); -1 if `tile` is in the finest level.
+        Index of the finer tile with the nearest bounding box, int64 (N); -1 if `tile` is in the finest level of detail.
     """
     finer = np.flatnonzero(tiles.parents == tile)
     if not len(finer):

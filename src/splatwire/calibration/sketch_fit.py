@@ -69,8 +69,8 @@ class SketchMaterial:
         spread: Standard deviation of each coefficient, float64 (D).
         weight: Cost of an error of 1 in a coefficient of each candidate, float64 (M).
         offset_weight: Cost of an error of 1 in a coordinate of each offset, float64 (M, K).
-        removal: Cost of the loss of each candidate, float64 (M).
-        offset_removal: Cost of the loss of each Gaussian of a candidate, float64 (M, K).
+        removal: Cost if the candidate is lost, float64 (M).
+        offset_removal: Cost if only one of the candidate's Gaussians is lost, for each of them, float64 (M, K).
         offsets: Offsets of the candidates, relative to where a receiver draws a lost anchor, float64 (M, 3 K).
         mask: Mask of the offsets that exist, bool (M, K).
         num_anchors: Number of anchors of the scene, N.
@@ -212,7 +212,7 @@ def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[
 
     Returns:
         The quantised transform, which includes the quantisation step of offsets; and the quantisation step of the
-        coefficients at the coarsest level.
+        coefficients at the coarsest precision level.
     """
     # For a small step s and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.
     likely = options.removal_error_factor * material.removal > price * BITS_OF_COPY

@@ -67,7 +67,7 @@ def position_shift(bases, precision_class, s0, elongation, flatness, opacity, un
         elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
         max_shift: Upper limit on the result.
 
     Returns:

@@ -39,14 +39,14 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def add_to_statistics(counts, recents, tier, important):
-    """Updates the statistics that select the contexts of a tier (see `tier_context`) after coding an anchor.
+    """Updates the statistics that select the contexts of an importance tier, after an anchor was coded.
 
     Args:
         counts: For each tier, share of the anchors that are in this tier or a more important one, as a decaying average
             in units of 2**-16. Changed in place.
         recents: For each tier, two bits for the last two anchors: 1 if the anchor is in this tier or a more important
             one. Changed in place.
-        tier: Index of the tier.
+        tier: Index of the tier whose statistics are updated.
         important: True if the anchor is in this tier or in a more important one.
     """
     counts[tier] += ((65535 if important else 0) - counts[tier]) >> 3

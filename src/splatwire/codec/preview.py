@@ -151,7 +151,7 @@ class Preview:
     Attributes:
         frame: Value ranges from which the integers are dequantised.
         background: RGB background colour, 0 to 255 each.
-        levels: Ten integers per Gaussian, of `BITS` bits; int64 (G, 10).
+        levels: Quantised parameters: ten integers per Gaussian, of `BITS` bits, int64 (G, 10).
     """
 
     frame: PreviewFrame

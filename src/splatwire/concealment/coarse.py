@@ -80,12 +80,12 @@ class Coarse:
 def _grow_finest(
     grow: Concealer, partial: ReceivedScene, finest: Bool[np.ndarray, "N"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Computes how much received Gaussians of the finest level are enlarged, and which Gaussians are hidden.
+    """Computes how much received Gaussians of the finest level of detail are enlarged, and which Gaussians are hidden.
 
     Args:
         grow: Concealer that enlarges received Gaussians.
         partial: The received scene.
-        finest: Mask of the Gaussians of the finest level; all other Gaussians are hidden.
+        finest: Mask of the Gaussians of the finest level of detail; all other Gaussians are hidden.
 
     Returns:
         Factor on the size and factor on the opacity of each Gaussian, and the mask of hidden Gaussians.
@@ -105,7 +105,7 @@ def _coarse_opacities(
     """Returns the opacity factors with which coarser Gaussians cover the gaps that lost finer Gaussians leave.
 
     Args:
-        splats: Gaussians of all levels.
+        splats: Gaussians of all levels of detail.
         fine: Indices of the received Gaussians of the finest level.
         coarse: Indices of the Gaussians of the next coarser level.
         copied: Mask of the coarser Gaussians that are exact copies of a finer one, bool (C).

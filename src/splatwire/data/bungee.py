@@ -25,7 +25,8 @@ def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
 
     Args:
         path: Path of the file; photos are in `images` next to it.
-        images: Image folder to use instead of `images` (e.g. `images_2`); the focal length is scaled accordingly.
+        images: Image folder to use instead of `images` (e.g. `images_2`); the focal length is scaled to the size of its
+            images.
 
     Raises:
         DatasetError: If the file is damaged, a pose is not rigid, or the numbers of poses and photos differ.

@@ -139,10 +139,11 @@ def open_dataset(
     Args:
         path: The folder.
         split: Split to read, one of `SPLITS`.
-        images: Image folder to use instead of `images` (e.g. `images_4`); intrinsics are scaled accordingly.
+        images: Image folder to use instead of `images` (e.g. `images_4`); intrinsics are scaled to the size of its
+            images.
         max_width: Wider photos are reduced to this width, as in the training of HAC++; None for no limit.
-        test_views: Choice of test views, one of `TEST_VIEWS`: every eighth, or the first 31. None for the usual choice
-            of the layout.
+        test_views: Choice of test views, one of `TEST_VIEWS`: every eighth, or the first 31. None for the default of
+            the layout.
         background: RGB visible where a photo's alpha is below 1.
 
     Raises:

@@ -26,7 +26,7 @@ class BuiltLevels:
     A tile is a spatial block of neighbouring Gaussians of one level.
 
     Attributes:
-        scene: Gaussians of all levels, coarsest level first.
+        scene: Gaussians of all levels of detail, coarsest level first.
         order: For each Gaussian of the finest level, its index in the original scene, int64.
         is_copy: Mask of Gaussians that are unchanged copies; all others are results of merging, bool (N).
         errors: Error of each tile, coarsest level first, float64: root mean square distance of the original Gaussians

@@ -43,9 +43,9 @@ class SogLevelsReport:
     """Size of a streamed SOG data set that was written.
 
     Attributes:
-        num_levels: Number of levels.
+        num_levels: Number of levels of detail.
         num_chunks: Number of SOG folders.
-        num_gaussians: Gaussians of the finest level.
+        num_gaussians: Number of Gaussians of the finest level.
         num_bytes: Bytes of all files.
     """
 

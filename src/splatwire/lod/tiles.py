@@ -27,12 +27,12 @@ class LevelShape:
 
     @property
     def num_tiles(self) -> int:
-        """Number of tiles of the level."""
+        """Number of tiles of this level of detail."""
         return -(-self.count // self.size)
 
     @property
     def edges(self) -> np.ndarray:
-        """Index of the first Gaussian of each tile in the level, int64 (tiles + 1).
+        """Index, within this level of detail, of the first Gaussian of each tile, int64 (tiles + 1).
 
         The last entry is the number of Gaussians of the level.
         """

@@ -47,8 +47,8 @@ class TilesetReport:
 
     Attributes:
         num_tiles: Number of tiles with content.
-        num_levels: Number of levels.
-        num_gaussians: Gaussians of the finest level.
+        num_levels: Number of levels of detail.
+        num_gaussians: Number of Gaussians of the finest level.
         num_bytes: Bytes of all files.
         geocentric: True if the tileset is placed on the Earth.
     """

@@ -24,8 +24,8 @@ class DistortionModel:
 
     Attributes:
         shares: Lost shares at which errors were measured, ascending from 0, float64 (S).
-        mse: Increase of the mean squared error, float64 (T, S). Entry (t, s) is the increase if tier t and all less
-            important tiers lose the share `shares[s]` of their elements.
+        mse: Increase of the mean squared error, float64 (T, S), for T importance tiers. Entry (t, s) is the increase if
+            tier t and all less important tiers lose the share `shares[s]` of their elements.
         base_mse: Mean squared error of the complete scene against the references.
     """
 

@@ -39,7 +39,7 @@ def plan_retransmission(
     The delay of retransmissions is not simulated.
 
     Args:
-        variants: Variants of the stream, such as one with tiers and one with redundant copies.
+        variants: Variants of the stream, such as one with importance tiers and one with redundant copies.
         loss: Loss model of the channel, in datagrams.
         budget_bytes: Mean bytes that may be sent, datagram headers included.
         max_protection: Maximum mean share of bytes for retransmissions and loss concealment, 0 to 1.

@@ -102,7 +102,7 @@ def plan_protection(
     """Chooses the stream variant and the redundancy with the best expected picture.
 
     Args:
-        variants: Variants of the stream, such as one with tiers and one without.
+        variants: Variants of the stream, such as one with importance tiers and one without.
         loss: Loss model of the channel, in datagrams.
         budget_bytes: Maximum bytes sent, datagram headers included. For a deadline: the time until the deadline,
             multiplied by the sending rate.

@@ -61,10 +61,13 @@ class GroupBuilder:
             self._find_neighbors(number)
 
     def _rows_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the index in this group of the track of each Gaussian in the latest frame; new keys begin new tracks.
+        """Finds the track of each Gaussian of the latest frame; a Gaussian with a new key begins a new track.
 
         Args:
             keys: Key of each Gaussian, which is the same in all frames of its track, int64 (M).
+
+        Returns:
+            Index of the track within this group for each Gaussian, int64 (M).
         """
         by, number = self._key_order, len(self.frames) - 1
         at = np.searchsorted(self._keys, keys, sorter=by)

@@ -223,7 +223,7 @@ def _match_one_to_one(
 def _implausible_matches(
     expected: np.ndarray, now: np.ndarray, appearance: np.ndarray, appearance_now: np.ndarray, partner: np.ndarray
 ) -> np.ndarray:
-    """Finds matches with a large difference in both position and appearance; returns indices of current Gaussians.
+    """Finds matches with a large difference in both position and appearance.
 
     Args:
         expected: For the previous frame's Gaussians, their predicted positions in the current frame, (N, 3).
@@ -231,6 +231,9 @@ def _implausible_matches(
         appearance: Appearance of the previous frame's Gaussians, from `_appearance`.
         appearance_now: Appearance of the current frame's Gaussians.
         partner: Index of the match of each current Gaussian in the previous frame, (M); -1 for none.
+
+    Returns:
+        Indices of the current frame's Gaussians with such a match, int64.
     """
     found = np.flatnonzero(partner >= 0)
     theirs = partner[found]

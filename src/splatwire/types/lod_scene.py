@@ -50,7 +50,10 @@ class Levels:
 
     @property
     def copied(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the Gaussians in coarser levels that are unchanged copies of Gaussians of the next finer level."""
+        """Mask of the Gaussians that are unchanged copies of a Gaussian of the next finer level of detail.
+
+        All Gaussians of the finest level, and Gaussians that were merged from several, are not in the mask.
+        """
         # The encoder gives copies a more precise class than merged Gaussians.
         coarser = self.lod_level > 0
         return coarser & (self.classes == self.classes[coarser].max()) if bool(coarser.any()) else coarser

@@ -27,8 +27,8 @@ class SplatCoding(CheckedFields):
 
     Attributes:
         size_log: log2 of the scene's size in world units.
-        unit: Precision of decoded positions: they are multiples of `2 ** (size_log - unit)` world units.
-        coarsest: log2 of the largest quantisation step of positions, in multiples of that spacing.
+        unit: Precision of decoded positions, which are multiples of a spacing of `2 ** (size_log - unit)` world units.
+        coarsest: log2 of the largest quantisation step of positions, in units of this spacing.
         bases: `-log2` of the quantisation step of each quantity in class 0, in fixed point: multiples of 1/64.
         transform: Decorrelating transform of the spherical harmonics, as integers.
         classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.

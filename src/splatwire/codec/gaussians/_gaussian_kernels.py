@@ -200,7 +200,7 @@ def position_shifts(logs, precision_classes, bases, unit, coarsest, thinness, sh
         logs: Logarithms of opacity and scales, int64 (n, 4).
         precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         shifts: Output: log2 of the steps, in lattice spacings, int64 (n).

@@ -53,7 +53,7 @@ def round_rows(positions, logs, axes, colours, precision_classes, bases, unit, c
         colours: Base colours (Y Co Cg), in fixed point, int64 (n, 3).
         precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         harmonics: Transformed harmonics, int32 (n, harmonics); rounded in place.

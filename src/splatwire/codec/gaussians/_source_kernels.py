@@ -290,7 +290,7 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
         scales: Standard deviations, float32 (N, 3).
         opacities: float32 (N).
         sh: Spherical harmonics, float32 (N, K + 1, 3).
-        factor: Reciprocal of the spacing of the lattice of positions, a power of two.
+        factor: Reciprocal of the lattice spacing of positions, a power of two.
         size_log: log2 of the scene's size in world units.
         matrix: Transform of base colours, see `write_colours`.
         grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).

@@ -37,7 +37,7 @@ def convert(
         indices: For each of the n Gaussians, its index in the output arrays, int64 (n).
         origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
         size_log: log2 of the scene's size in world units.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         powers: Table of powers of two, from `exponentials`.
         colours: Orthonormal matrix from RGB to Y Co Cg, float64 (3, 3), with entries divided by the value of the

@@ -180,7 +180,7 @@ def to_splats(
         harmonics: int32 (n, 3 K), decoded integers of the K transformed spherical harmonics, three colour components
             each.
         origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
         transform: int64 (K, K), transform of the K harmonics, from `fit_transform`.
     """
@@ -203,7 +203,7 @@ def write_splats(
         rows: int64 (n, columns), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
         origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
         transform: int64 (K, K), transform of the harmonics, from `fit_transform`.
     """

@@ -176,7 +176,7 @@ def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
 
     Returns:

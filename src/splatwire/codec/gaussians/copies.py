@@ -24,7 +24,7 @@ def write_indices(indices: np.ndarray, num_gaussians: int) -> bytes:
     """Serialises the indices of the copied Gaussians as fixed-width integers.
 
     Args:
-        indices: int64, index of each copied Gaussian in stream order.
+        indices: For each copy, index of its original in the stream's scene, int64.
         num_gaussians: Number of Gaussians in the stream, which determines the number of bits of an index.
     """
     width = _index_bits(num_gaussians)

@@ -20,14 +20,14 @@ def write_copies(
     """Encodes redundant copies of Gaussians, with the stream's quantisation steps and probability tables.
 
     Args:
-        splats: All Gaussians of the stream, in stream order.
+        splats: All Gaussians of the stream, in coding order.
         indices: int64, indices in `splats` of the Gaussians to copy.
         info: The stream's side information.
         precision_class: Precision class of all copies (their set of quantisation steps), 0 for the coarsest.
         growth: Parameters for enlarging received Gaussians next to lost ones, see `Copies.growth`.
 
     Returns:
-        Content of the section.
+        Content of the section `sketch` of the side information, which contains the copies.
 
     Raises:
         InvalidValueError: If the precision class does not exist.

@@ -85,7 +85,7 @@ class SideInfo:
 
     @property
     def kernel_tables(self) -> tuple[np.ndarray, ...]:
-        """Tables of the entropy coder, in the order of the numba kernels' arguments."""
+        """Tables of the entropy coder, in the order in which compiled kernels take them as arguments."""
         return (*_residual_tables(self.scales.tobytes()), *tables())
 
     def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:

@@ -231,8 +231,9 @@ class SourceScene:
             indices: Indices of the Gaussians in `splats`.
 
         Returns:
-            Arrays with this layout, and the rows of the Gaussians in these arrays. If `splats` has the layout, these
-            are `splats` and `indices`. Otherwise, they are a converted copy of the Gaussians, and its rows.
+            Arrays with this layout, and the row of each selected Gaussian in the arrays. If `splats` has the layout
+            already, the result is `splats` and `indices`. Otherwise, the arrays are a converted copy of only the
+            selected Gaussians, and the rows are 0, 1, 2, and so on.
         """
         if self._kernels_read_splats:
             return self.splats, indices

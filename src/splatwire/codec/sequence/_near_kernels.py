@@ -46,7 +46,7 @@ def _find_candidates(squares, count, group_minima, candidates):
         candidates: Output: indices of the preselected tracks, ascending.
 
     Returns:
-        Number of these tracks.
+        Number of preselected tracks.
     """
     # The distances are divided into `NUM_NEIGHBOURS` groups. No distance above the largest of the groups' minima can be
     # among the smallest.

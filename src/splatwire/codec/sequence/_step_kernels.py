@@ -26,7 +26,7 @@ def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
         columns: Decoded integers of each keyframe Gaussian: precision class, opacity and three scale values, int64 (n,
             5).
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         shifts: Output: log2 of the steps, by channel of motion, int64 (n, channels).

@@ -202,9 +202,10 @@ class TracksEncoder:
     def _current_header(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
     ) -> tuple[bytes, tuple[TierShape, ...]]:
-        """Returns the side information and the tier sizes of all groups of frames encoded so far.
+        """Returns the side information of the frames encoded so far, and the sizes of the stream's tiers.
 
-        Each group has two tiers: its keyframe Gaussians, and its motion.
+        A tier is a part of the stream with separate packets. Each group of frames has two: its keyframe Gaussians, and
+        its motion.
         """
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero

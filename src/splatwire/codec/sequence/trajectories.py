@@ -118,7 +118,7 @@ def add_frames(
             index are skipped.
         begin: First frame to add.
         end: End of the frames to add (exclusive).
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
         threads: Number of threads; None for one per processor.
     """

@@ -48,8 +48,8 @@ class Surroundings:
         weights: Weight of each anchor when the lost share of a neighbourhood is computed.
         rows: Indices of the M anchors whose neighbours are known.
         near: Nearest neighbours of the M anchors.
-        classes: Nearest large neighbours of the M anchors. The first item lists neighbours among the largest eighth of
-            the scene's anchors, the second among the largest 64th (`CLASS_SHARES`).
+        classes: Nearest large neighbours of each of the M anchors. The first item lists neighbours among the largest
+            eighth of the scene's anchors, the second among the largest 64th (`CLASS_SHARES`).
     """
 
     log_size: Float[np.ndarray, "N"]

@@ -71,14 +71,14 @@ def comparison_cells(comparison: Comparison) -> list[tuple[str, ...]]:
 
 
 def write_comparison_report(comparison: Comparison, folder: Path) -> Path:
-    """Writes the report of a comparison that kept pictures.
+    """Writes the report of a comparison as an HTML page.
 
     Args:
-        comparison: The comparison.
-        folder: Folder for the report; it is created if necessary.
+        comparison: The comparison, made with pictures for a report.
+        folder: Folder for the report; created if it does not exist.
 
     Returns:
-        Path of the report.
+        Path of the page.
     """
     cameras, scores = comparison.cameras, comparison.scores
     page = filled_page(

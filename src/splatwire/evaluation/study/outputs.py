@@ -80,7 +80,7 @@ def write_report(
     result: StudyResult, store: Store, folder: Path, content: Mapping[str, Any], *, curve: StudyResult | None = None,
     links: Mapping[str, str] | None = None,
 ) -> Path:  # fmt: skip
-    """Writes the report with images and `results.json` of an evaluation, and returns the path of the report.
+    """Writes an HTML report with images and `results.json` of an evaluation, and returns the path of the report.
 
     Args:
         result: Results of the evaluation.

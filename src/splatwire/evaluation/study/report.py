@@ -31,14 +31,14 @@ def render_study_report(
     lead: Lead | None = None,
     links: Mapping[str, str] | None = None,
 ) -> str:
-    """Renders the report of an evaluation.
+    """Renders the report of an evaluation as an HTML page.
 
     Args:
         result: Results of the evaluation.
         summaries: Statistics of the results, including means over datasets.
         tables: Tables by section: `results`, `orderings`, `equivalence`, `bytes`, `seconds`.
         pictures: Images of the views with the lowest PSNR.
-        lead: First part of the report (summary and image comparison), or None.
+        lead: First part of the report (summary and image comparison); None for a report without this part.
         links: Paths of other reports, by title.
     """
     study, note = result.study, result.lpips_note

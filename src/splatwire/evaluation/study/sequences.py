@@ -28,15 +28,16 @@ Picture = Float[np.ndarray, "H W 3"]
 
 
 def frame_cameras(stream: SceneStream, frames: Path, cameras: Path | None) -> Cameras:
-    """Returns one camera per frame: the cameras of a file, repeated if needed, or generated cameras.
+    """Returns one camera for each frame of a sequence.
 
     Args:
         stream: The stream of the sequence.
         frames: The original frames, in a format of `splatwire.sequence.open_sequence`.
-        cameras: A cameras file; None for generated cameras around the first frame.
+        cameras: A cameras file; None for generated cameras around the first frame. If there are fewer cameras than
+            frames, they are used again from the first one on.
 
     Raises:
-        InvalidValueError: If the numbers of frames differ.
+        InvalidValueError: If the stream and the original sequence have different numbers of frames.
     """
     count = open_side_info(stream.manifest, stream.side_info).timeline.num_frames
     sequence = open_sequence(frames, None if frames.is_dir() else count)

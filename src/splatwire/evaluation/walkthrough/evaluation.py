@@ -196,7 +196,7 @@ class StreamedWalkthrough:
 
 
 def _replaced_tile(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarray:
-    """Finds, for each Gaussian, the tile of the next finer level that replaces it.
+    """Finds, for each Gaussian, the tile of the next finer level of detail that replaces it.
 
     Args:
         tiles: All tiles.

@@ -401,7 +401,7 @@ def register_format(form: FileFormat) -> FileFormat:
         form: The format, with a detector and a reader or writer.
 
     Returns:
-        The format.
+        The format itself, unchanged.
 
     Raises:
         InvalidValueError: If a part is missing or invalid, or the name is taken.

@@ -48,7 +48,7 @@ class Piece:
 
 
 def read_streamed_sog(path: Path) -> FileContent:
-    """Reads the Gaussians of a streamed SOG, using the finest available level of each leaf.
+    """Reads the Gaussians of a streamed SOG, using the finest available level of detail of each leaf.
 
     Args:
         path: Path of the `lod-meta.json`, or of its folder.
@@ -159,7 +159,7 @@ def _bytes_of(chunk: Path) -> int:
 def _finest(
     index: Path, content: dict[str, Any], chunks: list[Path]
 ) -> tuple[dict[int, list[Piece]], dict[int, list[Piece]], list[str], int]:
-    """Selects the Gaussians to read: the finest available level in each leaf of the tree of tiles.
+    """Selects the Gaussians to read: the finest available level of detail in each leaf of the tree.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.

@@ -156,7 +156,7 @@ def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion
         distortions: One model for each encoding.
 
     Returns:
-        The smoothed models, in the same order.
+        One smoothed model for each encoding, in the order of `distortions`.
     """
     # One curve of added error, multiplied by a factor for each encoding; medians, as single values can be outliers.
     grid = np.array(SHARES)

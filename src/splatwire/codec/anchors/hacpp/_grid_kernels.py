@@ -25,7 +25,7 @@ def row_of(x, y, z, resolution, rows, dims):
         x: First coordinate of the point, in grid points.
         y: Second coordinate.
         z: Third coordinate; 0 for a plane.
-        resolution: Grid points of the level per axis.
+        resolution: Number of grid points per axis in this level of the hash grid.
         rows: Number of table rows of the level.
         dims: 3 for a level of the 3D grid, 2 for a level of a plane.
     """
@@ -47,7 +47,7 @@ def locate(unit, resolution):
 
     Args:
         unit: Coordinate in the grid's bounding box, 0 to 1 in fixed point (`UNIT_BITS` fractional bits).
-        resolution: Grid points of the level per axis.
+        resolution: Number of grid points per axis in this level of the hash grid.
 
     Returns:
         Index of the cell's lower corner, and the position within the cell, `CELL_BITS` fractional bits.
@@ -65,7 +65,7 @@ def corner_weight(corner, bit, fraction, resolution):
         corner: Index of the cell's lower corner on this axis.
         bit: 0 for the lower corner, 1 for the upper.
         fraction: Position within the cell, `CELL_BITS` fractional bits.
-        resolution: Grid points of the level per axis.
+        resolution: Number of grid points per axis in this level of the hash grid.
     """
     # The weight of corners on the border of the grid is 0.
     at = corner + bit
@@ -105,7 +105,7 @@ def cell_of(units, n, axes, grid_level, dims, resolution):
         axes: World axes that each level spans, int64 (levels, 3); -1 in the last column for a plane.
         grid_level: Index of the level.
         dims: 3 for a level of the 3D grid, 2 for a level of a plane.
-        resolution: Grid points of the level per axis.
+        resolution: Number of grid points per axis in this level of the hash grid.
 
     Returns:
         For each axis, index of the cell's lower corner and position within the cell.
@@ -165,7 +165,7 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def touch(units, starts, resolutions, rows, axes, touched):
-    """Marks the rows of the hash table that at least one anchor needs.
+    """Marks the rows of the hash table that at least one anchor needs, in all levels of the hash grid.
 
     Args:
         units: Positions of the anchors in the grid's bounding box, int64 (N, 3), `UNIT_BITS` fractional bits.

@@ -68,9 +68,9 @@ class RelocationRules:
     of the iterations of the training.
 
     Attributes:
-        start: Earliest time of a change of the set of Gaussians.
+        start: Time from which on Gaussians are moved and added.
         growth_end: Time at which the number of Gaussians reaches the budget at the latest.
-        end: Latest time of a change.
+        end: Time after which Gaussians are no longer moved or added.
         interval: Number of iterations between two changes of the set of Gaussians.
         changes: Minimum number of changes in a training; a short training has shorter intervals.
         growth: Relative increase of the number of Gaussians per change.
