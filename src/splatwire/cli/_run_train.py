@@ -117,7 +117,7 @@ def _continued_training(
         details: End of the printed message, such as the training device.
 
     Returns:
-        Initial state, configuration, training photos, and test photos or None.
+        Initial state, configuration, training photos, and test photos. The last is None if there are no test photos.
     """
     if command.voxel_size is not None or command.growth_interval is not None:
         raise InvalidValueError(

@@ -126,11 +126,15 @@ def _write(scene: SplatScene, train: Dataset, output: Path) -> int | None:
 def _initial_training(
     command: Train, device_name: str
 ) -> tuple[GaussianState, GaussianConfig, Dataset, Dataset | None]:
-    """Prepares a new training: returns initial state, configuration, training dataset, and test dataset or None.
+    """Prepares a new training.
 
     Args:
         command: Options of `splatwire train`.
         device_name: Name of the training device, for messages.
+
+    Returns:
+        Initial state, configuration, dataset of the training views, and dataset of the test views. The last is None if
+        there are no test views.
     """
     config = _config(command)
     start = None if command.init is None else open_scene(command.init)

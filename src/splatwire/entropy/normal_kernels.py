@@ -181,10 +181,20 @@ def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, i
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_symbol(data, end, state, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
-    """Decodes one integer written by `encode_symbol`.
+    """Decodes one integer written by `encode_symbol`, given the same distribution as for encoding.
 
-    `data` is decoded up to index `end` (exclusive), and `state` is the state of the range decoder. The other arguments
-    must be those that were passed to `encode_symbol`.
+    Args:
+        data: Input bytes of the range decoder.
+        end: End of the code in `data` (exclusive).
+        state: State of the range decoder, changed in place.
+        mean0: Mean of the first component, see `entropy.coder.Mixtures`.
+        scale0: Standard deviation of the first component, an index into the scale table.
+        mean1: Mean of the second component.
+        scale1: Standard deviation of the second component.
+        weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
     """
     # The search starts at the mean of the component with the larger weight. It proceeds outwards in doubling steps
     # until the symbol is enclosed, and ends with a bisection.

@@ -100,9 +100,21 @@ def _trim(quantised, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _encode_packet(models, counts, frames, first_new, dead, headers, positions, shifts, targets, rows, buffer, out):
-    """Encodes the motion of tracks (Gaussians over time) as one packet, and returns the size of the packet in bytes.
+    """Encodes the motion of n tracks (Gaussians over time) as one packet, and returns the packet's size in bytes.
 
-    The arguments are those of `encode_cut`, limited to the tracks of the packet.
+    Args:
+        models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
+        counts: Number of zeros and ones coded with each model, int64 (contexts, 2). Those of the packet are added.
+        frames: Number of frames in the group.
+        first_new: Index in the stream of the first track that begins in the group.
+        dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
+        headers: Headers of the packet's tracks, int64 (n, fields), ascending by track index.
+        positions: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
+        shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
+        targets: Motion coefficients before quantisation, float64 (N, channels, frames).
+        rows: Index in `targets` of each track, int64 (n).
+        buffer: Output: bytes of the packet, uint8.
+        out: Output: residuals of coefficients, int32 (n, channels, frames).
     """
     n, used = len(headers), 0
     orders, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()

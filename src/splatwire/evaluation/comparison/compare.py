@@ -87,7 +87,7 @@ class Comparison:
         renderer: Name of the renderer.
         background: RGB behind all renders, 0 to 1.
         lpips: True if LPIPS was computed.
-        scores: One score for each file, in the given order.
+        scores: One score for each file, in the order in which the files were passed.
     """
 
     reference: Path

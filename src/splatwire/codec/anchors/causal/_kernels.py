@@ -108,9 +108,27 @@ def _encode_packet(
     begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses,
     widths, table, out, state,
 ):  # fmt: skip
-    """Encodes the anchors `begin` to `end` (exclusive) as one packet into `out`, and returns its size in bytes.
+    """Encodes consecutive anchors as one packet, and returns the size of the packet in bytes.
 
-    The other arguments are those of `encode_packets`. `state` is memory for the range encoder, int64 (3).
+    Args:
+        begin: Index of the packet's first anchor.
+        end: End of the packet's anchors (exclusive).
+        codes: Morton codes of the positions of all anchors.
+        unknown: Number of low bits of each Morton code that are coded in packets; the high bits are side information.
+        chances: Probabilities of these bits (`positions.SharedPositions`).
+        masks: 1 for offsets that exist.
+        logits: Predicted logits of the masks.
+        symbols: Quantised attributes, relative to the predicted means.
+        scales: Index of each symbol's standard deviation in the coder's table.
+        firsts: Index of the first column in `symbols` of each group of attributes that are predicted together; the last
+            item is the number of columns.
+        size_group: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
+        weights: Table of probabilities by logit, see `offset_probability`.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        table: Standard normal CDF, from `normal_table`.
+        out: Output: bytes of the packet.
+        state: Working array for the range encoder, int64 (3).
     """
     last = len(firsts) - 2
     encoder_start(state)

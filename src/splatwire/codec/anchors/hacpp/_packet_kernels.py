@@ -224,9 +224,27 @@ def anchor_bits(
     masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
     scaling_mean, scaling_scale, offset_mean, offset_scale, weights, inverses, widths, table, bits,
 ):  # fmt: skip
-    """Estimates the coded size of each anchor, without its offset mask, in bits, and writes it to `bits`.
+    """Estimates the coded size of each anchor in bits, without its offset mask.
 
-    The other arguments are those of `encode_packets`.
+    Args:
+        masks: 1 for offsets that exist.
+        features: Features in quantisation steps.
+        scalings: Scalings in quantisation steps.
+        offsets: Offsets in quantisation steps.
+        mean0: Means of the first mixture component of the features.
+        scale0: Indices of the first component's standard deviations in the coder's table.
+        mean1: Means of the second mixture component of the features.
+        scale1: Indices of the second component's standard deviations in the coder's table.
+        weight: Weights of the first mixture component, as indices into `weights`.
+        scaling_mean: Means of the scalings.
+        scaling_scale: Indices of the standard deviations of the scalings in the coder's table.
+        offset_mean: Means of the offsets.
+        offset_scale: Indices of the standard deviations of the offsets in the coder's table.
+        weights: Table of mixture weights.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        table: Standard normal CDF, from `normal_table`.
+        bits: Output: size of each anchor, bits.
     """
     for n in range(masks.shape[0]):
         total = 0.0
