@@ -17,15 +17,16 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  * interface, of JSON, or of the module `splatwire-view.js`. Messages between bundles have the same short names.
  */
 const INTERNAL = `
-  applyAttribute birthGroups bitsOf changeMs columnShifts concealmentBytes damagedTiles elementsPerByte
-  expectedErrors firstNew forCamera framesOf groupFrames hasHead hasUnknownBirth headBytes headMs helpOpen
-  idleMs isOnlySource isReordered isSequence isTryingWhole lastOffsets logScales logSteps lookUpSession
-  lostSequences manifestBytes maxTiers medianRadius noGaussians noteUseless numBases numHarmonics numOffsets
-  numPackets numReceived numSymbols numTracks onContextLost packetBytes paintedCanvas pictureChanged
+  applyAttribute birthGroups bitsOf changeMs columnShifts concealmentBytes damagedTiles drawUnits
+  elementsPerByte expectedErrors firstNew forCamera framesOf gainsOfUnits groupFrames hasAnswered hasHead
+  hasUnknownBirth headBytes helpOpen idleMs initSegment initSegmentBytes initSegmentMs isOnlySource isReordered
+  isSameStream isSequence isTryingWhole lastOffsets logScales logSteps lookUpSession lostSequences manifestBytes
+  maxTiers medianRadius newPackets noGaussians noteUseless numBases numHarmonics numInitSegments numIntact
+  numOffsets numPackets numReceived numSymbols numTracks onContextLost packetBytes paintedCanvas pictureChanged
   playingLive pointCameraAt receiveDatagrams repeatMs reportPlayable rowSteps setConcealers setMessage setRow
   setViewpoint showNotice sideInfoBytes sideInfoDigest stalledFrames startWebGL stopProbabilities symbolBytes
-  symbolsDigest symbolsMissing takeHave tierOf tilesBytes upRotation viewDependent voxelSize wasExtrapolated
-  withoutComparison
+  symbolsDigest symbolsMissing takeHaveMessages tierOf tileRequest tilesBytes upRotation viewDependent voxelSize
+  wasExtrapolated withoutComparison
 `
   .trim()
   .split(/\s+/);

@@ -62,7 +62,7 @@ WIRE_NAMES = {
     ),
     nack: ("MAX_NACK_ATTEMPTS",),
     gap_tracker: ("MAX_GAPS",),
-    receiver: ("REORDER", "MAX_SEQUENCE_JUMP", "MAX_FRUITLESS_ENDS"),
+    receiver: ("REORDER_THRESHOLD", "MAX_SEQUENCE_JUMP", "MAX_FRUITLESS_ENDS"),
 }  # fmt: skip
 NETWORK_LIMITS = {
     weight_bytes: ("MAX_WIDTH", "MAX_WEIGHTS"), weights: ("MAX_SHIFT", "MAX_STEP"), integers: ("MAX_SYMBOL",),
@@ -125,7 +125,7 @@ def wire_module() -> str:
     """Returns a TypeScript module with kinds and limits of wire messages, as far as browsers need them."""
     values = {name: getattr(module, name) for module, names in WIRE_NAMES.items() for name in names}
     limits_of_receivers = {"MAX_HEAD_BYTES": ReceiverLimits.head_bytes, "MAX_PACKETS": ReceiverLimits.packets}
-    intervals = {"NACK_INTERVAL_MS": nack.NACK_INTERVAL_S, "FEEDBACK_MS": receiver.FEEDBACK_S}
+    intervals = {"NACK_INTERVAL_MS": nack.NACK_INTERVAL_S, "FEEDBACK_MS": receiver.FEEDBACK_INTERVAL_S}
     milliseconds = {name: round(1000 * seconds) for name, seconds in intervals.items()}
     return MADE + WIRE + _exported({**values, **limits_of_receivers, **milliseconds})
 

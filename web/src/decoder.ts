@@ -365,9 +365,9 @@ async function everything(received: DecodedStream, options: Options): Promise<Ga
 async function finest(tiling: Tiling, pause: Pause): Promise<Splats[]> {
   const parts: Splats[] = [];
   tiling.setCamera(null, Infinity);
-  for (const piece of tiling.drawn) {
+  for (const unit of tiling.drawn) {
     await pause();
-    parts.push(...tiling.splatsOf(piece));
+    parts.push(...tiling.splatsOf(unit));
   }
   return parts;
 }

@@ -29,10 +29,10 @@ export class SequenceFrames {
   }
 
   /** Processes a new head of a live clip: its first one, one with more groups, or that of the next period. */
-  follow(head: Head, received: DecodedStream, known: boolean): void {
-    if (known && head.manifest.numPackets >= received.decoder.head.manifest.numPackets) received.decoder.grow(head);
+  follow(head: Head, stream: DecodedStream, isSamePeriod: boolean): void {
+    if (isSamePeriod && head.manifest.numPackets >= stream.decoder.head.manifest.numPackets) stream.decoder.grow(head);
     this.#periods ??= new Periods();
-    if (!known) this.#periods.addPeriod(received);
+    if (!isSamePeriod) this.#periods.addPeriod(stream);
   }
 
   /** Sends the range of playable frames of a live clip if it changed. */
@@ -44,15 +44,15 @@ export class SequenceFrames {
   }
 
   /** Sends a frame, taken from `received` unless the clip is live. `size` is the size of the scene, world units. */
-  frame({ number, choice }: ToWorker & { kind: "frame" }, received: DecodedStream | null, size: number): void {
-    const place = this.#periods?.at(number),
-      decoder = (this.#periods ? place?.received : received)?.decoder,
+  frame({ number, choice }: ToWorker & { kind: "frame" }, stream: DecodedStream | null, size: number): void {
+    const periodFrame = this.#periods?.at(number),
+      decoder = (this.#periods ? periodFrame?.stream : stream)?.decoder,
       sequence = decoder?.schema.sequence;
     if (!decoder || !sequence) return;
     const began = performance.now(),
-      own = place?.number ?? number,
+      numberInPeriod = periodFrame?.number ?? number,
       { shown, count } = this.#shownMotion(sequence.packets, choice),
-      frame = this.#frameOf(() => sequence.frame(own, shown, choice.concealer, true));
+      frame = this.#frameOf(() => sequence.frame(numberInPeriod, shown, choice.concealer, true));
     const { antialiased, schema } = decoder,
       // The page ignores frames without Gaussians, because their packets have not arrived. An empty frame that has
       // arrived is sent as one invisible Gaussian.
@@ -63,7 +63,7 @@ export class SequenceFrames {
       { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },
       [bufferOf(packed)],
     );
-    setTimeout(() => sequence.prefetch(own, PREFETCH_MS));
+    setTimeout(() => sequence.prefetch(numberInPeriod, PREFETCH_MS));
   }
 
   /** Returns a frame. Reports the error and returns null if the frame needs too much memory. */
@@ -87,8 +87,8 @@ export class SequenceFrames {
       key = JSON.stringify([packets.length, last?.block, last?.lane, { ...choice, concealer: "" }]);
     if (this.#shown?.key !== key) {
       const isShown = shownPackets(packets, choice),
-        some = new Set(packets.filter((_, n) => isShown[n]));
-      this.#shown = { key, count: some.size, shown: (packet) => some.has(packet) };
+        chosen = new Set(packets.filter((_, n) => isShown[n]));
+      this.#shown = { key, count: chosen.size, shown: (packet) => chosen.has(packet) };
     }
     return this.#shown;
   }

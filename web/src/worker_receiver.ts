@@ -14,7 +14,7 @@ import { packPreview } from "./render/packed_preview.ts";
 import { delay, nextTask, type Pause, periodicPause, SLICE_MS } from "./scheduler.ts";
 import { SequenceFrames } from "./sequence_frames.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
-import type { Counts, Fetching, ReceivedPacket } from "./transport/events.ts";
+import type { Counts, ReceivedPacket, TileRequest } from "./transport/events.ts";
 import type { Receiver } from "./transport/failover.ts";
 import type { LossSimulation } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
@@ -27,7 +27,7 @@ const DRAW_INTERVAL_MS = 30;
 /** Minimum interval between messages with counts, milliseconds. */
 const COUNT_INTERVAL_MS = 200;
 
-const KEPT = "kept by this browser",
+const FROM_CACHE = "kept by this browser",
   VIEW_COMPLETE = "All that this view needs is there.";
 /** Memory for integers that are compared with the digest later, bytes. */
 const VERIFICATION = { keptBytes: 32 << 20 };
@@ -62,7 +62,7 @@ const buffersOfGains = (...arrays: (Float32Array | null)[]): ArrayBuffer[] =>
 
 /** Packets that a helper decodes. */
 interface Batch {
-  readonly of: DecodedStream;
+  readonly stream: DecodedStream;
   readonly packets: readonly Packet[];
   readonly decoded: Promise<DecodedBatch | null>;
 }
@@ -74,7 +74,7 @@ export class WorkerReceiver implements Receiver {
   cache: PacketCache | null = null;
   /** Error that ended decoding; null without one. */
   failed: Error | null = null;
-  #received: DecodedStream | null = null;
+  #stream: DecodedStream | null = null;
   readonly #sequenceFrames = new SequenceFrames(post);
   #size = 1;
   #shownAt = 0;
@@ -85,26 +85,26 @@ export class WorkerReceiver implements Receiver {
   #viewRequest = 0;
   #answeredRequest = 0;
   #drawing: Promise<void> | null = null;
-  /** Drawn pieces (`codec/levels/pieces.ts`) of a scene with levels, and the number of packets of each when drawn. */
-  readonly #pieces = new Map<number, number>();
+  /** Drawn units (`codec/levels/draw_units.ts`) of a scene with levels, and the number of packets of each one. */
+  readonly #drawnUnits = new Map<number, number>();
   #decodeMs = 0;
   #counts: Counts | null = null;
   /** State restored completely from the cache; null otherwise. */
-  #before: DecodedStream | null = null;
+  #cachedStream: DecodedStream | null = null;
   #bytesBefore = 0;
   readonly #began = performance.now();
   #countedAt = 0;
-  #moved: (() => void)[] = [];
+  #viewWaiters: (() => void)[] = [];
   /** Packets that are not decoded yet, and the running decoding loop. */
-  readonly #waiting: { readonly bytes: Uint8Array; readonly of: DecodedStream }[] = [];
-  #working: Promise<void> | null = null;
+  readonly #waitingPackets: { readonly bytes: Uint8Array; readonly stream: DecodedStream }[] = [];
+  #decoding: Promise<void> | null = null;
   /** Helper threads; `#batches` are the batches in decoding, in order of arrival. */
   #pool: PacketPool | null = null;
   readonly #batches: Batch[] = [];
   /** Complete scene for the application of updates; null until updates are requested. */
   #updated: UpdatedScene | null = null;
   /** True while updates are wanted. */
-  #follows = false;
+  #followsUpdates = false;
   /** Stream of the scene before all updates in `#updated`. */
   #updatedFrom: DecodedStream | null = null;
   /** True once everything was compared with the digest. */
@@ -124,22 +124,22 @@ export class WorkerReceiver implements Receiver {
 
   /** Processes a head. A second source may repeat it; live clips send longer ones and those of new periods. */
   head(head: Head, file: Uint8Array, keep: boolean, live = false): void {
-    const known = this.#knows(head, file, live),
-      received = known ? this.#received : new DecodedStream(head, live ? null : VERIFICATION);
+    const isSameStream = this.#isSameStream(head, file, live),
+      stream = isSameStream ? this.#stream : new DecodedStream(head, live ? null : VERIFICATION);
     if (!keep) this.cache = null;
-    if (live && received?.decoder.schema.sequence) return this.#onLiveHead(head, received, known);
-    if (!known || !this.store.hasHead) {
+    if (live && stream?.decoder.schema.sequence) return this.#onLiveHead(head, stream, isSameStream);
+    if (!isSameStream || !this.store.hasHead) {
       this.store.begin(file, head);
       this.cache?.begin(file);
     }
-    if (!received || known) return;
-    this.#received = received;
-    this.#pieces.clear();
-    this.#waiting.length = 0; // left over from another stream
+    if (!stream || isSameStream) return;
+    this.#stream = stream;
+    this.#drawnUnits.clear();
+    this.#waitingPackets.length = 0; // left over from another stream
     this.#viewRequest = this.#answeredRequest = 0;
     this.#unconfirmed = false;
-    this.#startPool(received, file);
-    this.#reportFacts(received);
+    this.#startPool(stream, file);
+    this.#reportFacts(stream);
   }
 
   /** Starts helpers for a stream that several threads can decode. `file` has the bytes of its head. */
@@ -157,8 +157,8 @@ export class WorkerReceiver implements Receiver {
   }
 
   /** Returns true if the head is that of the current stream. A growing stream keeps only its id. */
-  #knows({ manifest }: Head, file: Uint8Array, live: boolean): boolean {
-    const before = this.#received?.decoder.head.manifest;
+  #isSameStream({ manifest }: Head, file: Uint8Array, live: boolean): boolean {
+    const before = this.#stream?.decoder.head.manifest;
     return before?.streamId === manifest.streamId && (live || !this.store.hasHead || this.store.isSame(file));
   }
 
@@ -166,7 +166,7 @@ export class WorkerReceiver implements Receiver {
   confirmed(): void {
     if (!this.#unconfirmed) return;
     this.#unconfirmed = false;
-    this.#reportFacts(this.#received!);
+    this.#reportFacts(this.#stream!);
     void this.#draw();
   }
 
@@ -174,21 +174,21 @@ export class WorkerReceiver implements Receiver {
   changed(): void {
     this.store.clear();
     void this.cache?.clear();
-    this.#received = this.#before = null;
-    this.#waiting.length = 0;
+    this.#stream = this.#cachedStream = null;
+    this.#waitingPackets.length = 0;
     this.#closePool();
-    this.#pieces.clear();
+    this.#drawnUnits.clear();
     this.#viewRequest = this.#answeredRequest = 0;
     this.#unconfirmed = false;
     this.failed = null; // it belonged to the replaced file
   }
 
   /** Processes a head of a live clip: its first one, one with more groups, or that of the next period. */
-  #onLiveHead(head: Head, received: DecodedStream, known: boolean): void {
+  #onLiveHead(head: Head, stream: DecodedStream, isSameStream: boolean): void {
     const begins = !this.live;
-    this.#received = received;
-    this.#sequenceFrames.follow(head, received, known);
-    if (begins) this.#reportFacts(received);
+    this.#stream = stream;
+    this.#sequenceFrames.follow(head, stream, isSameStream);
+    if (begins) this.#reportFacts(stream);
     this.#sequenceFrames.reportPlayable();
   }
 
@@ -225,14 +225,14 @@ export class WorkerReceiver implements Receiver {
   }
 
   packets(packets: readonly ReceivedPacket[]): void {
-    const fresh = this.live ? packets : this.store.add(packets);
-    this.cache?.add(fresh);
-    this.#enqueue(fresh);
+    const added = this.live ? packets : this.store.add(packets);
+    this.cache?.add(added);
+    this.#enqueue(added);
   }
 
   #enqueue(packets: readonly ReceivedPacket[]): void {
-    for (const { bytes } of packets) this.#waiting.push({ bytes, of: this.#received! });
-    this.#working ??= this.#decode();
+    for (const { bytes } of packets) this.#waitingPackets.push({ bytes, stream: this.#stream! });
+    this.#decoding ??= this.#decode();
   }
 
   /** Restores the cached packets of an earlier visit. They are shown once the file is revalidated. */
@@ -253,14 +253,14 @@ export class WorkerReceiver implements Receiver {
   #resume(head: Head, file: Uint8Array, cached: readonly ReceivedPacket[]): void {
     const expected = head.manifest.numPackets,
       intact = cached.filter(({ bytes }) => isIntact(bytes, head));
-    this.#received = new DecodedStream(head, VERIFICATION);
+    this.#stream = new DecodedStream(head, VERIFICATION);
     this.#unconfirmed = true;
-    this.#startPool(this.#received, file);
+    this.#startPool(this.#stream, file);
     this.store.begin(file, head);
     this.#enqueue(this.store.add(intact));
     const { count } = this.store;
-    this.#counts = { way: KEPT, bytes: 0, packets: count, expected, lost: 0, rejected: 0, seconds: 0 };
-    if (count === expected) this.#before = this.#received;
+    this.#counts = { transport: FROM_CACHE, bytes: 0, packets: count, expected, lost: 0, rejected: 0, seconds: 0 };
+    if (count === expected) this.#cachedStream = this.#stream;
     if (intact.length === cached.length) return;
     this.cache?.begin(file); // removes damaged records from the cache
     this.cache?.add(this.store.packets);
@@ -276,16 +276,16 @@ export class WorkerReceiver implements Receiver {
   #reportCounts(counts: Counts): void {
     if (this.#unconfirmed) return;
     this.#countedAt = performance.now();
-    const intake = this.#received?.decoder.intake,
+    const intake = this.#stream?.decoder.intake,
       arrived = this.live ? counts.packets : this.store.count,
       packets = Math.max(arrived, intake?.size ?? 0),
       bytes = this.#bytesBefore + counts.bytes,
       seconds = (performance.now() - this.#began) / 1000,
-      expected = this.#received?.decoder.head.manifest.numPackets ?? counts.expected,
-      way = this.#before && this.#before === this.#received ? KEPT : counts.way;
+      expected = this.#stream?.decoder.head.manifest.numPackets ?? counts.expected,
+      transport = this.#cachedStream && this.#cachedStream === this.#stream ? FROM_CACHE : counts.transport;
     post({
       kind: "counts",
-      counts: { ...counts, packets, bytes, seconds, expected, way },
+      counts: { ...counts, packets, bytes, seconds, expected, transport },
       decodeMs: this.#decodeMs,
       corrupt: intake?.counts.corrupt ?? 0,
     });
@@ -293,7 +293,7 @@ export class WorkerReceiver implements Receiver {
 
   /** Resolves when all received packets are decoded. */
   async #decoded(): Promise<void> {
-    while (this.#working) await this.#working;
+    while (this.#decoding) await this.#decoding;
   }
 
   /** Resolves when all received packets are decoded and sent to the page. */
@@ -307,7 +307,7 @@ export class WorkerReceiver implements Receiver {
   /** Decodes waiting packets here or in helpers, in order. Stops at an error. */
   async #decode(): Promise<void> {
     await nextTask(); // `#working` must be set before this function can end
-    while ((this.#waiting.length || this.#batches.length) && !this.failed) {
+    while ((this.#waitingPackets.length || this.#batches.length) && !this.failed) {
       try {
         this.#fillPool();
         if (this.#batches.length) await this.#acceptBatch();
@@ -319,17 +319,17 @@ export class WorkerReceiver implements Receiver {
       if (performance.now() - this.#shownAt > DRAW_INTERVAL_MS) void this.#draw();
       await nextTask();
     }
-    this.#waiting.length = this.#batches.length = 0;
+    this.#waitingPackets.length = this.#batches.length = 0;
     if (this.complete || this.failed) this.#closePool();
-    this.#working = null;
+    this.#decoding = null;
   }
 
   /** Decodes in this thread for a short time, so that the session stays responsive. */
   #decodeSlice(): void {
     const began = performance.now();
-    while (this.#waiting.length && performance.now() - began < SLICE_MS) {
-      const { bytes, of } = this.#waiting.shift()!;
-      of.addPacket(bytes);
+    while (this.#waitingPackets.length && performance.now() - began < SLICE_MS) {
+      const { bytes, stream } = this.#waitingPackets.shift()!;
+      stream.addPacket(bytes);
     }
     this.#decodeMs += performance.now() - began;
   }
@@ -337,27 +337,31 @@ export class WorkerReceiver implements Receiver {
   /** Gives waiting packets of the current stream to the helpers. */
   #fillPool(): void {
     const pool = this.#pool,
-      of = this.#received!;
-    while (pool && this.#waiting[0]?.of === of && this.#batches.length < pool.capacity) {
+      stream = this.#stream!;
+    while (pool && this.#waitingPackets[0]?.stream === stream && this.#batches.length < pool.capacity) {
       const packets: Packet[] = [];
-      for (let left = pool.batchSize(this.#waiting.length); left && this.#waiting[0]?.of === of; left--) {
-        const packet = of.decoder.admit(this.#waiting.shift()!.bytes);
+      for (
+        let left = pool.batchSize(this.#waitingPackets.length);
+        left && this.#waitingPackets[0]?.stream === stream;
+        left--
+      ) {
+        const packet = stream.decoder.admit(this.#waitingPackets.shift()!.bytes);
         if (packet) packets.push(packet);
       }
-      this.#batches.push({ of, packets, decoded: pool.decode(packets) });
+      this.#batches.push({ stream, packets, decoded: pool.decode(packets) });
     }
   }
 
   /** Waits for the oldest batch and adds its packets. Decodes it in this thread if no helper could. */
   async #acceptBatch(): Promise<void> {
-    const { of, packets, decoded } = this.#batches.shift()!,
+    const { stream, packets, decoded } = this.#batches.shift()!,
       batch = await decoded,
       began = performance.now();
-    if (of !== this.#received) return; // another stream has replaced it
+    if (stream !== this.#stream) return; // another stream has replaced it
     for (const [n, packet] of packets.entries()) {
       const decoded = batch?.packets[n] ?? null;
       if (decoded?.packed) keepPacked(decoded.splats, decoded.packed);
-      of.accept(packet, decoded);
+      stream.accept(packet, decoded);
     }
     this.#decodeMs += (batch?.ms ?? 0) + performance.now() - began;
   }
@@ -382,7 +386,7 @@ export class WorkerReceiver implements Receiver {
     this.#viewRequest = requestId;
     if (this.#answeredRequest === requestId) this.#answeredRequest = 0; // numbering restarts with a new stream
     void this.#draw().then(() => {
-      for (const resolve of this.#moved.splice(0)) resolve();
+      for (const resolve of this.#viewWaiters.splice(0)) resolve();
     });
   }
 
@@ -393,65 +397,65 @@ export class WorkerReceiver implements Receiver {
 
   async #drawAll(): Promise<void> {
     this.#shownAt = performance.now();
-    for (let drawn: DecodedStream | null = null; drawn !== this.#received; ) {
-      drawn = this.#received;
+    for (let drawn: DecodedStream | null = null; drawn !== this.#stream; ) {
+      drawn = this.#stream;
       if (drawn) await this.#drawOne(drawn); // another stream may have replaced it meanwhile
     }
   }
 
-  async #drawOne(received: DecodedStream): Promise<void> {
-    const { schema } = received.decoder;
+  async #drawOne(stream: DecodedStream): Promise<void> {
+    const { schema } = stream.decoder;
     if (this.#unconfirmed || this.#isUpdated || schema.sequence || (schema.viewDependent && !this.#viewRequest)) return;
-    if (schema.tiling) return this.#drawTiles(received);
-    while (received.hasNew || this.#answeredRequest !== this.#viewRequest) {
+    if (schema.tiling) return this.#drawTiles(stream);
+    while (stream.hasNew || this.#answeredRequest !== this.#viewRequest) {
       const requestId = this.#viewRequest,
-        shown = await received.gaussiansFor(this.#camera, this.#answeredRequest !== requestId, periodicPause());
-      if (!shown || received !== this.#received) return;
+        shown = await stream.gaussiansFor(this.#camera, this.#answeredRequest !== requestId, periodicPause());
+      if (!shown || stream !== this.#stream) return;
       this.#answeredRequest = requestId;
-      const { parts, replaceAll, fresh, elements, copies } = shown,
-        gains = replaceAll ? received.gains : null,
-        gainsWithoutCopies = replaceAll ? received.gainsWithoutCopies : null,
+      const { parts, replaceAll, hasNew, elements, copies } = shown,
+        gains = replaceAll ? stream.gains : null,
+        gainsWithoutCopies = replaceAll ? stream.gainsWithoutCopies : null,
         { degree, size } = schema;
       const packed = pack(parts, degree, size),
         transfer = [bufferOf(packed), ...buffersOfGains(gains, gainsWithoutCopies)];
       post(
-        { kind: "splats", packed, replaceAll, fresh, elements, copies, gains, gainsWithoutCopies, requestId },
+        { kind: "splats", packed, replaceAll, hasNew, elements, copies, gains, gainsWithoutCopies, requestId },
         transfer,
       );
     }
   }
 
   /** Sends tile replacements. Starts again after a swap if the view has changed. */
-  async #drawTiles(received: DecodedStream): Promise<void> {
-    const { degree, size, tiling } = received.decoder.schema,
+  async #drawTiles(stream: DecodedStream): Promise<void> {
+    const { degree, size, tiling } = stream.decoder.schema,
       pause = periodicPause();
-    while (received.hasNew || this.#answeredRequest !== this.#viewRequest) {
+    while (stream.hasNew || this.#answeredRequest !== this.#viewRequest) {
       const requestId = this.#viewRequest;
-      let fresh = received.hasNew;
+      let hasNew = stream.hasNew;
       tiling!.budget = this.#budget;
-      for (const { removed, added } of received.swaps(this.#camera, this.#pieces)) {
+      for (const { removed, added } of stream.swaps(this.#camera, this.#drawnUnits)) {
         const tiles = [];
-        for (const tile of removed) this.#pieces.delete(tile);
+        for (const tile of removed) this.#drawnUnits.delete(tile);
         for (const tile of added) {
           await pause();
-          if (received !== this.#received) return;
+          if (stream !== this.#stream) return;
           const parts = tiling!.splatsOf(tile);
           tiles.push({ tile, packed: pack(parts, degree, size) });
-          this.#pieces.set(tile, parts.length);
+          this.#drawnUnits.set(tile, parts.length);
         }
         const transfer = tiles.map(({ packed }) => bufferOf(packed));
-        post({ kind: "tiles", removed, added: tiles, fresh, requestId }, transfer);
-        fresh = false;
+        post({ kind: "tiles", removed, added: tiles, hasNew, requestId }, transfer);
+        hasNew = false;
         if (requestId !== this.#viewRequest) break; // the view has changed
       }
       if (requestId === this.#viewRequest) this.#answeredRequest = requestId;
-      post({ kind: "tiles", removed: [], added: [], fresh, requestId });
+      post({ kind: "tiles", removed: [], added: [], hasNew, requestId });
     }
   }
 
   /** Sends a frame of a clip. */
   frame(message: ToWorker & { kind: "frame" }): void {
-    this.#sequenceFrames.frame(message, this.#received, this.#size);
+    this.#sequenceFrames.frame(message, this.#stream, this.#size);
   }
 
   /**
@@ -459,33 +463,33 @@ export class WorkerReceiver implements Receiver {
    * the scene stays as it is. An empty `file` stops the requests.
    */
   async follow(file: string): Promise<void> {
-    const received = this.#received;
-    this.#follows = !!file;
+    const stream = this.#stream;
+    this.#followsUpdates = !!file;
     if (
       !file ||
       this.#updated ||
-      !received?.decoder.intake.complete ||
-      received.decoder.head.manifest.codec !== "gaussians"
+      !stream?.decoder.intake.complete ||
+      stream.decoder.head.manifest.codec !== "gaussians"
     )
       return;
-    this.#updated = sceneOf(received, this.store.manifestBytes);
-    this.#updatedFrom = received;
+    this.#updated = sceneOf(stream, this.store.manifestBytes);
+    this.#updatedFrom = stream;
     let polls = 0,
       failures = 0;
-    while (received === this.#received) {
+    while (stream === this.#stream) {
       await delay(Math.min(UPDATE_MS * 2 ** failures, MAX_UPDATE_MS));
-      if (!this.#follows) continue;
+      if (!this.#followsUpdates) continue;
       try {
         const bytes = await readWhole(updateUrl(file, this.#updated.digest)),
           update = bytes && (await readUpdate(bytes, periodicPause()));
-        if (!this.#follows) continue;
+        if (!this.#followsUpdates) continue;
         if (update) {
           this.#applyUpdate(update);
           polls = 0;
         } else if (++polls % RELOAD_POLLS === 0) await this.#reload(file);
         failures = 0;
       } catch (error) {
-        if (!failures && this.#follows) post({ kind: "updatemissed", reason: (error as Error).message });
+        if (!failures && this.#followsUpdates) post({ kind: "updatemissed", reason: (error as Error).message });
         failures++;
         if (error instanceof BitstreamError && failures % MAX_DAMAGED === 0)
           await this.#reload(file).catch(() => undefined);
@@ -495,12 +499,12 @@ export class WorkerReceiver implements Receiver {
 
   /** True if the drawn scene is no longer that of the received stream. */
   get #isUpdated(): boolean {
-    return !!this.#updated && (this.#updated.changed || this.#updatedFrom !== this.#received);
+    return !!this.#updated && (this.#updated.changed || this.#updatedFrom !== this.#stream);
   }
 
   #applyUpdate(update: SceneUpdate): void {
     const scene = this.#updated!,
-      drawsCopies = !this.#isUpdated && this.#received!.hasCopies,
+      drawsCopies = !this.#isUpdated && this.#stream!.hasCopies,
       { hidden, splats } = scene.apply(update),
       numNew = splats.reduce((sum, { count }) => sum + count, 0),
       replaces = scene.numHidden > scene.count || drawsCopies;
@@ -508,7 +512,7 @@ export class WorkerReceiver implements Receiver {
   }
 
   #sendUpdate(hidden: Int32Array | null, parts: readonly Splats[], numRemoved: number, numNew: number): void {
-    const { schema } = this.#received!.decoder,
+    const { schema } = this.#stream!.decoder,
       packed = pack(parts, schema.degree, schema.size);
     post({ kind: "update", hidden, packed, numRemoved, numNew, gaussians: this.#updated!.count }, [
       bufferOf(packed),
@@ -524,24 +528,24 @@ export class WorkerReceiver implements Receiver {
       packets = container.feed(bytes),
       { head } = container;
     if (!head) return;
-    const received = new DecodedStream(head, VERIFICATION),
+    const stream = new DecodedStream(head, VERIFICATION),
       pause = periodicPause(),
-      { schema } = this.#received!.decoder;
+      { schema } = this.#stream!.decoder;
     for (const packet of packets) {
-      received.addPacket(packet);
+      stream.addPacket(packet);
       await pause();
     }
-    const { intake, schema: other } = received.decoder,
+    const { intake, schema: other } = stream.decoder,
       ratio = Math.max(other.size / schema.size, schema.size / other.size);
     if (head.manifest.codec !== "gaussians" || ratio > MAX_SIZE_RATIO || other.degree !== schema.degree)
       throw new Error("another scene: reload the page");
-    if (!intake.complete || (await received.decoder.digest(pause)) !== head.manifest.symbolsDigest)
+    if (!intake.complete || (await stream.decoder.digest(pause)) !== head.manifest.symbolsDigest)
       throw new Error("the scene is incomplete");
-    if (!this.#follows) return; // the page wants no updates any more
+    if (!this.#followsUpdates) return; // the page wants no updates any more
     const before = this.#updated!.count;
-    this.#updated = sceneOf(received, fileManifest(bytes));
-    this.#updatedFrom = received;
-    this.#sendUpdate(null, received.splats, before, this.#updated.count);
+    this.#updated = sceneOf(stream, fileManifest(bytes));
+    this.#updatedFrom = stream;
+    this.#sendUpdate(null, stream.splats, before, this.#updated.count);
   }
 
   /** Conceals losses once all received packets are decoded: those that wait are not lost. */
@@ -549,11 +553,11 @@ export class WorkerReceiver implements Receiver {
     const pause = periodicPause(() => this.#concealRequest === requestId);
     this.#concealRequest = requestId;
     await this.#decoded();
-    const received = this.#received;
-    if (!received || !(await pause())) return;
+    const stream = this.#stream;
+    if (!stream || !(await pause())) return;
     if (this.#isUpdated) return this.#concealUpdated(choice, requestId, pause);
     try {
-      await received.prepare(choice, pause);
+      await stream.prepare(choice, pause);
     } catch (error) {
       post({
         kind: "note",
@@ -562,11 +566,11 @@ export class WorkerReceiver implements Receiver {
       choice = { ...choice, concealer: "drop" };
     }
     await this.#draw();
-    const shownPackets = await received.conceal(choice, pause),
-      pieces = [...this.#pieces.keys()].sort((a, b) => a - b),
-      gains = received.decoder.schema.tiling ? received.gainsOfPieces(pieces) : received.gains;
+    const shownPackets = await stream.conceal(choice, pause),
+      units = [...this.#drawnUnits.keys()].sort((a, b) => a - b),
+      gains = stream.decoder.schema.tiling ? stream.gainsOfUnits(units) : stream.gains;
     if (shownPackets === null || !gains) return;
-    const gainsWithoutCopies = received.gainsWithoutCopies;
+    const gainsWithoutCopies = stream.gainsWithoutCopies;
     post(
       { kind: "gains", gains, gainsWithoutCopies, shownPackets, requestId },
       buffersOfGains(gains, gainsWithoutCopies),
@@ -593,44 +597,44 @@ export class WorkerReceiver implements Receiver {
 
   /** True if every packet was received and decoded. */
   get complete(): boolean {
-    return this.#received?.decoder.intake.complete ?? false;
+    return this.#stream?.decoder.intake.complete ?? false;
   }
 
   /** Reports whether the digest of all decoded integers is that of the manifest. */
   async digest(): Promise<void> {
     await this.#decoded();
-    const received = this.#received,
-      same = await this.#isSameDigest();
-    if (received === this.#received) this.#isVerified = same;
+    const stream = this.#stream,
+      isVerified = await this.#isSameDigest();
+    if (stream === this.#stream) this.#isVerified = isVerified;
     // A complete set of packets with a wrong digest is removed from the cache, so that the next visit starts fresh.
-    if (!same && (this.complete || this.store.complete)) await this.cache?.clear();
-    post({ kind: "digest", same });
+    if (!isVerified && (this.complete || this.store.complete)) await this.cache?.clear();
+    post({ kind: "digest", isVerified });
   }
 
   async #isSameDigest(): Promise<boolean> {
-    const decoder = this.#received?.decoder;
+    const decoder = this.#stream?.decoder;
     if (!decoder || this.#isVerified) return this.#isVerified;
     return (await decoder.digest(periodicPause())) === decoder.head.manifest.symbolsDigest;
   }
 
   get camera(): Camera | null {
-    return this.#viewRequest && this.#received?.decoder.schema.tiling ? this.#camera : null;
+    return this.#viewRequest && this.#stream?.decoder.schema.tiling ? this.#camera : null;
   }
 
   viewComplete(): void {
     void this.settled().then(() => {
-      if (!this.#received?.decoder.schema.tiling?.wanted.length) this.note(VIEW_COMPLETE);
+      if (!this.#stream?.decoder.schema.tiling?.wanted.length) this.note(VIEW_COMPLETE);
     });
   }
 
-  get fetching(): Fetching | null {
-    const received = this.#received,
-      tiling = received?.decoder.schema.tiling;
-    if (!received || !tiling) return null;
-    const { intake } = received.decoder,
+  get tileRequest(): TileRequest | null {
+    const stream = this.#stream,
+      tiling = stream?.decoder.schema.tiling;
+    if (!stream || !tiling) return null;
+    const { intake } = stream.decoder,
       wanted = (): readonly number[] => (this.#viewRequest ? tiling.wanted : []); // none before the first camera
     return {
-      head: received.decoder.head,
+      head: stream.decoder.head,
       tiles: tiling.tiles,
       get wanted() {
         return wanted();
@@ -644,9 +648,9 @@ export class WorkerReceiver implements Receiver {
         if (wanted().some((tile) => !isGivenUp(tile))) return; // the view has changed
         if (this.#counts) this.#reportCounts(this.#counts);
         if (this.#viewRequest) this.note(VIEW_COMPLETE);
-        await new Promise<void>((resolve) => this.#moved.push(resolve));
+        await new Promise<void>((resolve) => this.#viewWaiters.push(resolve));
       },
-      taken: async () => {
+      decoded: async () => {
         await this.#decoded();
         await this.#draw();
       },
@@ -654,6 +658,6 @@ export class WorkerReceiver implements Receiver {
   }
 
   get begun(): boolean {
-    return this.#received !== null;
+    return this.#stream !== null;
   }
 }

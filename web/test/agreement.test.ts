@@ -170,7 +170,7 @@ test("the units of a cut cover the scene exactly once", { skip }, () => {
       { schema } = decoder;
     assert.ok(schema instanceof LevelSchema);
     for (const packet of packets) assert.ok(decoder.addPacket(packet));
-    const { tiles, pieces } = schema,
+    const { tiles, drawUnits } = schema,
       below = (tile: number): number[] => [tile, ...tiles.children[tile].flatMap(below)],
       of = (tile: number): number =>
         tiles.children[tile].length ? tiles.children[tile].reduce((sum, child) => sum + size(child), 0) : 0,
@@ -179,8 +179,8 @@ test("the units of a cut cover the scene exactly once", { skip }, () => {
       if (tiles.children[tile].length) assert.equal(of(tile), tiles.gaussians[tile]);
       else assert.equal(size(tiles.count + tile), tiles.gaussians[tile]);
     for (const { drawn } of views) {
-      const covered = pieces.drawn({ drawn, wanted: [] }).flatMap((piece) => {
-        const { tile, child } = pieces.of(piece);
+      const covered = drawUnits.drawn({ drawn, wanted: [] }).flatMap((piece) => {
+        const { tile, child } = drawUnits.of(piece);
         return below(child ?? tile).filter((finest) => !tiles.children[finest].length);
       });
       assert.equal(new Set(covered).size, covered.length);
@@ -194,7 +194,7 @@ test("a tile is drawn once most packets arrived, and redrawn with late packets",
   const { head, packets } = readStream(answers!.tiled),
     received = new DecodedStream(head),
     tiling = received.decoder.schema.tiling!,
-    { tiles, pieces } = tiling,
+    { tiles, drawUnits } = tiling,
     finer = tiles.children[0][0],
     of = (tile: number): Uint8Array[] => packets.slice(tiles.firstPackets[tile], tiles.firstPackets[tile + 1]),
     near = {
@@ -217,7 +217,7 @@ test("a tile is drawn once most packets arrived, and redrawn with late packets",
     }
     return swaps;
   };
-  const isDrawn = (): boolean => [...held.keys()].some((piece) => pieces.of(piece).tile === finer);
+  const isDrawn = (): boolean => [...held.keys()].some((piece) => drawUnits.of(piece).tile === finer);
   const late = of(finer).slice(0, Math.floor(tiles.packets[finer] / 4) + 1);
   assert.ok(late.length > 1);
   for (const bytes of [...of(0), ...of(finer).slice(late.length)]) received.addPacket(bytes);

@@ -171,7 +171,7 @@ for (const path of STREAMS) {
     for (const bytes of packets) whole.addPacket(bytes);
     const all = (await whole.gaussiansFor(CAMERA, true, always))!,
       count = (parts: readonly Splats[]): number => parts.reduce((sum, part) => sum + part.count, 0);
-    assert.ok(second.fresh || packets.length === 1);
+    assert.ok(second.hasNew || packets.length === 1);
     assert.equal(count(first!.parts) + count(second.parts), count(all.parts));
     assert.equal(second.elements, head.manifest.count);
     assert.equal(await received.conceal(GROW, always), packets.length);

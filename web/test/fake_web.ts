@@ -229,7 +229,7 @@ export async function visit(
     await reception.settled();
   }
   await reception.digest();
-  const verified = said.some((one) => one.kind === "digest" && one.same),
+  const verified = said.some((one) => one.kind === "digest" && one.isVerified),
     lost = said.flatMap((one) => (one.kind === "lost" ? [one.reason] : []));
   await reception.cache?.flush();
   return { text, complete: text === "complete" && reception.complete, verified, said, lost, reception };

@@ -9,7 +9,7 @@ import { test } from "node:test";
 import type { Camera } from "../src/model/camera.ts";
 import { ContainerReader } from "../src/packets/container.ts";
 import { DecodedStream } from "../src/transport/decoded_stream.ts";
-import type { Fetching, Listener } from "../src/transport/events.ts";
+import type { Listener, TileRequest } from "../src/transport/events.ts";
 import { HttpFile, RangeUnsupported } from "../src/transport/http_file.ts";
 import { PacketStore, SIZE_BYTES } from "../src/transport/packet_store.ts";
 import { DamagedTiles, receiveTiles } from "../src/transport/tiles.ts";
@@ -31,7 +31,7 @@ const LOOK: Camera = {
 };
 
 /** A view that stays until its tiles arrived, then selects every tile. */
-function visitor(): { listener: Listener; view: Fetching; store: PacketStore; places: number[] } {
+function visitor(): { listener: Listener; view: TileRequest; store: PacketStore; places: number[] } {
   const container = new ContainerReader(),
     store = new PacketStore(),
     places: number[] = [];
@@ -54,7 +54,7 @@ function visitor(): { listener: Listener; view: Fetching; store: PacketStore; pl
     counts: () => undefined,
     stopped: () => false,
   };
-  const view: Fetching = {
+  const view: TileRequest = {
     head,
     tiles: tiling.tiles,
     get wanted() {
@@ -65,7 +65,7 @@ function visitor(): { listener: Listener; view: Fetching; store: PacketStore; pl
     },
     missing: (tile) => tiling.tiles.packets[tile] - (received.decoder.intake.blocks.get(tile)?.length ?? 0),
     moved: () => Promise.resolve(void tiling.setCamera(null)),
-    taken: () => Promise.resolve(void tiling.setCamera(LOOK)),
+    decoded: () => Promise.resolve(void tiling.setCamera(LOOK)),
   };
   return { listener, view, store, places };
 }

@@ -6,7 +6,15 @@ import type { Head } from "../src/packets/container.ts";
 import { crc32, portableCrc32 } from "../src/packets/crc32.ts";
 import { dataView, FrameReader, readWelcome, writeRequest } from "../src/transport/frames.ts";
 import { Transfer } from "../src/transport/transfer.ts";
-import { LIVE, MAX_NACK_ATTEMPTS, NACK_INTERVAL_MS, NOT_YET, REFUSE, REORDER, VERSION } from "../src/transport/wire.ts";
+import {
+  LIVE,
+  MAX_NACK_ATTEMPTS,
+  NACK_INTERVAL_MS,
+  NOT_YET,
+  REFUSE,
+  REORDER_THRESHOLD,
+  VERSION,
+} from "../src/transport/wire.ts";
 import { welcome } from "./wire_messages.ts";
 
 const expected = process.env["EXPECTED"]
@@ -128,9 +136,9 @@ test("a report lists missing packets behind the latest one, each at limited inte
   transfer.receive(empty(100), 5);
   assert.equal(transfer.counts.packets, 1);
   const lost = (bytes: Uint8Array): number => dataView(bytes).getUint16(21, true);
-  assert.equal(lost(transfer.feedback(10)), 100 + 1 - REORDER);
+  assert.equal(lost(transfer.feedback(10)), 100 + 1 - REORDER_THRESHOLD);
   assert.equal(lost(transfer.feedback(9 + NACK_INTERVAL_MS)), 0);
-  assert.equal(lost(transfer.feedback(10 + NACK_INTERVAL_MS)), 100 + 1 - REORDER);
+  assert.equal(lost(transfer.feedback(10 + NACK_INTERVAL_MS)), 100 + 1 - REORDER_THRESHOLD);
 });
 
 test("packets of a live stream are requested a limited number of times, also after its end", () => {
@@ -144,7 +152,7 @@ test("packets of a live stream are requested a limited number of times, also aft
       }),
       0,
     );
-    transfer.receive(empty(REORDER), 5);
+    transfer.receive(empty(REORDER_THRESHOLD), 5);
     for (let now = 10; now < 4000; now += 50) {
       if (now === 510)
         transfer.receive(
@@ -174,7 +182,7 @@ test("positions that packets contradict count as missing, and both are requested
   assert.deepEqual(lost(), [5, 9]);
   for (const place of [5, 9]) transfer.receive(empty(place), 1200);
   assert.equal(transfer.counts.packets, 100);
-  const blocks = new Set(transfer.fresh.map(({ bytes }) => bytes[7]));
+  const blocks = new Set(transfer.newPackets.map(({ bytes }) => bytes[7]));
   assert.equal(blocks.size, 100);
 });
 
@@ -191,14 +199,14 @@ test("packets are claimed only in the order in which they were received", () => 
     known = readWelcome(welcome(), 7n)!.order,
     before = {
       head,
-      object: new Uint8Array(8),
+      initSegment: new Uint8Array(8),
       bitsOf: (order: string) => (order === known ? Uint8Array.of(0b101, 0) : null),
     };
   const have = (change?: Parameters<typeof welcome>[0]): [boolean | null, number[]] => {
     const transfer = new Transfer("", 7n, 0, before);
-    assert.deepEqual(transfer.takeHave(), [], "nothing is claimed before the welcome");
+    assert.deepEqual(transfer.takeHaveMessages(), [], "nothing is claimed before the welcome");
     transfer.receive(welcome(change), 0);
-    return [transfer.isSame, transfer.takeHave().map((frame) => frame[18])];
+    return [transfer.isSameStream, transfer.takeHaveMessages().map((frame) => frame[18])];
   };
   assert.deepEqual(have(), [true, [0b101]]);
   assert.deepEqual(

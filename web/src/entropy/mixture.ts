@@ -10,9 +10,9 @@ const STEP = 2 ** MEAN_BITS,
   HALF_STEP = STEP / 2,
   CELL = 2 ** Z_CELL_BITS;
 
-/** Uses after which all intervals of a window of at most `MOST` symbols are computed, and one more for 8 symbols. */
+/** Uses after which all intervals of a window (at most `MAX_SYMBOLS`) are computed, and one more for 8 symbols. */
 const USES = 16,
-  MOST = 2048,
+  MAX_SYMBOLS = 2048,
   GUESSES = 256,
   GUESS_SHIFT = TOTAL_BITS - 8;
 
@@ -76,7 +76,7 @@ export class Mixture {
       coder.advance(start, next - start, TOTAL);
       return this.#low + at;
     }
-    if (++this.#uses > USES + (most >> 3) && most <= MOST) this.#tabulate();
+    if (++this.#uses > USES + (most >> 3) && most <= MAX_SYMBOLS) this.#tabulate();
     let left = most >> 1,
       right = left + 1,
       jump = 1;

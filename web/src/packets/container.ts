@@ -90,20 +90,20 @@ export class ContainerReader {
 
   /** Adds the next bytes and returns the packets that are now complete, unchecked. */
   feed(piece: Uint8Array): Uint8Array[] {
-    const behind = this.head ? piece : this.#begin.feed(piece);
-    if (!behind || this.broken) return [];
-    const bytes = joined(this.#rest, behind),
+    const afterHead = this.head ? piece : this.#begin.feed(piece);
+    if (!afterHead || this.broken) return [];
+    const bytes = joined(this.#rest, afterHead),
       view = new DataView(bytes.buffer, bytes.byteOffset),
       packets: Uint8Array[] = [];
-    let at = 0;
-    while (bytes.length - at >= 4) {
-      const size = view.getUint32(at, true);
+    let offset = 0;
+    while (bytes.length - offset >= 4) {
+      const size = view.getUint32(offset, true);
       if (size < HEADER_BYTES || size > MAX_PACKET_BYTES) this.broken = true;
-      if (this.broken || bytes.length - at < 4 + size) break;
-      packets.push(bytes.slice(at + 4, at + 4 + size));
-      at += 4 + size;
+      if (this.broken || bytes.length - offset < 4 + size) break;
+      packets.push(bytes.slice(offset + 4, offset + 4 + size));
+      offset += 4 + size;
     }
-    this.#rest = this.broken ? new Uint8Array() : bytes.slice(at);
+    this.#rest = this.broken ? new Uint8Array() : bytes.slice(offset);
     return packets;
   }
 }

@@ -42,9 +42,9 @@ function startWorker(): Worker {
   try {
     return startReceiver();
   } catch (error) {
-    const none = Object.assign(new EventTarget(), { postMessage: () => undefined, terminate: () => undefined });
-    setTimeout(() => none.dispatchEvent(new ErrorEvent("error", { message: (error as Error).message })));
-    return none as unknown as Worker;
+    const failedWorker = Object.assign(new EventTarget(), { postMessage: () => undefined, terminate: () => undefined });
+    setTimeout(() => failedWorker.dispatchEvent(new ErrorEvent("error", { message: (error as Error).message })));
+    return failedWorker as unknown as Worker;
   }
 }
 
@@ -59,14 +59,14 @@ export class Controller {
   readonly #comparison: Comparison;
   readonly #rotation: AutoRotation;
   readonly #hotspots = new Hotspots(() => this.#cameraMoved());
-  readonly #whole = createElement("div", { class: "whole" });
+  readonly #container = createElement("div", { class: "whole" });
   #poster: HTMLImageElement | null = null;
   #contextLosses = 0;
   #idleTimer = 0;
   #cameraFrame = 0;
   #reportedViewpoint = "";
   /** Aborts the listeners when the element is released. */
-  readonly #released = new AbortController();
+  readonly #destroyed = new AbortController();
   /** Aborted with the error when the worker fails. */
   readonly #workerFailed = new AbortController();
   /** Aborted with the error when drawing fails. Replaced when drawing then succeeds. */
@@ -102,7 +102,7 @@ export class Controller {
     this.#worker = startWorker(); // first, because starting a thread takes time
     this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
     const fail = (error: Error): void => {
-      if (!this.#released.signal.aborted) this.#session.fail(error.message);
+      if (!this.#destroyed.signal.aborted) this.#session.fail(error.message);
     };
     const failWith = (failed: AbortController, error: Error): void => {
       if (failed.signal.aborted) return; // reported before
@@ -143,15 +143,15 @@ export class Controller {
       title,
     );
     this.#session = new SessionStatus(this.status, this.panel, dispatch);
-    this.#milestones = new Milestones(this.status, dispatch, this.#released.signal);
+    this.#milestones = new Milestones(this.status, dispatch, this.#destroyed.signal);
     this.#comparison = new Comparison(
       this.stage,
       () => this.panel.settings.show,
       (psnr) => this.panel.setRow("PSNR", this.#psnrText(psnr)),
     );
     const hotspots = createElement("div", { class: "hotspots" }, this.#hotspots.slot);
-    this.#whole.append(this.stage.surface, this.#comparison.canvas, hotspots, this.panel.element);
-    root.replaceChildren(this.#whole);
+    this.#container.append(this.stage.surface, this.#comparison.canvas, hotspots, this.panel.element);
+    root.replaceChildren(this.#container);
     this.stage.onContextLost = () => {
       this.#contextLosses++;
       this.#viewUpdates?.repeat();
@@ -168,8 +168,8 @@ export class Controller {
 
   /** Releases all resources. */
   destroy(): void {
-    this.#released.abort(new Error("this <splat-wire> was removed or restarted"));
-    this.#whole.remove(); // the page may keep the element
+    this.#destroyed.abort(new Error("this <splat-wire> was removed or restarted"));
+    this.#container.remove(); // the page may keep the element
     this.#windowLeft.abort();
     this.#rotation.destroy();
     clearTimeout(this.#idleTimer);
@@ -219,13 +219,13 @@ export class Controller {
 
   verify(): Promise<boolean> {
     const verify = (): Promise<boolean> => this.#session.verify(() => this.#send({ kind: "digest" }));
-    return unlessAborted(verify, this.#released.signal, this.#workerFailed.signal);
+    return unlessAborted(verify, this.#destroyed.signal, this.#workerFailed.signal);
   }
 
   picture(camera: FixedCamera): Promise<string> {
     const draw = (): Promise<string> => this.#picture(camera);
     return this.#comparison.withoutComparison(() =>
-      unlessAborted(draw, this.#released.signal, this.#workerFailed.signal, this.#drawingFailed.signal),
+      unlessAborted(draw, this.#destroyed.signal, this.#workerFailed.signal, this.#drawingFailed.signal),
     );
   }
 
@@ -258,7 +258,7 @@ export class Controller {
 
   #setUp(): void {
     const { host, stage } = this,
-      { signal } = this.#released,
+      { signal } = this.#destroyed,
       preview = host.getAttribute("preview"),
       concealer = host.getAttribute("concealer"),
       link = readLink();
@@ -309,7 +309,7 @@ export class Controller {
       if (name !== "focusin") this.stage.flight.stop();
     }
     clearTimeout(this.#idleTimer);
-    this.#whole.classList.remove("idle");
+    this.#container.classList.remove("idle");
     this.#idleTimer = window.setTimeout(() => this.#fade(), IDLE_MS);
   }
 
@@ -317,7 +317,7 @@ export class Controller {
   #fade(): void {
     const { status, panel } = this,
       isRead = panel.open || panel.helpOpen || !status.gaussians || status.lost !== null || status.failed !== null;
-    this.#whole.classList.toggle("idle", !isRead);
+    this.#container.classList.toggle("idle", !isRead);
   }
 
   #showPoster(url: string | null): void {
@@ -382,9 +382,9 @@ export class Controller {
     this.panel.setMessage("Connecting ...");
     await null; // the page may set attributes after it has inserted the element
     const { host } = this,
-      inside = host.ownerDocument.getElementById(host.getAttribute("data") ?? "");
-    if (inside) {
-      const bytes = fromBase64(inside.textContent!.trim());
+      embedded = host.ownerDocument.getElementById(host.getAttribute("data") ?? "");
+    if (embedded) {
+      const bytes = fromBase64(embedded.textContent!.trim());
       return this.#send({ kind: "open", session: null, name: "", file: "", bytes });
     }
     const src = host.getAttribute("src");
@@ -432,7 +432,7 @@ export class Controller {
       case "failed":
         return this.#session.fail(message.text);
       case "digest":
-        return this.#session.verified(message.same);
+        return this.#session.verified(message.isVerified);
     }
   }
 
@@ -488,7 +488,7 @@ export class Controller {
   #add({
     packed,
     replaceAll,
-    fresh,
+    hasNew,
     elements,
     copies,
     gains,
@@ -500,7 +500,7 @@ export class Controller {
     this.stage.add(packed, replaceAll);
     this.#viewUpdates?.onAnswer(requestId);
     if (gains) this.#comparison.show(gains, gainsWithoutCopies);
-    this.#gaussiansChanged(elements, fresh);
+    this.#gaussiansChanged(elements, hasNew);
   }
 
   /** Requests updates once the scene is complete, while the page wants them. */
@@ -522,11 +522,11 @@ export class Controller {
   }
 
   /** Replaces tiles. */
-  #replaceTiles({ removed, added, fresh, requestId }: FromWorker & { kind: "tiles" }): void {
+  #replaceTiles({ removed, added, hasNew, requestId }: FromWorker & { kind: "tiles" }): void {
     this.#start();
     if (removed.length || added.length) this.stage.replaceTiles(removed, added);
     this.#viewUpdates?.onAnswer(requestId);
-    this.#gaussiansChanged(this.stage.count, fresh || (removed.length > 0 && this.#dropsPackets));
+    this.#gaussiansChanged(this.stage.count, hasNew || (removed.length > 0 && this.#dropsPackets));
   }
 
   /** Draws a frame, then requests the next one once it is on the screen. */
@@ -558,8 +558,8 @@ export class Controller {
     return dropped > 0 || sent < 1;
   }
 
-  /** Updates the status after Gaussians of `elements` elements are drawn. `fresh` ones are not concealed yet. */
-  #gaussiansChanged(elements: number, fresh: boolean): void {
+  /** Updates the status after Gaussians of `elements` elements are drawn. `hasNew`: some are not concealed yet. */
+  #gaussiansChanged(elements: number, hasNew: boolean): void {
     const { stage } = this;
     this.status.gaussians = stage.count - this.#copies;
     this.panel.setRow("Gaussians", this.status.gaussians.toLocaleString());
@@ -572,12 +572,12 @@ export class Controller {
       this.#milestones.recordWhen("half", shown);
       stage.startWebGL();
     }
-    if (fresh && stage.view) this.#gains.soon();
+    if (hasNew && stage.view) this.#gains.soon();
   }
 
   #onCounts(message: FromWorker & { kind: "counts" }): void {
-    const { packets, expected, bytes, way } = message.counts;
-    Object.assign(this.status, { packets, expected, way, decodeMs: message.decodeMs });
+    const { packets, expected, bytes, transport } = message.counts;
+    Object.assign(this.status, { packets, expected, transport, way: transport, decodeMs: message.decodeMs });
     showPacketStatistics(this.panel, message);
     this.#session.progress(this.#playback.live);
     this.dispatch("progress", { packets, expected, bytes, gaussians: this.status.gaussians });

@@ -221,9 +221,9 @@ export class SplatWire extends Base {
    * visitor or another movement stops it.
    */
   async flyTo(viewpoint: string, seconds = 1): Promise<boolean> {
-    const found = viewpointOf(viewpoint);
-    if (!found) throw new Error(`a viewpoint is nine numbers (eye, target other than eye, up), not ${viewpoint}`);
-    return this.#running.stage.fly(found, seconds);
+    const target = viewpointOf(viewpoint);
+    if (!target) throw new Error(`a viewpoint is nine numbers (eye, target other than eye, up), not ${viewpoint}`);
+    return this.#running.stage.fly(target, seconds);
   }
 
   /** Returns a link to this page with the current view. */

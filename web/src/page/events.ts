@@ -19,6 +19,9 @@ export interface Status {
   gaussians: number;
   packets: number;
   expected: number;
+  /** Transport of the packets: datagrams, HTTP or the cache of this browser. */
+  transport: string;
+  /** @deprecated Former name of `transport`. */
   way: string;
   /** Decoding time in the worker, milliseconds. */
   decodeMs: number;
@@ -36,6 +39,7 @@ export const newStatus = (): Status => ({
   gaussians: 0,
   packets: 0,
   expected: 0,
+  transport: "",
   way: "",
   decodeMs: 0,
   times: {},

@@ -21,7 +21,7 @@ export class LivePlayer extends PlayerBase {
     return { late: this.skipped, stalled: Math.round(this.#buffer.stalledFrames), buffer: this.#buffer.seconds };
   }
 
-  override get over(): boolean {
+  override get hasEnded(): boolean {
     return this.#buffer.ended && this.number >= this.#buffer.last; // also if there never was a frame
   }
 
@@ -51,9 +51,9 @@ export class LivePlayer extends PlayerBase {
   }
 
   #showStatus(): void {
-    this.button.hidden = this.over;
-    const how = this.over ? "ended" : this.playing ? "live" : "paused";
-    this.label.textContent = how + (this.number < 0 ? "" : `, frame ${this.number + 1}`);
+    this.button.hidden = this.hasEnded;
+    const state = this.hasEnded ? "ended" : this.playing ? "live" : "paused";
+    this.label.textContent = state + (this.number < 0 ? "" : `, frame ${this.number + 1}`);
   }
 
   protected override next(): number | null {

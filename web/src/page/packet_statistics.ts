@@ -7,17 +7,17 @@ export function showPacketStatistics(
   panel: Panel,
   { counts, decodeMs, corrupt }: FromWorker & { kind: "counts" },
 ): void {
-  const { packets, expected, bytes, seconds, lost, way } = counts,
+  const { packets, expected, bytes, seconds, lost, transport } = counts,
     damaged = corrupt ? `, ${corrupt} damaged` : "";
   panel.progress(expected ? packets / expected : 0);
   panel.setRow("packets", `${packets.toLocaleString()} of ${expected.toLocaleString()}${damaged}`);
   panel.setRow("missing", expected > packets ? `${(expected - packets).toLocaleString()} packets` : "none");
   panel.setRow("received", `${(bytes / 1e6).toFixed(2)} MB`);
   panel.setRow("rate", seconds > 0 ? `${((bytes * 8) / 1e6 / seconds).toFixed(1)} Mbit/s` : "-");
-  panel.setRow("lost on the way", lost ? `${lost} datagrams` : "none");
+  panel.setRow("datagrams lost", `${lost || "none"}`);
   panel.setRow("time", `${seconds.toFixed(2)} s`);
   panel.setRow("decoding", `${(decodeMs / 1000).toFixed(2)} s`);
-  panel.setRow("way", way);
+  panel.setRow("transport", transport);
 }
 
 /**

@@ -60,7 +60,7 @@ export abstract class PlayerBase {
   }
 
   /** True after the last frame. */
-  get over(): boolean {
+  get hasEnded(): boolean {
     return false;
   }
 
@@ -95,7 +95,7 @@ export abstract class PlayerBase {
 
   protected tick(): void {
     clearTimeout(this.#ticking);
-    if (this.playing && !this.over) this.#ticking = window.setTimeout(() => this.tick(), 1000 / this.rate / 2);
+    if (this.playing && !this.hasEnded) this.#ticking = window.setTimeout(() => this.tick(), 1000 / this.rate / 2);
     if (this.#waiting) return;
     const before = this.number,
       next = this.next();

@@ -7,7 +7,7 @@ export class SessionStatus {
   #disconnects = 0;
   /** Error before the present one, which may be withdrawn. */
   #earlierError: string | null = null;
-  #digestWaiters: ((same: boolean) => void)[] = [];
+  #digestWaiters: ((isVerified: boolean) => void)[] = [];
 
   constructor(
     readonly status: Status,
@@ -76,14 +76,14 @@ export class SessionStatus {
   }
 
   /** Reports the result of the digest check. */
-  verified(same: boolean): void {
+  verified(isVerified: boolean): void {
     const { status } = this;
-    for (const resolve of this.#digestWaiters.splice(0)) resolve(same);
+    for (const resolve of this.#digestWaiters.splice(0)) resolve(isVerified);
     if (!status.complete || status.verified !== null) return;
-    status.verified = same;
-    if (!same) this.fail("All packets arrived, but their digest is wrong: the stream is altered or damaged.");
+    status.verified = isVerified;
+    if (!isVerified) this.fail("All packets arrived, but their digest is wrong: the stream is altered or damaged.");
     else if (!status.failed) this.panel.setMessage("Complete and verified.", "done");
-    this.dispatch("load", { complete: true, verified: same });
+    this.dispatch("load", { complete: true, verified: isVerified });
   }
 
   /** Resolves to the result of the digest check. `start` is called if no check has run yet. */

@@ -80,11 +80,11 @@ export class Stage implements ContextOwner {
   /** True once Gaussians of a scene, not of a preview, are drawn. */
   #begun = false;
   /** Centre and size of a scene, as far as known before its Gaussians. */
-  #facing: { readonly middle: readonly number[]; readonly size: number } | null = null;
+  #pointedAt: { readonly middle: readonly number[]; readonly size: number } | null = null;
   /** Number of Gaussians when the camera was last framed. */
   #framedCount = 0;
   /** Free space for the camera, and the number of Gaussians that it was computed from. */
-  #space: FreeSpace | null = null;
+  #freeSpaceGrid: FreeSpace | null = null;
   #spaceCount = 0;
   #background: readonly number[] = [0, 0, 0];
   #antialiased = false;
@@ -128,10 +128,10 @@ export class Stage implements ContextOwner {
   /** Returns the free space for the camera; null before the first Gaussians. */
   #freeSpace(): FreeSpace | null {
     if (this.count && this.#count >= 1.5 * this.#spaceCount) {
-      this.#space = new FreeSpace(sceneCore(this.#parts), this.#parts);
+      this.#freeSpaceGrid = new FreeSpace(sceneCore(this.#parts), this.#parts);
       this.#spaceCount = this.#count;
     }
-    return this.#space;
+    return this.#freeSpaceGrid;
   }
 
   /** Returns the point of the scene at a window position, or next to it. */
@@ -309,14 +309,14 @@ export class Stage implements ContextOwner {
 
   /** Points the camera at a scene with known centre and size but no Gaussians yet, unless it was moved or placed. */
   pointCameraAt(middle: readonly number[], size: number): void {
-    this.#facing = { middle, size };
+    this.#pointedAt = { middle, size };
     if (this.orbit.touched || this.orbit.placed || this.#framedCount || !this.#hasSize) return;
-    const lens = this.#frustum(),
+    const frustum = this.#frustum(),
       radius = size / this.#size,
-      half = Math.atan(Math.min(lens.across, lens.down));
+      halfAngle = Math.atan(Math.min(frustum.across, frustum.down));
     this.orbit.begin(
       middle.map((value) => value / this.#size),
-      radius / Math.sin(half),
+      radius / Math.sin(halfAngle),
     );
     this.touch();
   }
@@ -425,7 +425,7 @@ export class Stage implements ContextOwner {
     this.#tiles.clear();
     this.#size = size;
     this.#count = this.#framedCount = this.#spaceCount = 0;
-    this.#space = null;
+    this.#freeSpaceGrid = null;
     this.#expected = expected;
     if (expected > WEBGL_GAUSSIANS) this.startWebGL();
     this.#ended = false;
@@ -488,7 +488,7 @@ export class Stage implements ContextOwner {
   /** Adapts to the size of the element. Without a size the last picture stays. */
   resize(): void {
     if (!this.#hasSize) return;
-    if (this.#facing) this.pointCameraAt(this.#facing.middle, this.#facing.size);
+    if (this.#pointedAt) this.pointCameraAt(this.#pointedAt.middle, this.#pointedAt.size);
     this.#frame();
     this.view?.resize();
     this.touch();
@@ -530,10 +530,10 @@ export class Stage implements ContextOwner {
       };
       // without a 2D context or memory, the renderer draws the first picture
       await paint(this.paintedCanvas, painted, periodicPause()).catch(() => this.startWebGL());
-      const took = performance.now() - began;
+      const paintMs = performance.now() - began;
       await nextPaint();
       for (const resolve of shown) resolve();
-      await Promise.race([this.#webGLWanted, delay(4 * took)]); // leaves most of the time for decoding packets
+      await Promise.race([this.#webGLWanted, delay(4 * paintMs)]); // leaves most of the time for decoding packets
     }
     this.#painting = null;
   }

@@ -21,7 +21,7 @@ export interface ShownGaussians {
   /** True to replace all drawn Gaussians, false to add to them. */
   readonly replaceAll: boolean;
   /** True if some are from packets that were not drawn before. */
-  readonly fresh: boolean;
+  readonly hasNew: boolean;
   /** Number of elements that are drawn now, at least in part. */
   readonly elements: number;
   /** Number of redundant Gaussians among all that are drawn now. */
@@ -98,34 +98,34 @@ export class DecodedStream {
    * Returns the Gaussians for a camera: all of them, or those of new packets. Resolves to null if the result is no
    * longer needed.
    */
-  async gaussiansFor(camera: Camera, all: boolean, pause: Pause): Promise<ShownGaussians | null> {
+  async gaussiansFor(camera: Camera, replaceAll: boolean, pause: Pause): Promise<ShownGaussians | null> {
     const { tiling } = this.decoder.schema;
-    all = tiling?.setCamera(camera) || all; // the view has changed to other tiles
-    const first = all ? 0 : this.#drawn,
+    replaceAll = tiling?.setCamera(camera) || replaceAll; // the view has changed to other tiles
+    const first = replaceAll ? 0 : this.#drawn,
       end = this.#parts.length,
-      found: Splats[] = [],
+      splats: Splats[] = [],
       owners: Int32Array[] = [];
-    let copied = all ? 0 : this.#drawnCopies;
+    let numCopies = replaceAll ? 0 : this.#drawnCopies;
     for (let p = first; p < end; p++) {
       if (!(await pause())) return null;
       const part = this.#parts[p],
         gaussians = part.forCamera(camera);
-      found.push(gaussians.splats);
-      if (part === this.#copies?.part) copied = gaussians.splats.count;
+      splats.push(gaussians.splats);
+      if (part === this.#copies?.part) numCopies = gaussians.splats.count;
       if (gaussians.owners) owners.push(gaussians.owners.map((owner) => owner + this.#firsts[p]));
     }
-    const fresh = this.#drawn < end;
+    const hasNew = this.#drawn < end;
     this.#drawn = end;
-    this.#drawnCopies = copied;
-    if (this.decoder.schema.viewDependent) this.#owners = all ? owners : [...(this.#owners ?? []), ...owners];
-    const reached = this.#firsts[end] ?? this.#count,
+    this.#drawnCopies = numCopies;
+    if (this.decoder.schema.viewDependent) this.#owners = replaceAll ? owners : [...(this.#owners ?? []), ...owners];
+    const numElements = this.#firsts[end] ?? this.#count,
       copies = this.#copies;
     return {
-      parts: found,
-      replaceAll: all,
-      fresh,
-      elements: reached - (copies && copies.first < reached ? copies.part.count : 0),
-      copies: copied,
+      parts: splats,
+      replaceAll: replaceAll,
+      hasNew,
+      elements: numElements - (copies && copies.first < numElements ? copies.part.count : 0),
+      copies: numCopies,
     };
   }
 
@@ -138,17 +138,17 @@ export class DecodedStream {
     tiling.setCamera(camera);
     this.#drawn = this.#parts.length;
     const drawn = new Set(tiling.drawn),
-      grown = tiling.drawn.filter((piece) => tiling.packetsOf(piece) > (before.get(piece) ?? Infinity));
+      grown = tiling.drawn.filter((unit) => tiling.packetsOf(unit) > (before.get(unit) ?? Infinity));
     return [
-      ...swapsOf(tiling.pieces.parents, new Set(before.keys()), drawn),
-      ...grown.map((piece) => ({ removed: [piece], added: [piece] })),
+      ...swapsOf(tiling.drawUnits.parents, new Set(before.keys()), drawn),
+      ...grown.map((unit) => ({ removed: [unit], added: [unit] })),
     ];
   }
 
   /** Returns the gains of the Gaussians of some units, in order; null before the first concealment. */
-  gainsOfPieces(pieces: readonly number[]): Float32Array | null {
+  gainsOfUnits(units: readonly number[]): Float32Array | null {
     const gains = this.#gains,
-      parts = pieces.flatMap((piece) => this.decoder.schema.tiling!.partsOf(piece));
+      parts = units.flatMap((unit) => this.decoder.schema.tiling!.partsOf(unit));
     if (!gains) return null;
     const firsts = new Map(this.#parts.map((part, p) => [part, this.#firsts[p]])),
       all = new Float32Array(2 * parts.reduce((sum, { which }) => sum + which.length, 0)).fill(1);
@@ -186,15 +186,17 @@ export class DecodedStream {
     const { concealers } = schema,
       isWhole = count === this.decoder.head.manifest.count,
       concealer = (!isWhole && concealers[choice.concealer]) || concealers["drop"],
-      found = await concealer(count, () => schema.elements(drawn, pause), pause);
-    if (!found) return null;
+      concealerGains = await concealer(count, () => schema.elements(drawn, pause), pause);
+    if (!concealerGains) return null;
     let at = 0;
     for (const { part, first } of parts) {
-      gains.set(found.subarray(2 * at, 2 * (at + part.count)), 2 * first);
+      gains.set(concealerGains.subarray(2 * at, 2 * (at + part.count)), 2 * first);
       at += part.count;
     }
     if (copies)
-      which.forEach((n, i) => gains.set(found.subarray(2 * (at + i), 2 * (at + i + 1)), 2 * (copies.first + n)));
+      which.forEach((n, i) =>
+        gains.set(concealerGains.subarray(2 * (at + i), 2 * (at + i + 1)), 2 * (copies.first + n)),
+      );
     this.#gains = gains;
     return parts.length;
   }
@@ -203,9 +205,9 @@ export class DecodedStream {
   #copiesOfMissing(parts: readonly Part[]): Int32Array {
     const copied = this.#copies?.part.indices;
     if (!copied) return new Int32Array();
-    const there = new Uint8Array(this.decoder.head.manifest.count);
-    for (const { indices } of parts) for (const index of indices) there[index] = 1;
-    return copied.map((_, n) => n).filter((n) => !there[copied[n]]);
+    const isReceived = new Uint8Array(this.decoder.head.manifest.count);
+    for (const { indices } of parts) for (const index of indices) isReceived[index] = 1;
+    return copied.map((_, n) => n).filter((n) => !isReceived[copied[n]]);
   }
 
   /** Gains of the drawn Gaussians, in their order. Elements that arrived after the last concealment have gain 1. */

@@ -5,8 +5,8 @@ import type { Tiles } from "../codec/levels/tiles.ts";
 import type { Head } from "../packets/container.ts";
 
 export interface Counts {
-  /** Description of the source for the panel. */
-  readonly way: string;
+  /** Transport of the packets, for the panel. */
+  readonly transport: string;
   readonly bytes: number;
   readonly packets: number;
   readonly expected: number;
@@ -31,7 +31,7 @@ export interface ReceivedPacket {
 }
 
 /** Tiles requested by the view of a scene with levels. */
-export interface Fetching {
+export interface TileRequest {
   readonly head: Head;
   readonly tiles: Pick<Tiles, "offsets">;
   /** Missing tiles, most useful first. */
@@ -43,12 +43,12 @@ export interface Fetching {
   /** Resolves when the view needs tiles that are not given up. */
   moved(isGivenUp: (tile: number) => boolean): Promise<void>;
   /** Resolves when all received packets are decoded. */
-  taken(): Promise<void>;
+  decoded(): Promise<void>;
 }
 
 export interface Listener {
   /** Tiles requested by the view; null for streams without levels or before the first view. */
-  readonly fetching?: Fetching | null;
+  readonly tileRequest?: TileRequest | null;
   /** Camera of the view, a new object for each change. Null before the first one, absent without a view. */
   readonly camera?: ViewCamera | null;
   /** Called when all tiles of the view were sent. */

@@ -81,7 +81,7 @@ class Failover {
     const isDamaged = error instanceof BitstreamError;
     if (!isDamaged && !(error instanceof HttpError && error.final)) return true;
     // a file that was delivered before may be in the middle of its replacement
-    const isKnown = isDamaged ? this.receiver.store.hasHead : this.#file.given;
+    const isKnown = isDamaged ? this.receiver.store.hasHead : this.#file.hasAnswered;
     return isKnown && ++this.#file.refusals <= MAX_REFUSALS;
   }
 
@@ -151,7 +151,7 @@ class Failover {
       { store } = receiver,
       before = store.head && {
         head: store.head,
-        object: store.object,
+        initSegment: store.initSegment,
         bitsOf: (order: string): Uint8Array | null => store.bitsOf(order),
       },
       opening = { isRetry: this.#numSessions++ > 0, isOnlySource: receiver.live || this.#isWithoutFile },

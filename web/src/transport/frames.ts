@@ -52,7 +52,7 @@ export function messageType(bytes: Uint8Array): number {
 export interface Welcome {
   readonly session: number;
   readonly streamId: number;
-  readonly headBytes: number;
+  readonly initSegmentBytes: number;
   readonly digest: Uint8Array;
   readonly symbolBytes: number;
   readonly packets: number;
@@ -74,16 +74,21 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
   const numbers = dataView(bytes),
     flags = bytes[69],
     ranges = bytes[70],
-    at = 71 + 8 * ranges;
-  if (flags > (LIVE | VIEWABLE) || !(ranges >= 1 && ranges <= MAX_PARITY_RANGES) || at + 2 > bytes.length - 4)
+    previewOffset = 71 + 8 * ranges;
+  if (
+    flags > (LIVE | VIEWABLE) ||
+    !(ranges >= 1 && ranges <= MAX_PARITY_RANGES) ||
+    previewOffset + 2 > bytes.length - 4
+  )
     return null;
-  const size = numbers.getUint16(at, true),
-    headBytes = Number(numbers.getBigUint64(17, true));
-  if (size > MAX_PREVIEW || size + 8 * ranges > MAX_DECLARED || at + 2 + size !== bytes.length - 4) return null;
+  const size = numbers.getUint16(previewOffset, true),
+    initSegmentBytes = Number(numbers.getBigUint64(17, true));
+  if (size > MAX_PREVIEW || size + 8 * ranges > MAX_DECLARED || previewOffset + 2 + size !== bytes.length - 4)
+    return null;
   const welcome = {
     session: numbers.getUint32(9, true),
     streamId: numbers.getUint32(13, true),
-    headBytes,
+    initSegmentBytes,
     digest: bytes.slice(25, 57),
     symbolBytes: numbers.getUint16(57, true),
     packets: numbers.getUint32(59, true),
@@ -91,17 +96,17 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     bundled: numbers.getUint32(65, true),
     viewable: (flags & VIEWABLE) > 0,
     isLive: (flags & LIVE) > 0,
-    preview: bytes.slice(at + 2, at + 2 + size),
-    order: sha256(bytes.subarray(13, at)).slice(0, 2 * ORDER_BYTES),
+    preview: bytes.slice(previewOffset + 2, previewOffset + 2 + size),
+    order: sha256(bytes.subarray(13, previewOffset)).slice(0, 2 * ORDER_BYTES),
   };
-  const fine =
+  const isValid =
     numbers.getBigUint64(1, true) === nonce &&
-    headBytes > 0 &&
-    headBytes <= MAX_HEAD_BYTES &&
+    initSegmentBytes > 0 &&
+    initSegmentBytes <= MAX_HEAD_BYTES &&
     welcome.symbolBytes > 0 &&
     welcome.packets <= MAX_PACKETS &&
     welcome.bundled <= welcome.packets;
-  return fine ? welcome : null;
+  return isValid ? welcome : null;
 }
 
 export function writeRequest(nonce: bigint, name: string): Uint8Array {
@@ -176,15 +181,15 @@ export class FrameReader {
   feed(chunk: Uint8Array): Uint8Array[] {
     const bytes = joined(this.#rest, chunk),
       frames: Uint8Array[] = [];
-    let at = 0;
-    while (bytes.length - at >= 2) {
-      const size = bytes[at] | (bytes[at + 1] << 8);
+    let offset = 0;
+    while (bytes.length - offset >= 2) {
+      const size = bytes[offset] | (bytes[offset + 1] << 8);
       if (size < 1 || size > MAX_DATAGRAM) throw new Error(`a frame of ${size} bytes on the stream`);
-      if (bytes.length - at < 2 + size) break;
-      frames.push(bytes.slice(at + 2, at + 2 + size));
-      at += 2 + size;
+      if (bytes.length - offset < 2 + size) break;
+      frames.push(bytes.slice(offset + 2, offset + 2 + size));
+      offset += 2 + size;
     }
-    this.#rest = bytes.slice(at);
+    this.#rest = bytes.slice(offset);
     return frames;
   }
 }

@@ -73,7 +73,7 @@ export class HttpFile {
   /** True if tiles are not where the stream's index has them. */
   isLinear = false;
   /** True once the server has delivered bytes of the file, and the number of later refusals without packets between. */
-  given = false;
+  hasAnswered = false;
   refusals = 0;
   /** Number of damaged responses for each tile. */
   readonly damagedTiles = new Map<number, number>();
@@ -158,7 +158,12 @@ export class HttpFile {
       // Without a response, the server may have rejected the CORS preflight, which only range requests need.
       if (error instanceof TypeError && first !== null && this.ranges === "unknown" && !this.#partial)
         throw new RangeUnsupported(error.message);
-      if (error instanceof TypeError && !this.given && ++this.#withheld >= MAX_WITHHELD && (await this.#isWithheld()))
+      if (
+        error instanceof TypeError &&
+        !this.hasAnswered &&
+        ++this.#withheld >= MAX_WITHHELD &&
+        (await this.#isWithheld())
+      )
         throw new Unreadable(this.url);
       throw error;
     }
@@ -180,7 +185,7 @@ export class HttpFile {
     let offset = first ?? 0,
       whole = end === null,
       total: number | null = null,
-      most = Infinity;
+      maxBytes = Infinity;
     if (status === 416 && offset > 0) throw new PastEnd(`${this.name} has no byte ${offset}`);
     if (first !== null && status >= 400 && status < 502 && !PASSING.includes(status) && !this.#isMissing(status))
       throw new RangeUnsupported(`${this.name} answers ${status} to a request for a part of it`);
@@ -200,9 +205,9 @@ export class HttpFile {
       if (range && range[3] !== "*") total = Number(range[3]);
       if (!fits) this.ranges = "unusable";
       if (total !== null) whole = Number(range![2]) + 1 === total;
-      most = fits && end !== null ? end - first : Infinity;
+      maxBytes = fits && end !== null ? end - first : Infinity;
     }
-    this.given = true;
+    this.hasAnswered = true;
     const reader = body.getReader(),
       keep = status === 206 || headers.has("content-length") || encoded;
     let count = 0;
@@ -214,7 +219,7 @@ export class HttpFile {
         throw error;
       });
       count += value?.length ?? 0;
-      if (count > most) {
+      if (count > maxBytes) {
         cancel();
         throw new RangeUnsupported(`${this.name} answers with more than was requested`);
       }
@@ -256,13 +261,13 @@ export async function readRange(
   file: HttpFile,
   first: number,
   end: number,
-  least: number,
+  minBytes: number,
   cache: RequestCache,
   signal?: AbortSignal,
 ): Promise<Uint8Array> {
   const bytes = new Uint8Array(end - first);
   let count = 0;
-  for (let tries = 0; tries < MAX_SHORT && count < least; tries++) {
+  for (let tries = 0; tries < MAX_SHORT && count < minBytes; tries++) {
     const answer = await file.request(first + count, end, cache, signal);
     try {
       const piece = await readBytes(answer, bytes.length - count);
@@ -281,9 +286,9 @@ export async function readBytes(answer: Answer, size: number): Promise<Uint8Arra
   const bytes = new Uint8Array(size);
   let count = 0;
   for (let piece = await answer.read(); piece; piece = count < size ? await answer.read() : null) {
-    const some = piece.subarray(0, size - count);
-    bytes.set(some, count);
-    count += some.length;
+    const needed = piece.subarray(0, size - count);
+    bytes.set(needed, count);
+    count += needed.length;
   }
   return bytes.subarray(0, count);
 }

@@ -46,9 +46,9 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
       if (!store.hasHead) return await receiveFresh(file, listener, store);
       if (!file.compared) await compare(file, listener, store);
       if (file.ranges === "unusable" && !store.complete) continue;
-      const { fetching } = listener;
-      return fetching && !file.isLinear
-        ? await receiveTiles(file, listener, store, fetching)
+      const { tileRequest } = listener;
+      return tileRequest && !file.isLinear
+        ? await receiveTiles(file, listener, store, tileRequest)
         : await receiveGaps(file, listener, store);
     } catch (error) {
       if (store.count > count) file.damages = file.useless = 0;
@@ -94,10 +94,10 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
 
 /** Revalidates the stored manifest against the file. Throws `Changed` for a different one. */
 async function compare(file: HttpFile, listener: Listener, store: PacketStore): Promise<void> {
-  const known = store.manifestBytes,
+  const stored = store.manifestBytes,
     cache = file.cache === "default" ? "no-cache" : file.cache,
-    bytes = await readRange(file, 0, known.length, known.length, cache);
-  if (bytes.length < known.length || !isStream(bytes)) {
+    bytes = await readRange(file, 0, stored.length, stored.length, cache);
+  if (bytes.length < stored.length || !isStream(bytes)) {
     const reason = bytes.length && !isStream(bytes) ? NOT_A_STREAM : TOO_SHORT;
     file.noteUseless(reason);
     throw new Damaged(reason, { cause: new BitstreamError(reason) });
@@ -130,7 +130,7 @@ async function receiveFresh(file: HttpFile, listener: Listener, store: PacketSto
     }
     // a server may return a shorter range than requested
     if (answer.whole || end === begin || (answer.total === null && end - begin < firstBytes)) break;
-    if (reader.head && listener.fetching) return receiveTiles(file, listener, store, listener.fetching);
+    if (reader.head && listener.tileRequest) return receiveTiles(file, listener, store, listener.tileRequest);
     begin = end;
     try {
       answer = await file.request(end, reader.head ? null : end + firstBytes);
@@ -170,8 +170,8 @@ function restart(file: HttpFile): never {
 }
 
 /** Throws `Reordered` if packets are not at the expected offsets and a restart may help. */
-function checkOrder(file: HttpFile, isAsKnown: boolean): void {
-  if (!isAsKnown && ++file.reordered <= MAX_REORDERED) throw new Reordered();
+function checkOrder(file: HttpFile, isContinuation: boolean): void {
+  if (!isContinuation && ++file.reordered <= MAX_REORDERED) throw new Reordered();
 }
 
 /**
@@ -189,7 +189,7 @@ async function receiveGap(
     read = await readPart(file, gap, first, listener, store, tally);
   if (read.size) checkOrder(file, isAsKnown(gap, store, read.reader));
   if (store.isReordered && !store.complete) restart(file);
-  const isDone = store.complete || listener.stopped() || gap.before === null || read.reader.intact > 1;
+  const isDone = store.complete || listener.stopped() || gap.before === null || read.reader.numIntact > 1;
   if (!isDone && read.size && first + read.size < (gap.end ?? Infinity))
     await readPart(file, gap, gap.offset, listener, store, tally);
 }
@@ -210,13 +210,13 @@ async function readPart(
       reader.feed(piece);
       tally.add(piece.length);
       size += piece.length;
-      if (reader.intact) file.ranges = "usable";
+      if (reader.numIntact) file.ranges = "usable";
       if (store.complete || listener.stopped()) return { size, reader };
     }
     reader.finish();
   } catch (error) {
     if (!(error instanceof Damaged)) throw error;
-    if (gap.end === null && !reader.intact) file.noteUseless(error.message);
+    if (gap.end === null && !reader.numIntact) file.noteUseless(error.message);
     checkOrder(file, isAsKnown(gap, store, reader) || begin === gap.offset);
     if (gap.end === null) throw error;
   } finally {

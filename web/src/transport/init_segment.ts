@@ -10,14 +10,14 @@ const SEGMENT_SYMBOLS = 2048;
 
 export class InitSegment {
   readonly numSymbols: number;
-  readonly #object: Uint8Array;
-  readonly #seen: Uint8Array;
+  readonly #bytes: Uint8Array;
+  readonly #received: Uint8Array;
   #count = 0;
 
   constructor(readonly welcome: Welcome) {
-    this.numSymbols = Math.ceil(welcome.headBytes / welcome.symbolBytes);
-    this.#object = new Uint8Array(welcome.headBytes);
-    this.#seen = new Uint8Array(this.numSymbols);
+    this.numSymbols = Math.ceil(welcome.initSegmentBytes / welcome.symbolBytes);
+    this.#bytes = new Uint8Array(welcome.initSegmentBytes);
+    this.#received = new Uint8Array(this.numSymbols);
   }
 
   /** Number of missing symbols. */
@@ -27,54 +27,57 @@ export class InitSegment {
 
   /** Returns the stream's file up to its first packet. Call it only after all symbols arrived. */
   file(head: Head): Uint8Array {
-    const size = dataView(this.#object).getUint32(0, true);
-    return fileHead(this.#object.subarray(4, 4 + size), head.sideInfo);
+    const size = dataView(this.#bytes).getUint32(0, true);
+    return fileHead(this.#bytes.subarray(4, 4 + size), head.sideInfo);
   }
 
   /** SHA-256 of the segment, hexadecimal. */
   get digest(): string {
-    return sha256(this.#object);
+    return sha256(this.#bytes);
   }
 
   /** Returns true if the manifest belongs to another init segment. */
   hasManifestOf(other: Uint8Array): boolean {
-    const end = 4 + dataView(this.#object).getUint32(0, true);
-    return other.length >= end && hex(this.#object.subarray(0, end)) === hex(other.subarray(0, end));
+    const end = 4 + dataView(this.#bytes).getUint32(0, true);
+    return other.length >= end && hex(this.#bytes.subarray(0, end)) === hex(other.subarray(0, end));
   }
 
   /** Adds a symbol. Returns false if it does not fit. */
   add(bytes: Uint8Array): boolean {
-    const { symbolBytes, headBytes } = this.welcome,
+    const { symbolBytes, initSegmentBytes } = this.welcome,
       numbers = dataView(bytes),
       segments = Math.ceil(this.numSymbols / SEGMENT_SYMBOLS),
       segment = numbers.getUint16(9, true),
       payload = bytes.subarray(15, bytes.length - 4),
-      at = Math.floor((this.numSymbols * segment) / segments) + numbers.getUint32(11, true),
+      symbolIndex = Math.floor((this.numSymbols * segment) / segments) + numbers.getUint32(11, true),
       next = Math.floor((this.numSymbols * (segment + 1)) / segments);
-    if (segment >= segments || at >= next || payload.length !== symbolBytes) return false;
-    if (this.#seen[at]) return true; // a duplicate from the other transport
-    this.#object.set(payload.subarray(0, Math.min(symbolBytes, headBytes - at * symbolBytes)), at * symbolBytes);
-    this.#seen[at] = 1;
+    if (segment >= segments || symbolIndex >= next || payload.length !== symbolBytes) return false;
+    if (this.#received[symbolIndex]) return true; // a duplicate from the other transport
+    this.#bytes.set(
+      payload.subarray(0, Math.min(symbolBytes, initSegmentBytes - symbolIndex * symbolBytes)),
+      symbolIndex * symbolBytes,
+    );
+    this.#received[symbolIndex] = 1;
     this.#count++;
     return true;
   }
 
   /** Returns the head and the bundled packets. Throws if they are damaged. */
   read(): { head: Head; bundled: Uint8Array[] } {
-    const object = this.#object,
+    const object = this.#bytes,
       numbers = dataView(object),
       bundled: Uint8Array[] = [];
     if (this.digest !== hex(this.welcome.digest)) throw new Error("the side information is damaged");
     const manifestEnd = 4 + (object.length >= 4 ? numbers.getUint32(0, true) : 0),
       manifest = readManifest(object.subarray(4, manifestEnd));
-    let at = manifestEnd + manifest.sideInfoBytes;
-    const head = checkHead(manifest, object.subarray(manifestEnd, at));
-    for (; at + 2 <= object.length && bundled.length < this.welcome.bundled; ) {
-      const size = numbers.getUint16(at, true);
-      bundled.push(object.slice(at + 2, at + 2 + size));
-      at += 2 + size;
+    let offset = manifestEnd + manifest.sideInfoBytes;
+    const head = checkHead(manifest, object.subarray(manifestEnd, offset));
+    for (; offset + 2 <= object.length && bundled.length < this.welcome.bundled; ) {
+      const size = numbers.getUint16(offset, true);
+      bundled.push(object.slice(offset + 2, offset + 2 + size));
+      offset += 2 + size;
     }
-    if (bundled.length !== this.welcome.bundled || at !== object.length)
+    if (bundled.length !== this.welcome.bundled || offset !== object.length)
       throw new Error("the side information is damaged");
     return { head, bundled };
   }

@@ -53,7 +53,7 @@ export type FromWorker =
   | ({ kind: "preview" } & PackedPreview)
   | { kind: "facts"; facts: Facts }
   /**
-   * Gaussians for the page. `replaceAll`: replaces all earlier ones. `fresh`: some are from packets that were not shown
+   * Gaussians for the page. `replaceAll`: replaces all earlier ones. `hasNew`: some are of packets not shown
    * before. `elements`: number of elements shown so far. `copies`: number of redundant Gaussians sent so far.
    * `gainsWithoutCopies`: gains that hide the redundant Gaussians, or null. `requestId`: number of the view request.
    */
@@ -61,7 +61,7 @@ export type FromWorker =
       kind: "splats";
       packed: Packed;
       replaceAll: boolean;
-      fresh: boolean;
+      hasNew: boolean;
       elements: number;
       copies: number;
       gains: Float32Array | null;
@@ -69,7 +69,7 @@ export type FromWorker =
       requestId: number;
     }
   /** Tile replacements of a scene with levels. Other fields as in `splats`. */
-  | { kind: "tiles"; removed: readonly number[]; added: readonly Tile[]; fresh: boolean; requestId: number }
+  | { kind: "tiles"; removed: readonly number[]; added: readonly Tile[]; hasNew: boolean; requestId: number }
   /**
    * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `shownPackets`
    * the number of motion packets that were not lost. `antialiased` is as in `Facts`; it may change in live clips.
@@ -106,4 +106,4 @@ export type FromWorker =
   /** Disconnect: its reason, and the time until the next attempt in milliseconds. */
   | { kind: "lost"; reason: string; retryMs: number }
   /** Result of the digest check. Sent without a request once the stream is complete. */
-  | { kind: "digest"; same: boolean };
+  | { kind: "digest"; isVerified: boolean };

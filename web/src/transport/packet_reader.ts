@@ -49,44 +49,44 @@ export class PacketScanner {
   feed(piece: Uint8Array, last = false): ReceivedPacket[] {
     const bytes = joined(this.#rest, piece),
       found: ReceivedPacket[] = [];
-    let at = 0;
+    let offset = 0;
     while (!this.broken) {
       if (this.#isSearching) {
-        const next = this.#search(bytes, at);
-        this.#skipped += next.at - at;
-        at = next.at;
+        const next = this.#search(bytes, offset);
+        this.#skipped += next.at - offset;
+        offset = next.at;
         this.#isSearching = !next.found;
         this.broken = this.#skipped > MAX_SKIPPED;
         if (!next.found) break;
       }
-      const state = this.#at(bytes, at);
+      const state = this.#readPacket(bytes, offset);
       if (typeof state === "object") {
-        found.push({ source: FILE, position: this.offset + at, bytes: state });
+        found.push({ source: FILE, position: this.offset + offset, bytes: state });
         this.#damaged = this.#skipped = 0;
-        at += SIZE_BYTES + state.length;
-      } else if ((state === "cut" && !last) || bytes.length - at < SIZE_BYTES + HEADER_BYTES) break;
+        offset += SIZE_BYTES + state.length;
+      } else if ((state === "cut" && !last) || bytes.length - offset < SIZE_BYTES + HEADER_BYTES) break;
       else {
         this.#isSearching = true;
         this.broken = ++this.#damaged >= MAX_DAMAGED_IN_A_ROW;
-        at++;
+        offset++;
         this.#skipped++;
       }
     }
-    this.#rest = this.broken ? new Uint8Array() : bytes.slice(at);
-    this.offset += at;
+    this.#rest = this.broken ? new Uint8Array() : bytes.slice(offset);
+    this.offset += offset;
     return found;
   }
 
   /** Returns the intact packet at an index, or why there is none: incomplete or damaged. */
-  #at(bytes: Uint8Array, at: number): Uint8Array | "cut" | "damaged" {
-    const left = bytes.length - at;
-    if (left < SIZE_BYTES) return "cut";
-    const size = dataView(bytes).getUint32(at, true);
+  #readPacket(bytes: Uint8Array, offset: number): Uint8Array | "cut" | "damaged" {
+    const numLeft = bytes.length - offset;
+    if (numLeft < SIZE_BYTES) return "cut";
+    const size = dataView(bytes).getUint32(offset, true);
     if (size < HEADER_BYTES || size > this.#maxSize) return "damaged";
-    const begins = this.#pattern.every((byte, n) => (bytes[at + SIZE_BYTES + n] ?? byte) === byte);
+    const begins = this.#pattern.every((byte, n) => (bytes[offset + SIZE_BYTES + n] ?? byte) === byte);
     if (!begins) return "damaged";
-    if (left < SIZE_BYTES + size) return "cut";
-    const packet = bytes.slice(at + SIZE_BYTES, at + SIZE_BYTES + size);
+    if (numLeft < SIZE_BYTES + size) return "cut";
+    const packet = bytes.slice(offset + SIZE_BYTES, offset + SIZE_BYTES + size);
     return isIntact(packet, this.head) ? packet : "damaged";
   }
 
@@ -108,7 +108,7 @@ export class PacketReader {
   readonly #begin = new HeadReader();
   #scanner: PacketScanner | null;
   /** Number of intact packets. */
-  intact = 0;
+  numIntact = 0;
   /** The first intact packet. */
   first: ReceivedPacket | null = null;
   /** Number of bytes since the last new packet. */
@@ -134,7 +134,7 @@ export class PacketReader {
 
   /** Adds bytes. Throws `Damaged` if the rest is unreadable. */
   feed(chunk: Uint8Array): void {
-    for (let at = 0; at < chunk.length; at += PIECE) this.#feed(chunk.subarray(at, at + PIECE));
+    for (let offset = 0; offset < chunk.length; offset += PIECE) this.#feed(chunk.subarray(offset, offset + PIECE));
   }
 
   /** Ends the data. Throws `Damaged` like `feed`. */
@@ -145,7 +145,7 @@ export class PacketReader {
   #feed(piece: Uint8Array): void {
     let packets: Uint8Array | null = piece;
     if (!this.#scanner) {
-      packets = behindHead(this.#begin, piece);
+      packets = afterHead(this.#begin, piece);
       const { head, headBytes } = this.#begin;
       if (!packets || !head) return;
       this.#scanner = new PacketScanner(head, headBytes.length);
@@ -155,7 +155,7 @@ export class PacketReader {
   }
 
   #take(packets: ReceivedPacket[]): void {
-    this.intact += packets.length;
+    this.numIntact += packets.length;
     this.first ??= packets[0] ?? null;
     const { count } = this.store;
     if (packets.length) this.listener.packets(packets);
@@ -180,7 +180,7 @@ export class PacketReader {
 /**
  * Returns the bytes after the head of a file. Throws `Damaged`, with the reason as its cause, if the head is invalid.
  */
-function behindHead(begin: HeadReader, piece: Uint8Array): Uint8Array | null {
+function afterHead(begin: HeadReader, piece: Uint8Array): Uint8Array | null {
   try {
     return begin.feed(piece);
   } catch (error) {

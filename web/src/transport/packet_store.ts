@@ -76,14 +76,14 @@ export class PacketStore {
   }
 
   /** Init segment without bundled packets: manifest and side information. */
-  get object(): Uint8Array {
+  get initSegment(): Uint8Array {
     return this.#file.subarray(PREFIX_BYTES - SIZE_BYTES);
   }
 
   /** Returns true if a file that begins with these bytes, at least up to its first packet, is the stored one. */
   isSame(file: Uint8Array): boolean {
-    const known = this.manifestBytes;
-    return known.length > PREFIX_BYTES && isEqual(known, file.subarray(0, known.length));
+    const stored = this.manifestBytes;
+    return stored.length > PREFIX_BYTES && isEqual(stored, file.subarray(0, stored.length));
   }
 
   /** Starts again with a file up to its first packet. */
@@ -107,24 +107,24 @@ export class PacketStore {
   /** Adds packets with their positions. Returns the new ones and ignores damaged ones. */
   add(packets: readonly ReceivedPacket[]): ReceivedPacket[] {
     const { head } = this,
-      fresh: ReceivedPacket[] = [];
-    if (!head) return fresh;
-    for (const one of packets) {
-      const packet = packetOf(one.bytes, head);
+      added: ReceivedPacket[] = [];
+    if (!head) return added;
+    for (const received of packets) {
+      const packet = packetOf(received.bytes, head);
       if (!packet) continue;
       const identity = identityOf(packet),
-        known = this.#packets.get(identity);
-      if (!known && this.#intake!.admit(packet)) {
-        this.#packets.set(identity, one);
-        this.packetBytes += SIZE_BYTES + one.bytes.length;
-        fresh.push(one);
-      } else if (!known || !isEqual(known.bytes, one.bytes)) {
+        stored = this.#packets.get(identity);
+      if (!stored && this.#intake!.admit(packet)) {
+        this.#packets.set(identity, received);
+        this.packetBytes += SIZE_BYTES + received.bytes.length;
+        added.push(received);
+      } else if (!stored || !isEqual(stored.bytes, received.bytes)) {
         this.conflicts++;
         continue;
       }
-      this.#locate(one, identity);
+      this.#locate(received, identity);
     }
-    return fresh;
+    return added;
   }
 
   #locate({ source, position, bytes }: ReceivedPacket, identity: number): void {
@@ -149,12 +149,12 @@ export class PacketStore {
     const order = this.#orders.get(source);
     if (!order) return null;
     const bits = new Uint8Array(Math.ceil(order.length / 8)),
-      found = new Set<number>();
+      identities = new Set<number>();
     order.forEach((identity, position) => {
-      found.add(identity!);
+      identities.add(identity!);
       bits[position >> 3] |= 1 << (position & 7);
     });
-    return found.size === order.filter((identity) => identity !== undefined).length ? bits : null;
+    return identities.size === order.filter((identity) => identity !== undefined).length ? bits : null;
   }
 
   /** True if known packets of the file overlap, because its order has changed since some were read. */
@@ -198,8 +198,8 @@ export class PacketStore {
   }
 }
 
-function isEqual(one: Uint8Array, other: Uint8Array): boolean {
-  return one.length === other.length && one.every((byte, n) => byte === other[n]);
+function isEqual(a: Uint8Array, b: Uint8Array): boolean {
+  return a.length === b.length && a.every((byte, n) => byte === b[n]);
 }
 
 /** Offsets of the packets in a file. */
@@ -214,9 +214,9 @@ class FileMap {
 
   /** Records a packet of `size` bytes, including its size field. */
   add(offset: number, size: number, identity: number): void {
-    const known = this.#sizes.get(offset);
+    const stored = this.#sizes.get(offset);
     this.contradicts ||= (this.#offsets.get(identity) ?? offset) !== offset;
-    this.contradicts ||= known !== undefined && (known.size !== size || known.identity !== identity);
+    this.contradicts ||= stored !== undefined && (stored.size !== size || stored.identity !== identity);
     this.#sizes.set(offset, { size, identity });
     this.#offsets.set(identity, offset);
   }
@@ -226,15 +226,15 @@ class FileMap {
   }
 
   gaps(begin: number): Gap[] {
-    const found: Gap[] = [];
+    const gaps: Gap[] = [];
     let offset = begin,
       before: number | null = null;
     for (const next of [...this.#sizes.keys()].sort((a, b) => a - b)) {
-      if (next > offset) found.push({ offset, end: next, before });
+      if (next > offset) gaps.push({ offset, end: next, before });
       this.contradicts ||= next < offset;
       before = next;
       offset = Math.max(offset, next + this.#sizes.get(next)!.size);
     }
-    return [...found, { offset, end: null, before }];
+    return [...gaps, { offset, end: null, before }];
   }
 }

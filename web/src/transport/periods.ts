@@ -12,28 +12,28 @@ export interface Playable {
 
 /** Frame of a period. */
 export interface PeriodFrame {
-  readonly received: DecodedStream;
+  readonly stream: DecodedStream;
   readonly sequence: SequenceDecoder;
   readonly number: number;
 }
 
 export class Periods {
   #current: DecodedStream | null = null;
-  #before: DecodedStream | null = null;
+  #previous: DecodedStream | null = null;
   #begin = -1;
   #lateBefore = 0;
 
   /** Adds the next period. */
-  addPeriod(received: DecodedStream): void {
-    this.#lateBefore += this.#before?.decoder.schema.sequence?.late ?? 0;
-    this.#before = this.#current;
-    this.#current = received;
+  addPeriod(stream: DecodedStream): void {
+    this.#lateBefore += this.#previous?.decoder.schema.sequence?.late ?? 0;
+    this.#previous = this.#current;
+    this.#current = stream;
   }
 
   /** Number of motion packets that arrived after their group was shown. */
   get late(): number {
     const late = (of: DecodedStream | null): number => of?.decoder.schema.sequence?.late ?? 0;
-    return this.#lateBefore + late(this.#before) + late(this.#current);
+    return this.#lateBefore + late(this.#previous) + late(this.#current);
   }
 
   get playable(): Playable | null {
@@ -49,18 +49,18 @@ export class Periods {
   at(number: number): PeriodFrame | null {
     const current = this.#current,
       sequence = current?.decoder.schema.sequence,
-      before = this.#before?.decoder.schema.sequence;
+      previous = this.#previous?.decoder.schema.sequence;
     if (!current || !sequence) return null;
-    if (before && before.firstFrame <= number && number < sequence.firstFrame)
-      return this.#place(this.#before!, before, number);
-    this.#lateBefore += before?.late ?? 0;
-    this.#before = null;
-    return this.#place(current, sequence, Math.max(number, sequence.firstFrame));
+    if (previous && previous.firstFrame <= number && number < sequence.firstFrame)
+      return this.#periodFrame(this.#previous!, previous, number);
+    this.#lateBefore += previous?.late ?? 0;
+    this.#previous = null;
+    return this.#periodFrame(current, sequence, Math.max(number, sequence.firstFrame));
   }
 
-  #place(received: DecodedStream, sequence: SequenceDecoder, absolute: number): PeriodFrame {
+  #periodFrame(stream: DecodedStream, sequence: SequenceDecoder, absolute: number): PeriodFrame {
     const number = Math.min(absolute - sequence.firstFrame, sequence.times.numFrames - 1);
-    received.decoder.intake.forget(sequence.forget(number));
-    return { received, sequence, number };
+    stream.decoder.intake.forget(sequence.forget(number));
+    return { stream, sequence, number };
   }
 }

@@ -3,7 +3,7 @@
 import type { Listener } from "./events.ts";
 import type { PacketStore } from "./packet_store.ts";
 
-const WAY = "HTTP, in order and without loss";
+const SINGLE_REQUEST = "HTTP, in order and without loss";
 
 /** Reports bytes and packets to the listener. */
 export class ProgressReporter {
@@ -13,13 +13,13 @@ export class ProgressReporter {
   constructor(
     readonly listener: Listener,
     readonly store: PacketStore,
-    readonly way = WAY,
+    readonly transport = SINGLE_REQUEST,
   ) {}
 
   add(bytes: number): void {
     this.#bytes += bytes;
     this.listener.counts({
-      way: this.way,
+      transport: this.transport,
       bytes: this.#bytes,
       packets: this.store.count,
       expected: this.store.head?.manifest.numPackets ?? 0,

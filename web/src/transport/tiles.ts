@@ -1,7 +1,7 @@
 // Tiles of a scene with levels, fetched by range requests in the order of the view.
 
 import { readPacket } from "../packets/packet.ts";
-import type { Fetching, Listener, ReceivedPacket } from "./events.ts";
+import type { Listener, ReceivedPacket, TileRequest } from "./events.ts";
 import { type HttpFile, readRange } from "./http_file.ts";
 import { PacketScanner } from "./packet_reader.ts";
 import type { PacketStore } from "./packet_store.ts";
@@ -11,7 +11,7 @@ import { ProgressReporter } from "./progress_reporter.ts";
 const AT_ONCE = 2;
 /** Largest number of requests for a tile that arrives damaged. */
 const MAX_TRIES = 3;
-const WAY = "HTTP, by ranges";
+const RANGE_REQUESTS = "HTTP, by ranges";
 
 /** Error for damaged tiles or a replaced file. */
 export class DamagedTiles extends Error {}
@@ -30,14 +30,14 @@ export async function receiveTiles(
   file: HttpFile,
   listener: Listener,
   store: PacketStore,
-  view: Fetching,
+  view: TileRequest,
 ): Promise<string> {
   const { head } = view,
     aborted = new AbortController(),
     requested = new Set<number>(),
     expected = head.manifest.numPackets,
     begin = store.headBytes,
-    tally = new ProgressReporter(listener, store, WAY),
+    progress = new ProgressReporter(listener, store, RANGE_REQUESTS),
     triesOf = (tile: number): number => file.damagedTiles.get(tile) ?? 0,
     isGivenUp = (tile: number): boolean => triesOf(tile) >= MAX_TRIES;
   const busy = new Set<Promise<void>>();
@@ -56,8 +56,8 @@ export async function receiveTiles(
       const size = offsets[run.end] - offsets[run.first],
         from = begin + offsets[run.first],
         cache = tiles.some(triesOf) ? "reload" : file.cache,
-        least = offsets[run.first + 1] - offsets[run.first],
-        piece = await readRange(file, from, from + size, least, cache, aborted.signal),
+        minBytes = offsets[run.first + 1] - offsets[run.first],
+        piece = await readRange(file, from, from + size, minBytes, cache, aborted.signal),
         packets = tiles.flatMap((tile) => intactPackets(piece, tile, run, begin, view));
       end = offsets[run.first] + piece.length;
       hasForeign = packets.some(({ bytes: one }) => !isOfTiles(one, run, view));
@@ -65,8 +65,8 @@ export async function receiveTiles(
         [file.ranges, file.useless] = ["usable", 0];
         listener.packets(packets);
       }
-      tally.add(piece.length);
-      await view.taken();
+      progress.add(piece.length);
+      await view.decoded();
       if (!packets.length) file.noteUseless(`${file.name} answers with other bytes than were requested`);
     } finally {
       for (const tile of tiles) requested.delete(tile);
@@ -83,21 +83,21 @@ export async function receiveTiles(
     return expected - view.packets - givenUp;
   };
   try {
-    await view.taken();
+    await view.decoded();
     while (!listener.stopped() && remaining() > 0) {
       const isFree = (tile: number): boolean => !requested.has(tile) && !isGivenUp(tile),
         run = busy.size < AT_ONCE ? nextRun(view, isFree, file.limits.tilesBytes) : null;
       if (run) start(run);
       else if (busy.size) await Promise.race(busy);
       else {
-        tally.add(0);
+        progress.add(0);
         await view.moved(isGivenUp);
       }
     }
   } finally {
     aborted.abort();
   }
-  tally.add(0);
+  progress.add(0);
   if (view.packets >= expected) return "complete";
   if (listener.stopped()) return "stopped";
   throw new OtherOrder(`${expected - view.packets} packets are not where the index of the stream has them`);
@@ -109,13 +109,13 @@ interface Run {
 }
 
 /** Returns a run of adjacent missing tiles, beginning with the most useful one. */
-function nextRun({ tiles, wanted }: Fetching, isFree: (tile: number) => boolean, most: number): Run | null {
+function nextRun({ tiles, wanted }: TileRequest, isFree: (tile: number) => boolean, maxBytes: number): Run | null {
   const free = wanted.filter(isFree);
   if (!free.length) return null;
-  const some = new Set(free),
+  const freeTiles = new Set(free),
     first = free[0];
   let end = first + 1;
-  while (some.has(end) && tiles.offsets[end + 1] - tiles.offsets[first] <= most) end++;
+  while (freeTiles.has(end) && tiles.offsets[end + 1] - tiles.offsets[first] <= maxBytes) end++;
   return { first, end };
 }
 
@@ -123,7 +123,7 @@ function nextRun({ tiles, wanted }: Fetching, isFree: (tile: number) => boolean,
  * Returns the intact packets of a tile, given the bytes of its run. `begin` is the offset of the first tile in the
  * file.
  */
-function intactPackets(piece: Uint8Array, tile: number, run: Run, begin: number, view: Fetching): ReceivedPacket[] {
+function intactPackets(piece: Uint8Array, tile: number, run: Run, begin: number, view: TileRequest): ReceivedPacket[] {
   const { offsets } = view.tiles,
     first = offsets[run.first],
     bytes = piece.subarray(offsets[tile] - first, offsets[tile + 1] - first);
@@ -131,7 +131,7 @@ function intactPackets(piece: Uint8Array, tile: number, run: Run, begin: number,
 }
 
 /** Returns true if a packet belongs to one of the tiles of a run. */
-function isOfTiles(bytes: Uint8Array, run: Run, { head }: Fetching): boolean {
+function isOfTiles(bytes: Uint8Array, run: Run, { head }: TileRequest): boolean {
   const { block } = readPacket(bytes, head.manifest.streamId)!;
   return run.first <= block && block < run.end;
 }

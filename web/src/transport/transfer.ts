@@ -33,7 +33,7 @@ import {
   OTHER_VERSION,
   REFUSALS,
   REFUSE,
-  REORDER,
+  REORDER_THRESHOLD,
   SIDE,
   WELCOME,
 } from "./wire.ts";
@@ -55,7 +55,7 @@ const MAX_CONTRADICTIONS = 64;
 export interface StoredStream {
   readonly head: Head;
   /** Init segment without bundled packets. */
-  readonly object: Uint8Array;
+  readonly initSegment: Uint8Array;
   /**
    * Returns one bit per stored packet in an order (`Welcome.order`), the lowest bit of a byte first; null for unknown
    * orders.
@@ -67,30 +67,30 @@ export class Transfer {
   welcome: Welcome | null = null;
   head: Head | null = null;
   /** Received packets that the caller has not taken yet. */
-  fresh: ReceivedPacket[] = [];
+  newPackets: ReceivedPacket[] = [];
   /** How the transfer ended; null while it continues. */
   finished: string | null = null;
-  headMs: number | null = null;
+  initSegmentMs: number | null = null;
   /** Number of received heads. A growing stream has one per group of frames. */
-  heads = 0;
+  numInitSegments = 0;
   readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, packetBytes: 0 };
   /** Time until which the request is not repeated, because a live stream has not begun. */
   waitUntil = 0;
   readonly #request: Uint8Array;
-  #object: InitSegment | null = null;
+  #initSegment: InitSegment | null = null;
   /** State of each packet: 0 missing, 1 received, 2 given up. */
   #packetStates = new Uint8Array();
   /** Times of requests by packet index, and by sequence number of a lost datagram. */
-  readonly #nackedAt = new Map<number, number>();
+  readonly #packetNackedAt = new Map<number, number>();
   readonly #sequenceNackedAt = new Map<number, number>();
   readonly #nackCounts = new Map<number, number>();
   /** True if the stream was live when the transfer began. The requests for each packet are then limited. */
   #beganLive = false;
   #streamBefore: number | null = null;
-  #largest = -1;
+  #largestSequence = -1;
   #largestAt: number;
-  #highest = -1;
-  #lowest = 0;
+  #highestReceived = -1;
+  #lowestMissing = 0;
   /** True once the server has sent everything, or all tiles of the view. */
   ended = false;
   /**
@@ -104,15 +104,15 @@ export class Transfer {
   /**
    * Datagrams that arrived before the welcome message, and packets that arrived before the message that announces them.
    */
-  #early: Uint8Array[] = [];
-  #waiting: { readonly index: number; readonly bytes: Uint8Array }[] = [];
+  #earlyDatagrams: Uint8Array[] = [];
+  #waitingPackets: { readonly index: number; readonly bytes: Uint8Array }[] = [];
   /** True if the stream is that of the stored packets, false if not, null as long as unknown. */
-  isSame: boolean | null = null;
+  isSameStream: boolean | null = null;
   /** Messages that announce the stored packets; empty once sent. */
-  #have: Uint8Array[] = [];
+  #haveMessages: Uint8Array[] = [];
   /** Position of each packet by its identity, and the reverse. */
-  readonly #positions = new Map<number, number>();
-  readonly #identities = new Map<number, number>();
+  readonly #indexOfIdentity = new Map<number, number>();
+  readonly #identityOfIndex = new Map<number, number>();
   #contradictions = 0;
 
   constructor(
@@ -130,23 +130,23 @@ export class Transfer {
   }
 
   /** Returns the messages that announce stored packets, once, after a welcome message with their order. */
-  takeHave(): Uint8Array[] {
-    return this.#have.splice(0);
+  takeHaveMessages(): Uint8Array[] {
+    return this.#haveMessages.splice(0);
   }
 
   /** Number of datagrams lost on the path, according to their sequence numbers. */
   get datagramsLost(): number {
-    return Math.max(this.#largest + 1 - this.counts.datagrams, 0);
+    return Math.max(this.#largestSequence + 1 - this.counts.datagrams, 0);
   }
 
   /** Stream's file up to its first packet. Valid once the head arrived. */
   get fileHead(): Uint8Array {
-    return this.#object!.file(this.head!);
+    return this.#initSegment!.file(this.head!);
   }
 
   /** SHA-256 of the init segment, hexadecimal. */
   get headDigest(): string {
-    return this.head && this.#object ? this.#object.digest : "";
+    return this.head && this.#initSegment ? this.#initSegment.digest : "";
   }
 
   receive(bytes: Uint8Array, now: number): void {
@@ -157,17 +157,18 @@ export class Transfer {
     if (kind === WELCOME) return this.#onLaterWelcome(bytes, now);
     if (kind === REFUSE && bytes[9] === NOT_YET) return void (this.waitUntil = now + NOT_YET_MS);
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
-    const known =
+    const isValid =
       kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
-    if (!this.welcome && known && this.#early.length < MAX_EARLY_DATAGRAMS) return void this.#early.push(bytes);
-    if (!this.welcome || !known || dataView(bytes).getUint32(1, true) !== this.welcome.session)
+    if (!this.welcome && isValid && this.#earlyDatagrams.length < MAX_EARLY_DATAGRAMS)
+      return void this.#earlyDatagrams.push(bytes);
+    if (!this.welcome || !isValid || dataView(bytes).getUint32(1, true) !== this.welcome.session)
       return void this.counts.rejected++;
     if (kind === SIDE) return this.#onSideInfo(bytes, now);
     const sequence = dataView(bytes).getUint32(5, true);
-    if (sequence > this.#largest + MAX_SEQUENCE_JUMP) return void this.counts.rejected++;
+    if (sequence > this.#largestSequence + MAX_SEQUENCE_JUMP) return void this.counts.rejected++;
     this.counts.datagrams++;
-    if (this.welcome.viewable) this.#count(sequence);
-    if (sequence > this.#largest) [this.#largest, this.#largestAt] = [sequence, now];
+    if (this.welcome.viewable) this.#recordGaps(sequence);
+    if (sequence > this.#largestSequence) [this.#largestSequence, this.#largestAt] = [sequence, now];
     if (kind === END) {
       this.ended = true;
       this.#fruitlessEnds++;
@@ -176,7 +177,7 @@ export class Transfer {
       if (this.viewing) this.ended = false;
       const packetIndex = dataView(bytes).getUint32(9, true);
       this.#acceptPacket(packetIndex, bytes.slice(13), true);
-      if (this.#packetStates[packetIndex]) this.#highest = Math.max(this.#highest, packetIndex);
+      if (this.#packetStates[packetIndex]) this.#highestReceived = Math.max(this.#highestReceived, packetIndex);
     }
     this.#checkFinished();
   }
@@ -188,12 +189,12 @@ export class Transfer {
   }
 
   /** Records the missing sequence numbers before a datagram. */
-  #count(sequence: number): void {
+  #recordGaps(sequence: number): void {
     this.#gaps.delete(sequence);
-    for (let n = Math.max(this.#largest + 1, sequence - MAX_GAPS); n < sequence; n++) this.#gaps.set(n, 0);
-    for (const old of this.#gaps.keys()) {
+    for (let n = Math.max(this.#largestSequence + 1, sequence - MAX_GAPS); n < sequence; n++) this.#gaps.set(n, 0);
+    for (const oldest of this.#gaps.keys()) {
       if (this.#gaps.size <= MAX_GAPS) break;
-      this.#gaps.delete(old);
+      this.#gaps.delete(oldest);
     }
   }
 
@@ -202,7 +203,7 @@ export class Transfer {
    * be lost.
    */
   #sequencesToRequest(now: number): number[] {
-    const before = this.ended ? this.#largest : this.#largest - REORDER,
+    const before = this.ended ? this.#largestSequence : this.#largestSequence - REORDER_THRESHOLD,
       lost: number[] = [];
     for (const [number, times] of this.#gaps) {
       if (number > before || lost.length === MAX_NACKS) break;
@@ -223,24 +224,24 @@ export class Transfer {
   #packetsToRequest(now: number): number[] {
     const { packets, bundled } = this.welcome!,
       lost: number[] = [];
-    const stop = this.ended ? packets : this.#highest + 1 - REORDER;
-    while (this.#lowest < packets && this.#packetStates[this.#lowest]) this.#lowest++;
+    const stop = this.ended ? packets : this.#highestReceived + 1 - REORDER_THRESHOLD;
+    while (this.#lowestMissing < packets && this.#packetStates[this.#lowestMissing]) this.#lowestMissing++;
     for (
-      let packetIndex = this.head ? this.#lowest : Math.max(bundled, this.#lowest);
+      let packetIndex = this.head ? this.#lowestMissing : Math.max(bundled, this.#lowestMissing);
       packetIndex < stop && lost.length < MAX_NACKS;
       packetIndex++
     ) {
-      if (this.#packetStates[packetIndex] || now - (this.#nackedAt.get(packetIndex) ?? -1e9) < NACK_INTERVAL_MS)
+      if (this.#packetStates[packetIndex] || now - (this.#packetNackedAt.get(packetIndex) ?? -1e9) < NACK_INTERVAL_MS)
         continue;
       const tries = this.#nackCounts.get(packetIndex) ?? 0;
       if (this.#beganLive && tries === MAX_NACK_ATTEMPTS) {
         this.#packetStates[packetIndex] = 2; // a late motion packet is useless
         this.#nackCounts.delete(packetIndex);
-        this.#nackedAt.delete(packetIndex);
+        this.#packetNackedAt.delete(packetIndex);
         continue;
       }
       this.#nackCounts.set(packetIndex, tries + 1);
-      this.#nackedAt.set(packetIndex, now);
+      this.#packetNackedAt.set(packetIndex, now);
       lost.push(packetIndex);
     }
     return lost;
@@ -249,10 +250,10 @@ export class Transfer {
   feedback(now: number): Uint8Array {
     return writeFeedback({
       session: this.welcome!.session,
-      largest: Math.max(this.#largest, 0),
-      received: Math.min(this.counts.datagrams, this.#largest + 1),
+      largest: Math.max(this.#largestSequence, 0),
+      received: Math.min(this.counts.datagrams, this.#largestSequence + 1),
       clock: Math.round(this.#largestAt * 1000),
-      symbolsMissing: this.head ? 0 : (this.#object?.missing ?? 0),
+      symbolsMissing: this.head ? 0 : (this.#initSegment?.missing ?? 0),
       lost: this.viewing ? [] : this.#packetsToRequest(now),
       lostSequences: this.viewing ? this.#sequencesToRequest(now) : [],
     });
@@ -267,7 +268,7 @@ export class Transfer {
     if (!welcome) return void (this.finished = IMPOSSIBLE);
     this.welcome = welcome;
     this.#beganLive = welcome.isLive;
-    this.#object = new InitSegment(welcome);
+    this.#initSegment = new InitSegment(welcome);
     this.#packetStates = new Uint8Array(welcome.packets);
     if (this.before) this.#resume(this.before, welcome);
     this.#processEarly(now);
@@ -278,15 +279,15 @@ export class Transfer {
    * it is received again and compared.
    */
   #resume(before: StoredStream, welcome: Welcome): void {
-    if (welcome.streamId !== before.head.manifest.streamId || welcome.isLive) return void (this.isSame = false);
+    if (welcome.streamId !== before.head.manifest.streamId || welcome.isLive) return void (this.isSameStream = false);
     const bits = before.bitsOf(welcome.order);
-    if (!bits && (welcome.bundled || sha256(before.object) !== hex(welcome.digest))) return;
-    this.isSame = true;
+    if (!bits && (welcome.bundled || sha256(before.initSegment) !== hex(welcome.digest))) return;
+    this.isSameStream = true;
     this.head = before.head;
     for (let packetIndex = 0; bits && packetIndex < Math.min(welcome.packets, 8 * bits.length); packetIndex++)
       this.#packetStates[packetIndex] = (bits[packetIndex >> 3] >> (packetIndex & 7)) & 1;
     this.counts.packets = this.#packetStates.reduce((sum, one) => sum + one, 0);
-    this.#have = writeHave(this.nonce, welcome.streamId, bits ?? new Uint8Array());
+    this.#haveMessages = writeHave(this.nonce, welcome.streamId, bits ?? new Uint8Array());
     this.#checkFinished();
   }
 
@@ -295,16 +296,16 @@ export class Transfer {
     const before = this.welcome!,
       next = readWelcome(bytes, this.nonce);
     if (!next || !before.isLive || next.session !== before.session) return;
-    const same = next.streamId === before.streamId;
-    if (same ? next.packets < before.packets : next.streamId === this.#streamBefore) return;
-    if (same && next.isLive === before.isLive && hex(next.digest) === hex(before.digest)) return;
+    const isSame = next.streamId === before.streamId;
+    if (isSame ? next.packets < before.packets : next.streamId === this.#streamBefore) return;
+    if (isSame && next.isLive === before.isLive && hex(next.digest) === hex(before.digest)) return;
     this.welcome = next;
-    this.#object = new InitSegment(next);
+    this.#initSegment = new InitSegment(next);
     this.head = null;
     this.ended = false;
     this.#fruitlessEnds = 0;
     const states = new Uint8Array(next.packets);
-    if (same) states.set(this.#packetStates);
+    if (isSame) states.set(this.#packetStates);
     else this.#resetPeriod(before.streamId);
     this.#packetStates = states;
     this.#processEarly(now);
@@ -313,35 +314,35 @@ export class Transfer {
   /** Discards the state of the previous period. */
   #resetPeriod(streamId: number): void {
     this.#streamBefore = streamId;
-    this.#nackedAt.clear();
+    this.#packetNackedAt.clear();
     this.#sequenceNackedAt.clear();
     this.#nackCounts.clear();
-    this.#highest = -1;
-    this.#lowest = this.counts.packets = 0;
-    this.fresh = [];
-    this.#positions.clear();
-    this.#identities.clear();
+    this.#highestReceived = -1;
+    this.#lowestMissing = this.counts.packets = 0;
+    this.newPackets = [];
+    this.#indexOfIdentity.clear();
+    this.#identityOfIndex.clear();
   }
 
   /** Processes datagrams that arrived before the welcome message. */
   #processEarly(now: number): void {
-    for (const early of this.#early.splice(0)) {
+    for (const early of this.#earlyDatagrams.splice(0)) {
       this.counts.bytes -= early.length; // it was counted on arrival
       this.receive(early, now);
     }
-    for (const { index, bytes } of this.#waiting.splice(0)) this.#acceptPacket(index, bytes);
+    for (const { index, bytes } of this.#waitingPackets.splice(0)) this.#acceptPacket(index, bytes);
   }
 
   #onSideInfo(bytes: Uint8Array, now: number): void {
     if (this.head) return; // the head is complete
-    if (!this.#object!.add(bytes)) return void this.counts.rejected++;
-    if (this.#object!.missing) return;
-    this.headMs ??= now - this.began;
+    if (!this.#initSegment!.add(bytes)) return void this.counts.rejected++;
+    if (this.#initSegment!.missing) return;
+    this.initSegmentMs ??= now - this.began;
     try {
-      const { head, bundled } = this.#object!.read();
+      const { head, bundled } = this.#initSegment!.read();
       this.head = head;
-      this.heads++;
-      if (this.before) this.isSame ??= this.#object!.hasManifestOf(this.before.object);
+      this.numInitSegments++;
+      if (this.before) this.isSameStream ??= this.#initSegment!.hasManifestOf(this.before.initSegment);
       bundled.forEach((packet, packetIndex) => this.#acceptPacket(packetIndex, packet));
       this.#checkFinished();
     } catch (error) {
@@ -354,19 +355,19 @@ export class Transfer {
     const { packets, packetBytes, streamId, isLive, order } = this.welcome!,
       packet = readPacket(bytes, streamId);
     if (packetIndex >= packets || bytes.length > packetBytes || !packet) {
-      if (isLive && mayBeEarly && this.#waiting.length < MAX_WAITING_PACKETS)
-        this.#waiting.push({ index: packetIndex, bytes });
+      if (isLive && mayBeEarly && this.#waitingPackets.length < MAX_WAITING_PACKETS)
+        this.#waitingPackets.push({ index: packetIndex, bytes });
       else this.counts.rejected++;
       return;
     }
     if (!isLive && this.#contradicts(packetIndex, identityOf(packet))) {
-      this.fresh.push({ source: NO_SOURCE, position: packetIndex, bytes });
+      this.newPackets.push({ source: NO_SOURCE, position: packetIndex, bytes });
       this.counts.rejected++;
       return;
     }
     if (this.#packetStates[packetIndex] === 1) return void this.counts.duplicates++;
     this.#packetStates[packetIndex] = 1;
-    this.fresh.push({ source: order, position: packetIndex, bytes });
+    this.newPackets.push({ source: order, position: packetIndex, bytes });
     this.counts.packets++;
     this.counts.packetBytes += bytes.length;
   }
@@ -376,20 +377,20 @@ export class Transfer {
    * a datagram has no checksum. Both positions then count as missing.
    */
   #contradicts(packetIndex: number, identity: number): boolean {
-    const before = this.#positions.get(identity) ?? packetIndex,
-      known = this.#identities.get(packetIndex) ?? identity;
-    if (before === packetIndex && known === identity) {
-      this.#positions.set(identity, packetIndex);
-      this.#identities.set(packetIndex, identity);
+    const knownIndex = this.#indexOfIdentity.get(identity) ?? packetIndex,
+      knownIdentity = this.#identityOfIndex.get(packetIndex) ?? identity;
+    if (knownIndex === packetIndex && knownIdentity === identity) {
+      this.#indexOfIdentity.set(identity, packetIndex);
+      this.#identityOfIndex.set(packetIndex, identity);
       return false;
     }
-    for (const one of [packetIndex, before]) {
-      const old = this.#identities.get(one);
-      if (old !== undefined) this.#positions.delete(old);
-      this.#identities.delete(one);
-      if (this.#packetStates[one]) this.counts.packets--;
-      this.#packetStates[one] = 0;
-      this.#lowest = Math.min(this.#lowest, one);
+    for (const index of [packetIndex, knownIndex]) {
+      const oldIdentity = this.#identityOfIndex.get(index);
+      if (oldIdentity !== undefined) this.#indexOfIdentity.delete(oldIdentity);
+      this.#identityOfIndex.delete(index);
+      if (this.#packetStates[index]) this.counts.packets--;
+      this.#packetStates[index] = 0;
+      this.#lowestMissing = Math.min(this.#lowestMissing, index);
     }
     if (++this.#contradictions > MAX_CONTRADICTIONS) this.finished = "the server's packets contradict each other";
     return true;

@@ -120,12 +120,12 @@ export async function receiveDatagrams(
   readAll(stream.readable, (chunk) => {
     receivedAt = performance.now();
     for (const bytes of frames.feed(chunk)) transfer.receive(bytes, receivedAt);
-    send(transfer.takeHave());
+    send(transfer.takeHaveMessages());
   }).catch(end);
   readAll(transport.datagrams.readable, (bytes) => {
     receivedAt = performance.now();
     transfer.receive(bytes, receivedAt);
-    send(transfer.takeHave());
+    send(transfer.takeHaveMessages());
   }).catch(end);
   const progress = new Progress(transfer, listener),
     viewReporter = new ViewReporter(transfer, listener);
@@ -149,7 +149,7 @@ export async function receiveDatagrams(
   } finally {
     transport.close(); // also if the listener rejects the stream
   }
-  if (transfer.headMs === null && !transfer.isSame && transfer.finished !== "stopped")
+  if (transfer.initSegmentMs === null && !transfer.isSameStream && transfer.finished !== "stopped")
     throw new Error(transfer.finished);
   return transfer.finished;
 }
@@ -215,22 +215,22 @@ class Progress {
 
   report(): void {
     const { transfer, listener } = this;
-    if (!this.#isCompared && transfer.before && transfer.isSame !== null) {
+    if (!this.#isCompared && transfer.before && transfer.isSameStream !== null) {
       this.#isCompared = true;
-      (transfer.isSame ? listener.confirmed : listener.changed)?.call(listener);
+      (transfer.isSameStream ? listener.confirmed : listener.changed)?.call(listener);
     }
     if (transfer.welcome && !this.#preview) {
       this.#preview = true;
       if (transfer.welcome.preview.length) listener.preview(transfer.welcome.preview);
     }
     this.#live ||= transfer.welcome?.isLive ?? false;
-    if (transfer.head && this.#heads !== transfer.heads) {
-      this.#heads = transfer.heads;
+    if (transfer.head && this.#heads !== transfer.numInitSegments) {
+      this.#heads = transfer.numInitSegments;
       listener.head(transfer.head, transfer.fileHead, !this.#live, this.#live);
     }
-    if (transfer.head && transfer.fresh.length) listener.packets(transfer.fresh.splice(0));
+    if (transfer.head && transfer.newPackets.length) listener.packets(transfer.newPackets.splice(0));
     listener.counts({
-      way: "WebTransport datagrams",
+      transport: "WebTransport datagrams",
       bytes: transfer.counts.bytes,
       packets: transfer.counts.packets,
       expected: transfer.welcome?.packets ?? 0,

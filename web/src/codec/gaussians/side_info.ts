@@ -143,9 +143,9 @@ function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models
     (_, i) => (i >> 1 < zero.length ? clip(zero[i >> 1], 1, 255) : 128) * 256,
   );
   const coder = new RangeDecoder(reader.blob()),
-    fresh = new Int32Array(4).fill(32768);
+    evenModel = new Int32Array(4).fill(32768);
   const changed = Uint8Array.from({ length: STREAMS * SPREADS * SECONDS }, (_, i) =>
-    coder.bit(fresh, i % SECONDS ? 0 : 1),
+    coder.bit(evenModel, i % SECONDS ? 0 : 1),
   );
   const steps = readIntegers(
     reader,

@@ -47,27 +47,27 @@ function tileUtility(tiles: Tiles, tile: number, camera: ViewCamera | null, eye:
     outside[a] = Math.max(Math.abs(eye[a] - middle[a]) - half[a], 0);
   }
   const distance = Math.max(length(outside), Math.max(2 * MIN_DISTANCE_RATIO * length(half), 1e-9)),
-    place = camera.viewmat.map((row) => row[0] * middle[0] + row[1] * middle[1] + row[2] * middle[2] + row[3]),
+    center = camera.viewmat.map((row) => row[0] * middle[0] + row[1] * middle[1] + row[2] * middle[2] + row[3]),
     reach = camera.viewmat.map(
       (row) => Math.abs(row[0]) * half[0] + Math.abs(row[1]) * half[1] + Math.abs(row[2]) * half[2],
     ),
-    near = Math.max(place[2] - reach[2], distance),
-    far = Math.max(place[2] + reach[2], near);
-  let seen = place[2] + reach[2] > 0,
+    near = Math.max(center[2] - reach[2], distance),
+    far = Math.max(center[2] + reach[2], near);
+  let seen = center[2] + reach[2] > 0,
     covered = 1;
   for (const [axis, edge] of [camera.width / 2 / camera.focal, camera.height / 2 / camera.focal].entries()) {
-    const low = place[axis] - reach[axis],
-      high = place[axis] + reach[axis],
+    const low = center[axis] - reach[axis],
+      high = center[axis] + reach[axis],
       extent = Math.min(high / (high < 0 ? far : near), edge) - Math.max(low / (low < 0 ? near : far), -edge);
     seen &&= extent > 0;
     covered = covered * extent * camera.focal;
   }
   const [a, b, c] = half,
     scale = camera.focal / distance,
-    counts = seen ? 1 : OUTSIDE_WEIGHT;
+    weight = seen ? 1 : OUTSIDE_WEIGHT;
   if (!seen) covered = Math.min(2 * (a * b + b * c + c * a) * scale * scale, camera.width * camera.height);
   const size = Math.max(tiles.offsets[tile + 1] - tiles.offsets[tile], 1);
-  return [((error * camera.focal) / distance) * counts, parent < 0 ? Infinity : (covered * counts) / size];
+  return [((error * camera.focal) / distance) * weight, parent < 0 ? Infinity : (covered * weight) / size];
 }
 
 const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y + z * z);
@@ -86,17 +86,17 @@ export function cutOf(
   drawable = isComplete,
 ): Cut {
   const chosen = selectedTiles(tiles, camera, budget),
-    real = new Uint8Array(tiles.count),
+    isDrawn = new Uint8Array(tiles.count),
     drawn: number[] = [],
     wanted: number[] = [];
   for (const tile of chosen) {
-    real[tile] = Number(drawable(tile));
+    isDrawn[tile] = Number(drawable(tile));
     if (!isComplete(tile)) wanted.push(tile);
   }
   for (let tile = 0; tile < tiles.count; tile++) {
     const parent = tiles.parents[tile];
-    if (parent >= 0 && !real[parent]) real[tile] = 0; // coarser tiles have smaller indices
-    if (real[tile]) drawn.push(tile);
+    if (parent >= 0 && !isDrawn[parent]) isDrawn[tile] = 0; // coarser tiles have smaller indices
+    if (isDrawn[tile]) drawn.push(tile);
   }
   return { drawn, wanted };
 }
@@ -109,18 +109,18 @@ function selectedTiles(tiles: Tiles, camera: ViewCamera | null, budget: number):
     least = camera ? MIN_SCREEN_ERROR : 0,
     errors = new Float64Array(count),
     useful = new Float64Array(count),
-    some: number[] = [];
+    selected: number[] = [];
   for (let tile = 0; tile < count; tile++) {
     const [error, use] = tileUtility(tiles, tile, camera, eye),
       parent = parents[tile];
     errors[tile] = parent < 0 ? error : Math.min(error, errors[parent]);
     useful[tile] = parent < 0 ? use : Math.min(use, useful[parent]);
-    if (errors[tile] > least) some.push(tile);
+    if (errors[tile] > least) selected.push(tile);
   }
-  some.sort((a, b) => (useful[a] === useful[b] ? a - b : useful[b] - useful[a]));
+  selected.sort((a, b) => (useful[a] === useful[b] ? a - b : useful[b] - useful[a]));
   let spent = 0;
-  const end = some.findIndex((tile) => (spent += gaussians[tile]) > budget && parents[tile] >= 0);
-  return end < 0 ? some : some.slice(0, end);
+  const end = selected.findIndex((tile) => (spent += gaussians[tile]) > budget && parents[tile] >= 0);
+  return end < 0 ? selected : selected.slice(0, end);
 }
 
 /** Returns, for each Gaussian of a tile, the child tile with the nearest box; -1 if the tile has no children. */

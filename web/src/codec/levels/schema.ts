@@ -11,7 +11,7 @@ import type { Copies, Part, ViewGaussians } from "../part.ts";
 import type { Schema } from "../schema.ts";
 import { emptySplats, type Splats, selectSplats } from "../splats.ts";
 import { assignToChildren, BUDGET, type Cut, cutOf } from "./cut.ts";
-import { Pieces } from "./pieces.ts";
+import { DrawUnits } from "./draw_units.ts";
 import { readTiles, type Tiles } from "./tiles.ts";
 import type { Tiling } from "./tiling.ts";
 
@@ -88,7 +88,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   readonly noGaussians: Splats;
   readonly #receivedPackets: Int32Array;
   readonly #parts: LevelPart[][];
-  readonly pieces: Pieces;
+  readonly drawUnits: DrawUnits;
   #cut: Cut = { drawn: [], wanted: [] };
   #drawn = new Set<number>();
   /** The coarser tile decoded last, cached because its units are requested one after another. */
@@ -98,7 +98,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   constructor(sideInfo: Uint8Array, plan: Plan) {
     this.gaussians = new GaussianSchema(sideInfo, plan);
     this.tiles = readTiles(this.gaussians.info, plan);
-    this.pieces = new Pieces(this.tiles);
+    this.drawUnits = new DrawUnits(this.tiles);
     this.#receivedPackets = new Int32Array(this.tiles.count);
     this.#parts = Array.from({ length: this.tiles.count }, () => []);
     this.noGaussians = emptySplats(0, this.degree);
@@ -142,21 +142,21 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     return [...this.#drawn];
   }
 
-  packetsOf(piece: number): number {
-    return this.#parts[this.pieces.of(piece).tile].length;
+  packetsOf(unit: number): number {
+    return this.#parts[this.drawUnits.of(unit).tile].length;
   }
 
-  partsOf(piece: number): { part: LevelPart; which: Int32Array }[] {
-    const { tile, child } = this.pieces.of(piece);
+  partsOf(unit: number): { part: LevelPart; which: Int32Array }[] {
+    const { tile, child } = this.drawUnits.of(unit);
     return this.#parts[tile].map((part) => ({ part, which: part.which(child) }));
   }
 
-  splatsOf(piece: number): Splats[] {
-    const { tile, child } = this.pieces.of(piece),
+  splatsOf(unit: number): Splats[] {
+    const { tile, child } = this.drawUnits.of(unit),
       parts = this.#parts[tile];
     if (child === null) return parts.map((part) => part.decoded());
-    const known = this.#cachedTile?.tile === tile && this.#cachedTile.splats.length === parts.length;
-    if (!known) this.#cachedTile = { tile, splats: parts.map((part) => part.decoded()) };
+    const isCached = this.#cachedTile?.tile === tile && this.#cachedTile.splats.length === parts.length;
+    if (!isCached) this.#cachedTile = { tile, splats: parts.map((part) => part.decoded()) };
     return this.#cachedTile!.splats.map((splats, n) => selectSplats(splats, parts[n].which(child, splats)));
   }
 
@@ -174,10 +174,10 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
       isDrawable = (tile: number): boolean =>
         received[tile] >= (parents[tile] < 0 ? 1 : DRAWABLE_SHARE * packets[tile]);
     this.#cut = cutOf(this.tiles, isComplete, camera, budget, isDrawable);
-    const drawn = this.pieces.drawn(this.#cut),
-      same = drawn.length === this.#drawn.size && drawn.every((piece) => this.#drawn.has(piece));
-    if (!same) this.#drawn = new Set(drawn);
-    return !same;
+    const drawn = this.drawUnits.drawn(this.#cut),
+      isUnchanged = drawn.length === this.#drawn.size && drawn.every((unit) => this.#drawn.has(unit));
+    if (!isUnchanged) this.#drawn = new Set(drawn);
+    return !isUnchanged;
   }
 
   bytesOf(packet: Packet): number {

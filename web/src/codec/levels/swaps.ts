@@ -10,17 +10,17 @@ export interface Swap {
 export function swapsOf(parents: Int32Array, before: ReadonlySet<number>, drawn: ReadonlySet<number>): Swap[] {
   const swaps = new Map<number, { removed: number[]; added: number[] }>();
   const swapAt = (tile: number): { removed: number[]; added: number[] } => {
-    const found = swaps.get(tile) ?? { removed: [], added: [] };
-    swaps.set(tile, found);
-    return found;
+    const swap = swaps.get(tile) ?? { removed: [], added: [] };
+    swaps.set(tile, swap);
+    return swap;
   };
   /** Returns the coarsest tile of the other cut above a tile, or the tile itself. */
-  const place = (tile: number, others: ReadonlySet<number>): number => {
+  const ancestorIn = (tile: number, others: ReadonlySet<number>): number => {
     for (let above = parents[tile]; above >= 0; above = parents[above]) if (others.has(above)) return above;
     return tile;
   };
   for (const tile of [...drawn].sort((a, b) => a - b))
-    if (!before.has(tile)) swapAt(place(tile, before)).added.push(tile);
-  for (const tile of before) if (!drawn.has(tile)) swapAt(place(tile, drawn)).removed.push(tile);
+    if (!before.has(tile)) swapAt(ancestorIn(tile, before)).added.push(tile);
+  for (const tile of before) if (!drawn.has(tile)) swapAt(ancestorIn(tile, drawn)).removed.push(tile);
   return [...swaps.values()];
 }

@@ -74,9 +74,9 @@ function childrenOf(parents: Int32Array): number[][] {
 
 /** Returns the cumulative sums, beginning with 0. */
 function cumulativeSums(values: readonly number[]): Float64Array {
-  const found = new Float64Array(values.length + 1);
-  values.forEach((value, n) => (found[n + 1] = found[n] + value));
-  return found;
+  const sums = new Float64Array(values.length + 1);
+  values.forEach((value, n) => (sums[n + 1] = sums[n] + value));
+  return sums;
 }
 
 function corners({ boxes, sizeLog, unit }: SideInfo, count: number): Pick<Tiles, "low" | "high"> {

@@ -3,7 +3,7 @@
 import type { Camera } from "../../model/camera.ts";
 import type { Part } from "../part.ts";
 import type { Splats } from "../splats.ts";
-import type { Pieces } from "./pieces.ts";
+import type { DrawUnits } from "./draw_units.ts";
 import type { Tiles } from "./tiles.ts";
 
 /** Drawn and missing tiles of a scene with levels. */
@@ -12,7 +12,7 @@ export interface Tiling {
   readonly wanted: readonly number[];
   /** Number of Gaussians in all levels but the finest, enough for a first view. */
   readonly baseCount: number;
-  readonly pieces: Pieces;
+  readonly drawUnits: DrawUnits;
   /** Drawing units of the current view. */
   readonly drawn: readonly number[];
   /** Maximum number of drawn Gaussians in a view. */
@@ -20,9 +20,9 @@ export interface Tiling {
   /** Selects tiles for a view, at most `budget` Gaussians. Returns true if the drawn units changed. */
   setCamera(camera: Camera | null, budget?: number): boolean;
   /** Returns the number of received packets of a unit's tile. */
-  packetsOf(piece: number): number;
+  packetsOf(unit: number): number;
   /** Returns those packets, and the indices of their Gaussians that belong to the unit. */
-  partsOf(piece: number): readonly { readonly part: Part; readonly which: Int32Array }[];
+  partsOf(unit: number): readonly { readonly part: Part; readonly which: Int32Array }[];
   /** Decodes the Gaussians of a unit. */
-  splatsOf(piece: number): Splats[];
+  splatsOf(unit: number): Splats[];
 }

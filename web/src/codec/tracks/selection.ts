@@ -52,8 +52,8 @@ export function select(
     { isNew, lastOffsets, splats } = past,
     lastPlace = (slot: number) => moved(splats, slot, lastOffsets, slot);
   // the first frame of a new track is known, so that its motion is estimated better
-  for (const fresh of [true, false]) {
-    const peers = [...tested.keys()].filter((n) => isNew(arrived.slots[tested[n]]) === fresh);
+  for (const isNewTrack of [true, false]) {
+    const peers = [...tested.keys()].filter((n) => isNew(arrived.slots[tested[n]]) === isNewTrack);
     if (peers.length < MIN_TESTS) continue;
     const slots = Int32Array.from(peers, (n) => arrived.slots[tested[n]]),
       tree = new KdTree(
@@ -61,7 +61,7 @@ export function select(
         MIN_TESTS,
       );
     queryTracks.forEach((slot, n) => {
-      if (isNew(slot) !== fresh) return;
+      if (isNew(slot) !== isNewTrack) return;
       const sums = [0, 0, 0];
       for (const near of nearest(tree, lastPlace(slot)))
         for (let way = 0; way < WAYS; way++) sums[way] += errors[WAYS * peers[near] + way];

@@ -5,7 +5,7 @@ import type { Cut } from "./cut.ts";
 import type { Tiles } from "./tiles.ts";
 
 /** A drawing unit: all Gaussians of `tile` if `child` is null, otherwise those that represent that child. */
-export interface Piece {
+export interface DrawUnit {
   readonly tile: number;
   readonly child: number | null;
 }
@@ -14,7 +14,7 @@ export interface Piece {
  * Numbering of the drawing units. Unit n below the number of tiles represents tile n; unit count + n is the finest tile
  * n.
  */
-export class Pieces {
+export class DrawUnits {
   /** The coarser unit that each unit replaces; -1 if there is none. */
   readonly parents: Int32Array;
 
@@ -28,9 +28,9 @@ export class Pieces {
     }
   }
 
-  of(piece: number): Piece {
+  of(unit: number): DrawUnit {
     const { count, parents } = this.tiles;
-    return piece < count ? { tile: parents[piece], child: piece } : { tile: piece - count, child: null };
+    return unit < count ? { tile: parents[unit], child: unit } : { tile: unit - count, child: null };
   }
 
   /** Returns the units that a cut draws. Their union is the received scene, without overlap. */
