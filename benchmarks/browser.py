@@ -179,7 +179,7 @@ def many(url: str, count: int) -> dict[str, Any]:
         found = [json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.status)")) for page in pages]
     return {
         "pages": count, "complete": sum(status["complete"] for status in found),
-        "by_datagrams": sum("datagrams" in status["way"] for status in found),
+        "by_datagrams": sum("datagrams" in status["transport"] for status in found),
     }  # fmt: skip
 
 
@@ -207,8 +207,9 @@ async def left_open(stream: SceneStream, minutes: float) -> dict[str, Any]:
                     seconds.append(round(time.monotonic() - began))
                 status = json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.status)"))
             lacking = len(stream.packets) - status["packets"]
-            return {"minutes": minutes, "ended": status["finished"], "way": status["way"], "packets_lacking": lacking,
-                    "datagrams_lost": relay.num_lost, "seconds": seconds, "megabytes": kept}  # fmt: skip
+            return {"minutes": minutes, "ended": status["finished"], "transport": status["transport"],
+                    "packets_lacking": lacking, "datagrams_lost": relay.num_lost, "seconds": seconds,
+                    "megabytes": kept}  # fmt: skip
 
         found = await asyncio.to_thread(drive)
     relay.close()

@@ -68,12 +68,12 @@ def measured(file: Path, photos: Path, copies: int) -> dict[str, Any]:
         stream = encode_scene(scene)
     data = stream_to_bytes(stream)
     test = open_dataset(photos, split="test")
-    partial = decode_stream(stream)
+    received = decode_stream(stream)
     parts, num = side_info_parts(stream.side_info, stream.manifest.codec), stream.manifest.num_elements
-    psnr = assess_scene(partial.scene, test, test.num_views, 0).psnr
+    psnr = assess_scene(received.scene, test, test.num_views, 0).psnr
     row = {
         "model": "causal" if isinstance(scene.coding, CausalCoding) else "hacpp",
-        "bytes": len(data), "psnr": psnr, "anchors": num, "gaussians": int(partial.scene.anchors.mask.sum()),
+        "bytes": len(data), "psnr": psnr, "anchors": num, "gaussians": int(received.scene.anchors.mask.sum()),
         "head_share": len(stream.side_info) / len(data), "side_info": parts,
         "position_bits": 8 * parts["positions"] / num,
         "encode_us_per_anchor": encoding_time(scene) / num * 1e6,
@@ -81,7 +81,7 @@ def measured(file: Path, photos: Path, copies: int) -> dict[str, Any]:
         "drop": {name: psnr - lossy_psnr(stream, test, name) for name in CONCEALERS},
     }  # fmt: skip
     if isinstance(scene.coding, CausalCoding):
-        row["bits_of_an_anchor"] = attribute_bits(partial.scene, stream)
+        row["bits_of_an_anchor"] = attribute_bits(received.scene, stream)
     if copies:
         row["side_by_side"] = side_by_side(scene, copies)
     return row
@@ -114,7 +114,7 @@ def plain(stream: SceneStream) -> SceneStream:
 def lossy_psnr(stream: SceneStream, test: Dataset, concealer: str) -> float:
     """Mean test PSNR of the stream after some losses."""
     arrived = (decode_stream(transmit(stream, parse_loss(LOSS), seed=seed)[0]) for seed in SEEDS)
-    scenes = (conceal(partial, concealer) for partial in arrived)
+    scenes = (conceal(received, concealer) for received in arrived)
     return float(np.mean([assess_scene(scene, test, test.num_views, 0).psnr for scene in scenes]))
 
 

@@ -252,16 +252,16 @@ def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random
     for rate, seed in zip(config.drop_rates, seeds.generate_state(len(config.drop_rates)).tolist(), strict=True):
         known = pseudo_loss(groups, complete.scene.num_elements, rate, seed)
         there = tuple(p for p, start in zip(packets, groups.starts[:-1], strict=True) if known[groups.ranks[start]])
-        partial = _decoded(SceneStream(lossy.stream.manifest, lossy.stream.side_info, there))
-        inputs.append(element_inputs(partial))
+        received = _decoded(SceneStream(lossy.stream.manifest, lossy.stream.side_info, there))
+        inputs.append(element_inputs(received))
     return TrainingExamples(complete.scene, lossy.cameras, inputs)
 
 
 def _decoded(stream: SceneStream) -> ReceivedScene[SplatScene]:
-    partial = decode_stream(stream)
-    if Splats not in partial.provides:
-        raise InvalidValueError(f"this network is for explicit Gaussians, not for {partial.scene.ELEMENTS}")
-    return partial
+    received = decode_stream(stream)
+    if Splats not in received.provides:
+        raise InvalidValueError(f"this network is for explicit Gaussians, not for {received.scene.ELEMENTS}")
+    return received
 
 
 def _groups(stream: SceneStream) -> tuple[PacketGroups, list[Packet]]:

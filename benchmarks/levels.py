@@ -54,8 +54,8 @@ def measured(path: str, rates: list[float]) -> dict[str, object]:
     plain_seconds, began = time.perf_counter() - began, time.perf_counter()
     stream = encode_levels(scene, classes=classes)
     seconds = time.perf_counter() - began
-    tiles, partial = tiles_of(stream), decode_stream(stream)
-    level_of = partial[Levels].lod_level
+    tiles, received = tiles_of(stream), decode_stream(stream)
+    level_of = received[Levels].lod_level
 
     def quality(shown: Scene) -> float:
         return round(float(psnr(render_scene(shown, cameras), truth).mean()), 2)
@@ -66,7 +66,7 @@ def measured(path: str, rates: list[float]) -> dict[str, object]:
         here = tiles.levels == level
         facts = {"tiles": int(here.sum()), "gaussians": int(tiles.counts[here].sum())}
         facts |= {"bytes": int(tiles.sizes[here].sum()), "error": float(tiles.errors[here].mean())}
-        levels.append(facts | {"psnr": quality(replace(partial.scene, hints=hints))})
+        levels.append(facts | {"psnr": quality(replace(received.scene, hints=hints))})
     finest = levels[0]["bytes"]
     return {
         "scene": path.rsplit("/", 1)[-1],

@@ -139,19 +139,19 @@ def lost_stream(stream: SceneStream, gauge: Gauge, seeds: int, folder: Path) -> 
             for how, left in damaged(data, arrived).items():
                 path.write_bytes(left)
                 try:
-                    partial = decode_stream(read_stream(path)[0])
+                    received = decode_stream(read_stream(path)[0])
                 except SplatwireError:
-                    partial = None
+                    received = None
                 for name in CONCEALERS:
-                    seen = None if partial is None else gauge.psnr(conceal(partial, name))
+                    seen = None if received is None else gauge.psnr(conceal(received, name))
                     found.setdefault(f"file, {how}, {name}", []).append(seen)
             sent, again = transmit(stream, parse_loss(loss, "datagram"), seed=seed)[0], seed
             while len(sent.packets) == len(stream.packets):
                 again += seeds
                 sent = transmit(stream, parse_loss(loss, "datagram"), seed=again)[0]
-            partial = decode_stream(sent)
+            received = decode_stream(sent)
             for name in CONCEALERS:
-                found.setdefault(f"datagrams, {name}", []).append(gauge.psnr(conceal(partial, name)))
+                found.setdefault(f"datagrams, {name}", []).append(gauge.psnr(conceal(received, name)))
         rows[loss] = {how: summary(values) for how, values in found.items()}
         print("swz", loss, rows[loss], file=sys.stderr, flush=True)
     head = stream.num_bytes - sum(len(packet.data) + 4 for packet in stream.packets)

@@ -36,7 +36,7 @@ from splatwire.evaluation.views import spread
 from splatwire.io import open_scene
 from splatwire.planning.candidates import PlanConstraints, arrival_within, baseline_candidates
 from splatwire.planning.distortion import BLANK_PSNR
-from splatwire.planning.measure import LossyPictures, known_elements, packet_members, variant_of_stream
+from splatwire.planning.measure import LossyPictures, packet_members, received_elements, variant_of_stream
 from splatwire.planning.planner import HEAD_TRIALS, draw_transfer_losses, plan_protection
 from splatwire.planning.transfer_model import StreamLoad, draw_losses, model_transfer
 from splatwire.render import iterate_views
@@ -76,7 +76,7 @@ class Variant:
             return self.blank
         key = packets.tobytes()
         if key not in self.cache:
-            self.cache[key] = self.pictures.psnr(known_elements(self.members, packets, self.pictures.num_elements))
+            self.cache[key] = self.pictures.psnr(received_elements(self.members, packets, self.pictures.num_elements))
         return self.cache[key]
 
     def expected(self, protection: Protection, loss_name: str, budget: float, pictures: int) -> dict:

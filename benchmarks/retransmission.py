@@ -27,7 +27,7 @@ from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, encode_scene
 from splatwire.concealment.sketch import SECTION
-from splatwire.planning.measure import LossyPictures, known_elements
+from splatwire.planning.measure import LossyPictures, received_elements
 from splatwire.transport import Protection, ServerLimits, make_served_stream
 from splatwire.transport.protocol.served_stream import ServedStream
 
@@ -97,7 +97,7 @@ def score(variant: Variant, outcomes: list[Outcome], pictures: int, planning: bo
     parts.sort(key=lambda o: int((~o.packets) @ variant.planned.load.elements))
     count = min(pictures, len(parts))
     chosen = [parts[int((n + 0.5) / count * len(parts))] for n in range(count)]
-    drawn = [views.psnr(known_elements(variant.members, o.packets, views.num_elements)) for o in chosen]
+    drawn = [views.psnr(received_elements(variant.members, o.packets, views.num_elements)) for o in chosen]
     nothing = sum(not o.head for o in outcomes) / len(outcomes)
     everything = sum(o.head and bool(o.packets.all()) for o in outcomes) / len(outcomes)
     blank = variant.planned.blank_psnr if planning else variant.blank

@@ -114,9 +114,9 @@ def score_scene(
 
     figures: dict[str, list[float]] = {name: [] for name in methods}
     for seed in options.seeds:
-        partial = decode_stream(transmit(stream, loss, seed=seed)[0])
+        received = decode_stream(transmit(stream, loss, seed=seed)[0])
         for name, method in methods.items():
-            figures[name].append(mean_psnr(conceal(partial, method)))
+            figures[name].append(mean_psnr(conceal(received, method)))
         print(source.name, seed, {n: round(v[-1], 3) for n, v in figures.items()}, file=sys.stderr, flush=True)
     return {
         "num_anchors": stream.manifest.num_elements,
@@ -155,9 +155,9 @@ def score_gaussians(options: argparse.Namespace) -> dict[str, object]:
 
         figures: dict[str, list[float]] = {name: [] for name in names}
         for seed in options.seeds:
-            partial = decode_stream(transmit(stream, loss, seed=seed)[0])
+            received = decode_stream(transmit(stream, loss, seed=seed)[0])
             for name, method in names.items():
-                figures[name].append(quality(conceal(partial, method)))
+                figures[name].append(quality(conceal(received, method)))
         found[path.name] = {
             "num_gaussians": scene.num_elements, "num_bytes": stream.num_bytes,
             "no loss": quality(decode_stream(stream).scene), "psnr": figures,

@@ -154,9 +154,9 @@ def losses(stream: SceneStream, cameras: Cameras, reference: list[np.ndarray]) -
     """Mean PSNR over masks at 20 % lost datagrams."""
     found: dict[str, list[float]] = {"drop": [], "grow": []}
     for seed in SEEDS:
-        partial = decode_stream(transmit(stream, parse_loss("bernoulli:0.2"), seed=seed)[0])
+        received = decode_stream(transmit(stream, parse_loss("bernoulli:0.2"), seed=seed)[0])
         for name, values in found.items():
-            values.append(mean_psnr(conceal(partial, name), cameras, reference))
+            values.append(mean_psnr(conceal(received, name), cameras, reference))
     return {name: statistics.mean(values) for name, values in found.items()}
 
 

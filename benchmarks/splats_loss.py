@@ -61,7 +61,7 @@ def conceal_scene(path: Path, options: argparse.Namespace) -> dict[str, object]:
     def concealed(sent, name: str) -> float:  # type: ignore[no-untyped-def]
         """Mean over losses; a section changes neither packets nor which of them are lost."""
         lossy = [decode_stream(transmit(sent, loss, seed=seed)[0]) for seed in options.seeds]
-        return sum(quality(conceal(partial, name)) for partial in lossy) / len(lossy)
+        return sum(quality(conceal(received, name)) for received in lossy) / len(lossy)
 
     complete = decode_stream(stream)
     rows = {

@@ -68,7 +68,7 @@ def under_loss(scene: AnchorScene, photos: tuple[Dataset, Dataset], options: arg
         each, lost, model = {name: [] for name in concealers}, 0.0, parse_loss(loss, packetization.unit)
         for seed in range(options.seeds):
             received = decode_stream(draw_mask(stream, model, seed=seed).apply(stream))
-            lost += 1 - float(received.loss_mask.known.mean())
+            lost += 1 - float(received.loss_mask.fully_received.mean())
             for name in concealers:
                 each[name].append(assess_scene(conceal(received, name), test, views, 0).psnr)
         found[loss] = {name: round(sum(values) / len(values), 3) for name, values in each.items()}

@@ -21,9 +21,9 @@ def main(stream_path: str, cameras_path: str, loss: str = "bernoulli:0.2") -> No
     reference = render_scene(decode_stream(stream).scene, cameras)
     received, record = transmit(stream, parse_loss(loss), seed=0)
     print(f"{record.num_lost} of {record.num_sent} packets ({record.unit}) lost")
-    partial = decode_stream(received)
-    for name in concealer_names(partial.sections, partial.provides):
-        image = render_scene(conceal(partial, name), cameras)
+    received_scene = decode_stream(received)
+    for name in concealer_names(received_scene.sections, received_scene.provides):
+        image = render_scene(conceal(received_scene, name), cameras)
         print(f"{name:8} {psnr(image, reference)[0]:6.2f} dB")
 
 

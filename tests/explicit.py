@@ -22,8 +22,8 @@ def encode_splats(
 
 def decode_splats(stream: SceneStream, threads: int | None = None) -> tuple[Splats, np.ndarray]:
     """All Gaussians by rank, and the mask of received ones, bool (N)."""
-    partial = decode_stream(stream, threads=threads)
-    return partial.scene.splats, partial.known
+    received = decode_stream(stream, threads=threads)
+    return received.scene.splats, received.fully_received
 
 
 def ball_of_gaussians() -> Splats:

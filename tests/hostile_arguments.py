@@ -45,7 +45,7 @@ NAMES = {
         "candidates.candidates",
         "candidates.largest_head", "distortion.DistortionModel", "distortion.StreamVariant",
         "distortion.lost_fractions", "feedback.plan_retransmission", "measure.LossyPictures",
-        "measure.known_elements", "measure.measure_distortion", "measure.measured_variant",
+        "measure.received_elements", "measure.measure_distortion", "measure.measured_variant",
         "measure.packet_members", "measure.variant_of_stream",
         "plan_file.plan_content", "plan_file.read_plan", "planner.draw_transfer_losses", "planner.expected_result",
         "planner.plan_protection", "transfer_model.SimulatedTransfers", "transfer_model.StreamLoad",
@@ -134,7 +134,7 @@ class Pool:
         self.anchors = tiny_scene(num_anchors=60)
         self.causal = tiny_causal_scene(num_anchors=60)
         self.stream = splatwire.encode_scene(self.scene, "datagram")
-        self.partial = splatwire.decode_stream(self.stream)
+        self.received_scene = splatwire.decode_stream(self.stream)
         self.ply, self.swz, self.views = folder / "scene.ply", folder / "scene.swz", folder / "cameras.json"
         splatwire.save_scene(self.scene, self.ply)
         splatwire.write_stream(self.stream, self.swz)
@@ -200,15 +200,16 @@ class Pool:
                if name.startswith("Manifest.")},
             **{f"Prior.{f.name}": getattr(prior, f.name) for f in dataclasses.fields(prior)},
             **{f"AttributePrior.{f.name}": getattr(prior.feature, f.name) for f in dataclasses.fields(prior.feature)},
-            **{f"SplatCoding.{f.name}": getattr(self.partial.scene.coding, f.name)
-               for f in dataclasses.fields(self.partial.scene.coding)},
+            **{f"SplatCoding.{f.name}": getattr(self.received_scene.scene.coding, f.name)
+               for f in dataclasses.fields(self.received_scene.scene.coding)},
             **{f"Gaussians.{name}": getattr(splats, name) for name in ("means", "quats", "scales", "opacities")},
             "Gaussians.colors": splats.scales,
             "AnchorScene.anchors": anchors, "AnchorScene.heads": self.anchors.heads, "AnchorScene.coding": coding,
-            "scene": self.scene, "scene_in_order.scene": self.anchors, "loaded": self.partial, "value": self.scene,
-            "partial": self.partial, "splats": splats, "parts": lambda: [splats], "fallback": splats,
-            "loss_mask": self.partial.loss_mask, "cameras": self.cameras, "stream": self.stream, "manifest": manifest,
-            "side_info": self.stream.side_info, "packets": self.stream.packets,
+            "scene": self.scene, "scene_in_order.scene": self.anchors, "loaded": self.received_scene,
+            "value": self.scene, "conceal.received": self.received_scene, "save_decoded.received": self.received_scene,
+            "splats": splats, "parts": lambda: [splats], "fallback": splats,
+            "loss_mask": self.received_scene.loss_mask, "cameras": self.cameras, "stream": self.stream,
+            "manifest": manifest, "side_info": self.stream.side_info, "packets": self.stream.packets,
             "make_stream.packets": self.stream.packets,
             "path": self.ply, "read_stream.path": self.swz, "write_stream.path": self.folder / "written.swz",
             "save_scene.path": self.folder / "written.ply", "save_decoded.path": self.folder / "written.ply",
@@ -282,10 +283,10 @@ class Pool:
             "DistortionModel.mse": np.array([[0.0, 0.1]]),
             "distortion": lambda: self._variant.distortion, "lost_fractions.packets": lambda: self._arrival.packets,
             "variants": lambda: [self._variant], "variant": lambda: self._variant, "arrival": lambda: self._arrival,
-            "rendered_trials": 2, "trials": 4, "complete": self.partial, "LossyPictures.concealer": "drop",
+            "rendered_trials": 2, "trials": 4, "complete": self.received_scene, "LossyPictures.concealer": "drop",
             "measured_variant.progress": print, "num_views": 1, "measured_variant.concealer": "drop",
             "packet_members": lambda: importlib.import_module("splatwire.planning.measure").packet_members(self.stream),
-            "known_elements.packets": lambda: np.ones(len(self.stream.packets), np.bool_),
+            "received_elements.packets": lambda: np.ones(len(self.stream.packets), np.bool_),
             "pictures": lambda: self._pictures,
             "protection": importlib.import_module("splatwire.transport").Protection(), "facts": {},
             "read_plan.name": "a.plan",
@@ -350,7 +351,7 @@ class Pool:
     @functools.cached_property
     def _pictures(self) -> Any:
         measure = importlib.import_module("splatwire.planning.measure")
-        return measure.LossyPictures(self.partial, self.cameras, "drop")
+        return measure.LossyPictures(self.received_scene, self.cameras, "drop")
 
     @functools.cached_property
     def _views(self) -> Any:

@@ -237,19 +237,19 @@ def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
             decoder.add([packet])
 
     def saved(stream: SceneStream) -> None:
-        partial = decode_stream(stream)
+        received = decode_stream(stream)
         if stream.manifest.schema.timed:
-            for _ in itertools.islice(decode_frames(partial.scene), 2):
+            for _ in itertools.islice(decode_frames(received.scene), 2):
                 pass
             return
-        save_decoded(partial, None, folder / ("out.ply" if stream.manifest.schema.explicit else "out.scene"))
+        save_decoded(received, None, folder / ("out.ply" if stream.manifest.schema.explicit else "out.scene"))
 
     def dropped(stream: SceneStream) -> None:
-        partial = decode_stream(stream)
+        received = decode_stream(stream)
         if stream.manifest.schema.timed:
-            next(decode_frames(partial.scene, "drop"))
+            next(decode_frames(received.scene, "drop"))
         else:
-            conceal(partial, "drop")
+            conceal(received, "drop")
 
     works: dict[str, Callable[[Path], object]] = {
         "inspect": describe,

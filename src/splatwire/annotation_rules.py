@@ -256,8 +256,8 @@ def _items_rule(kind: type, item: Rule) -> Rule:
             return False
         if hasattr(value, "shape"):
             return len(value.shape) > 0 and (not value.shape[0] or item.accepts(value[0]))
-        known = isinstance(value, list | tuple | set | frozenset | dict)
-        return not known or all(map(item.accepts, value))
+        is_container = isinstance(value, list | tuple | set | frozenset | dict)
+        return not is_container or all(map(item.accepts, value))
 
     def convert(value: Any) -> Any:
         return _checked_items(value, item) if isinstance(value, abc.Iterator) else value
@@ -286,8 +286,8 @@ def _protocol_rule(kind: type) -> Rule:
     """Builds the check of an argument annotated as a protocol: the argument must have all members of the protocol."""
     # Unlike `isinstance`, the check does not evaluate properties of the object.
     plain = set(dir(typing.Protocol)) | {"__annotations__", "__dataclass_fields__", "__protocol_attrs__"}
-    found = {name for base in kind.__mro__ if getattr(base, "_is_protocol", False) for name in vars(base)}
-    members = {name for name in found if not name.startswith("_") or name == "__call__"} - (plain - {"__call__"})
+    member_names = {name for base in kind.__mro__ if getattr(base, "_is_protocol", False) for name in vars(base)}
+    members = {name for name in member_names if not name.startswith("_") or name == "__call__"} - (plain - {"__call__"})
 
     def accepts(value: Any) -> bool:
         if isinstance(value, type):

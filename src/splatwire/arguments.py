@@ -31,27 +31,28 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return checked_except()(function)
 
 
-def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def checked_except(*excepted: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Returns a decorator that checks and converts a function's arguments by annotation, except for some parameters.
 
     Args:
-        *own: Names of the parameters that are passed on unchanged, because the decorated function checks them itself.
+        *excepted: Names of the parameters that are passed on unchanged, because the decorated function checks them
+            itself.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        return _checking(function, own)
+        return _checking(function, excepted)
 
     return decorate
 
 
-def _checking(function: Callable[P, R], own: tuple[str, ...]) -> Callable[P, R]:
+def _checking(function: Callable[P, R], excepted: tuple[str, ...]) -> Callable[P, R]:
     @functools.cache
     def known() -> tuple[list[str], dict[str, Rule]]:
         """Returns the parameter names of the decorated function, and the type check of each checked parameter."""
         # Built at the first call, because annotations may name classes that are defined later.
         parameters = inspect.signature(function).parameters.values()
         names = [parameter.name for parameter in parameters if parameter.kind not in _VARIADIC]
-        return names, _rules(function, [name for name in names if name not in own], arrays=array_like_rule)
+        return names, _rules(function, [name for name in names if name not in excepted], arrays=array_like_rule)
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -82,9 +83,9 @@ def check_fields(record: Any) -> None:
     extents: dict[str, int] = {}
     for name, rule in _rules_of_fields(kind).items():
         value = getattr(record, name)
-        found = _check(rule, value, name, kind.__name__)
-        if found is not value:
-            object.__setattr__(record, name, found)
+        checked = _check(rule, value, name, kind.__name__)
+        if checked is not value:
+            object.__setattr__(record, name, checked)
         if rule.dims and value is not None:
             for dim, extent in zip(rule.dims, value.shape, strict=True):
                 if extent != (int(dim) if dim.isdigit() else extents.setdefault(dim, extent)):
@@ -118,13 +119,13 @@ def _rules(owner: Any, names: list[str], arrays: Callable[[Any], Rule]) -> dict[
     Returns:
         Check of each parameter or field, by name. Those whose annotation accepts every value have no check.
     """
-    found = {}
+    rules = {}
     for name in names:
         hint = annotation_of(owner, name)
         rule = rule_of(hint, arrays)
         if rule.expected:
-            found[name] = rule
-    return found
+            rules[name] = rule
+    return rules
 
 
 def _check(rule: Rule, value: Any, name: str, owner: str = "") -> Any:
@@ -161,20 +162,20 @@ def array_of(
     extents = "" if shape is None else f" ({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
     expected = f"{name}: expected an array{extents} of {words}{limits}"
     try:
-        found = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value)
+        array = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value)
     except (TypeError, ValueError, RuntimeError) as error:
         raise InvalidValueError(f"{expected}, not {shown(value)}") from error
     fits = shape is None or (
-        len(found.shape) == len(shape)
-        and all(isinstance(extent, str) or extent == own for extent, own in zip(shape, found.shape, strict=True))
+        len(array.shape) == len(shape)
+        and all(isinstance(extent, str) or extent == size for extent, size in zip(shape, array.shape, strict=True))
     )
-    if not fits or found.dtype.kind not in {"f": "fiu", "i": "iu", "b": "b"}[kind]:
-        raise InvalidValueError(f"{expected}, not {shown(found)}")
-    if found.size and (least is not None or most is not None):
-        low, high = found.min(), found.max()  # NaN if one value is
+    if not fits or array.dtype.kind not in {"f": "fiu", "i": "iu", "b": "b"}[kind]:
+        raise InvalidValueError(f"{expected}, not {shown(array)}")
+    if array.size and (least is not None or most is not None):
+        low, high = array.min(), array.max()  # NaN if one value is
         if not ((least is None or low >= least) and (most is None or high <= most)):
             raise InvalidValueError(f"{expected}, not {low:.4g} to {high:.4g}")
-    return found
+    return array
 
 
 def check_threads(threads: int | None) -> None:

@@ -57,11 +57,11 @@ def check_kind(value: object, kind: type, reader: str, name: str = "") -> None:
         InvalidValueError: If the argument has another type.
     """
     if not isinstance(value, kind):
-        found = type(value).__name__
+        actual = type(value).__name__
         if isinstance(value, tuple) and value and isinstance(value[0], kind):
-            found = f"a pair: take its first item, as in `{kind.__name__.lower()}, report = {reader}(path)`"
+            actual = f"a pair: take its first item, as in `{kind.__name__.lower()}, report = {reader}(path)`"
         where = f"{name}: " if name else ""
-        raise InvalidValueError(f"{where}expected {kind.__name__} (`{reader}` reads one from a file), not {found}")
+        raise InvalidValueError(f"{where}expected {kind.__name__} (`{reader}` reads one from a file), not {actual}")
 
 
 def whole_number(value: object, name: str, least: int = 0, most: int | None = None) -> int:

@@ -160,9 +160,9 @@ class Registry(Generic[Entry]):
         Raises:
             InvalidValueError: If several other packages announce the name.
         """
-        own = [point for point in points if _is_own(point)]
-        if own or len(points) == 1:
-            return (own or points)[0]
+        own_points = [point for point in points if _is_own(point)]
+        if own_points or len(points) == 1:
+            return (own_points or points)[0]
         packages = " and ".join(map(package_of, points))
         raise InvalidValueError(f"{packages} announce a {self.kind} '{name}': uninstall all but one")
 

@@ -42,14 +42,14 @@ save_cameras(cameras, path)
 stream = splatwire.encode_scene(scene, "datagram")
 splatwire.write_stream(stream, path.parent / "x.swz")
 splatwire.save_scene(scene, path.parent / "y.ply")
-partial = splatwire.decode_stream(stream)
+received = splatwire.decode_stream(stream)
 picture = splatwire.render_scene(scene, cameras, renderer="cpu")
 def draw(scene=scene, cameras=cameras, **more):
     return splatwire.render_scene(scene, cameras, **{"renderer": "cpu", **more})
 """
 WORKS = {
     "a path of cameras": "all(np.array_equal(draw(cameras=kind(path)), picture) for kind in (Path, str))",
-    "what a decoder returns": "np.array_equal(draw(partial), draw(partial.scene))",
+    "what a decoder returns": "np.array_equal(draw(received), draw(received.scene))",
     "explicit Gaussians": "np.array_equal(draw(splats), picture)",
     "a background of numbers": "np.array_equal(draw(background=(0.0, 0.0, 0.0)), picture)",
     "a background of numpy": "draw(background=np.ones(3)).min() > 0.01 * 0 and draw(background=[1, 1, 1]).max() > 0.9",
@@ -58,7 +58,7 @@ WORKS = {
     "a path of any kind": "splatwire.read_stream('x.swz')[0] == splatwire.read_stream(path.parent / 'x.swz')[0]",
     "a loss as text": "len(splatwire.transmit(stream, 'bernoulli:1', seed=0)[0].packets) == 0",
     "a preset by name": "stream == splatwire.encode_scene(splats, 'datagram')",
-    "a whole decoded scene to encode": "len(splatwire.encode_scene(partial, 'paper').packets) > 0",
+    "a whole decoded scene to encode": "len(splatwire.encode_scene(received, 'paper').packets) > 0",
     "tiers of numpy": "splatwire.encode_scene(scene, tiers=np.repeat([0, 1], n // 2).astype(np.uint8)) is not None",
     "one camera of several": "cameras[0].names == ('a',) == cameras[-1].names and [len(c) for c in cameras] == [1]",
     "some cameras": "len(cameras[:0]) == 0 and cameras[:5].names == ('a',)",
@@ -208,8 +208,8 @@ FAILS = {
     "splatwire.SceneStream({}, stream.side_info, ())": r"SceneStream.manifest: expected Manifest",
     "splatwire.SceneStream(stream.manifest, None, ())": r"SceneStream.side_info: expected bytes",
     "splatwire.ReceivedScene(None, None)": r"ReceivedScene.loss_mask: expected LossMask, not None",
-    "splatwire.ReceivedScene(None, partial.loss_mask)": r"ReceivedScene.scene: expected a scene",
-    "splatwire.ReceivedScene(scene, partial.loss_mask, {1: 2})": (
+    "splatwire.ReceivedScene(None, received.loss_mask)": r"ReceivedScene.scene: expected a scene",
+    "splatwire.ReceivedScene(scene, received.loss_mask, {1: 2})": (
         r"ReceivedScene.sections: expected a dictionary of bytes by text"
     ),
     "SplatScene(splats, metadata='x')": r"SplatScene.metadata: expected SceneMetadata",

@@ -62,13 +62,14 @@ def test_the_same_seed_gives_the_same_bytes(stream, data, result) -> None:
 def test_stream_carries_the_sketch(stream, data, result) -> None:
     richer = add_concealment(stream, "sketch", result.section)
     lossy, _ = transmit(richer, parse_loss("bernoulli:0.4"), seed=1)
-    partial = decode_stream(lossy)
-    drawn = conceal(partial, "sketch")
+    received = decode_stream(lossy)
+    drawn = conceal(received, "sketch")
     section = read_sketch(result.section, sizes_of(data.complete), buckets_of(data.complete))
-    there = partial.loss_mask.known | section.levels > 0
+    there = received.loss_mask.fully_received | section.levels > 0
     assert np.array_equal(drawn.hints.left_out, ~there)
     assert np.array_equal(
-        drawn.anchors.features[partial.loss_mask.known], data.scene.anchors.features[partial.loss_mask.known]
+        drawn.anchors.features[received.loss_mask.fully_received],
+        data.scene.anchors.features[received.loss_mask.fully_received],
     )
 
 
@@ -104,7 +105,7 @@ def test_pseudo_loss_equals_decoding_a_lossy_stream(make) -> None:
     """Positions that packets carry are estimated for lost anchors."""
     stream = encode_scene(make(seed=2, num_anchors=300), Packetization(block_size=100))
     lossy = decode_stream(transmit(stream, parse_loss("bernoulli:0.4"), seed=1)[0])
-    pretended = calibration_data(stream, decode_stream(stream)).complete.masked(lossy.loss_mask.known)
+    pretended = calibration_data(stream, decode_stream(stream)).complete.masked(lossy.loss_mask.fully_received)
     for field in dataclasses.fields(lossy.scene.anchors):
         assert np.array_equal(getattr(pretended.scene.anchors, field.name), getattr(lossy.scene.anchors, field.name)), (
             field.name

@@ -313,10 +313,10 @@ def decoded(editions):
 
 def head_of(edition):
     """Bytes of manifest, side information and source symbols of a served stream."""
-    segments = Segments(edition.head_bytes, edition.symbol_bytes)
+    segments = Segments(edition.init_segment_bytes, edition.symbol_bytes)
     for number in range(segments.num_segments):
         span, size = segments.span(number), segments.size(number)
-        symbols = dict(list(enumerate(edition.head[number]))[:size])
+        symbols = dict(list(enumerate(edition.init_symbols[number]))[:size])
         yield b"".join(fec.recover(symbols, size, edition.symbol_bytes))[: span.stop - span.start]
 
 

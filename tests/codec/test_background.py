@@ -23,9 +23,9 @@ def test_background_section_bytes_are_pinned() -> None:
 @pytest.mark.parametrize("preset", ["paper", "datagram", "hacpp"])
 def test_background_survives_encoding(scene: AnchorScene, preset: str) -> None:
     stream = encode_scene(replace(scene, background=WHITE), PRESETS[preset])
-    partial = decode_stream(stream.with_packets(stream.packets[1:]))
-    assert BACKGROUND.of_stream(stream) == partial.scene.background == WHITE
-    assert BACKGROUND.name not in partial.sections
+    received = decode_stream(stream.with_packets(stream.packets[1:]))
+    assert BACKGROUND.of_stream(stream) == received.scene.background == WHITE
+    assert BACKGROUND.name not in received.sections
     assert BACKGROUND.of_stream(add_concealment(stream, "gnn", b"weights")) == WHITE
 
 

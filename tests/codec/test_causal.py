@@ -100,7 +100,7 @@ def test_progressive_decoding_equals_decoding_at_once(stream: SceneStream):
     for packet in reversed(stream.packets):
         decoder.add([packet])
     assert decoder.complete
-    assert np.array_equal(decoder.partial.scene.anchors.offsets, whole.scene.anchors.offsets)
+    assert np.array_equal(decoder.received_scene.scene.anchors.offsets, whole.scene.anchors.offsets)
 
 
 @pytest.mark.parametrize("name", ["drop", "grow", "idw", "prior", "scene_free"])
@@ -110,9 +110,9 @@ def test_concealment_works_with_positions_from_packets(scene: AnchorScene, name:
     some = stream.packets[::2]
     for packet in some:
         decoder.add([packet])
-    known = decoder.partial.loss_mask.known
+    known = decoder.received_scene.loss_mask.fully_received
     at_once = conceal(decode_stream(replace(stream, packets=some)), name)
-    shown = conceal(decoder.partial, name)
+    shown = conceal(decoder.received_scene, name)
     for other in (conceal(whole.masked(known), name), shown):
         for attribute, values in vars(at_once.anchors).items():
             assert np.array_equal(getattr(other.anchors, attribute), values), attribute
@@ -262,8 +262,8 @@ def test_scene_files_hold_the_causal_model(scene: AnchorScene, stream: SceneStre
     save_scene(scene, tmp_path / "a.scene")
     back = load_scene(tmp_path / "a.scene")
     assert encode_scene(back).side_info == stream.side_info
-    partial = decode_stream(transmit(stream, parse_loss("bernoulli:0.5"), seed=1)[0])
-    save_partial(partial, tmp_path / "b.scene")
+    received = decode_stream(transmit(stream, parse_loss("bernoulli:0.5"), seed=1)[0])
+    save_partial(received, tmp_path / "b.scene")
     again = load_partial(tmp_path / "b.scene")
-    assert np.array_equal(again[Prior].context, partial[Prior].context)
+    assert np.array_equal(again[Prior].context, received[Prior].context)
     assert again.scene.causal.config == scene.causal.config

@@ -32,8 +32,8 @@ def attributes_of(scene: AnchorScene) -> list[np.ndarray]:
 
 
 def test_decoded_values_are_within_half_a_step(scene: AnchorScene, stream: SceneStream) -> None:
-    partial = decode_stream(stream)
-    decoded, prior = partial.scene.anchors, partial[Prior]
+    received = decode_stream(stream)
+    decoded, prior = received.scene.anchors, received[Prior]
     assert np.array_equal(decoded.positions, scene.anchors.positions)
     assert np.array_equal(decoded.mask, scene.anchors.mask)
     for name, step in (("features", prior.feature.step), ("scalings", prior.scaling.step)):
@@ -42,23 +42,23 @@ def test_decoded_values_are_within_half_a_step(scene: AnchorScene, stream: Scene
     error = np.abs(decoded.offsets - scene.anchors.offsets).reshape(decoded.num_anchors, -1)
     assert (error <= 0.5001 * prior.offset.step).all()
     assert not decoded.offsets[~decoded.mask].any()
-    assert partial.loss_mask.num_lost == 0
+    assert received.loss_mask.num_lost == 0
 
 
 def test_lost_packets_affect_only_their_anchors(stream: SceneStream) -> None:
     whole = decode_stream(stream)
     kept = [p for i, p in enumerate(stream.packets) if i % 3]
-    partial = decode_stream(stream.with_packets(kept))
+    received = decode_stream(stream.with_packets(kept))
     plan = stream.manifest.plan
     lost = np.concatenate([plan.members(p.id) for i, p in enumerate(stream.packets) if i % 3 == 0])
-    known = partial.loss_mask.known
+    known = received.loss_mask.fully_received
     assert sorted(lost) == np.flatnonzero(~known).tolist()
-    for a, b in zip(attributes_of(whole.scene), attributes_of(partial.scene), strict=True):
+    for a, b in zip(attributes_of(whole.scene), attributes_of(received.scene), strict=True):
         assert np.array_equal(a[known], b[known])
-    assert np.array_equal(whole.scene.anchors.positions, partial.scene.anchors.positions)
-    assert not partial.scene.anchors.features[~known].any()
-    assert not partial.scene.anchors.mask[~known].any()
-    assert np.array_equal(whole[Prior].feature.mean, partial[Prior].feature.mean)
+    assert np.array_equal(whole.scene.anchors.positions, received.scene.anchors.positions)
+    assert not received.scene.anchors.features[~known].any()
+    assert not received.scene.anchors.mask[~known].any()
+    assert np.array_equal(whole[Prior].feature.mean, received[Prior].feature.mean)
 
 
 def test_every_packet_decodes_alone(stream: SceneStream) -> None:
@@ -66,13 +66,13 @@ def test_every_packet_decodes_alone(stream: SceneStream) -> None:
     for packet in stream.packets[::5]:
         alone = decode_stream(stream.with_packets([packet]))
         ranks = stream.manifest.plan.members(packet.id)
-        assert np.array_equal(np.flatnonzero(alone.loss_mask.known), ranks)
+        assert np.array_equal(np.flatnonzero(alone.loss_mask.fully_received), ranks)
         assert np.array_equal(alone.scene.anchors.features[ranks], whole.features[ranks])
 
 
 def test_side_information_alone_decodes(stream: SceneStream) -> None:
-    partial = decode_stream(stream.with_packets([]))
-    assert partial.loss_mask.num_lost == stream.manifest.num_elements
+    received = decode_stream(stream.with_packets([]))
+    assert received.loss_mask.num_lost == stream.manifest.num_elements
 
 
 @pytest.mark.parametrize("order", ["morton", "raster"])
@@ -98,8 +98,8 @@ def test_encoding_is_repeatable_and_order_of_input_does_not_matter(scene: Anchor
 
 def test_full_size_model_round_trips() -> None:
     scene = tiny_scene(seed=1, num_anchors=150, config=ModelConfig())
-    partial = decode_stream(encode_scene(scene))
-    assert np.array_equal(partial.scene.anchors.mask, scene_in_order(scene, "morton").anchors.mask)
+    received = decode_stream(encode_scene(scene))
+    assert np.array_equal(received.scene.anchors.mask, scene_in_order(scene, "morton").anchors.mask)
 
 
 def test_desynchronised_decoder_is_detected(stream: SceneStream) -> None:
@@ -138,10 +138,10 @@ def test_damaged_side_information_is_an_error_or_another_scene(stream: SceneStre
         if rng.random() < 0.3:
             del data[rng.integers(len(data)) :]
         try:
-            partial = decode_stream(replace(stream, side_info=bytes(data)))
+            received = decode_stream(replace(stream, side_info=bytes(data)))
         except SplatwireError:
             continue
-        assert partial.scene.anchors.num_anchors == stream.manifest.num_elements
+        assert received.scene.anchors.num_anchors == stream.manifest.num_elements
 
 
 @pytest.mark.slow

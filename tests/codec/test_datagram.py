@@ -36,12 +36,12 @@ def test_lossless_datagrams_equal_the_paper_preset(scene: AnchorScene, stream: S
 def test_every_packet_decodes_alone(stream: SceneStream):
     whole = decode_stream(stream).scene.anchors
     for packet in stream.packets[::4]:
-        partial = decode_stream(stream.with_packets([packet]))
+        received_scene = decode_stream(stream.with_packets([packet]))
         ranks = stream.manifest.plan.members(packet.id, packet.num_elements)
-        received = np.flatnonzero(partial.loss_mask.received.all(axis=1))
+        received = np.flatnonzero(received_scene.loss_mask.received.all(axis=1))
         assert np.array_equal(received, np.sort(ranks))
         for name in ("features", "scalings", "offsets", "mask"):
-            assert np.array_equal(getattr(partial.scene.anchors, name)[ranks], getattr(whole, name)[ranks])
+            assert np.array_equal(getattr(received_scene.scene.anchors, name)[ranks], getattr(whole, name)[ranks])
 
 
 def test_lost_packets_remove_exactly_their_anchors(stream: SceneStream):

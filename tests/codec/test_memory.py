@@ -60,12 +60,12 @@ def test_small_streams_allocate_little_memory(oversized: dict[str, SceneStream],
 def test_lost_elements_allocate_memory_only_on_access(oversized: dict[str, SceneStream]) -> None:
     stream = oversized["gaussians announced in 4000 blocks"]
     decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
-    assert (decoder.num_known, decoder.complete) == (0, False)
+    assert (decoder.num_received, decoder.complete) == (0, False)
     with pytest.raises(BitstreamError, match=f"would take 6.*{VARIABLE}="):
-        decoder.partial  # noqa: B018
+        decoder.received_scene  # noqa: B018
     anchors = oversized["6400000 wide anchors"]
     with pytest.raises(BitstreamError, match=VARIABLE):
-        ProgressiveDecoder(anchors.manifest, anchors.side_info).partial  # noqa: B018
+        ProgressiveDecoder(anchors.manifest, anchors.side_info).received_scene  # noqa: B018
 
 
 def test_environment_variable_raises_the_memory_limit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,12 +26,12 @@ from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersi
 from splatwire.render.cpu import render_cpu
 from splatwire.types import Gaussians
 
-MOST = np.array([(1 << bits) - 1 for bits in BITS])
+MAX_LEVELS = np.array([(1 << bits) - 1 for bits in BITS])
 FRAME = PreviewFrame.fitting((0.1, -2.0, 3.0), 1.7, (-1.0, -0.5, 0.0, -5.0), (1.0, 0.7, 2.0, 0.5))
 
 
 def preview_of(count: int, seed: int = 0) -> Preview:
-    levels = np.random.default_rng(seed).integers(0, MOST + 1, (count, len(BITS)))
+    levels = np.random.default_rng(seed).integers(0, MAX_LEVELS + 1, (count, len(BITS)))
     return Preview(FRAME, (1, 20, 255), levels)
 
 
@@ -51,14 +51,14 @@ def test_preview_values_are_within_half_a_step() -> None:
     high = np.array([*FRAME.high[:3], *FRAME.high[3:] * 3, 1, 1, 1, 31 / 32], np.float64)
     values = low + (high - low) * np.random.default_rng(0).random((50, 10))
     sent = FRAME.values(FRAME.levels(values).round())
-    assert bool((np.abs(sent - values) <= (high - low) / MOST / 2 + 1e-6).all())
+    assert bool((np.abs(sent - values) <= (high - low) / MAX_LEVELS / 2 + 1e-6).all())
     assert np.array_equal(FRAME.levels((low - 1)[None]).round()[0], np.zeros(10, np.float32).astype(np.float64))
-    assert np.array_equal(FRAME.levels((high + 1)[None]).round()[0], MOST.astype(np.float64))
+    assert np.array_equal(FRAME.levels((high + 1)[None]).round()[0], MAX_LEVELS.astype(np.float64))
 
 
 def test_preview_section_bytes_are_pinned() -> None:
     """A change of these bytes needs a new version of the section."""
-    data = write_preview(Preview(FRAME, (1, 20, 255), np.array([[1, 2, 3, 4, 5, 6, 7, 8, 9, 10], MOST])))
+    data = write_preview(Preview(FRAME, (1, 20, 255), np.array([[1, 2, 3, 4, 5, 6, 7, 8, 9, 10], MAX_LEVELS])))
     header = "01020114ff" + "cdcccc3d000000c000004040" + "9a99d93f" + "000080bf000000bf000000000000a0c0"
     assert data.hex() == header + "0000803f3333333f000000400000003f" + "010203214c7426bf" + "ff" * 6 + "f0"
     gaussians, background = preview_gaussians(data)
@@ -151,7 +151,7 @@ def test_preview_with_extreme_values_renders() -> None:
             (*[-MAX_DISTANCE_ASINH] * 3, SIZES[0]),
             (*[MAX_DISTANCE_ASINH] * 3, SIZES[1]),
         )
-        check(Preview(frame, (0, 0, 0), rng.integers(0, MOST + 1, (MAX_GAUSSIANS, len(BITS)))).gaussians())
+        check(Preview(frame, (0, 0, 0), rng.integers(0, MAX_LEVELS + 1, (MAX_GAUSSIANS, len(BITS)))).gaussians())
 
 
 def test_oversized_preview_is_refused() -> None:

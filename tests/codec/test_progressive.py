@@ -55,12 +55,12 @@ def assert_same(a: ReceivedScene, b: ReceivedScene) -> None:
 
 def test_progressive_state_equals_decoding_the_same_packets(stream):
     decoder, packets = start(stream), shuffled(stream, 1)
-    assert_same(decoder.partial, decode_stream(stream.with_packets([])))
+    assert_same(decoder.received_scene, decode_stream(stream.with_packets([])))
     for number in range(0, len(packets), 3):
         ranks = decoder.add(packets[number : number + 3])
         there = packets[: number + 3]
         assert len(ranks) == sum(packet.num_elements for packet in packets[number : number + 3])
-        assert_same(decoder.partial, decode_stream(stream.with_packets(there)))
+        assert_same(decoder.received_scene, decode_stream(stream.with_packets(there)))
     assert decoder.complete
     assert decoder.stream.packets == stream.packets
 
@@ -70,7 +70,7 @@ def test_packet_order_does_not_change_the_scene(stream, seed):
     decoder = start(stream)
     ranks = np.concatenate([decoder.add([packet]) for packet in shuffled(stream, seed)])
     assert sorted(ranks.tolist()) == list(range(stream.manifest.num_elements))
-    assert_same(decoder.partial, decode_stream(stream))
+    assert_same(decoder.received_scene, decode_stream(stream))
 
 
 def test_duplicate_and_foreign_packets_are_counted_and_ignored(stream):
@@ -80,7 +80,7 @@ def test_duplicate_and_foreign_packets_are_counted_and_ignored(stream):
     nowhere = make_packet(PacketId(10_000, 0), first.num_elements, first.payload)
     too_many = make_packet(stream.packets[1].id, 5000, first.payload)
     assert len(decoder.add([nowhere, too_many])) == 0
-    assert_same(decoder.partial, decode_stream(stream.with_packets([first])))
+    assert_same(decoder.received_scene, decode_stream(stream.with_packets([first])))
     assert (decoder.report.num_duplicate, decoder.report.num_corrupt, decoder.report.num_received) == (2, 2, 1)
 
 
@@ -94,7 +94,7 @@ def test_packets_may_come_from_several_threads(stream):
         thread.join()
     assert decoder.complete
     assert decoder.report.num_duplicate == len(packets[0::5])
-    assert_same(decoder.partial, decode_stream(stream))
+    assert_same(decoder.received_scene, decode_stream(stream))
 
 
 def test_snapshot_is_not_changed_by_later_packets(stream):
@@ -133,7 +133,7 @@ def test_missing_or_inconsistent_side_information_is_refused(stream):
 
 def test_progress_reaches_the_end(stream):
     shares: list[float] = []
-    assert ProgressiveDecoder(stream.manifest, stream.side_info, progress=shares.append).partial
+    assert ProgressiveDecoder(stream.manifest, stream.side_info, progress=shares.append).received_scene
     assert shares[-1] == 1.0
 
 
@@ -154,7 +154,7 @@ def test_datagram_is_decoded_in_the_calling_thread(monkeypatch):
         monkeypatch.setattr(decoding, "CHUNK", sum(packet.num_elements for packet in stream.packets[1:-1]))
         decoder.add(stream.packets[1:])
     assert seen == [(True, {1}), (False, {1}), (False, {1})]
-    assert_same(decoder.partial, decode_stream(stream))
+    assert_same(decoder.received_scene, decode_stream(stream))
 
 
 def test_snapshot_copies_only_arrays_that_packets_fill():
@@ -168,7 +168,7 @@ def test_snapshot_copies_only_arrays_that_packets_fill():
     assert_same(fixed, there)
     for field in dataclasses.fields(fixed.scene):
         if field.name != "anchors":
-            assert getattr(fixed.scene, field.name) == getattr(decoder.partial.scene, field.name), field.name
+            assert getattr(fixed.scene, field.name) == getattr(decoder.received_scene.scene, field.name), field.name
     decoder.add(stream.packets[5:])
     assert_same(fixed, there)
-    assert decoder.snapshot().sections == decoder.partial.sections
+    assert decoder.snapshot().sections == decoder.received_scene.sections

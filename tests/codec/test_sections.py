@@ -61,15 +61,15 @@ def test_decoder_passes_sections_to_concealers(stream: SceneStream, tmp_path: Pa
     richer = stream
     for name, data in SECTIONS.items():
         richer = add_concealment(richer, name, data)
-    partial = decode_stream(richer.with_packets(richer.packets[1:]))
-    assert partial.sections == SECTIONS
+    received = decode_stream(richer.with_packets(richer.packets[1:]))
+    assert received.sections == SECTIONS
     plain = decode_stream(stream.with_packets(stream.packets[1:]))
     assert plain.sections == {}
-    assert np.array_equal(partial.scene.anchors.features, plain.scene.anchors.features)
-    save_partial(partial, tmp_path / "rich")
+    assert np.array_equal(received.scene.anchors.features, plain.scene.anchors.features)
+    save_partial(received, tmp_path / "rich")
     assert load_partial(tmp_path / "rich").sections == SECTIONS
     save_partial(plain, tmp_path / "plain")
-    save_partial(replace(partial, sections={}), tmp_path / "stripped")
+    save_partial(replace(received, sections={}), tmp_path / "stripped")
     assert load_partial(tmp_path / "plain").sections == {}
     assert (tmp_path / "plain").read_bytes() == (tmp_path / "stripped").read_bytes()
 

@@ -77,31 +77,31 @@ def test_lossless_separated_packets_equal_atomic_packets(scene: AnchorScene, pac
 
 
 def test_lost_scaling_packets_lose_only_scalings(stream: SceneStream, whole: Anchors):
-    partial = without(stream, PacketId(1, 0, SCALING))
-    anchors, rows = partial.scene.anchors, slice(200, 400)
+    received = without(stream, PacketId(1, 0, SCALING))
+    anchors, rows = received.scene.anchors, slice(200, 400)
     assert not anchors.scalings[rows].any()
     expected = np.ones((700, 4), np.bool_)
     expected[rows, Attribute.SCALING] = False
-    assert np.array_equal(partial.loss_mask.received, expected)
+    assert np.array_equal(received.loss_mask.received, expected)
     for name in ("features", "offsets", "mask"):
         assert np.array_equal(getattr(anchors, name), getattr(whole, name))
     assert np.array_equal(anchors.scalings[400:], whole.scalings[400:])
 
 
 def test_lost_offset_packets_lose_only_offsets(stream: SceneStream, whole: Anchors):
-    partial = without(stream, PacketId(3, 0, OFFSET))
-    anchors = partial.scene.anchors
+    received = without(stream, PacketId(3, 0, OFFSET))
+    anchors = received.scene.anchors
     assert not anchors.offsets[600:].any()
     assert np.array_equal(anchors.offsets[:600], whole.offsets[:600])
-    assert partial.loss_mask.column(Attribute.OFFSET).tolist() == [True] * 600 + [False] * 100
+    assert received.loss_mask.column(Attribute.OFFSET).tolist() == [True] * 600 + [False] * 100
     for name in ("features", "scalings", "mask"):
         assert np.array_equal(getattr(anchors, name), getattr(whole, name))
 
 
 @pytest.mark.parametrize("lost", [0, 1, 2])
 def test_lost_feature_group_loses_dependent_groups(stream: SceneStream, whole: Anchors, lost: int):
-    partial = without(stream, PacketId(2, 0, FEATURE + lost))
-    features, rows = partial.scene.anchors.features, slice(400, 600)
+    received = without(stream, PacketId(2, 0, FEATURE + lost))
+    features, rows = received.scene.anchors.features, slice(400, 600)
     for group, columns in enumerate(FEATURE_GROUPS):
         if group < lost:
             assert np.array_equal(features[rows, columns], whole.features[rows, columns])
@@ -110,27 +110,27 @@ def test_lost_feature_group_loses_dependent_groups(stream: SceneStream, whole: A
     others = np.ones(700, np.bool_)
     others[rows] = False
     assert np.array_equal(features[others], whole.features[others])
-    assert np.array_equal(partial.loss_mask.column(Attribute.FEATURE), others)
-    assert bool(partial.loss_mask.received[:, 1:].all())
+    assert np.array_equal(received.loss_mask.column(Attribute.FEATURE), others)
+    assert bool(received.loss_mask.received[:, 1:].all())
 
 
 def test_every_subset_decodes_to_original_values_or_zero(stream: SceneStream, whole: Anchors):
     for seed in range(5):
         arrived, _ = transmit(stream, parse_loss("bernoulli:0.3"), seed=seed)
-        partial = decode_stream(arrived)
+        received_scene = decode_stream(arrived)
         there = {packet.id for packet in arrived.packets}
         for block in range(4):
             rows = slice(200 * block, min(200 * block + 200, 700))
             features = [PacketId(block, 0, FEATURE + g) in there for g in range(3)]
             groups = np.minimum.accumulate(features).tolist()
             received = [all(features), PacketId(block, 0, SCALING) in there, PacketId(block, 0, OFFSET) in there, True]
-            assert bool((partial.loss_mask.received[rows] == np.array(received)).all())
+            assert bool((received_scene.loss_mask.received[rows] == np.array(received)).all())
             for columns, ok in zip(FEATURE_GROUPS, groups, strict=True):
                 expected = whole.features[rows, columns] * ok
-                assert np.array_equal(partial.scene.anchors.features[rows, columns], expected)
-            assert np.array_equal(partial.scene.anchors.scalings[rows], whole.scalings[rows] * received[1])
-            assert np.array_equal(partial.scene.anchors.offsets[rows], whole.offsets[rows] * received[2])
-        assert np.array_equal(partial.scene.anchors.mask, whole.mask)
+                assert np.array_equal(received_scene.scene.anchors.features[rows, columns], expected)
+            assert np.array_equal(received_scene.scene.anchors.scalings[rows], whole.scalings[rows] * received[1])
+            assert np.array_equal(received_scene.scene.anchors.offsets[rows], whole.offsets[rows] * received[2])
+        assert np.array_equal(received_scene.scene.anchors.mask, whole.mask)
 
 
 def test_digest_covers_every_attribute(stream: SceneStream):

@@ -78,12 +78,12 @@ def test_tier_sizes_round_trip(whole: SceneStream):
     assert len(sections[SECTION]) == len(sizes) == 3
     np.testing.assert_array_equal(-8 * np.log2(sizes), list(sections[SECTION]))
     assert sizes[0] == 1 > 2 * sizes[1] > 4 * sizes[2]
-    partial = decode_stream(whole)
-    assert SECTION not in partial.sections
-    assert np.array_equal(partial.tier_sizes, sizes[read_tiers(sections, whole.manifest)])
+    received = decode_stream(whole)
+    assert SECTION not in received.sections
+    assert np.array_equal(received.tier_sizes, sizes[read_tiers(sections, whole.manifest)])
     arriving = ProgressiveDecoder(whole.manifest, whole.side_info)
-    for found in (arriving.partial, arriving.snapshot(), partial.masked(np.arange(600) % 2 == 0)):
-        assert np.array_equal(found.tier_sizes, partial.tier_sizes)
+    for found in (arriving.received_scene, arriving.snapshot(), received.masked(np.arange(600) % 2 == 0)):
+        assert np.array_equal(found.tier_sizes, received.tier_sizes)
 
 
 def test_stream_without_tiers_has_no_tier_sizes(scene: AnchorScene):
@@ -123,8 +123,8 @@ def test_sizes_of_absent_tiers_are_refused():
             decode_stream(add_concealment(stream, SECTION, data))
 
 
-def without_tier_sizes(partial: ReceivedScene) -> ReceivedScene:
-    return replace(partial, records=tuple(record for record in partial.records if not isinstance(record, TierSizes)))
+def without_tier_sizes(received: ReceivedScene) -> ReceivedScene:
+    return replace(received, records=tuple(record for record in received.records if not isinstance(record, TierSizes)))
 
 
 def test_stream_without_tier_sizes_is_concealed_as_before(cut: SceneStream):
@@ -140,8 +140,8 @@ def test_stream_without_tier_sizes_is_concealed_as_before(cut: SceneStream):
 @pytest.mark.parametrize("name", ["grow", "scene_free"])
 def test_losing_small_anchors_causes_little_growth(cut: SceneStream, name: str):
     sized, without_them = decode_stream(cut), decode_stream(without_concealment(cut, SECTION))
-    known = sized.loss_mask.known
-    with_sizes, without = (conceal(partial, name).hints.size_gain[known] for partial in (sized, without_them))
+    known = sized.loss_mask.fully_received
+    with_sizes, without = (conceal(received, name).hints.size_gain[known] for received in (sized, without_them))
     assert 0.2 < float(known.astype(np.float32).mean()) < 0.5
     assert float(without.mean()) > 1.4
     assert float(with_sizes.mean()) < 1 + 0.6 * (float(without.mean()) - 1)
@@ -150,7 +150,7 @@ def test_losing_small_anchors_causes_little_growth(cut: SceneStream, name: str):
 
 def test_tier_sizes_do_not_change_network_inputs(cut: SceneStream):
     context = decode_stream(cut)
-    plain, rows = without_tier_sizes(context), np.flatnonzero(context.loss_mask.known)
+    plain, rows = without_tier_sizes(context), np.flatnonzero(context.loss_mask.fully_received)
     ours, theirs = surroundings_of(context, rows), surroundings_of(plain, rows)
     assert np.array_equal(signatures(context, ours), signatures(plain, theirs))
     assert bool((near_losses(context, ours) < near_losses(plain, theirs)).any())

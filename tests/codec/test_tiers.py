@@ -62,15 +62,15 @@ def test_every_subset_decodes_to_the_same_values(stream: SceneStream):
     for share in (0.0, 0.3, 0.8):
         kept = [packet for packet in stream.packets if rng.random() < share]
         arrived = stream.with_packets(kept)
-        partial, (groups, packets) = decode_stream(arrived), arrange_stream(arrived)
+        received, (groups, packets) = decode_stream(arrived), arrange_stream(arrived)
         known = np.zeros(len(whole.positions), bool)
         for g, packet in enumerate(packets):
             if packet is not None:
                 known[groups.ranks[groups.starts[g] : groups.starts[g + 1]]] = True
         assert known.sum() == sum(packet.num_elements for packet in kept)
-        assert np.array_equal(partial.loss_mask.known, known)
+        assert np.array_equal(received.loss_mask.fully_received, known)
         for name in NAMES:
-            assert np.array_equal(getattr(partial.scene.anchors, name)[known], getattr(whole, name)[known])
+            assert np.array_equal(getattr(received.scene.anchors, name)[known], getattr(whole, name)[known])
 
 
 def test_progressive_decoding_with_tiers_equals_decoding_at_once(stream: SceneStream):
@@ -80,14 +80,14 @@ def test_progressive_decoding_with_tiers_equals_decoding_at_once(stream: SceneSt
     assert decoder.complete
     whole = decode_stream(stream).scene.anchors
     for name in NAMES:
-        assert np.array_equal(getattr(decoder.partial.scene.anchors, name), getattr(whole, name))
+        assert np.array_equal(getattr(decoder.received_scene.scene.anchors, name), getattr(whole, name))
 
 
 def test_packets_of_a_tier_hold_its_anchors(scene: AnchorScene, tiers: np.ndarray, stream: SceneStream):
     first = stream.with_packets(
         [packet for packet in stream.packets if stream.manifest.plan.tier_of(packet.id.block) == 0]
     )
-    known = decode_stream(first).loss_mask.known
+    known = decode_stream(first).loss_mask.fully_received
     assert int(known.sum()) == round(0.2 * scene.anchors.num_anchors) == stream.manifest.tiers[0].num_elements
     whole = decode_stream(stream).scene.anchors.positions
     place = {tuple(p): int(t) for p, t in zip(scene.anchors.positions.tolist(), tiers, strict=True)}

@@ -20,5 +20,5 @@ def test_example_prints_one_line_for_each_concealer(capsys: pytest.CaptureFixtur
     main(str(stream), str(ASSETS / "snowmiku_cameras.json"), "bernoulli:0.3")
     first, *rows = capsys.readouterr().out.splitlines()
     assert first.endswith("lost")
-    partial = splatwire.decode_stream(splatwire.read_stream(stream)[0])
-    assert [row.split()[0] for row in rows] == list(concealer_names(partial.sections, partial.provides))
+    received = splatwire.decode_stream(splatwire.read_stream(stream)[0])
+    assert [row.split()[0] for row in rows] == list(concealer_names(received.sections, received.provides))

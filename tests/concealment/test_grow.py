@@ -14,7 +14,7 @@ from splatwire.types import LossMask, Prior
 
 def test_gain_is_the_inverse_square_root_of_the_received_share() -> None:
     context = random_context(200, 1)
-    known, positions = context.loss_mask.known, context.scene.anchors.positions.astype(np.float64)
+    known, positions = context.loss_mask.fully_received, context.scene.anchors.positions.astype(np.float64)
     result = Grow(neighbors=10, max_gain=100.0, max_excess=float("inf"))(context)
     assert np.array_equal(result.left_out, ~known)
     for k in range(200):
@@ -43,7 +43,7 @@ def test_lost_small_anchors_weigh_less_than_large_ones() -> None:
 
 def test_equal_weights_give_the_share_by_count() -> None:
     context = random_context(200, 7)
-    positions, known = context.scene.anchors.positions, context.loss_mask.known
+    positions, known = context.scene.anchors.positions, context.loss_mask.fully_received
     heads = lost_share(positions, known, 9)
     assert np.array_equal(heads, lost_share(positions, known, 9, np.full((200,), 3.0, np.float32)))
     assert float(heads[known].max()) <= 1
@@ -70,7 +70,7 @@ def test_partially_received_anchor_is_left_out() -> None:
 
 def test_local_gain_is_limited_relative_to_the_global_gain() -> None:
     context = random_context(400, 5)
-    kept = float(context.loss_mask.known.astype(np.float64).mean())
+    kept = float(context.loss_mask.fully_received.astype(np.float64).mean())
     gain = Grow(max_excess=1.02, neighbors=8)(context).size_gain
     assert float(gain.max()) == pytest.approx(1.02 * kept**-0.5)
     free = Grow(max_excess=float("inf"), neighbors=8)(context).size_gain

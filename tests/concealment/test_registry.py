@@ -91,7 +91,7 @@ def test_third_party_concealer_is_registered_and_constrained(tmp_path, monkeypat
     assert vars(create_concealer("swell", max_factor=1.5))["max_factor"] == 1.5
     anchors = random_context(50, 3)
     assert float(conceal(anchors, "swell").hints.size_gain.max()) == pytest.approx(
-        float(anchors.known.astype(np.float64).mean()) ** -0.5
+        float(anchors.fully_received.astype(np.float64).mean()) ** -0.5
     )
     splats = gaussians(Numbers(0).rand(9, 3), np.full((9,), 0.5, np.float32), np.arange(9) > 2)
     assert len(conceal(splats, "swell").drawn().means) == 6

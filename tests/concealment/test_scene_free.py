@@ -63,7 +63,7 @@ def any_weights(tmp_path: Path) -> Path:
 
 
 def of_received(context: ReceivedScene) -> Surroundings:
-    return surroundings_of(context, np.flatnonzero(context.loss_mask.known))
+    return surroundings_of(context, np.flatnonzero(context.loss_mask.fully_received))
 
 
 def inputs_of(context: ReceivedScene) -> GainInputs:
@@ -73,7 +73,7 @@ def inputs_of(context: ReceivedScene) -> GainInputs:
 def test_untrained_network_equals_grow() -> None:
     context = random_context(200, 1)
     size, opacity = GainNetwork.untrained()(inputs_of(context))
-    assert_close(size, Grow()(context).size_gain[context.loss_mask.known])
+    assert_close(size, Grow()(context).size_gain[context.loss_mask.fully_received])
     assert bool((opacity == 1).all())
 
 
@@ -90,7 +90,7 @@ def test_trust_scales_the_correction(any_weights: Path) -> None:
 
 def test_lost_anchors_are_left_out_and_have_no_gain(any_weights: Path) -> None:
     context = random_context(90, 1, separated=True)
-    known, result = context.loss_mask.known, SceneFree(weights=any_weights)(context)
+    known, result = context.loss_mask.fully_received, SceneFree(weights=any_weights)(context)
     assert np.array_equal(result.left_out, Drop()(context).left_out)
     assert result.opacity_gain is not None
     assert bool((result.size_gain[~known] == 1).all())
@@ -107,7 +107,7 @@ def test_result_is_invariant_to_units(any_weights: Path) -> None:
 
 def test_values_of_lost_anchors_are_not_used(any_weights: Path) -> None:
     context, method = random_context(120, 3), SceneFree(weights=any_weights)
-    gone = ~context.loss_mask.known
+    gone = ~context.loss_mask.fully_received
     peeked = dataclasses.replace(
         context.scene.anchors,
         features=np.where(gone[:, None], np.full((), 1e6, np.float32), context.scene.anchors.features),
@@ -172,7 +172,7 @@ def test_size_classes_and_lost_shares_are_correct() -> None:
     around = of_received(context)
     largest = set((-around.log_size).argsort()[:125].tolist())
     assert set(around.classes[0].index.flatten().tolist()) <= largest
-    lost = (~context.loss_mask.known).astype(np.float32)
+    lost = (~context.loss_mask.fully_received).astype(np.float32)
     described = signatures(context, around)
     for column, count in enumerate((4, 12, 32)):
         share = lost[around.near.index[:, :count]].mean(axis=1).clip(None, 0.97)
@@ -181,7 +181,7 @@ def test_size_classes_and_lost_shares_are_correct() -> None:
 
 def test_surroundings_of_a_subset_equal_the_selection() -> None:
     context = random_context(300, 12)
-    known = context.loss_mask.known
+    known = context.loss_mask.fully_received
     chosen, direct = surroundings_of(context, np.arange(300)).select(known), of_received(context)
     assert np.array_equal(chosen.rows, direct.rows)
     for one, other in zip((chosen.near, *chosen.classes), (direct.near, *direct.classes), strict=True):

@@ -33,7 +33,7 @@ def test_complete_scene_is_unchanged_and_finite() -> None:
     assert not bool(whole.left_out.any())
     for context in (cloud(loss=1.1), cloud(count=1, loss=0.0), cloud(count=3), cloud(loss=0.97)):
         hints = SceneFree()(context)
-        assert np.array_equal(hints.left_out, ~context.known)
+        assert np.array_equal(hints.left_out, ~context.fully_received)
         assert bool(np.isfinite(hints.size_gain).all() & (hints.size_gain > 0).all())
         assert bool(np.isfinite(hints.opacity_gain).all() & (hints.opacity_gain >= 0).all())
 
@@ -42,7 +42,7 @@ def test_result_is_invariant_to_units_and_order() -> None:
     plain, large = cloud(), cloud(unit=50.0)
     assert_close(element_inputs(plain).signature, element_inputs(large).signature, rtol=1e-3, atol=1e-3)
     turned = Numbers(1).randperm(300)
-    other = ReceivedScene(plain.scene.select(turned), LossMask.of_anchors(plain.known[turned]))
+    other = ReceivedScene(plain.scene.select(turned), LossMask.of_anchors(plain.fully_received[turned]))
     gains, others = SceneFree()(plain), SceneFree()(other)
     assert_close(gains.size_gain[turned], others.size_gain, rtol=1e-3, atol=1e-4)
     assert element_inputs(plain).signature.shape[1] == ELEMENT_SIGNATURE

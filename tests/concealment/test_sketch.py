@@ -134,7 +134,7 @@ def test_received_attributes_override_the_sketch(separated: bool) -> None:
         there = context.loss_mask.received[:, column]
         assert np.array_equal(getattr(kept, name)[there], getattr(context.scene.anchors, name)[there])
     sketched = sketch.levels > 0
-    assert np.array_equal(proposal.left_out, ~(context.loss_mask.known | sketched))
+    assert np.array_equal(proposal.left_out, ~(context.loss_mask.fully_received | sketched))
     rows = sketched & ~context.loss_mask.received.any(axis=1)
     features = sketch.basis.channels(sketch.levels[sketched], sketch.values)[:, : LAYOUT.feature_dim]
     assert np.array_equal(kept.features[rows], features[rows[sketched]])
@@ -143,9 +143,9 @@ def test_received_attributes_override_the_sketch(separated: bool) -> None:
 
 def test_sketched_anchors_count_as_present() -> None:
     context, sketch = random_context(200, 5, loss=0.4), sketch_of_context(6, share=0.5)
-    there = context.loss_mask.known | sketch.levels > 0
+    there = context.loss_mask.fully_received | sketch.levels > 0
     filled = with_sketch(context, sketch)
-    assert np.array_equal(filled.loss_mask.known, there)
+    assert np.array_equal(filled.loss_mask.fully_received, there)
     expected = Grow(exponent=0.25, max_excess=1.5)(filled).size_gain
     proposal = conceal_with(context, sketch)
     assert np.array_equal(proposal.size_gain, expected)

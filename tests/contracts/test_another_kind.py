@@ -72,7 +72,7 @@ class Points:
         return Points(np.where(known[:, None], self.positions, positions), self.colors * known[:, None])
 
     def with_estimates(self, loss_mask: LossMask, estimates: "Points") -> "Points":
-        return replace(self, colors=np.where(loss_mask.known[:, None], self.colors, estimates.colors))
+        return replace(self, colors=np.where(loss_mask.fully_received[:, None], self.colors, estimates.colors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +227,7 @@ def stream(scene: PointScene, request: pytest.FixtureRequest) -> SceneStream:
 
 
 def assert_same(one: ReceivedScene, other: ReceivedScene) -> None:
-    assert np.array_equal(one.known, other.known)
+    assert np.array_equal(one.fully_received, other.fully_received)
     assert np.array_equal(one.scene.points.colors, other.scene.points.colors)
     assert one.scene.background == other.scene.background == (0.0, 0.25, 0.5)
 
@@ -257,14 +257,14 @@ def test_third_party_scene_decodes_progressively(stream: SceneStream) -> None:
     for count, packet in enumerate(lossy.packets, start=1):
         assert len(arriving.add([packet])) == packet.num_elements
         if count % 4 == 0:
-            assert_same(arriving.partial, decode_stream(stream.with_packets(lossy.packets[:count])))
+            assert_same(arriving.received_scene, decode_stream(stream.with_packets(lossy.packets[:count])))
     assert_same(arriving.snapshot(), decode_stream(lossy))
 
 
 @pytest.mark.parametrize("name", ["drop", "grow"])
 def test_third_party_scene_is_concealed_and_rendered(stream: SceneStream, name: str) -> None:
-    whole, partial = decode_stream(stream), decode_stream(stream.with_packets(stream.packets[::2]))
-    scene, known = conceal(partial, name), partial.known
+    whole, received = decode_stream(stream), decode_stream(stream.with_packets(stream.packets[::2]))
+    scene, known = conceal(received, name), received.fully_received
     assert np.array_equal(scene.hints.left_out, ~known)
     assert np.array_equal(scene.points.colors[known], whole.scene.points.colors[known])
     assert bool((scene.hints.size_gain[known] > 1).any()) == (name == "grow")
@@ -275,15 +275,15 @@ def test_third_party_scene_is_concealed_and_rendered(stream: SceneStream, name: 
 
 @pytest.mark.needs_torch
 def test_concealers_with_unmet_needs_are_not_offered(stream: SceneStream) -> None:
-    partial = decode_stream(stream.with_packets(stream.packets[:3]))
-    offered = concealer_names((), partial.provides)
+    received = decode_stream(stream.with_packets(stream.packets[:3]))
+    offered = concealer_names((), received.provides)
     assert {"drop", "grow"} <= set(offered)
     for name in ("cari", "scene_free"):
         assert name not in offered
         with pytest.raises(
             InvalidValueError, match=f"concealer '{name}' needs .* this stream of points does not have: use drop"
         ):
-            conceal(partial, name)
+            conceal(received, name)
 
 
 def test_page_refuses_a_third_party_scene(stream: SceneStream) -> None:

@@ -7,9 +7,11 @@ import sys
 from operator import attrgetter
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import splatwire
+from splatwire.codec import ProgressiveDecoder
 
 PUBLIC: list[str] = vars(splatwire)["__all__"]
 
@@ -46,6 +48,22 @@ def test_deprecated_method_warns_and_calls_the_new_one():
     stream, _ = splatwire.read_stream(Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz")
     with pytest.warns(DeprecationWarning, match="use require_static"):
         assert stream.still() is stream
+
+
+@pytest.mark.parametrize(("old", "new"), [("partial", "received_scene"), ("num_known", "num_received")])
+def test_deprecated_properties_of_a_decoder_warn_and_give_the_new_value(old, new):
+    stream, _ = splatwire.read_stream(Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz")
+    decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
+    with pytest.warns(DeprecationWarning, match=f"use {new}"):
+        assert getattr(decoder, old) is getattr(decoder, new)
+
+
+def test_deprecated_masks_warn_and_give_the_new_value():
+    stream, _ = splatwire.read_stream(Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz")
+    received = splatwire.decode(stream.with_packets(stream.packets[::2]))
+    for owner in (received, received.loss_mask):
+        with pytest.warns(DeprecationWarning, match="use fully_received"):
+            assert np.array_equal(owner.known, owner.fully_received)
 
 
 def test_public_names_do_not_shadow_packages():

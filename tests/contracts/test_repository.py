@@ -15,7 +15,7 @@ from splatwire.sequence.live_encoder import PERIOD_GROUPS
 from splatwire.sequence.options import GROUP_FRAMES
 from splatwire.transport.protocol.datagrams import MAX_NACKS
 from splatwire.transport.protocol.nack import MAX_NACK_ATTEMPTS, NACK_INTERVAL_S
-from splatwire.transport.protocol.receiver import REORDER
+from splatwire.transport.protocol.receiver import REORDER_THRESHOLD
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -98,7 +98,7 @@ def test_local_links_of_documents_resolve(path):
     [
         ("transport.md", f"after {NACK_INTERVAL_S:g} s at the earliest"),
         ("transport.md", f"at most {MAX_NACK_ATTEMPTS} times"),
-        ("transport.md", f"when a packet {REORDER} "),
+        ("transport.md", f"when a packet {REORDER_THRESHOLD} "),
         ("wire.md", f"together at most {MAX_NACKS}"),
         ("glossary.md", f", {GROUP_FRAMES} by default"),
         ("motion.md", f"({GROUP_FRAMES}; `--group`)"),

@@ -57,7 +57,7 @@ def test_fine_tuning_with_packet_loss_helps_a_receiver_with_losses() -> None:
         tuned = fine_tune(source, pictures, FineTuning(Quality(level=7.0), iterations=240, rate=1.0, loss=loss))
         stream = encode_scene(tuned)
         received = [decode_stream(transmit(stream, "bernoulli:0.3", seed=seed)[0]) for seed in range(3)]
-        found.append(np.mean([_psnr(conceal(partial, "grow"), source) for partial in received]))
+        found.append(np.mean([_psnr(conceal(received_scene, "grow"), source) for received_scene in received]))
     assert found[1] > found[0] + 0.3
 
 

@@ -69,8 +69,8 @@ def test_decoded_anchors_encode_to_the_same_stream(codec: str) -> None:
 @pytest.mark.parametrize("file", ["scene", "partial"])
 def test_decoded_anchors_are_a_fixed_point_through_files(codec: str, file: str, tmp_path: Path) -> None:
     first = encode_scene(ANCHORS[codec], PACKETIZATIONS["few"])
-    partial, path = decode_stream(first), tmp_path / "decoded.safetensors"
-    save_scene(partial.scene, path) if file == "scene" else save_partial(partial, path)
+    received, path = decode_stream(first), tmp_path / "decoded.safetensors"
+    save_scene(received.scene, path) if file == "scene" else save_partial(received, path)
     assert digest(encode_scene(load_scene(path), PACKETIZATIONS["few"])) == digest(first)
 
 
@@ -266,11 +266,11 @@ def test_repacked_gaussians_keep_their_copies() -> None:
     first = add_concealment(first, "sketch", section)
     packed = repack(first, PRESETS["datagram"])
     partials = decode_stream(first), decode_stream(packed)
-    before, after = (partial[Copies] for partial in partials)
+    before, after = (received[Copies] for received in partials)
     assert after.growth == before.growth
     for name, values in vars(before.splats).items():
         assert np.array_equal(values, getattr(after.splats, name))
-    places = [partial.scene.positions[partial[Copies].indices] for partial in partials]
+    places = [received.scene.positions[received[Copies].indices] for received in partials]
     assert np.array_equal(*places)
 
 

@@ -130,9 +130,9 @@ def test_precision_classes_may_be_given_as_a_function():
 
 
 def test_finest_level_is_rendered_by_default(stream):
-    partial = decode_stream(stream)
-    levels = partial[Levels]
-    shown = conceal(partial, "drop").drawn()
+    received = decode_stream(stream)
+    levels = received[Levels]
+    shown = conceal(received, "drop").drawn()
     assert shown.num_gaussians == 900 == int((levels.lod_level == 0).sum())
     index, plan = read_tile_index(stream.manifest, sections_of(stream)), stream.manifest.plan
     assert len(index.sizes) == plan.num_blocks
@@ -147,7 +147,7 @@ def test_progressive_decoding_equals_decoding_at_once(stream):
     decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
     for packet in reversed(stream.packets):
         decoder.add([packet])
-    whole, stepwise = decode_stream(stream).scene, decoder.partial.scene
+    whole, stepwise = decode_stream(stream).scene, decoder.received_scene.scene
     assert np.array_equal(whole.splats.means, stepwise.splats.means)
     assert np.array_equal(whole.hints.left_out, stepwise.hints.left_out)
 
@@ -155,14 +155,14 @@ def test_progressive_decoding_equals_decoding_at_once(stream):
 def test_coarse_concealer_draws_the_parents_of_lost_tiles(stream):
     first = stream.manifest.plan.spans[-1].first_block
     lost = stream.with_packets(packet for packet in stream.packets if packet.id.block != first)
-    partial = decode_stream(lost)
-    scene, dropped = conceal(partial, "coarse"), conceal(partial, "drop")
-    shown = ~scene.hints.left_out & (partial[Levels].lod_level > 0)
+    received = decode_stream(lost)
+    scene, dropped = conceal(received, "coarse"), conceal(received, "drop")
+    shown = ~scene.hints.left_out & (received[Levels].lod_level > 0)
     assert bool(shown.any())
-    assert not bool((~dropped.hints.left_out & (partial[Levels].lod_level > 0)).any())
+    assert not bool((~dropped.hints.left_out & (received[Levels].lod_level > 0)).any())
     gone = stream.manifest.plan.block_elements(first)
     tiles = tiles_of(stream)
-    where = scene.splats.means[shown & (partial[Levels].copied)]
+    where = scene.splats.means[shown & (received[Levels].copied)]
     near = ((where >= tiles.low[first] - 1e-3) & (where <= tiles.high[first] + 1e-3)).all(axis=1)
     assert gone
     assert near.any()
@@ -171,8 +171,8 @@ def test_coarse_concealer_draws_the_parents_of_lost_tiles(stream):
 
 
 def test_coarse_concealer_keeps_a_complete_scene(stream):
-    partial = decode_stream(stream)
-    assert conceal(partial, "coarse") is partial.scene
+    received = decode_stream(stream)
+    assert conceal(received, "coarse") is received.scene
 
 
 def test_coarse_concealer_requires_levels():
@@ -200,9 +200,9 @@ def test_server_sends_stream_tile_by_tile(stream):
 
 
 def test_tiles_hold_their_gaussians(stream):
-    tiles, partial, plan = tiles_of(stream), decode_stream(stream), stream.manifest.plan
+    tiles, received, plan = tiles_of(stream), decode_stream(stream), stream.manifest.plan
     for tile in range(tiles.num_tiles):
-        means = partial.scene.splats.means[plan.block_ranks(tile)].astype(np.float64)
+        means = received.scene.splats.means[plan.block_ranks(tile)].astype(np.float64)
         assert (means >= tiles.low[tile] - 1e-6).all()
         assert (means <= tiles.high[tile] + 1e-6).all()
         assert len(means) == tiles.counts[tile]

@@ -74,9 +74,9 @@ def test_pseudo_losses_drop_whole_packets(data) -> None:
 
 def test_network_inputs_do_not_depend_on_lost_values(data) -> None:
     known = pseudo_loss(data.groups, 400, 0.3, seed=1)
-    partial = data.complete.masked(known)
-    assert not partial.scene.anchors.features[~known].any()
-    assert bool(known[build_graph(partial, SETTINGS).index].all())
+    received = data.complete.masked(known)
+    assert not received.scene.anchors.features[~known].any()
+    assert bool(known[build_graph(received, SETTINGS).index].all())
 
 
 def test_device_run_mixes_no_cpu_tensors(data) -> None:
@@ -141,11 +141,11 @@ def test_calibration_lowers_the_error_on_learnable_data(data) -> None:
     result = calibrate(easy, config)
     assert result.errors["feature"] < 0.97 * result.reference["feature"]
     known = pseudo_loss(data.groups, 400, 0.2, seed=77)
-    partial, rows = easy.complete.masked(known), torch.from_numpy(np.flatnonzero(~known))
+    received, rows = easy.complete.masked(known), torch.from_numpy(np.flatnonzero(~known))
     truth = to_tensors(anchors)
 
     def error(concealer) -> float:
-        concealed = estimate(concealer, partial).select(rows)
+        concealed = estimate(concealer, received).select(rows)
         return normalized_errors(concealed, truth, channel_spread(truth), rows)["feature"]
 
     assert error(Gnn(result.weights)) < error(Cari())
@@ -198,10 +198,10 @@ def field_errors(data, config) -> tuple[dict[str, float], GnnWeights]:
     """Errors of lost features relative to their spread, under a loss that calibration did not use."""
     weights = calibrate(data, config).weights
     known, anchors = data.pseudo_losses([0.2], seed=77)[0], to_tensors(data.scene.anchors)
-    partial, rows = data.complete.masked(known), torch.from_numpy(np.flatnonzero(~known))
+    received, rows = data.complete.masked(known), torch.from_numpy(np.flatnonzero(~known))
     concealers = {"prior": PriorMean(), "idw": Idw(), "cari": Cari(), "gnn": Gnn(weights)}
     return {
-        name: normalized_errors(estimate(c, partial).select(rows), anchors, channel_spread(anchors), rows)["feature"]
+        name: normalized_errors(estimate(c, received).select(rows), anchors, channel_spread(anchors), rows)["feature"]
         for name, c in concealers.items()
     }, weights
 

@@ -46,7 +46,7 @@ def test_cari_equals_loops_over_the_equations(
 
 def test_compiled_scores_equal_the_plain_version() -> None:
     context = random_context(600, 3)
-    known = context.loss_mask.known
+    known = context.loss_mask.fully_received
     support = Support(
         unit_rows(context[Prior].context),
         unit_rows(signatures(residuals_of(context))),
@@ -78,7 +78,7 @@ def test_backends_give_equal_results() -> None:
 
 def test_equal_residuals_are_restored_exactly() -> None:
     context = random_context(200, 7)
-    anchors, prior, known = context.scene.anchors, context[Prior], context.loss_mask.known
+    anchors, prior, known = context.scene.anchors, context[Prior], context.loss_mask.fully_received
     mask = torch.tensor([True, False, True, True]).expand(200, 4)
     truth = dataclasses.replace(
         anchors,
@@ -129,7 +129,7 @@ def test_ridge_regression_follows_a_linear_gradient() -> None:
     context = random_context(400, 2)
     slope = torch.tensor([[0.5] * 10, [-1.0] * 10, [0.25] * 10])
     truth = context[Prior].feature.mean + context.scene.anchors.positions @ slope
-    known = context.loss_mask.known
+    known = context.loss_mask.fully_received
     anchors = dataclasses.replace(context.scene.anchors, features=truth * known[:, None])
     context = changed(context, anchors=anchors)
     errors = [

@@ -14,7 +14,7 @@ from splatwire.types import LossMask, Prior
 @pytest.mark.parametrize("power", [0.0, 1.0, 2.0])
 def test_idw_equals_a_loop(power: float) -> None:
     context = random_context(60, 1)
-    known = context.loss_mask.known
+    known = context.loss_mask.fully_received
     anchors = context.scene.anchors
     result = estimate(Idw(neighbors=5, power=power), context)
     for q in (~known).nonzero()[:, 0].tolist():
@@ -44,7 +44,7 @@ def test_weights_are_normalised_at_any_scale() -> None:
 
 def test_coincident_neighbour_is_copied() -> None:
     context = random_context(30, 2)
-    q, k = int((~context.loss_mask.known).nonzero()[0]), int(context.loss_mask.known.nonzero()[0])
+    q, k = int((~context.loss_mask.fully_received).nonzero()[0]), int(context.loss_mask.fully_received.nonzero()[0])
     context.scene.anchors.positions[q] = context.scene.anchors.positions[k]
     result = estimate(Idw(), context)
     for part in ("features", "scalings", "offsets", "mask"):
@@ -67,14 +67,14 @@ def test_mahalanobis_prefers_neighbours_of_equal_extent() -> None:
 
 def test_mahalanobis_of_equal_round_anchors_is_euclidean() -> None:
     context = random_context(80, 6)
-    context.scene.anchors.scalings[:, :3] = torch.where(context.loss_mask.known[:, None], 0.5, 0.0)
+    context.scene.anchors.scalings[:, :3] = torch.where(context.loss_mask.fully_received[:, None], 0.5, 0.0)
     plain, other = estimate(Idw(), context), estimate(Idw(metric="mahalanobis"), context)
     torch.testing.assert_close(other.features, plain.features, rtol=1e-4, atol=1e-5)
 
 
 def test_prior_concealer_returns_prior_means_and_a_mask_vote() -> None:
     context = random_context(60, 3)
-    lost = ~context.loss_mask.known
+    lost = ~context.loss_mask.fully_received
     result, vote = estimate(PriorMean(), context), estimate(Idw(), context).mask
     assert torch.equal(result.features[lost], context[Prior].feature.mean[lost])
     assert torch.equal(result.offsets[lost].flatten(1), context[Prior].offset.mean[lost])

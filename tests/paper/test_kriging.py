@@ -39,7 +39,7 @@ def test_weights_are_the_conditional_mean_of_a_joint_normal() -> None:
 
 def test_kriging_beats_mean_and_idw_on_a_gaussian_field() -> None:
     context = random_context(500, 1)
-    lost = ~context.loss_mask.known
+    lost = ~context.loss_mask.fully_received
     truth = _field_of(context.scene.anchors.positions, 0.8, 1.0, 10)
     anchors = dataclasses.replace(context.scene.anchors, features=truth * ~lost[:, None])
     context = changed(context, anchors=anchors)
@@ -59,7 +59,7 @@ def test_kriging_beats_mean_and_idw_on_a_gaussian_field() -> None:
 
 def test_uninformative_neighbours_give_the_mean() -> None:
     context = random_context(400, 2)
-    lost = ~context.loss_mask.known
+    lost = ~context.loss_mask.fully_received
     residual = estimate(Kriging(target="residual"), context)
     spread = context.scene.anchors.features[~lost].std()
     assert float((residual.features - context[Prior].feature.mean)[lost].abs().mean()) < 0.3 * float(spread)
@@ -116,7 +116,7 @@ def test_regression_equals_least_squares_on_received_values() -> None:
 @pytest.mark.slow
 def test_regression_uses_priors_of_other_channels() -> None:
     context = random_context(2000, 6)
-    lost = ~context.loss_mask.known
+    lost = ~context.loss_mask.fully_received
     truth = context[Prior].feature.mean.flip(1) - 0.5 * context[Prior].scaling.mean.sum(dim=1, keepdim=True)
     context = changed(context, features=truth * ~lost[:, None])
 

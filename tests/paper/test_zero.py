@@ -36,10 +36,10 @@ def test_zero_concealer_keeps_the_decoded_scene():
 
 
 def test_received_feature_groups_stay_and_the_rest_is_zero(stream: SceneStream):
-    partial = lossy(stream, 1, FEATURE + 1)
-    scene, whole = conceal(partial, "zero"), decode_stream(stream).scene
+    received = lossy(stream, 1, FEATURE + 1)
+    scene, whole = conceal(received, "zero"), decode_stream(stream).scene
     rows = slice(100, 200)
-    assert not partial.loss_mask.column(Attribute.FEATURE)[rows].any()
+    assert not received.loss_mask.column(Attribute.FEATURE)[rows].any()
     assert np.array_equal(scene.anchors.features[rows, :4], whole.elements.features[rows, :4])
     assert not scene.anchors.features[rows, 4:].any()
     assert not scene.anchors.scalings[rows].any()

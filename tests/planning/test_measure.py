@@ -11,9 +11,9 @@ from splatwire.planning.distortion import BLANK_PSNR
 from splatwire.planning.measure import (
     ASSUMED_BASE_MSE,
     LossyPictures,
-    known_elements,
     measure_distortion,
     packet_members,
+    received_elements,
     variant_of_stream,
 )
 from splatwire.render import iterate_views
@@ -42,9 +42,9 @@ def test_distortion_grows_with_loss_rate_and_importance(complete: ReceivedScene)
 def test_simulated_loss_clears_lost_anchors_and_keeps_the_others(complete: ReceivedScene) -> None:
     num = complete.scene.anchors.num_anchors
     known = np.arange(num) % 3 > 0
-    partial = complete.masked(known)
-    assert np.array_equal(partial.loss_mask.known, known)
-    before, after = complete.scene.anchors, partial.scene.anchors
+    received = complete.masked(known)
+    assert np.array_equal(received.loss_mask.fully_received, known)
+    before, after = complete.scene.anchors, received.scene.anchors
     for name in ("features", "scalings", "offsets", "mask"):
         assert np.array_equal(getattr(after, name)[known], getattr(before, name)[known])
         assert not bool(getattr(after, name)[~known].any())
@@ -53,9 +53,9 @@ def test_simulated_loss_clears_lost_anchors_and_keeps_the_others(complete: Recei
 
 def test_distortion_measurement_requires_a_complete_stream(complete: ReceivedScene) -> None:
     num = complete.scene.anchors.num_anchors
-    partial = complete.masked(np.arange(num) > 0)
+    received = complete.masked(np.arange(num) > 0)
     with pytest.raises(InvalidValueError, match="1 anchors are lost"):
-        LossyPictures(partial, tiny_cameras(), "drop")
+        LossyPictures(received, tiny_cameras(), "drop")
 
 
 @pytest.mark.parametrize("concealer", ["drop", "grow", "scene_free"])
@@ -101,7 +101,7 @@ def test_stream_variant_has_size_and_distortion_of_its_stream() -> None:
     members = packet_members(stream)
     assert [len(anchors) for anchors in members] == offer.load.elements.tolist()
     everything = np.ones(len(members), dtype=np.bool_)
-    assert bool(known_elements(members, everything, decoded.scene.anchors.num_anchors).all())
+    assert bool(received_elements(members, everything, decoded.scene.anchors.num_anchors).all())
     assert offer.picture is not None
     less = everything.copy()
     less[0] = False

@@ -80,7 +80,7 @@ def test_simulated_arrivals_equal_received_packets(stream, load, worth, loss):
     assert items == schedule_of(model_motion_transfer(load, protection))
     for seed in range(6):
         fates = loss.received(len(items), np.random.Generator(np.random.PCG64(seed)))
-        head = (program.stream_id, program.head_bytes, program.head_digest, program.symbol_bytes)
+        head = (program.stream_id, program.init_segment_bytes, program.init_segment_digest, program.symbol_bytes)
         welcome = Welcome(1, 1, *head, len(program.packets), program.packet_bytes, 0, program.parity_ranges)
         collector = PacketCollector(welcome)
         collector.open(stream.manifest)

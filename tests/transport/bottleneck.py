@@ -9,7 +9,7 @@ from typing import Protocol
 from splatwire.transport.protocol.datagrams import Feedback, ParityRange
 from splatwire.transport.protocol.live_session import LiveState
 from splatwire.transport.protocol.protection import Protection
-from splatwire.transport.protocol.receiver import FEEDBACK_S
+from splatwire.transport.protocol.receiver import FEEDBACK_INTERVAL_S
 from splatwire.transport.protocol.served_stream import ServedStream, make_served_stream
 from splatwire.transport.protocol.server_limits import ServerLimits
 from splatwire.transport.protocol.transfer import ServerTransfer
@@ -171,7 +171,7 @@ class Splatwire:
         frame = Feedback(1, max(self._largest, 0), received, int(self._largest_at * 1e6) & 0xFFFFFFFF, 0, ())
         if not self.deaf[0] <= now < self.deaf[1]:
             self.network.back(lambda: self._on_feedback(frame))
-        self.network.at(now + FEEDBACK_S, self._report)
+        self.network.at(now + FEEDBACK_INTERVAL_S, self._report)
 
     def _on_feedback(self, frame: Feedback) -> None:
         self.transfer.feedback(frame, self.network.now)

@@ -125,7 +125,7 @@ def test_receiver_survives_hostile_datagrams():
         events += receiver.receive(hostile(rng, seen, session, STREAM.manifest.stream_id), now)[1]
     grown = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
-    assert grown < PROGRAM.head_bytes
+    assert grown < PROGRAM.init_segment_bytes
     assert receiver.finished is None
     events += finish(server, receiver)
     stream = receiver.stream()

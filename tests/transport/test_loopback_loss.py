@@ -78,10 +78,10 @@ def test_bundled_scene_is_transferred_and_rendered(served: Path, tmp_path: Path,
     assert 0.05 < facts["packets"]["num_missing"] / facts["packets"]["num_expected"] < 0.45
     cameras = load_cameras(ASSETS / "snowmiku_cameras.json").select([0]).scaled(0.5)
     truth = render_scene(decode_stream(read_stream(served)[0]).scene, cameras)
-    partial = decode_stream(read_stream(target)[0])
+    received = decode_stream(read_stream(target)[0])
     scores = {}
     for name in ("drop", "grow"):
-        picture = render_scene(conceal(partial, create_concealer(name)), cameras)
+        picture = render_scene(conceal(received, create_concealer(name)), cameras)
         scores[name] = float(psnr(picture, truth).mean())
     assert scores["drop"] > 20
     assert scores["grow"] > scores["drop"]

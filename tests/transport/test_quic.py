@@ -136,7 +136,7 @@ def test_stream_is_sent_with_side_information_first_and_few_duplicates():
             assert receiver.num_bytes < 1.03 * plain
             assert server.core.num_served == 1
         kinds = [type(event) for event in events]
-        assert events[0] == Welcomed(len(STREAM.packets), PROGRAMS["scene"].head_bytes, PREVIEW)
+        assert events[0] == Welcomed(len(STREAM.packets), PROGRAMS["scene"].init_segment_bytes, PREVIEW)
         assert kinds.count(PacketArrived) == len(STREAM.packets)
         before = kinds.index(SideInfoArrived)
         assert before < kinds.index(PacketArrived)

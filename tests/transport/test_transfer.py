@@ -117,7 +117,7 @@ def test_side_information_is_retransmitted_on_request():
 
 @pytest.mark.parametrize("burst", [1, 20])
 def test_retransmission_is_limited_and_ordered_by_importance(burst):
-    """The head object is sent first, then tier 0; the receiver learns of the end."""
+    """The init segment is sent first, then tier 0; the receiver learns of the end."""
     stream = tiered_stream()
     program = make_served_stream(stream, Protection(side_repair=0.0, side_lead=0.0, resend=0.08))
     one_pass = sum(program.sizes().values())
@@ -137,7 +137,7 @@ def test_retransmission_is_limited_and_ordered_by_importance(burst):
     assert lost_important <= 0.08 * 6 * important  # a fifth of all
     if burst == 1:
         assert max(spent) <= 0.08
-    else:  # one burst may remove the whole head object, which is retransmitted in any case
+    else:  # one burst may remove the whole init segment, which is retransmitted in any case
         assert sum(spent) / len(spent) <= 0.08
 
 
@@ -155,7 +155,7 @@ def test_only_the_first_packets_are_retransmitted(burst):
         assert result.receiver.finished.ok
         assert sum(packet.id.block < 1 for packet in result.receiver.stream().packets) == important
         resent = result.datagrams_down - len(program.schedule)
-        assert resent < 3 * (0.5 * sum(map(len, program.head)) + important)
+        assert resent < 3 * (0.5 * sum(map(len, program.init_symbols)) + important)
         if burst == 1:
             assert result.receiver.finished.reason == "sent"
             assert len(result.receiver.stream().packets) < len(stream.packets)
@@ -323,8 +323,8 @@ def test_packets_bundled_in_the_init_segment_are_protected_with_it():
 def test_init_segment_with_undeclared_packets_ends_the_transfer():
     stream = tiered_stream()
     program = make_served_stream(stream, Protection(head_share=0.1))
-    for wrong in (program.bundled - 1, program.bundled + 1, 0):
-        result = transfer(dataclasses.replace(program, bundled=wrong))
+    for wrong in (program.num_bundled - 1, program.num_bundled + 1, 0):
+        result = transfer(dataclasses.replace(program, num_bundled=wrong))
         assert not result.receiver.finished.ok
         assert f"not {wrong}" in result.receiver.finished.reason
     data = init_segment(stream.manifest, stream.side_info, [b"packet", b"other"])
@@ -407,7 +407,7 @@ def test_preview_is_part_of_the_first_answer():
     receiver = result.receiver
     assert (receiver.finished, receiver.stream()) == (Finished("deadline", False), None)
     assert receiver.preview == preview
-    assert result.events[0] == Welcomed(len(STREAM.packets), program.head_bytes, preview)
+    assert result.events[0] == Welcomed(len(STREAM.packets), program.init_segment_bytes, preview)
     complete(transfer(program, down=Link(bernoulli(0.3, random.Random(3)))))
     assert transfer(PROGRAM).receiver.preview == b""
     with pytest.raises(InvalidValueError, match="at most 1024"):
@@ -463,7 +463,7 @@ def test_packets_held_by_the_client_are_not_sent_but_counted():
         haves = [Have(nonce, stream_id, 1, 0, bits[:cut]), Have(nonce, stream_id, 1, 8 * cut, bits[cut:] + bytes(9))]
         frames = answers_to_request(server, nonce, haves * 3, f"client {nonce}")
         places = {frame.packet_index for frame in frames if isinstance(frame, Data)}
-        scheduled = set(range(program.bundled, count))
+        scheduled = set(range(program.num_bundled, count))
         assert places == ({place for place in scheduled if not held[place]} if left_out else scheduled)
         assert any(isinstance(frame, Side) for frame in frames) is not left_out
         key = (f"client {nonce}", nonce)

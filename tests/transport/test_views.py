@@ -203,7 +203,7 @@ def test_hostile_views_and_feedback_are_survived():
 
 
 def test_each_nack_number_is_answered_once():
-    transfer = ServerTransfer(PROGRAM, 1, ServerLimits(), 0.0, reliable_head=True)
+    transfer = ServerTransfer(PROGRAM, 1, ServerLimits(), 0.0, reliable_init_segment=True)
     transfer.welcome()
     times = [n / 200 for n in range(200)]
     places = [decode(data).packet_index for data in map(transfer.poll, times[:100]) if data and data[0] & 15 == DATA]
@@ -226,12 +226,12 @@ def test_opening_is_counted_in_the_sent_schedule(opening_bytes, reliable, late):
     order.set_viewpoint(SHARP, 10**9, 0.0)
     while order:
         left.append(order.pop())
-        if order.is_head_sent:
+        if order.is_init_segment_sent:
             assert sum(item[0] == SIDE for item in left) == sum(
                 item[0] == SIDE for item in (served.reliable_schedule if reliable else served.send_schedule).datagrams
             )
     packets = [item[2] for item in left if item[0] == DATA]
-    assert sorted(packets) == list(range(served.bundled, len(served.packets)))  # each one, once
+    assert sorted(packets) == list(range(served.num_bundled, len(served.packets)))  # each one, once
     assert all(item[2] < served.opening_packets for item in left[: late and 1] if item[0] == DATA)
 
 

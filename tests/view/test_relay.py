@@ -161,10 +161,10 @@ def test_page_gets_the_current_period_of_a_live_clip() -> None:
 
 def head_of(edition) -> tuple[Manifest, bytes]:
     """Manifest and side information of an edition."""
-    segments, data = Segments(edition.head_bytes, edition.symbol_bytes), b""
+    segments, data = Segments(edition.init_segment_bytes, edition.symbol_bytes), b""
     for number in range(segments.num_segments):
         span, size = segments.span(number), segments.size(number)
-        found = fec.recover(dict(list(enumerate(edition.head[number]))[:size]), size, edition.symbol_bytes)
+        found = fec.recover(dict(list(enumerate(edition.init_symbols[number]))[:size]), size, edition.symbol_bytes)
         assert found is not None
         data += b"".join(found)[: span.stop - span.start]
     manifest, side_info, _ = split_init_segment(data)

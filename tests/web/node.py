@@ -104,8 +104,8 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
 
 def gains_of(stream: SceneStream) -> dict[str, list[float]]:
     """Size and opacity gains by concealer after every second packet of a stream, packet by packet."""
-    partial = stream.with_packets(stream.packets[::2])
-    decoded, order = decode_stream(partial), arrange_stream(partial)
+    received = stream.with_packets(stream.packets[::2])
+    decoded, order = decode_stream(received), arrange_stream(received)
     there = [packet is not None for packet in order.packets]
     ranks = order.groups.ranks[np.repeat(there, np.diff(order.groups.starts))]
     found = {}
@@ -117,7 +117,9 @@ def gains_of(stream: SceneStream) -> dict[str, list[float]]:
         found[name] = gains[ranks].astype(np.float64).ravel().tolist()
         if name == SECTION:  # copies of received Gaussians are not drawn
             places = copies_of(decoded)[0]
-            found[name] += (gains[places] * ~decoded.loss_mask.known[places, None]).astype(np.float64).ravel().tolist()
+            found[name] += (
+                (gains[places] * ~decoded.loss_mask.fully_received[places, None]).astype(np.float64).ravel().tolist()
+            )
     return found
 
 
@@ -137,11 +139,11 @@ def first_packet(stream: SceneStream) -> list[list[float]]:
 
 def first_anchors(stream: SceneStream) -> list[list[float]]:
     """Gaussians that `CAMERA` sees of the first packet's anchors, in the packet's order."""
-    partial = stream.with_packets(stream.packets[:1])
+    received = stream.with_packets(stream.packets[:1])
     lens = [[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1]]
     cameras = Cameras(np.array(CAMERA["viewmat"])[None].astype(np.float32), np.array(lens)[None], 160, 120, ("view",))
-    spawned = spawned_gaussians(decode_stream(partial).scene, cameras, 0)
-    order = arrange_stream(partial)
+    spawned = spawned_gaussians(decode_stream(received).scene, cameras, 0)
+    order = arrange_stream(received)
     ranks = order.groups.ranks[: order.groups.starts[1]].tolist()
     found = spawned.gaussians
     columns = (found.means, found.quats, found.scales, found.opacities[:, None], found.colors)

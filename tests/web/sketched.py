@@ -26,22 +26,22 @@ def with_sketch(stream: SceneStream, trust: float = 0.75) -> SceneStream:
     return add_concealment(stream, SECTION, write_sketch(sketch, buckets_of(context)))
 
 
-def copies_of(partial: ReceivedScene) -> tuple[np.ndarray, list[float]]:
+def copies_of(received: ReceivedScene) -> tuple[np.ndarray, list[float]]:
     """Positions of the copies, and their values one after another."""
-    copies = partial.get(Copies)
+    copies = received.get(Copies)
     if copies is not None:
         splats = copies.splats
         numbers = (splats.means, splats.scales, splats.quats, splats.opacities)
         return copies.indices, np.concatenate([part.flatten() for part in numbers]).astype(np.float64).tolist()
-    section, prior = section_of(partial), partial[Prior]
+    section, prior = section_of(received), received[Prior]
     places = np.flatnonzero(section.levels)
     found = sketched_attributes(section, expected_scalings(prior)[places])
     features, scalings, offsets, mask = found
     far = offsets * scalings[:, None, :3] * mask[:, :, None]
-    numbers = (partial.positions[places], features, scalings[:, 3:], far)
+    numbers = (received.positions[places], features, scalings[:, 3:], far)
     return places, np.concatenate([part.flatten() for part in numbers]).astype(np.float64).tolist()
 
 
-def section_of(partial: ReceivedScene) -> SketchSection:
+def section_of(received: ReceivedScene) -> SketchSection:
     """The sketch of a stream of anchors."""
-    return read_sketch(partial.sections[SECTION], sizes_of(partial), buckets_of(partial))
+    return read_sketch(received.sections[SECTION], sizes_of(received), buckets_of(received))

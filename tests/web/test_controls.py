@@ -148,10 +148,10 @@ def test_intermittent_link_resends_only_lost_packets(stream: SceneStream, progra
             def drive() -> Any:
                 with isolated_page() as page:
                     loaded(page, page_server.url)
-                    return status(page, "finished"), status(page, "way"), status(page, "packets")
+                    return status(page, "finished"), status(page, "transport"), status(page, "packets")
 
-            ended, way, packets = await asyncio.to_thread(drive)
-            assert (ended, way, packets) == ("complete", "WebTransport datagrams", len(stream.packets))
+            ended, transport, packets = await asyncio.to_thread(drive)
+            assert (ended, transport, packets) == ("complete", "WebTransport datagrams", len(stream.packets))
             assert relay.num_lost > 20
 
     run(work())

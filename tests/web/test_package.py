@@ -162,7 +162,7 @@ def test_node_decoder_gives_the_gaussians_of_python(alone: Path, stream: SceneSt
     assert results["half"]["verified"] is results["half"]["complete"] is False
     assert [results[name]["antialiased"] for name in ("whole", "half", "grown")] == [False, False, True]
     for name, python in (("whole", decode_stream(stream)), ("half", decode_stream(half))):
-        known = python.loss_mask.known
+        known = python.loss_mask.fully_received
         theirs = np.asarray(results[name]["centres"], dtype=np.float32).reshape(-1, 3)
         ours = python.scene.positions[known]
         assert results[name]["count"] == len(ours)
@@ -183,8 +183,8 @@ def test_node_decoder_gives_levels_and_frames_of_python(alone: Path, tmp_path: P
         Path(path).write_bytes(stream_to_bytes(stream))
     (alone / "frames.mjs").write_text(FRAMES)
     results = json.loads(called(["node", "frames.mjs", *paths], alone))
-    partial = decode_stream(levels)
-    finest = partial.scene.splats.means[partial[Levels].lod_level == 0]
+    received = decode_stream(levels)
+    finest = received.scene.splats.means[received[Levels].lod_level == 0]
     assert results["verified"] is True
     assert len(finest) == len(splats.means)
     check_centres(results["finest"], finest)

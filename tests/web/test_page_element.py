@@ -368,8 +368,10 @@ def test_clips_and_levels_are_loaded_moved_and_removed(kind: str, stream: SceneS
         for n in range(3):
             made(page, "other.swz")
             assert page.wait_for(f"{ELEMENT}.view && {LOADED}")[1] == whole
-            way, packets, expected = (page.evaluate(f"{ELEMENT}.status.{x}") for x in ("way", "packets", "expected"))
-            assert ("kept" in way) == (n > 0), way
+            transport, packets, expected = (
+                page.evaluate(f"{ELEMENT}.status.{x}") for x in ("transport", "packets", "expected")
+            )
+            assert ("kept" in transport) == (n > 0), transport
             assert packets == expected == len(made_of.packets)
             page.evaluate(f"window.view = {ELEMENT}.view; document.querySelector('#b').append({ELEMENT})")
             page.resolve("new Promise((resolve) => setTimeout(resolve, 50))")

@@ -59,7 +59,7 @@ async def packets_of(url: str, names: Iterable[str], way: str) -> dict[str, int]
                 page.open(f"{url}?stream={name}")
                 page.wait_for(f"{STATUS}?.finished || {SAID}.includes('this view needs')")
                 came[name] = page.evaluate(f"{STATUS}.packets")
-                assert page.evaluate(f"{STATUS}.way") == way
+                assert page.evaluate(f"{STATUS}.transport") == way
                 assert not page.evaluate(f"{STATUS}.failed")
                 assert 0 < page.evaluate(f"{STATUS}.gaussians") <= 40_000
         return came
@@ -134,7 +134,7 @@ def test_visible_tiles_are_fetched_over_http_when_the_session_breaks() -> None:
                     page.wait_for(f"{STATUS}?.packets > 30")
                     loop.call_soon_threadsafe(quic.close)
                     page.wait_for(f"{STATUS}?.finished || {SAID}.includes('this view needs')")
-                    assert page.evaluate(f"{STATUS}.way") == "HTTP, by ranges"
+                    assert page.evaluate(f"{STATUS}.transport") == "HTTP, by ranges"
                     assert page.evaluate(f"{STATUS}.packets") > 30
                     assert not page.evaluate(f"{STATUS}.failed")
 

@@ -125,9 +125,9 @@ def test_broken_session_is_resumed_by_a_new_one(back: bool) -> None:
                 first.close()
                 second = await again(first.port) if back else None
                 await seen(f"{STATUS}.verified")
-                packets, way = await asyncio.to_thread(page.evaluate, f"[{STATUS}.packets, {STATUS}.way]")
+                packets, transport = await asyncio.to_thread(page.evaluate, f"[{STATUS}.packets, {STATUS}.transport]")
                 assert packets == len(stream.packets)
-                assert ("datagrams" in way) is back
+                assert ("datagrams" in transport) is back
                 assert await seen(f"{LOST}.length > 0")
                 text = await seen(f"{ELEMENT}.shadowRoot.querySelector('.laboratory').innerText")
                 assert "dropped " in " ".join(str(text).split())

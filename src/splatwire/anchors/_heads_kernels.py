@@ -23,8 +23,8 @@ ROWS = 6
 COLOR = 8
 """Index of the red channel among a Gaussian's outputs; the three scale logits and the quaternion precede the colour."""
 _LOG2E = np.float32(1.4426950408889634)
-_MOST, _ZERO, _ONE = np.float32(126), np.float32(0), np.float32(1)
-_MIN_ALPHA, _LEAST_NORM = 1.0 / 255.0, np.float32(1e-12)
+_MAX_POWER, _ZERO, _ONE = np.float32(126), np.float32(0), np.float32(1)
+_MIN_ALPHA, _MIN_NORM = 1.0 / 255.0, np.float32(1e-12)
 
 
 @njit(borrows=True, error_model="numpy")
@@ -155,8 +155,8 @@ def _fill_inputs(positions, features, center, chosen, count, x):
 @no_type_check
 def _exp_minus(value):
     """Returns e ** -value, limited to finite results."""
-    power = smaller(value * _LOG2E, spread(_MOST))
-    return power_of_two(smaller(_ZERO - power, spread(_MOST)))
+    power = smaller(value * _LOG2E, spread(_MAX_POWER))
+    return power_of_two(smaller(_ZERO - power, spread(_MAX_POWER)))
 
 
 @njit(inline="always")
@@ -236,7 +236,7 @@ def _write(n, k, row, anchors, gains, numbers, out):
     gain, norm = gains[n] if gains.shape[0] > 0 else _ONE, np.float32(0)
     for c in range(3, 7):
         norm += numbers[c] * numbers[c]
-    norm = max(np.sqrt(norm), _LEAST_NORM)
+    norm = max(np.sqrt(norm), _MIN_NORM)
     for c in range(3):
         means[row, c] = positions[n, c] + offsets[n, k, c] * scalings[n, c]
         scales[row, c] = scalings[n, 3 + c] * numbers[LANES + c] * gain

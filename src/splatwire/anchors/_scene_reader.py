@@ -69,9 +69,9 @@ class SceneReader:
         Raises:
             BitstreamError: If the tensor is missing, has another shape or type, or contains values that are not finite.
         """
-        found, kind = self.shape(name), self._file.get_slice(name).get_dtype()
-        if found != shape or kind != _TYPES[dtype]:
-            raise self.error(f"tensor '{name}' is {kind} {found}, expected {_TYPES[dtype]} {shape}")
+        actual_shape, kind = self.shape(name), self._file.get_slice(name).get_dtype()
+        if actual_shape != shape or kind != _TYPES[dtype]:
+            raise self.error(f"tensor '{name}' is {kind} {actual_shape}, expected {_TYPES[dtype]} {shape}")
         value: np.ndarray = self._file.get_tensor(name)
         if dtype is np.float32 and not bool(np.isfinite(value).all()):
             raise self.error(f"tensor '{name}' is not finite everywhere")

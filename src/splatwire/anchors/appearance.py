@@ -46,7 +46,7 @@ def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
         if value.loss_mask.num_lost:
             lost = f"{value.loss_mask.num_lost:,} of {value.scene.num_elements:,} {value.scene.ELEMENTS} were lost"
             raise InvalidValueError(
-                f"{lost}: `splatwire.concealment.conceal(partial, 'drop')` makes a scene of what arrived"
+                f"{lost}: `splatwire.concealment.conceal(received, 'drop')` makes a scene of what arrived"
             )
         return value.scene
     if isinstance(value, Splats):
@@ -99,16 +99,16 @@ def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGauss
     For scenes of explicit Gaussians, the anchor is the Gaussian itself and the offset is 0. Enlarged and hidden
     elements, as chosen by loss concealment (`scene.hints`), are not taken into account.
     """
-    own = np.arange(scene.num_elements)
-    return SpawnedGaussians(gaussians_of_view(scene, cameras, view), own, np.zeros_like(own))
+    all_rows = np.arange(scene.num_elements)
+    return SpawnedGaussians(gaussians_of_view(scene, cameras, view), all_rows, np.zeros_like(all_rows))
 
 
 @spawned_gaussians.register
 def _(scene: SplatScene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    own = np.arange(scene.num_elements)
+    all_rows = np.arange(scene.num_elements)
     cameras = cameras.relative_to(scene.origin)
     seen = scene.splats.seen_from(to_numpy(cameras.centers[view]))
-    return SpawnedGaussians(seen, own, np.zeros_like(own))
+    return SpawnedGaussians(seen, all_rows, np.zeros_like(all_rows))
 
 
 @spawned_gaussians.register

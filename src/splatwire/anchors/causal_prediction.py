@@ -78,16 +78,16 @@ def predict_causal(
             attributes; None for no rounding.
         join: Function that concatenates arrays along an axis; `torch.cat` for tensors.
     """
-    known = networks["position"](inputs)
+    features = networks["position"](inputs)
     means, spreads, before = [], [], 0
 
     def follow(name: str, mean: Any, values: Any) -> None:
-        nonlocal known
-        found = values if quantised is None else quantised(name, mean, values)
-        known = join([known, found * INPUT_UNIT], 1)
+        nonlocal features
+        rounded = values if quantised is None else quantised(name, mean, values)
+        features = join([features, rounded * INPUT_UNIT], 1)
 
     def predicted(name: str) -> tuple[Any, Any]:
-        outputs = networks[name](known)
+        outputs = networks[name](features)
         middle = outputs.shape[1] // 2
         return outputs[:, :middle], outputs[:, middle:]
 
@@ -98,7 +98,7 @@ def predict_causal(
         spreads.append(spread)
         before += size
     masks = config.layout.num_offsets
-    outputs = networks["form"](known)
+    outputs = networks["form"](features)
     exists, scale_mean, scale_spread = outputs[:, :masks], outputs[:, masks : masks + 1], outputs[:, masks + 1 :]
     follow("form", scale_mean, log_sizes[:, :1])
     size_mean, size_spread = predicted("size")

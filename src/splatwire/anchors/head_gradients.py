@@ -12,7 +12,7 @@ from splatwire.types import Anchors, Cameras, Gaussians
 from splatwire.types.anchor_scene import GaussianHeads
 from splatwire.types.networks import Mlp
 
-_LEAST_NORM = 1e-12
+_MIN_NORM = 1e-12
 
 
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[np.ndarray, "N"]:
@@ -41,7 +41,7 @@ def sigmoid(values: np.ndarray) -> np.ndarray:
 
 def unit_quaternions(raw: Float[np.ndarray, "G 4"]) -> tuple[Float[np.ndarray, "G 4"], Float[np.ndarray, "G 1"]]:
     """Returns normalised quaternions, and the lengths before the normalisation."""
-    norm = np.maximum(np.linalg.norm(raw, axis=1, keepdims=True), raw.dtype.type(_LEAST_NORM))
+    norm = np.maximum(np.linalg.norm(raw, axis=1, keepdims=True), raw.dtype.type(_MIN_NORM))
     return raw / norm, norm
 
 
@@ -108,9 +108,9 @@ class Spawning:
         means, quats, scales, opacities, colors = upstream
         anchors, drawn, row, offset = self._anchors, self.gaussians, self.anchor_index, self.offset_index
         num, num_offsets = anchors.mask.shape
-        own = anchors.scalings[row]
+        scalings = anchors.scalings[row]
         d_shape = np.zeros((num, num_offsets, 7), np.float32)
-        d_shape[row, offset, :3] = scales * own[:, 3:6] * self._share * (1 - self._share)
+        d_shape[row, offset, :3] = scales * scalings[:, 3:6] * self._share * (1 - self._share)
         along = (quats * drawn.quats).sum(axis=1, keepdims=True)
         d_shape[row, offset, 3:] = (quats - drawn.quats * along) / self._norm
         d_opacity, d_color = np.zeros((num, num_offsets), np.float32), np.zeros((num, num_offsets, 3), np.float32)
@@ -121,7 +121,7 @@ class Spawning:
         features = (inputs[0] + inputs[1] + inputs[2])[:, : anchors.features.shape[1]]
         moved = np.concatenate([means * anchors.offsets[row, offset], scales * self._share], axis=1)
         d_offsets = np.zeros(anchors.offsets.shape, np.float32)
-        d_offsets[row, offset] = means * own[:, :3]
+        d_offsets[row, offset] = means * scalings[:, :3]
         columns = [np.bincount(row, column, num) for column in moved.T]
         return AnchorGradients(features, np.stack(columns, axis=1).astype(np.float32), d_offsets)
 

@@ -91,33 +91,33 @@ def load_scene_file(path: Path) -> tuple[AnchorScene | ReceivedScene[AnchorScene
             return _read_concealed(reader)
         if reader.header["kind"] != PARTIAL:
             raise reader.error(f"holds a {str(reader.header['kind'])[:40]!r}, which this release does not know")
-        partial = _read_partial(reader)
-    return partial, partial.loss_mask
+        received = _read_partial(reader)
+    return received, received.loss_mask
 
 
-def save_partial(partial: ReceivedScene[AnchorScene], path: Path) -> None:
+def save_partial(received: ReceivedScene[AnchorScene], path: Path) -> None:
     """Writes a received scene with losses, its loss mask, and the side information for loss concealment.
 
     Raises:
         OSError: If the file cannot be written.
     """
-    tensors = _scene_tensors(partial.scene)
-    tensors["erasures.received"] = partial.loss_mask.received
-    prior, expected = partial[Prior], partial.get(ExpectedPlaces)
+    tensors = _scene_tensors(received.scene)
+    tensors["erasures.received"] = received.loss_mask.received
+    prior, expected = received[Prior], received.get(ExpectedPlaces)
     tensors["prior.context"] = prior.context
     if expected is not None:
         tensors["anchors.guessed"] = expected.positions
-    if partial.tier_sizes is not None:
-        tensors["anchors.tier_sizes"] = partial.tier_sizes
+    if received.tier_sizes is not None:
+        tensors["anchors.tier_sizes"] = received.tier_sizes
     for name in _ATTRIBUTES:
         attribute: AttributePrior = getattr(prior, name)
         for part in ("mean", "scale", "step"):
             tensors[f"prior.{name}.{part}"] = getattr(attribute, part)
-    header = _header(partial.scene, PARTIAL)
-    for name, content in partial.sections.items():
+    header = _header(received.scene, PARTIAL)
+    for name, content in received.sections.items():
         tensors[f"concealment.{name}"] = np.frombuffer(content, dtype=np.uint8)
-    if partial.sections:
-        header["concealment"] = sorted(partial.sections)
+    if received.sections:
+        header["concealment"] = sorted(received.sections)
     write_tensors(tensors, header, path)
 
 

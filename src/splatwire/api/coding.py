@@ -115,25 +115,27 @@ def encode(
             raise InvalidValueError("size, psnr and effort are for static scenes: frames take a quality")
         chosen = options if quality is None else replace(options, quality=quality)
         return _encode_frames(scene, chosen, threads, progress)
-    found = as_scene(scene)  # type: ignore[arg-type]
-    expected = AnchorOptions if isinstance(found, AnchorScene) else GaussianOptions
+    checked_scene = as_scene(scene)  # type: ignore[arg-type]
+    expected = AnchorOptions if isinstance(checked_scene, AnchorScene) else GaussianOptions
     if options is not None and not isinstance(options, expected):
-        raise InvalidValueError(f"options: expected {expected.__name__} for {found.ELEMENTS}, not {shown(options)}")
+        raise InvalidValueError(
+            f"options: expected {expected.__name__} for {checked_scene.ELEMENTS}, not {shown(options)}"
+        )
     if (size, psnr, quality, effort) == (None, None, None, None):
-        own = {} if options is None else vars(options)
-        return encode_scene(found, threads=threads, progress=progress, **own)
-    if not isinstance(found, SplatScene):
+        fields_given = {} if options is None else vars(options)
+        return encode_scene(checked_scene, threads=threads, progress=progress, **fields_given)
+    if not isinstance(checked_scene, SplatScene):
         raise InvalidValueError(
             "size, psnr, quality and effort are for explicit Gaussians: anchors have their own steps"
         )
-    given = GaussianOptions() if options is None else options
-    assert isinstance(given, GaussianOptions)
-    if quality is not None and given.quality is not None:
+    gaussian_options = GaussianOptions() if options is None else options
+    assert isinstance(gaussian_options, GaussianOptions)
+    if quality is not None and gaussian_options.quality is not None:
         raise InvalidValueError("give the quality as an argument or in the options, not both")
-    given = given if quality is None else replace(given, quality=quality)
+    gaussian_options = gaussian_options if quality is None else replace(gaussian_options, quality=quality)
     if (size, psnr, effort) == (None, None, None):
-        return encode_scene(found, threads=threads, progress=progress, **vars(given))
-    return _encode_controlled(found, given, size, psnr, effort, tuning, threads, progress)
+        return encode_scene(checked_scene, threads=threads, progress=progress, **vars(gaussian_options))
+    return _encode_controlled(checked_scene, gaussian_options, size, psnr, effort, tuning, threads, progress)
 
 
 def _encode_controlled(
@@ -150,22 +152,24 @@ def _encode_controlled(
         else None,
     )
 
-    def encode(some: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
-        return encode_scene(some, options.packetization, quality=quality, classes=classes, threads=threads)
+    def encode(pruned: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
+        return encode_scene(pruned, options.packetization, quality=quality, classes=classes, threads=threads)
 
-    report, before, done = progress or (lambda share: None), _TUNING_SHARE if effort == "best" else 0.0, 0.0
+    report, tuning_share, done = progress or (lambda share: None), _TUNING_SHARE if effort == "best" else 0.0, 0.0
 
     def forward(task: str, share: float) -> None:
         nonlocal done
-        now = {"fine-tuning": before * share, "searching": before + (1 - before) * share}.get(task, 0.0)
-        done = max(done, now)
+        completed = {"fine-tuning": tuning_share * share, "searching": tuning_share + (1 - tuning_share) * share}.get(
+            task, 0.0
+        )
+        done = max(done, completed)
         report(done)
 
-    found = encode_controlled(
+    result = encode_controlled(
         scene, target, encode, effort=effort or "default", tuning=tuning or Tuning(), progress=forward
     )
     report(1.0)
-    return found.stream
+    return result.stream
 
 
 def _encode_frames(
@@ -199,8 +203,8 @@ def decode(
 
     Example:
         >>> import splatwire
-        >>> partial = splatwire.decode("scene.swz")
-        >>> partial.loss_mask.num_lost
+        >>> received = splatwire.decode("scene.swz")
+        >>> received.loss_mask.num_lost
         0
     """
     check_progress(progress)

@@ -130,12 +130,12 @@ class TrainingServer:
                 of an earlier call could not be encoded.
         """
         _check_share(share)
-        given = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "sh": sh}
+        arrays = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "sh": sh}
         shapes: dict[str, tuple[int | str, ...]] = {
             "means": ("G", 3), "quats": ("G", 4), "scales": ("G", 3), "opacities": ("G",), "sh": ("G", "D", 3)
         }  # fmt: skip
         # A trainer changes its arrays in place.
-        rows = {name: np.array(_floats(value, name, shapes[name]), np.float32) for name, value in given.items()}
+        rows = {name: np.array(_floats(value, name, shapes[name]), np.float32) for name, value in arrays.items()}
         for name, values in rows.items():
             if len(values) != len(rows["means"]):
                 raise InvalidValueError(f"{name}: expected {len(rows['means'])} rows, as in means, not {len(values)}")

@@ -100,13 +100,13 @@ def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = 
         if gaps:
             yield from (Run(gap, (), ()) for gap in range(after, block))
         after = block + 1
-        here = tuple(arrived[packet_id] for packet_id in names)
-        runs = tuple(plan.run(packet.id, packet.num_elements) for packet in here)
-        for packet, run, following in zip(here[1:], runs, runs[1:], strict=False):
+        packets_of_block = tuple(arrived[packet_id] for packet_id in names)
+        runs = tuple(plan.run(packet.id, packet.num_elements) for packet in packets_of_block)
+        for packet, run, following in zip(packets_of_block[1:], runs, runs[1:], strict=False):
             if plan.packetization.hashed and following.start < run.stop:
                 raise InvalidValueError(f"{packet.id.filename} holds elements of the packet before it")
         ranks = plan.block_ranks(block)
-        yield Run(block, here, tuple(ranks[run] for run in runs))
+        yield Run(block, packets_of_block, tuple(ranks[run] for run in runs))
     if gaps:
         yield from (Run(gap, (), ()) for gap in range(after, plan.num_blocks))
 
@@ -131,16 +131,16 @@ def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> 
         InvalidValueError: If two packets contain the same element.
     """
     ordered = sorted(arrived)
-    at = 0
+    index = 0
     for block in range(plan.num_blocks):
         position, end = 0, plan.block_elements(block)
-        while at < len(ordered) and ordered[at].block == block:
-            packet = arrived[ordered[at]]
+        while index < len(ordered) and ordered[index].block == block:
+            packet = arrived[ordered[index]]
             if packet.id.lane < position:
                 raise InvalidValueError(f"{packet.id.filename} holds elements of the packet before it")
             if packet.id.lane > position:
                 yield packet.id.lane - position, None
             yield packet.num_elements, packet
-            position, at = packet.id.lane + packet.num_elements, at + 1
+            position, index = packet.id.lane + packet.num_elements, index + 1
         if position < end:
             yield end - position, None

@@ -149,10 +149,10 @@ def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: 
                 position = end
                 continue
             effort -= end - position
-        found = _find(file, mark, position + RECORD_PREFIX.size + 1)
-        if found is None:
+        next_mark = _find(file, mark, position + RECORD_PREFIX.size + 1)
+        if next_mark is None:
             return
-        position = found - RECORD_PREFIX.size
+        position = next_mark - RECORD_PREFIX.size
 
 
 def _record_end(file: io.BufferedIOBase, size: int, position: int) -> int | None:
@@ -177,8 +177,8 @@ def _find(file: io.BufferedIOBase, mark: bytes, position: int) -> int | None:
     kept = b""
     while piece := file.read(SEARCH_BYTES):
         joined = kept + piece
-        at = joined.find(mark)
-        if at >= 0:
-            return position - len(kept) + at
+        index = joined.find(mark)
+        if index >= 0:
+            return position - len(kept) + index
         position, kept = position + len(piece), joined[1 - len(mark) :]
     return None

@@ -62,19 +62,19 @@ def _embedded_range(document: dict[str, Any]) -> tuple[int, int]:
     Args:
         document: JSON document of the file.
     """
-    found = [
+    extensions = [
         primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]
         for mesh in document["meshes"]
         for primitive in mesh["primitives"]
         if EXT_SPLATWIRE in primitive.get("extensions", {}).get(KHR_SPLATTING, {}).get("extensions", {})
     ]
-    if len(found) != 1:
-        raise ValueError(f"{len(found)} primitives with {EXT_SPLATWIRE}, exactly one is read")
-    index = found[0]["bufferView"]
+    if len(extensions) != 1:
+        raise ValueError(f"{len(extensions)} primitives with {EXT_SPLATWIRE}, exactly one is read")
+    index = extensions[0]["bufferView"]
     if type(index) is not int or index < 0:
         raise ValueError(f"bufferView is {index!r:.40}")
     view = document["bufferViews"][index]
-    place, length, buffer = view.get("byteOffset", 0), view["byteLength"], view["buffer"]
-    if type(place) is not int or type(length) is not int or buffer != 0 or type(buffer) is not int:
+    offset, length, buffer = view.get("byteOffset", 0), view["byteLength"], view["buffer"]
+    if type(offset) is not int or type(length) is not int or buffer != 0 or type(buffer) is not int:
         raise ValueError("the stream's bufferView is none of the binary chunk")
-    return place, length
+    return offset, length

@@ -55,11 +55,11 @@ class ReadReport(CheckedFields):
     def damage(self) -> str | None:
         """Description of damaged and foreign bytes; None if all bytes were good."""
         counts = ((self.num_corrupt, "damaged"), (self.num_foreign, "of another stream"))
-        found = [f"{count:,} packets or stretches of bytes are {kind}" for count, kind in counts if count]
-        if not found:
+        descriptions = [f"{count:,} packets or stretches of bytes are {kind}" for count, kind in counts if count]
+        if not descriptions:
             return None
         first = next((problem for problem in self.problems if not problem.endswith(ALREADY_THERE)), "")
-        return f"{', '.join(found)} (the first: {first})" if first else ", ".join(found)
+        return f"{', '.join(descriptions)} (the first: {first})" if first else ", ".join(descriptions)
 
 
 class PacketIntake:
@@ -180,18 +180,18 @@ class PacketIntake:
                 packet.id.filename, f"it has {packet.num_bytes} bytes, more than a packet may have"
             )
         firsts = self._firsts.setdefault(packet.id.block, [])
-        at, first = bisect.bisect_left(firsts, packet.id.lane), packet.id.lane
-        before = self._packets[PacketId(packet.id.block, firsts[at - 1])] if at else None
-        if at < len(firsts) and firsts[at] == first:
+        index, first = bisect.bisect_left(firsts, packet.id.lane), packet.id.lane
+        previous = self._packets[PacketId(packet.id.block, firsts[index - 1])] if index else None
+        if index < len(firsts) and firsts[index] == first:
             if self._packets[packet.id].num_elements != packet.num_elements:
                 raise CorruptPacketError(packet.id.filename, "it is another packet than the one that was already there")
             return
-        overlaps = before is not None and before.id.lane + before.num_elements > first
-        if overlaps or (at < len(firsts) and first + packet.num_elements > firsts[at]):
+        overlaps = previous is not None and previous.id.lane + previous.num_elements > first
+        if overlaps or (index < len(firsts) and first + packet.num_elements > firsts[index]):
             raise CorruptPacketError(packet.id.filename, "it holds elements of a packet that was already there")
         if len(self._packets) >= self._manifest.num_packets:
             raise CorruptPacketError(packet.id.filename, "the stream has no further packet")
-        firsts.insert(at, first)
+        firsts.insert(index, first)
 
     def report(self) -> ReadReport:
         """Returns the numbers of received, missing and rejected packets so far."""

@@ -93,8 +93,8 @@ def make_packet(packet_id: PacketId, num_elements: int, payload: bytes, stream_i
         InvalidValueError: If a number does not fit the header, or the payload is too long.
     """
     if type(packet_id) is not PacketId or type(payload) is not bytes:  # no `checked`: called once per packet
-        found = f"{shown(packet_id)}, {shown(payload)}"
-        raise InvalidValueError(f"expected a PacketId as packet_id and bytes as payload, not {found}")
+        arguments = f"{shown(packet_id)}, {shown(payload)}"
+        raise InvalidValueError(f"expected a PacketId as packet_id and bytes as payload, not {arguments}")
     if not (type(num_elements) is int and type(stream_id) is int):  # converts NumPy integers, refuses the rest
         num_elements, stream_id = whole_number(num_elements, "num_elements"), whole_number(stream_id, "stream_id")
     if not (1 <= num_elements <= MAX_BLOCK_SIZE and 0 <= stream_id < 1 << 32):
@@ -130,22 +130,22 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
         ForeignPacketError: If the packet is intact but belongs to another stream.
     """
     if not isinstance(data, bytes | memoryview) or (stream_id is not None and type(stream_id) is not int):
-        found = f"data {shown(data)}, stream_id {shown(stream_id)}"
-        raise InvalidValueError(f"expected data as bytes and a stream_id as a whole number or None, not {found}")
+        arguments = f"data {shown(data)}, stream_id {shown(stream_id)}"
+        raise InvalidValueError(f"expected data as bytes and a stream_id as a whole number or None, not {arguments}")
     view = memoryview(data)
     if len(view) < HEADER_BYTES:
         raise TruncatedStreamError(f"a packet of {len(view)} bytes ends within its header of {HEADER_BYTES}")
-    version, found_id, part, lane_low, block_low, block_high, num_elements = _FIELDS.unpack_from(view)
+    version, packet_stream_id, part, lane_low, block_low, block_high, num_elements = _FIELDS.unpack_from(view)
     if version > PACKET_VERSION:
         raise UnsupportedVersionError(
             f"the packet has format version {version}, this release reads up to {PACKET_VERSION}"
         )
     part_number = 3 * (part >> 2) + (part & 3)
-    whole = part & 3 == 0
-    if not whole and part_number >= len(PARTS):
+    has_all_attributes = part & 3 == 0
+    if not has_all_attributes and part_number >= len(PARTS):
         raise CorruptPacketError("a packet", f"its header makes no sense (part {part_number})")
-    lane = (part >> 2 << 8 if whole else 0) | lane_low
-    packet_id = PacketId(block_high << 16 | block_low, lane, 0 if whole else part_number)
+    lane = (part >> 2 << 8 if has_all_attributes else 0) | lane_low
+    packet_id = PacketId(block_high << 16 | block_low, lane, 0 if has_all_attributes else part_number)
     name = packet_id.filename
     if len(view) > MAX_PACKET_BYTES:
         raise CorruptPacketError(name, f"it has {len(view)} bytes, more than {MAX_PACKET_BYTES}")
@@ -154,8 +154,8 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
         raise CorruptPacketError(name, "its checksum does not match")
     if version < 1 or num_elements < 1:
         raise CorruptPacketError(name, f"its header makes no sense (version {version}, {num_elements} elements)")
-    if stream_id is not None and found_id != stream_id:
-        raise ForeignPacketError(name, f"it belongs to stream {found_id:08x}, not {stream_id:08x}")
+    if stream_id is not None and packet_stream_id != stream_id:
+        raise ForeignPacketError(name, f"it belongs to stream {packet_stream_id:08x}, not {stream_id:08x}")
     return Packet(packet_id, num_elements, bytes(view))
 
 

@@ -73,13 +73,13 @@ class Packetization:
         check_range("block size", self.block_size, 1, MAX_BLOCK_SIZE)
         check_range("number of lanes", self.lanes, 1, MAX_LANES)
         check_range("packetization seed", self.seed, 0, (1 << 64) - 1)
-        for kind, name, known in (
+        for kind, name, allowed in (
             ("order", self.order, ORDERS),
             ("grouping", self.grouping, GROUPINGS),
             ("packaging", self.packaging, PACKAGINGS),
         ):
-            if name not in known:
-                raise UnknownNameError(kind, str(name), known)
+            if name not in allowed:
+                raise UnknownNameError(kind, str(name), allowed)
         self._check_hashed()
 
     def _check_hashed(self) -> None:

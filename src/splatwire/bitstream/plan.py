@@ -56,12 +56,12 @@ class PacketPlan:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        least, most = (1, MAX_FEATURE_GROUPS) if self.packetization.separated else (0, 0)
+        min_groups, max_groups = (1, MAX_FEATURE_GROUPS) if self.packetization.separated else (0, 0)
         check_range(
             f"number of feature groups of a plan with {self.packetization.packaging} packaging",
             self.feature_groups,
-            least,
-            most,
+            min_groups,
+            max_groups,
         )
         check_range("number of elements", self.num_elements, 0, MAX_ELEMENTS)
         check_tiers(self.tiers, self.num_elements, self.packetization)
@@ -305,9 +305,9 @@ def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
     for block in range(0, span.num_blocks, blocks):
         begin, end = block * span.block_size, min((block + blocks) * span.block_size, span.num_elements)
         lanes = stratified_lanes(span.first + begin, span.first + end, span.lanes, seed)
-        here = counts[block : block + blocks]
-        index = np.arange(end - begin) // span.block_size * here.shape[1] + lanes
-        here[:] = np.bincount(index, minlength=here.size).reshape(here.shape)
+        counts_of_blocks = counts[block : block + blocks]
+        index = np.arange(end - begin) // span.block_size * counts_of_blocks.shape[1] + lanes
+        counts_of_blocks[:] = np.bincount(index, minlength=counts_of_blocks.size).reshape(counts_of_blocks.shape)
 
 
 @functools.lru_cache(maxsize=2048)

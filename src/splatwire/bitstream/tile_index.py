@@ -88,9 +88,9 @@ def read_tile_index(manifest: Manifest, sections: Mapping[str, bytes]) -> TileIn
         raise BitstreamError(f"index of tiles: a tile of {max(sizes)} bytes is too large")
     if not all(0 <= error < math.inf for error in errors):
         raise BitstreamError("index of tiles: an error is negative or not finite")
-    found = np.zeros(num_blocks, dtype=np.float32)
-    found[:coarser] = errors
-    return TileIndex(np.array(packets, dtype=np.int64), np.array(sizes, dtype=np.int64), found)
+    all_errors = np.zeros(num_blocks, dtype=np.float32)
+    all_errors[:coarser] = errors
+    return TileIndex(np.array(packets, dtype=np.int64), np.array(sizes, dtype=np.int64), all_errors)
 
 
 def _num_coarser_tiles(manifest: Manifest) -> int:

@@ -103,17 +103,17 @@ def _project_boxes(tiles: Tiles, viewpoint: Viewpoint) -> tuple[np.ndarray, np.n
     outside = np.maximum(np.abs(eye - middle) - half, 0)
     distance = np.maximum(_length(outside), np.maximum(2 * NEAREST * _length(half), 1e-9))
     # Written out, so that every language adds in the same order.
-    place = [
+    center = [
         row[0] * middle[:, 0] + row[1] * middle[:, 1] + row[2] * middle[:, 2] + row[3] for row in viewpoint.viewmat[:3]
     ]
     reach = [
         abs(row[0]) * half[:, 0] + abs(row[1]) * half[:, 1] + abs(row[2]) * half[:, 2] for row in viewpoint.viewmat[:3]
     ]
-    near = np.maximum(place[2] - reach[2], distance)
-    far = np.maximum(place[2] + reach[2], near)
-    seen, rectangle = place[2] + reach[2] > 0, np.ones(tiles.num_tiles)
+    near = np.maximum(center[2] - reach[2], distance)
+    far = np.maximum(center[2] + reach[2], near)
+    seen, rectangle = center[2] + reach[2] > 0, np.ones(tiles.num_tiles)
     for axis, edge in enumerate((viewpoint.width / 2 / viewpoint.focal, viewpoint.height / 2 / viewpoint.focal)):
-        low, high = place[axis] - reach[axis], place[axis] + reach[axis]
+        low, high = center[axis] - reach[axis], center[axis] + reach[axis]
         low, high = low / np.where(low < 0, near, far), high / np.where(high < 0, far, near)
         extent = np.minimum(high, edge) - np.maximum(low, -edge)
         seen &= extent > 0
@@ -145,8 +145,8 @@ def cut_of(tiles: Tiles, received: np.ndarray, viewpoint: Viewpoint | None, budg
     real = np.zeros(tiles.num_tiles, dtype=bool)
     real[chosen] = received[chosen]
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
-        here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
-        real[here] &= real[tiles.parents[here]]
+        of_level = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
+        real[of_level] &= real[tiles.parents[of_level]]
     return Cut(tuple(np.flatnonzero(real).tolist()), tuple(chosen[~received[chosen]].tolist()))
 
 
@@ -162,11 +162,11 @@ def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarra
     """
     errors, useful = _errors_and_usefulness(tiles, viewpoint)
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
-        here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
+        of_level = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
         for values in (errors, useful):
-            values[here] = np.minimum(values[here], values[tiles.parents[here]])
-    some = np.flatnonzero(errors > (FINE_ENOUGH if viewpoint is not None else 0.0))
-    order = some[np.argsort(-useful[some], kind="stable")]
+            values[of_level] = np.minimum(values[of_level], values[tiles.parents[of_level]])
+    candidates = np.flatnonzero(errors > (FINE_ENOUGH if viewpoint is not None else 0.0))
+    order = candidates[np.argsort(-useful[candidates], kind="stable")]
     over = np.flatnonzero((np.cumsum(tiles.counts[order]) > budget) & (tiles.parents[order] >= 0))
     return order[: over[0]] if len(over) else order
 
@@ -186,9 +186,9 @@ def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
     if not len(finer):
         return np.full(len(means), -1, dtype=np.int64)
     low, high = tiles.low[finer][:, None], tiles.high[finer][:, None]
-    found, rows = np.empty(len(means), dtype=np.int64), max(1, _PAIRS // len(finer))
+    children, rows = np.empty(len(means), dtype=np.int64), max(1, _PAIRS // len(finer))
     for begin in range(0, len(means), rows):  # a tile may have thousands of children
-        some = means[begin : begin + rows]
-        outside = np.maximum(np.maximum(low - some, some - high), 0)
-        found[begin : begin + rows] = finer[outside.max(axis=2).argmin(axis=0)]
-    return found
+        piece = means[begin : begin + rows]
+        outside = np.maximum(np.maximum(low - piece, piece - high), 0)
+        children[begin : begin + rows] = finer[outside.max(axis=2).argmin(axis=0)]
+    return children

@@ -38,7 +38,7 @@ _FIRST_OPACITY = 0.8
 _SPLIT_SHIFT, _SPLIT_SHRINK = 0.6, 0.5
 """Split of a Gaussian along its longest axis: shift of the halves in standard deviations, decrease of the log size."""
 _ERROR_VIEWS = 12
-_DECAYS, _LEAST = (0.9, 0.99), 1e-8
+_DECAYS, _EPSILON = (0.9, 0.99), 1e-8
 """Decay rates of Adam's moments; epsilon of its division."""
 
 
@@ -221,8 +221,10 @@ class _Fit:
         mask = self._pictures.masks[view]
         error = drawn.image - self._pictures.images[view]
         error = error if mask is None else error * mask[:, :, None]
-        found, behind = drawn.gradients(2 / (3 * (drawn.image[..., 0].size if mask is None else mask.sum())) * error)
-        means, _, scales, opacities, colors = found
+        gradients, behind = drawn.gradients(
+            2 / (3 * (drawn.image[..., 0].size if mask is None else mask.sum())) * error
+        )
+        means, _, scales, opacities, colors = gradients
         away = self.frame.spread * np.cosh(values[:, :3])
         back = np.concatenate([means * away, scales * gaussians.scales, colors, opacities[:, None]], axis=1)
         return (back * self._rates).astype(np.float32), behind * np.float32(BACKGROUND_RATE)
@@ -304,7 +306,7 @@ class _Adam:
         self._mean += (1 - _DECAYS[0]) * (gradient - self._mean)
         self._square += (1 - _DECAYS[1]) * (gradient**2 - self._square)
         mean, square = self._mean / (1 - _DECAYS[0] ** self._steps), self._square / (1 - _DECAYS[1] ** self._steps)
-        self.values -= np.float32(rate) * mean / (np.sqrt(square) + np.float32(_LEAST))
+        self.values -= np.float32(rate) * mean / (np.sqrt(square) + np.float32(_EPSILON))
 
     def forget(self, rows: np.ndarray) -> None:
         """Sets the first moment of the Gaussians at the given indices to zero."""
@@ -337,8 +339,8 @@ class _DifferentiablePicture:
             The gradients of means, quats, scales, opacities and colors, and the gradient of the background.
         """
         weights = np.ascontiguousarray(d_image, np.float32)
-        found = self._picture.gradients(self._arrays, self.image, weights)
-        return found[:5], np.einsum("hw,hwc->c", self._left_over, weights)
+        gradients = self._picture.gradients(self._arrays, self.image, weights)
+        return gradients[:5], np.einsum("hw,hwc->c", self._left_over, weights)
 
 
 def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:

@@ -95,7 +95,7 @@ def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) 
         seed: Seed of the random choice.
     """
     count = len(groups.starts) - 1
-    known = np.ones(whole_number(num_anchors, "num_anchors", len(groups.ranks), MAX_ELEMENTS), np.bool_)
+    fully_received = np.ones(whole_number(num_anchors, "num_anchors", len(groups.ranks), MAX_ELEMENTS), np.bool_)
     for group in dropped_packets(count, rate, seed):
-        known[groups.ranks[groups.starts[group] : groups.starts[group + 1]]] = False
-    return known
+        fully_received[groups.ranks[groups.starts[group] : groups.starts[group + 1]]] = False
+    return fully_received

@@ -101,11 +101,11 @@ class Sketch(Protocol):
     def section(self) -> bytes:
         """Encodes the coarse copies as the section `sketch` of the stream's side information."""
 
-    def replace_lost(self, partial: ReceivedScene) -> Any:
+    def replace_lost(self, received: ReceivedScene) -> Any:
         """Replaces lost elements of a received scene by their coarse copies, as far as the sketch has copies.
 
         Args:
-            partial: The received scene.
+            received: The received scene.
 
         Returns:
             The argument of the method `conceal` of the same sketch: the scene with the copies, and whatever else that
@@ -208,26 +208,26 @@ class _Scores:
             Mean PSNR in decibels for `no loss` and for each concealer (`SketchResult.psnr`).
         """
         # The losses are not those with which the parameters of the sketch were chosen.
-        found, richer = (
+        qualities, richer = (
             {"no loss": self._quality(self._scene)},
             add_concealment(self._stream, "sketch", sketch.section()),
         )
         losses = [self._decoded(richer, seed) for seed in self._seeds[self._config.masks :]]
         for number, name in enumerate(("drop", "grow", "sketch")):
-            found[name] = sum(self._quality(conceal(partial, name)) for partial in losses) / len(losses)
+            qualities[name] = sum(self._quality(conceal(received, name)) for received in losses) / len(losses)
             show("held-out losses", (number + 1) / 3)
-        return found
+        return qualities
 
     def _decoded(self, stream: SceneStream, seed: int) -> ReceivedScene:
         """Simulates random packet loss with a given seed, and decodes the received packets."""
         dropped = set(dropped_packets(len(stream.packets), self._config.drop_rate, seed))
-        partial = decode_stream(
+        received = decode_stream(
             stream.with_packets([packet for k, packet in enumerate(stream.packets) if k not in dropped])
         )
-        return replace(partial, scene=replace(partial.scene, background=self._scene.background))
+        return replace(received, scene=replace(received.scene, background=self._scene.background))
 
-    def _quality_of(self, partial: ReceivedScene, result: Concealed) -> float:
-        return self._quality(apply_result(partial, result, "sketch"))
+    def _quality_of(self, received: ReceivedScene, result: Concealed) -> float:
+        return self._quality(apply_result(received, result, "sketch"))
 
     def _quality(self, scene: Scene) -> float:
         """Returns the mean PSNR of a scene over the views, decibels."""

@@ -105,18 +105,18 @@ class AnchorSketch:
         """Encodes the coarse copies of the most important anchors as the section `sketch` of a stream."""
         return write_sketch(self.copies, self.buckets)
 
-    def replace_lost(self, partial: ReceivedScene[AnchorScene]) -> SketchedLoss:
+    def replace_lost(self, received: ReceivedScene[AnchorScene]) -> SketchedLoss:
         """Replaces the lost anchors of a received scene by the sketch's coarse copies.
 
         Args:
-            partial: The received scene.
+            received: The received scene.
 
         Returns:
             The scene with copies, as input of `conceal`.
         """
         # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
         # only in these can share it.
-        return SketchedLoss.of(with_sketch(partial, self.copies))
+        return SketchedLoss.of(with_sketch(received, self.copies))
 
     def conceal(self, sketched: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
         """Conceals losses with this sketch, as a receiver would: enlarges drawn anchors around missing ones.

@@ -126,8 +126,8 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
         sensitivity: Errors of the rendered pictures if attributes of an anchor change, or if the anchor is lost.
         max_bytes: Maximum size of the sketch in bytes.
     """
-    anchors, found = to_arrays(complete.scene.anchors), dict[str, np.ndarray](vars(to_arrays(sensitivity)))
-    removal = found["removal"]
+    anchors, sensitivities = to_arrays(complete.scene.anchors), dict[str, np.ndarray](vars(to_arrays(sensitivity)))
+    removal = sensitivities["removal"]
     num = len(removal)
     order = np.argsort(-removal, kind="stable")
     important = order[: max(round(_BASIS_SHARE * num), min(num, 64))]
@@ -135,7 +135,7 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
     relative = np.log(np.maximum(anchors.scalings, np.float32(1e-9)) / expected_scalings(complete[Prior]))
     relative = np.clip(relative, -MAX_LOG_SIZE, MAX_LOG_SIZE)
     channels = np.concatenate([anchors.features, relative], axis=1).astype(np.float64)
-    metric = found["metric"] / num
+    metric = sensitivities["metric"] / num
     metric = metric + np.eye(len(metric)) * max(np.trace(metric) / len(metric) * 1e-4, 1e-30)
     eigenvalues, vectors = np.linalg.eigh(metric)
     whiten, color = np.sqrt(eigenvalues)[:, None] * vectors.T, vectors / np.sqrt(eigenvalues)
@@ -143,11 +143,11 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
     covariance = np.atleast_2d(np.cov((channels[important] - mean) @ whiten.T, rowvar=False))
     variances, axes = np.linalg.eigh(covariance)
     variances, axes = variances[::-1], axes[:, ::-1]
-    detail = found["channels"][candidates]
+    detail = sensitivities["channels"][candidates]
     return SketchMaterial(
         candidates, channels[candidates], mean, axes.T @ whiten, color @ axes, np.sqrt(np.maximum(variances, 0)),
-        np.maximum((detail / np.diag(metric)).mean(axis=1), 1e-12), found["offsets"][candidates],
-        removal[candidates], found["offset_removal"][candidates],
+        np.maximum((detail / np.diag(metric)).mean(axis=1), 1e-12), sensitivities["offsets"][candidates],
+        removal[candidates], sensitivities["offset_removal"][candidates],
         _offsets_of_copies(complete)[candidates], anchors.mask[candidates], num,
     )  # fmt: skip
 

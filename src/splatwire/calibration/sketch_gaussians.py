@@ -114,11 +114,11 @@ class GaussianSketch:
         size, opacity, trust = self.growth
         return write_copies(self.splats, self.indices, self.info, precision_class=LEVEL, growth=(size, opacity, trust))
 
-    def replace_lost(self, partial: ReceivedScene[SplatScene]) -> tuple[ReceivedScene[SplatScene], Any]:
+    def replace_lost(self, received: ReceivedScene[SplatScene]) -> tuple[ReceivedScene[SplatScene], Any]:
         """Replaces the lost Gaussians of a received scene by the sketch's coarse copies.
 
         Args:
-            partial: The received scene.
+            received: The received scene.
 
         Returns:
             The scene with copies, and inputs for a neural network that corrects how much received Gaussians are
@@ -126,7 +126,7 @@ class GaussianSketch:
         """
         copies = read_copies(replace(self.info, sections={"sketch": self.section()}), self.splats.num_gaussians)
         assert copies is not None
-        filled = with_copies(partial, copies)
+        filled = with_copies(received, copies)
         return filled, element_inputs(filled)
 
     def conceal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
@@ -159,11 +159,11 @@ def _as_many_as_fit(size: Callable[[int], int], max_copies: int, limit: int) -> 
     low, high, tried = 0, min(max_copies, MAX_COPIES) + 1, round(limit / _BYTES_OF_COPY)
     while high - low > 1:
         tried = min(max(tried, low + 1), high - 1)
-        found = size(tried)
-        low, high = (tried, high) if found <= limit else (low, tried)
-        if _CLOSE * limit < found <= limit:
+        num_bytes = size(tried)
+        low, high = (tried, high) if num_bytes <= limit else (low, tried)
+        if _CLOSE * limit < num_bytes <= limit:
             break
-        tried = int(tried * 0.99 * limit / found)
+        tried = int(tried * 0.99 * limit / num_bytes)
     if not low:
         raise InvalidValueError(f"no sketch fits into {limit:,.0f} bytes: give it a larger share of the stream")
     return low

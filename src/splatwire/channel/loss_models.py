@@ -178,5 +178,5 @@ class GilbertElliott:
         swaps = np.concatenate([[0], np.cumsum(leave & enter)])
         ends = np.where(leave ^ enter, np.arange(1, n + 1), 0)
         last = np.concatenate([[0], np.maximum.accumulate(ends)])[:n]
-        there = np.concatenate([[start], enter])[last]
-        return there ^ ((swaps[:n] - swaps[last]) % 2 == 1)
+        states = np.concatenate([[start], enter])[last]
+        return states ^ ((swaps[:n] - swaps[last]) % 2 == 1)

@@ -43,7 +43,7 @@ def parse_loss(spec: str, unit: str = UNIT) -> LossModel:
         raise InvalidValueError(f"expected the text of a loss model such as 'bernoulli:0.2', not {shown(spec)}")
     kind, colon, text = spec.strip().partition(":")
     if LOSS_MODELS.find(kind) is None or (colon and kind == "none"):
-        forms = {known.form for known in LOSS_MODELS.registered().values()}
+        forms = {model.form for model in LOSS_MODELS.registered().values()}
         raise UnknownNameError("loss model", spec, forms | (LOSS_MODELS.known_names() - set(LOSS_MODELS.registered())))
     return make_loss(kind, text, unit)
 

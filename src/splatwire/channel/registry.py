@@ -69,13 +69,13 @@ def make_loss(name: str, text: str, unit: str) -> LossModel:
         UnknownNameError: If the model is unknown.
         InvalidValueError: If the parameters are invalid, or the model does not implement `LossModel`.
     """
-    known = LOSS_MODELS[name]
+    loss_model = LOSS_MODELS[name]
     try:
-        made = known.make(text, unit=unit)
+        made = loss_model.make(text, unit=unit)
     except SplatwireError:
         raise
     except (TypeError, ValueError) as error:
-        raise InvalidValueError(f"'{name}:{text}' should look like {known.form}: {error}") from error
+        raise InvalidValueError(f"'{name}:{text}' should look like {loss_model.form}: {error}") from error
     if not isinstance(made, LossModel):
         absent = ", ".join(member for member in ("name", "received", "unit") if not hasattr(made, member))
         raise InvalidValueError(
@@ -114,8 +114,8 @@ class CheckedLoss:
         Raises:
             InvalidValueError: If the wrapped model does not return n booleans.
         """
-        found = np.asarray(self.model.received(n, rng))
-        if found.shape != (n,) or found.dtype != np.bool_:
-            result = f"{found.dtype} of shape {found.shape}, not {n} booleans"
+        mask = np.asarray(self.model.received(n, rng))
+        if mask.shape != (n,) or mask.dtype != np.bool_:
+            result = f"{mask.dtype} of shape {mask.shape}, not {n} booleans"
             raise InvalidValueError(f"loss model '{self.name}' returned {result}")
-        return found
+        return mask

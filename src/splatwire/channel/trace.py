@@ -91,9 +91,9 @@ def read_trace(path: Path) -> np.ndarray:
     entries = bytearray()
     for number, line in enumerate(data.split(b"\n"), 1):
         for word in line.partition(b"#")[0].replace(b",", b" ").lower().split():
-            known = _WORDS.get(word.decode("ascii", "replace"))
-            if known is not None:
-                entries.append(known)
+            is_received = _WORDS.get(word.decode("ascii", "replace"))
+            if is_received is not None:
+                entries.append(is_received)
             elif word.strip(b"01"):
                 raise DatasetError(f"loss trace {path}, line {number}: {word[:20]!r} is not 0, 1, lost or received")
             else:

@@ -18,10 +18,10 @@ MAX_BYTES = 1 << 20
 
 def config_path(words: Sequence[str]) -> Path | None:
     """Returns the value of the option `--config` among command-line arguments; None without this option."""
-    for place, word in enumerate(words):
+    for index, word in enumerate(words):
         name, equals, value = word.partition("=")
         if name == f"--{OPTION}":
-            return Path(value) if equals else Path(words[place + 1]) if place + 1 < len(words) else None
+            return Path(value) if equals else Path(words[index + 1]) if index + 1 < len(words) else None
     return None
 
 
@@ -42,8 +42,8 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
     for key, value in _content(path).items():
         name = key.replace("-", "_")
         if name not in names:
-            near = difflib.get_close_matches(name, names, n=1)
-            hint = f"; is it '{near[0].replace('_', '-')}'?" if near else ""
+            similar = difflib.get_close_matches(name, names, n=1)
+            hint = f"; is it '{similar[0].replace('_', '-')}'?" if similar else ""
             raise InvalidValueError(f"{path}: '{key}' is no option of this verb{hint}")
         if name == positional:
             first = _option_words(path, key, value)

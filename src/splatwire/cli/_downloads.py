@@ -101,11 +101,11 @@ class MadeDownloads:
         key = (tag, format_name)
         if key not in self._files:
             self._files[key] = asyncio.get_running_loop().create_task(self._make(stream_bytes, tag, format_name))
-        found = await asyncio.shield(self._files[key])
+        download = await asyncio.shield(self._files[key])
         await self._evict(key)
-        if found.file is not None or part not in found.tags:
-            return found.file
-        return DownloadedFile((self._target(tag, format_name) / part).read_bytes(), found.tags[part])
+        if download.file is not None or part not in download.tags:
+            return download.file
+        return DownloadedFile((self._target(tag, format_name) / part).read_bytes(), download.tags[part])
 
     async def close(self) -> None:
         """Ends a running conversion process, if any."""
@@ -130,9 +130,9 @@ class MadeDownloads:
     async def _convert(self, stream_bytes: bytes, tag: str, format_name: str) -> _FinishedConversion:
         target = self._target(tag, format_name)
         async with self._turn:
-            place = Path(tempfile.mkdtemp(dir=self._folder))
+            folder = Path(tempfile.mkdtemp(dir=self._folder))
             try:
-                source, made = place / f"{tag}.swz", place / f"{tag}.{format_name}"
+                source, made = folder / f"{tag}.swz", folder / f"{tag}.{format_name}"
                 await asyncio.to_thread(source.write_bytes, stream_bytes)  # files may be large: other responses go on
                 try:
                     await self._run("convert", str(source), str(made), "--to", format_name, "--json")
@@ -141,10 +141,10 @@ class MadeDownloads:
                     raise
                 made.replace(target)
             finally:
-                await asyncio.to_thread(shutil.rmtree, place, ignore_errors=True)
-        found = await asyncio.to_thread(_opened_folder if format_name in FOLDERS else _opened_file, target)
-        log_event(LOG, logging.INFO, "download made", format=format_name, bytes=found.num_bytes)
-        return found
+                await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+        download = await asyncio.to_thread(_opened_folder if format_name in FOLDERS else _opened_file, target)
+        log_event(LOG, logging.INFO, "download made", format=format_name, bytes=download.num_bytes)
+        return download
 
     async def _run(self, *words: str) -> None:
         """Runs a splatwire subcommand in a separate process, and waits for the process to end.
@@ -183,12 +183,12 @@ class MadeDownloads:
                 break
             if key != kept_key:
                 total -= task.result().num_bytes
-                place = Path(tempfile.mkdtemp(dir=self._folder))
-                self._target(*key).replace(place / "removed")  # the file may be made again while this one is removed
+                folder = Path(tempfile.mkdtemp(dir=self._folder))
+                self._target(*key).replace(folder / "removed")  # the file may be made again while this one is removed
                 del self._files[key]
-                removed.append(place)
-        for place in removed:  # a folder may have thousands of files: other responses go on
-            await asyncio.to_thread(shutil.rmtree, place, ignore_errors=True)
+                removed.append(folder)
+        for folder in removed:  # a folder may have thousands of files: other responses go on
+            await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
 
 
 def _opened_file(path: Path) -> _FinishedConversion:

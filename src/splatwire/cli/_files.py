@@ -124,11 +124,12 @@ def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = No
     """
     # Outputs are written to a temporary file that then replaces the target, which must not happen to a device such as
     # `/dev/null`.
-    found = path.suffix.lower()
-    if suffix is not None and found in _FORMATS and found != suffix:
+    actual_suffix = path.suffix.lower()
+    if suffix is not None and actual_suffix in _FORMATS and actual_suffix != suffix:
         written = _FORMATS.get(suffix) or (f"a {suffix} file" if suffix else "a scene file")
         raise InvalidValueError(
-            f"{path}: the name says {_FORMATS[found]}, but {written} would be in it: end it in {suffix or '.scene'}"
+            f"{path}: the name says {_FORMATS[actual_suffix]}, but {written} would be in it: end it in "
+            f"{suffix or '.scene'}"
         )
     if path.is_dir() and not folder:
         raise InvalidValueError(f"{path} is a folder: name a file")

@@ -22,8 +22,8 @@ def set_help_texts(settings: type) -> None:
     # that are None.
     for owner in settings.__mro__[:-1]:
         texts = {entry.arg_name: entry.description for entry in docstring_parser.parse_from_object(owner).params}
-        own, kinds = inspect.get_annotations(owner), typing.get_type_hints(owner, include_extras=True)
-        for name in own:
+        own_annotations, kinds = inspect.get_annotations(owner), typing.get_type_hints(owner, include_extras=True)
+        for name in own_annotations:
             nested = list(_dataclasses_in(kinds[name]))
             for part in nested:
                 set_help_texts(part)

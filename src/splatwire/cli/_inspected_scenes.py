@@ -21,16 +21,16 @@ def describe_scene(path: Path) -> tuple[dict[str, Any], SceneMetadata]:
     """
     if (kind := splats_kind(path)) is not None:
         return _describe_gaussians(path, kind)
-    found = read_scene_file(path)
-    scene = scene_of(found.loaded)
+    scene_file = read_scene_file(path)
+    scene = scene_of(scene_file.loaded)
     content: dict[str, Any] = {
-        "kind": "scene" if found.loaded is scene else "partial scene",
+        "kind": "scene" if scene_file.loaded is scene else "partial scene",
         "num_gaussians": scene.num_gaussians,
         "digest": scene_digest(scene.elements),
-        "num_lost": found.num_lost,
-        "decoded": found.loss_mask is not None,
+        "num_lost": scene_file.num_lost,
+        "decoded": scene_file.loss_mask is not None,
     }
-    form = find_format(found.kind)
+    form = find_format(scene_file.kind)
     size = path.stat().st_size
     parts = {"num_bytes": size, "parts": tensor_bytes(path) if form is None else {form.name: size}}
     return content | parts | dict(scene.facts), metadata_of(scene)

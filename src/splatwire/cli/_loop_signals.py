@@ -20,9 +20,9 @@ class LoopSignals:
         ignored: bool = False,
     ) -> None:  # fmt: skip
         self._loop = asyncio.get_running_loop()
-        found = {int(number): signal.getsignal(number) for number in numbers}
+        handlers = {int(number): signal.getsignal(number) for number in numbers}
         self._before = {
-            number: handler for number, handler in found.items() if ignored or handler is not signal.SIG_IGN
+            number: handler for number, handler in handlers.items() if ignored or handler is not signal.SIG_IGN
         }
         for number in self._before:
             self._loop.add_signal_handler(number, callback, number)

@@ -67,10 +67,10 @@ def _parse_with_file(verb: str, settings: Any, words: Sequence[str], path: Path)
     """Parses the options of a subcommand from a configuration file and the command line, which takes precedence."""
     in_file = words_of_file(path, settings, "streams")
     configured = tyro.cli(settings, prog=f"splatwire {verb} --{OPTION} {path}:", args=in_file, config=_CONFIG)
-    given = tyro.cli(
+    parsed = tyro.cli(
         settings, prog=f"splatwire {verb}", args=words, config=_CONFIG, default=without_flags(configured)
     )  # fmt: skip
-    return with_flags(given, configured)
+    return with_flags(parsed, configured)
 
 
 def parse_any(arguments: Sequence[str]) -> Any:
@@ -90,7 +90,7 @@ def parse_any(arguments: Sequence[str]) -> Any:
 
 def settings_of(verb: str) -> Any:
     """Returns the options class of a subcommand, with help texts."""
-    found = VERBS[verb]
-    settings = getattr(importlib.import_module(f"splatwire.cli.{found.module}"), found.settings)
+    entry = VERBS[verb]
+    settings = getattr(importlib.import_module(f"splatwire.cli.{entry.module}"), entry.settings)
     set_help_texts(settings)
     return settings

@@ -48,10 +48,10 @@ def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:
     Raises:
         InvalidValueError: If the text has another form, or a tier is named twice.
     """
-    found: dict[int, float] = {}
+    repair_by_tier: dict[int, float] = {}
     for text in texts:
         match = re.fullmatch(r"tier([0-7])=([0-9]*\.?[0-9]+)", text.strip())
-        if match is None or int(match[1]) in found:
+        if match is None or int(match[1]) in repair_by_tier:
             raise InvalidValueError(f"'{text}' is not parity for a tier such as tier0=0.4, or names one again")
-        found[int(match[1])] = float(match[2])
-    return tuple(found.get(tier, 0.0) for tier in range(max(found, default=-1) + 1))
+        repair_by_tier[int(match[1])] = float(match[2])
+    return tuple(repair_by_tier.get(tier, 0.0) for tier in range(max(repair_by_tier, default=-1) + 1))

@@ -46,9 +46,9 @@ def resource_problem(error: BaseException) -> str | None:
             return where + _ADVICE[cause.errno]
         if "libllvmlite" in str(cause) and _address_space_hint():
             return _MEMORY + _address_space_hint()
-        found = next((text for marker, text in _MARKERS if marker in str(cause).lower()), None)
-        if found is not None:
-            return found + (_address_space_hint() if _MEMORY in found else "")
+        description = next((text for marker, text in _MARKERS if marker in str(cause).lower()), None)
+        if description is not None:
+            return description + (_address_space_hint() if _MEMORY in description else "")
     return None
 
 

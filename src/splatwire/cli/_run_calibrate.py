@@ -79,12 +79,12 @@ def _preview(command: CalibratePreview) -> None:
     output, config = stream_output(command.output, "preview"), PreviewConfig(seed=command.seed)
     check_references(command.reference_pictures)
     with progress_bars() as show:
-        stream, partial = _read_and_decode(command, show)
-        if partial.loss_mask.num_lost:
+        stream, received = _read_and_decode(command, show)
+        if received.loss_mask.num_lost:
             raise InvalidValueError("a preview needs the complete scene; packets were lost from this stream")
-        views, where = calibration_views(command.reference_pictures, partial.scene)
-        test = photos_of(command.reference_pictures, "test", partial.scene)
-        result = preview_for_scene(partial.scene, views, config, test=test, progress=show)
+        views, where = calibration_views(command.reference_pictures, received.scene)
+        test = photos_of(command.reference_pictures, "test", received.scene)
+        result = preview_for_scene(received.scene, views, config, test=test, progress=show)
     sizes = write_with_section(without_concealment(stream, PREVIEW), PREVIEW, result.section, output)
     report = {
         "output": str(command.output),

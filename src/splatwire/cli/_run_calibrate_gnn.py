@@ -74,12 +74,12 @@ def _check(command: CalibrateGnn) -> None:
     if not 0 <= command.render_weight < math.inf:
         raise InvalidValueError(f"--render-weight is 0 or more, not {command.render_weight:g}")
     if not command.render_weight:
-        given = {
+        changed = {
             "--cameras": command.cameras,
             "--render-width": command.render_width,
             "--background": command.background,
         }
-        idle = [name for name, value in given.items() if value is not None]
+        idle = [name for name, value in changed.items() if value is not None]
         if idle:
             raise InvalidValueError(f"{', '.join(idle)}: only for the rendering loss, and --render-weight is 0")
 

@@ -268,12 +268,14 @@ def _output_name(source: str, format_name: str) -> str:
     """Returns the file name of an output: name of the input with the suffix of the output format."""
     # Outputs that are folders, such as frames, have no suffix.
     path = real_path(Path(source))
-    of_sequences = (suffix for known in SEQUENCE_FORMATS for suffix in known.suffixes)
+    of_sequences = (suffix for file_format in SEQUENCE_FORMATS for suffix in file_format.suffixes)
     suffixes = sorted(
-        (FILE_SUFFIX, *of_sequences, *(known.suffix for known in FORMATS.all().values())), key=len, reverse=True
+        (FILE_SUFFIX, *of_sequences, *(file_format.suffix for file_format in FORMATS.all().values())),
+        key=len,
+        reverse=True,
     )
-    found = next((suffix for suffix in suffixes if path.name.lower().endswith(suffix)), path.suffix)
-    stem = path.name if path.is_dir() else path.name[: len(path.name) - len(found)]
+    old_suffix = next((suffix for suffix in suffixes if path.name.lower().endswith(suffix)), path.suffix)
+    stem = path.name if path.is_dir() else path.name[: len(path.name) - len(old_suffix)]
     if format_name in (STREAM, TILES, SOG_LEVELS):
         return f"{stem}{FILE_SUFFIX}" if format_name == STREAM else stem
     if path.exists() and _is_timed(path):

@@ -41,10 +41,10 @@ def run(options: Decode) -> None:
     outliers = chosen_outliers(options.outliers, options.output)
     started = time.perf_counter()
     with progress_bars() as show, output_path(options.output, suffix=suffix, json=options.json) as path:
-        partial = decode_stream(stream, progress=lambda share: show("decoding", share))
+        received = decode_stream(stream, progress=lambda share: show("decoding", share))
         decoded = time.perf_counter()
-        written = save_decoded(partial, concealer, path, outliers=outliers)
-    count, num_lost = written.num_elements, partial.loss_mask.num_lost
+        written = save_decoded(received, concealer, path, outliers=outliers)
+    count, num_lost = written.num_elements, received.loss_mask.num_lost
     if options.json:
         print_json(
             {

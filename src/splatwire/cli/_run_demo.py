@@ -96,5 +96,5 @@ def _decode(stream: SceneStream) -> ReceivedScene:
     # The new process proves that decoding needs nothing but the received bytes. The stream with contiguous packets,
     # which is only shown for comparison, is decoded here.
     manifest = stream.manifest
-    here = len(stream.packets) == manifest.num_packets or manifest.packetization.grouping == "contiguous"
-    return (decode_stream if here else _subprocess.decode_in_fresh_process)(stream)
+    is_valid = len(stream.packets) == manifest.num_packets or manifest.packetization.grouping == "contiguous"
+    return (decode_stream if is_valid else _subprocess.decode_in_fresh_process)(stream)

@@ -142,7 +142,10 @@ def _encode_scene(command: Encode, source: Path) -> None:
     """Encodes a static scene, writes the stream, and prints the stream's properties."""
     if command.data is not None and command.cameras is not None:
         raise InvalidValueError("give either --cameras FILE or --data FOLDER")
-    background, seen = chosen_background(command.background), command.data is not None or command.cameras is not None
+    background, has_views = (
+        chosen_background(command.background),
+        command.data is not None or command.cameras is not None,
+    )
     refine = _optional_steps().refiner(command.refine) if command.refine else None
     scene: Any = open_scene(source)
     levels = command.levels == "auto" or (command.levels is None and file_kind(source) == SOG_LEVELS)
@@ -163,19 +166,19 @@ def _encode_scene(command: Encode, source: Path) -> None:
     if refine is not None and schema.explicit:
         raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
     scene = scene if background is None else replace(scene, background=background)
-    cameras = _optional_steps().cameras_of(command, scene) if seen else None
+    cameras = _optional_steps().cameras_of(command, scene) if has_views else None
     if command.update is not None:
         _optional_steps().encode_update_of(command, scene, cameras)
         return
     with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
         if refine is not None:
             scene = refine(scene, progress=lambda share: report("fitting the context model", share))
-        started, lost = time.perf_counter(), None
+        started, kept_psnr = time.perf_counter(), None
         if command.keep != 1:
-            left = _optional_steps().prune(
+            pruned = _optional_steps().prune(
                 scene, command.keep, cameras, progress=lambda share: report("pruning", share)
             )
-            scene, lost = left.scene, left.psnr
+            scene, kept_psnr = pruned.scene, pruned.psnr
         up = _up(command, scene, cameras)
 
         def encode(kept: Any, classes: Any, quality: str | int | float | Quality | None) -> SceneStream:
@@ -193,13 +196,13 @@ def _encode_scene(command: Encode, source: Path) -> None:
                 stream = _optional_steps().with_quick_sketch(stream, cameras, report)
             return stream
 
-        found = None
+        reached = None
         if _needs_rate_control(command):
-            found = _optional_steps().encode_controlled(
+            reached = _optional_steps().encode_controlled(
                 scene, _target(command), encode, effort=_effort(command), cameras=cameras, tuning=_tuning(command),
                 progress=report,
             )  # fmt: skip
-            stream = found.stream
+            stream = reached.stream
         else:
             report("choosing precision", 0.0)
             measure = partial(scene_precision_classes, scene, cameras, recompute=command.quality is not None)
@@ -208,10 +211,10 @@ def _encode_scene(command: Encode, source: Path) -> None:
             stream = encode(scene, classes, None if command.quality is None else quality_option(command.quality))
         seconds = time.perf_counter() - started
         write_stream(stream, path)
-        if found is not None:
+        if reached is not None:
             report("measuring quality", 0.0)
-            _ = found.psnr
-    _print_result(command, stream, seconds, lost, found)
+            _ = reached.psnr
+    _print_result(command, stream, seconds, kept_psnr, reached)
 
 
 def _optional_steps() -> ModuleType:
@@ -273,8 +276,8 @@ def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
     # axis equal to the default, -y, is not stored either.
     if command.up != "auto":
         return command.up
-    known = metadata_of(scene)
-    if known.up is not None or known.view is not None or cameras is not None:
+    metadata = metadata_of(scene)
+    if metadata.up is not None or metadata.view is not None or cameras is not None:
         return None
     return up if (up := estimate_up_axis(scene)) != "-y" else None
 

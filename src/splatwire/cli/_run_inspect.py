@@ -70,8 +70,8 @@ def _describe_stream(stream: SceneStream, report: ReadReport) -> dict[str, Any]:
 
 def _describe_metadata(metadata: SceneMetadata) -> dict[str, Any]:
     """Returns title, author, license and default view of a scene; empty if no metadata is set."""
-    known = metadata_to_json(metadata)
-    return {"metadata": known} if known else {}
+    stated = metadata_to_json(metadata)
+    return {"metadata": stated} if stated else {}
 
 
 def _describe_sequence(stream: SceneStream) -> dict[str, Any]:
@@ -93,13 +93,13 @@ def _describe_levels(stream: SceneStream) -> dict[str, Any]:
         return {}
     tiles, levels = read_tiles(stream.manifest, stream.side_info), {}
     for level in range(int(tiles.levels.max()) + 1):
-        here = tiles.levels == level
+        of_level = tiles.levels == level
         levels[f"level {level}"] = {
-            "tiles": int(here.sum()),
-            "Gaussians": int(tiles.counts[here].sum()),
-            "bytes": int(tiles.sizes[here].sum()),
-            "error": float(tiles.errors[here].mean()),
-            "largest error": float(tiles.errors[here].max()),
+            "tiles": int(of_level.sum()),
+            "Gaussians": int(tiles.counts[of_level].sum()),
+            "bytes": int(tiles.sizes[of_level].sum()),
+            "error": float(tiles.errors[of_level].mean()),
+            "largest error": float(tiles.errors[of_level].max()),
         }
     return {"levels": levels}
 

@@ -135,9 +135,9 @@ async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
     while not encoding.done():
         if is_compiling():
             return True
-        if (left := end - time.monotonic()) <= 0:
+        if (remaining := end - time.monotonic()) <= 0:
             return False
-        await asyncio.wait({encoding}, timeout=min(left, 0.1))
+        await asyncio.wait({encoding}, timeout=min(remaining, 0.1))
     return False
 
 

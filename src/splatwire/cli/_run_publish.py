@@ -33,8 +33,8 @@ def run(command: Publish) -> None:
             raise InvalidValueError(f"{other} and {source} are both called {_scene_name(source)}: rename one")
     with progress_bars() as report:
         scenes = {
-            name: _published(source, report, place / len(named), with_thumbnail=not command.no_thumbnails)
-            for place, (name, source) in enumerate(named.items())
+            name: _published(source, report, index / len(named), with_thumbnail=not command.no_thumbnails)
+            for index, (name, source) in enumerate(named.items())
         }
         report("reading and drawing", 1.0)
     files = published_files(scenes, command.public_url)

@@ -274,9 +274,9 @@ async def _reload(command: Serve, running: RunningServer, scenes: _Scenes) -> No
         return _served_streams(command, *protection(command))
 
     try:
-        fresh = await start_thread(read, "reading")
-        running.replace(fresh.served, fresh.updates)
-        scenes.served, scenes.folder = fresh.served, fresh.folder
+        reloaded = await start_thread(read, "reading")
+        running.replace(reloaded.served, reloaded.updates)
+        scenes.served, scenes.folder = reloaded.served, reloaded.folder
     except (SplatwireError, OSError) as error:
         log_event(LOG, logging.ERROR, "reload failed", error=str(error))
     else:

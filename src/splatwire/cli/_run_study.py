@@ -50,8 +50,8 @@ def run(command: StudyCommand) -> None:
 
 def _slurm(command: StudyCommand) -> SlurmOptions | None:
     values = {name: getattr(command, name) for name in ("partition", "account", "minutes", "memory_gb")}
-    given = {name: value for name, value in values.items() if value is not None}
-    return SlurmOptions(**given) if given else None
+    chosen = {name: value for name, value in values.items() if value is not None}
+    return SlurmOptions(**chosen) if chosen else None
 
 
 def _run_sizes(command: StudyCommand, study: Study, store: Store) -> None:

@@ -18,12 +18,12 @@ def run(command: Verify) -> None:
     if not command.streams:
         raise InvalidValueError("name a stream to verify")
     check_inputs(*(Path(name) for name in command.streams if name != STANDARD))
-    found = {name: _check(command, name) for name in command.streams}
-    good = all(facts["ok"] for facts in found.values())
+    results = {name: _check(command, name) for name in command.streams}
+    good = all(facts["ok"] for facts in results.values())
     if command.json:
-        print_json({"ok": good, "streams": found})
+        print_json({"ok": good, "streams": results})
     else:
-        for name, facts in found.items():
+        for name, facts in results.items():
             _print_facts(name, facts)
     if not good:
         raise SystemExit(DAMAGED)

@@ -93,8 +93,8 @@ class UpdateFolder:
         """
         self._read_new(time.monotonic() if now is None else now)
         changed: dict[str, UpdateChain] = {}
-        while found := self._next():
-            names, path = found
+        while next_update := self._next():
+            names, path = next_update
             del self._waiting[path]
             try:
                 update = _read_update(path)
@@ -142,8 +142,8 @@ class UpdateFolder:
     def _read_new(self, now: float) -> None:
         """Reads update files in the folder that are new or have changed."""
         present = sorted(self._folder.glob("*.swz"))
-        for known in (self._seen, self._read, self._waiting):
-            _forget_removed(known, set(present))
+        for paths in (self._seen, self._read, self._waiting):
+            _forget_removed(paths, set(present))
         for path in present:
             try:
                 status = path.stat()
@@ -167,9 +167,9 @@ class UpdateFolder:
             self._read[path], self._waiting[path] = signature, base
 
 
-def _forget_removed(known: dict[Path, Any], present: Set[Path]) -> None:
-    for path in known.keys() - present:
-        del known[path]
+def _forget_removed(paths: dict[Path, Any], present: Set[Path]) -> None:
+    for path in paths.keys() - present:
+        del paths[path]
 
 
 def _read_update(path: Path) -> SceneStream:

@@ -34,10 +34,10 @@ def decode_in_fresh_process(stream: SceneStream) -> ReceivedScene:
         write_stream(stream, sent)
         with in_fresh_process("decode", sent, "-o", decoded) as answer:
             digest = answer()["digest"]
-        partial = load_partial(decoded)
-    if scene_digest(partial.scene.anchors) != digest:
+        received = load_partial(decoded)
+    if scene_digest(received.scene.anchors) != digest:
         raise DesyncError("the scene that a fresh process decoded is not the one that was read back")
-    return partial
+    return received
 
 
 @contextmanager

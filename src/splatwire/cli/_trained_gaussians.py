@@ -157,7 +157,7 @@ def _config(command: Train) -> GaussianConfig:
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, PRESETS)
     iterations = CPU_ITERATIONS if command.iterations is None else command.iterations
-    given: dict[str, Any] = {
+    chosen: dict[str, Any] = {
         name: value for name in ("gaussians", "degree") if (value := getattr(command, name)) is not None
     }
     return GaussianConfig(
@@ -170,7 +170,7 @@ def _config(command: Train) -> GaussianConfig:
         background=chosen_background(command.background) or BLACK,
         test_views=PRESETS[preset].test_views,
         seed=command.seed,
-        **given,
+        **chosen,
     )
 
 

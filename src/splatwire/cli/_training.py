@@ -84,8 +84,8 @@ def training_data(
 
 def changed_options(command: Train) -> list[str]:
     """Returns the names of the options that the user changed from their defaults."""
-    given = [field for field in fields(command) if field.default is not MISSING]
-    return [field.name.replace("_", "-") for field in given if getattr(command, field.name) != field.default]
+    optional = [field for field in fields(command) if field.default is not MISSING]
+    return [field.name.replace("_", "-") for field in optional if getattr(command, field.name) != field.default]
 
 
 def preview_writer(path: str | None) -> Callable[[QualityReport], None]:
@@ -241,8 +241,8 @@ def parsed_size(text: str) -> int:
     Raises:
         InvalidValueError: If the text is not a size, or is less than a byte.
     """
-    found = _SIZE.fullmatch(text.strip())
-    num_bytes = round(float(found[1]) * _UNITS[found[2] or ""]) if found else 0
+    match = _SIZE.fullmatch(text.strip())
+    num_bytes = round(float(match[1]) * _UNITS[match[2] or ""]) if match else 0
     if num_bytes < 1:
         raise InvalidValueError(f"--size takes bytes such as 500kB, 1.2MB or 500000, not {text!r}")
     return num_bytes

@@ -153,6 +153,6 @@ def overview() -> str:
 
 def unknown_verb(name: str) -> str:
     """Returns the error message for an unknown subcommand, with the names of similar ones."""
-    near = difflib.get_close_matches(name, VERBS, n=3)
-    known = f"did you mean {' or '.join(near)}?" if near else f"the verbs are {', '.join(VERBS)}"
-    return f"'{name}' is no verb: {known} (`splatwire --help` describes them)"
+    similar = difflib.get_close_matches(name, VERBS, n=3)
+    hint = f"did you mean {' or '.join(similar)}?" if similar else f"the verbs are {', '.join(VERBS)}"
+    return f"'{name}' is no verb: {hint} (`splatwire --help` describes them)"

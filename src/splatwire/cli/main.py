@@ -244,9 +244,9 @@ def _parse(arguments: list[str]) -> Any:
     """
     if arguments[0] not in VERBS and not arguments[0].startswith("--tyro-"):
         raise InvalidValueError(unknown_verb(arguments[0]))
-    for place, word in enumerate(arguments):
+    for index, word in enumerate(arguments):
         if not word or (word.startswith("--") and word.endswith("=")):  # an empty path would be the current folder
-            where = f"after {arguments[place - 1]}" if not word else f"of {word[:-1]}"
+            where = f"after {arguments[index - 1]}" if not word else f"of {word[:-1]}"
             raise InvalidValueError(f"the argument {where} is empty: is a variable of the shell not set?")
     from splatwire.cli import _parsing  # imports tyro
 

@@ -19,11 +19,11 @@ from splatwire.ops.compiled import njit
 WEIGHT = np.int64(NARROW_WEIGHT)
 NUM_MEANS = np.int64(1 << EIGHTHS)
 """Number of different means, in eighths of a step from -4 on."""
-MOST_SYMBOLS = np.int64(1 << 10)
+MAX_SYMBOLS = np.int64(1 << 10)
 """Maximum number of symbols on either side of a mixture with a table of all bounds."""
-MOST_BOUNDS = np.int64(1 << 9)
+MAX_BOUNDS = np.int64(1 << 9)
 """Maximum number of intervals between the tabulated bounds of a mixture with more symbols."""
-MOST_GUESS_BITS = np.int64(8)
+MAX_GUESS_BITS = np.int64(8)
 """Maximum number of bits of the index of a guess: the highest bits of the position of the code."""
 HALF, SHIFT, AT, STRIDE, GUESS_AT, GUESS_BITS = np.arange(6)
 """Columns of windows: number of symbols on either side; log2 of the number of symbols between two tabulated bounds;
@@ -66,9 +66,9 @@ def residual_windows(scales, inverses, widths, normal):
             continue
         half = widths[min(scale + WIDE, NUM_SCALES - 1)]
         shift = guess_bits = ZERO
-        while half > MOST_SYMBOLS and (2 * half >> shift) >= MOST_BOUNDS:
+        while half > MAX_SYMBOLS and (2 * half >> shift) >= MAX_BOUNDS:
             shift += 1
-        while half >> guess_bits and guess_bits < MOST_GUESS_BITS:
+        while half >> guess_bits and guess_bits < MAX_GUESS_BITS:
             guess_bits += 1
         stride = (2 * half >> shift) + 2
         window = windows[scale]
@@ -88,17 +88,25 @@ def residual_windows(scales, inverses, widths, normal):
 def _tabulate(scale, window, bounds, guesses, inverses, widths, normal):
     wide = min(scale + WIDE, NUM_SCALES - 1)
     half, narrow_inverse, wide_inverse = window[HALF], inverses[scale], inverses[wide]
-    at, last, guess_at, guess_bits = window[AT], window[STRIDE] - 2, window[GUESS_AT], window[GUESS_BITS]
+    bounds_at, last, guess_at, guess_bits = window[AT], window[STRIDE] - 2, window[GUESS_AT], window[GUESS_BITS]
     for number in range(NUM_MEANS):
         mean = (number - (NUM_MEANS >> 1)) << (MEAN_BITS - EIGHTHS)
-        for place in range(last + 2):
-            bounds[at + place] = cumulative(
-                (place << window[SHIFT]) - half, -half, half, mean, narrow_inverse, mean, wide_inverse, WEIGHT, normal
+        for interval in range(last + 2):
+            bounds[bounds_at + interval] = cumulative(
+                (interval << window[SHIFT]) - half,
+                -half,
+                half,
+                mean,
+                narrow_inverse,
+                mean,
+                wide_inverse,
+                WEIGHT,
+                normal,
             )
-        place = ZERO
+        interval = ZERO
         for guess in range(ONE << guess_bits):
-            while place < last and bounds[at + place + 1] <= guess << (TOTAL_BITS - guess_bits):
-                place += 1
-            guesses[guess_at + guess] = place
-        at += last + 2
+            while interval < last and bounds[bounds_at + interval + 1] <= guess << (TOTAL_BITS - guess_bits):
+                interval += 1
+            guesses[guess_at + guess] = interval
+        bounds_at += last + 2
         guess_at += ONE << guess_bits

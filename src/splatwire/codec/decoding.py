@@ -104,15 +104,15 @@ def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, 
     total = 0
     for block in arrived_blocks(manifest.plan, packets, gaps=gaps and decoder.runs_are_blocks):
         if decoder.order is not None:
-            block = replace(block, members=tuple(decoder.order[own] for own in block.members))
+            block = replace(block, members=tuple(decoder.order[indices] for indices in block.members))
         if decoder.runs_are_blocks:
             yield block
             continue
-        for packet, own in zip(block.packets, block.members, strict=True):
+        for packet, indices in zip(block.packets, block.members, strict=True):
             if waiting and total + packet.num_elements > CHUNK:
                 yield _joined(waiting)
                 waiting, total = [], 0
-            waiting.append(Run(block.block, (packet,), (own,)))
+            waiting.append(Run(block.block, (packet,), (indices,)))
             total += packet.num_elements
     if waiting:
         yield _joined(waiting)
@@ -120,4 +120,4 @@ def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, 
 
 def _joined(runs: list[Run]) -> Run:
     packets = tuple(packet for run in runs for packet in run.packets)
-    return Run(runs[0].block, packets, tuple(own for run in runs for own in run.members))
+    return Run(runs[0].block, packets, tuple(indices for run in runs for indices in run.members))

@@ -83,10 +83,10 @@ def encode_scene(
         raise InvalidValueError(
             f"packetization: expected a Packetization or the name of a preset, not {shown(packetization)}"
         )
-    given, count = {"tiers": (tiers, 0, MAX_TIERS - 1), "classes": (classes, -128, 127)}, scene.num_elements
+    limits, count = {"tiers": (tiers, 0, MAX_TIERS - 1), "classes": (classes, -128, 127)}, scene.num_elements
     per_element = {
-        name: None if values is None else array_of(values, name, (count,), "i", least, most)
-        for name, (values, least, most) in given.items()
+        name: None if values is None else array_of(values, name, (count,), "i", low, high)
+        for name, (values, low, high) in limits.items()
     }
     if not rows.complete:
         kept, scene = rows.kept, scene.select(rows.kept)
@@ -193,12 +193,12 @@ def _check_sizes(packetization: Packetization, packets: list[Packet], elements: 
     # This happens if a single element is larger than the limit.
     if not packetization.hashed:
         return
-    most = packetization.packet_bytes
+    max_bytes = packetization.packet_bytes
     for packet in packets:
-        if packet.num_bytes > most:
+        if packet.num_bytes > max_bytes:
             raise InvalidValueError(
                 f"{packet.num_elements} of the {elements} of this scene takes {packet.num_bytes} bytes, "
-                f"a packet holds {most}: choose a larger packet size or another preset"
+                f"a packet holds {max_bytes}: choose a larger packet size or another preset"
             )
 
 

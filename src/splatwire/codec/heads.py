@@ -29,5 +29,5 @@ def quantise_network(network: Mlp, inputs: Any, tolerance: np.ndarray) -> Quanti
         for layer in (network.hidden, network.output)
     )
     leaky = network.negative_slope > 0
-    found = exact_mlp(hidden, output, leaky=leaky)
-    return found or quantise_mlp(hidden, output, to_numpy(inputs).astype(np.float64), tolerance, leaky=leaky)
+    exact = exact_mlp(hidden, output, leaky=leaky)
+    return exact or quantise_mlp(hidden, output, to_numpy(inputs).astype(np.float64), tolerance, leaky=leaky)

@@ -46,9 +46,11 @@ def read_metadata(sections: Mapping[str, bytes]) -> SceneMetadata:
         raise BitstreamError(f"section '{SECTION}' is no JSON object of at most {_MAX_BYTES:,} bytes")
     texts = {name: value for name, value in content.items() if name not in ("up", "view")}
     up = sections.get(UP_SECTION, b"").decode("latin-1")
-    found = metadata_from_json(texts | ({"up": up} if up in UP_AXES else {}))
+    metadata = metadata_from_json(texts | ({"up": up} if up in UP_AXES else {}))
     if VIEWPOINT not in sections:
-        return found
+        return metadata
     reader = ByteReader(sections[VIEWPOINT], f"section '{VIEWPOINT}'")
     numbers = [reader.f32() for _ in range(9)]
-    return SceneMetadata(found.title, found.author, found.license, found.up, StartView.of(numbers), found.orbit)
+    return SceneMetadata(
+        metadata.title, metadata.author, metadata.license, metadata.up, StartView.of(numbers), metadata.orbit
+    )

@@ -34,11 +34,11 @@ _OTHERS = (
 )
 
 
-def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:
+def concealer_sections(sections: Mapping[str, bytes], *excluded: str) -> dict[str, bytes]:
     """Returns the named sections (optional parts) of side information that loss concealers may read: content by name.
 
     Args:
         sections: All named sections.
-        *own: Names of sections to omit because only the codec reads them.
+        *excluded: Names of sections to omit because only the codec reads them.
     """
-    return {name: data for name, data in sections.items() if name not in (*_OTHERS, *own)}
+    return {name: data for name, data in sections.items() if name not in (*_OTHERS, *excluded)}

@@ -2,6 +2,7 @@
 
 import copy
 import hashlib
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
@@ -30,8 +31,8 @@ class ProgressiveDecoder(Arrivals):
         side_info: Its side information.
         intake: Filter by which the receiver has already validated the packets; None to validate them with a new one.
         threads: Number of threads; None for one per processor.
-        progress: Called while the scene is allocated, at the first read of `partial`, with the completed fraction, 0 to
-            1.
+        progress: Called while the scene is allocated, at the first read of `received_scene`, with the completed
+            fraction, 0 to 1.
 
     Attributes:
         lock: Held while decoded elements are written. Hold it to read several elements consistently.
@@ -43,8 +44,8 @@ class ProgressiveDecoder(Arrivals):
     """
 
     # The decoded integers are the same as with `decode_stream`. The cost of a packet does not depend on the size of the
-    # scene. The first read of `partial` allocates the scene with predicted values of all elements; until then, only
-    # received elements take memory. A single datagram is decoded in the calling thread.
+    # scene. The first read of `received_scene` allocates the scene with predicted values of all elements; until then,
+    # only received elements take memory. A single datagram is decoded in the calling thread.
 
     @checked
     def __init__(
@@ -62,14 +63,20 @@ class ProgressiveDecoder(Arrivals):
             raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
         self._threads, self._progress = threads, progress
         self._activity = f"decoding {manifest.num_elements:,} {manifest.elements}"
-        self._found: dict[PacketId, tuple[Packet, SymbolRows | None]] = {}
+        self._decoded: dict[PacketId, tuple[Packet, SymbolRows | None]] = {}
         self._blocks: dict[int, list[Packet]] = {}
-        self._checked, self._num_known = False, 0
-        self._room: Decoder | None = None
-        self._partial: ReceivedScene | None = None
+        self._checked, self._num_received = False, 0
+        self._scene_decoder: Decoder | None = None
+        self._received_scene: ReceivedScene | None = None
 
     @property
     def partial(self) -> ReceivedScene:
+        """Deprecated name of `received_scene`."""
+        warnings.warn("ProgressiveDecoder.partial is deprecated, use received_scene", DeprecationWarning, stacklevel=2)
+        return self.received_scene
+
+    @property
+    def received_scene(self) -> ReceivedScene:
         """Scene decoded so far; later packets change its arrays in place.
 
         Hold `lock` while reading several elements.
@@ -78,27 +85,33 @@ class ProgressiveDecoder(Arrivals):
             BitstreamError: If a scene of all elements exceeds the memory limit (`splatwire.codec.memory`).
         """
         with self.lock:
-            if self._partial is None:
+            if self._received_scene is None:
                 check_memory(self.scene_bytes, None, self._activity)
                 with allocating(self._activity):
                     self._allocate()
-            assert self._partial is not None
-            return self._partial
+            assert self._received_scene is not None
+            return self._received_scene
 
     @property
     def scene_bytes(self) -> int:
-        """Memory of the scene that `partial` returns, bytes."""
+        """Memory of the scene that `received_scene` returns, bytes."""
         return self._decoder.scene_bytes
 
     @property
     def num_known(self) -> int:
+        """Deprecated name of `num_received`."""
+        warnings.warn("ProgressiveDecoder.num_known is deprecated, use num_received", DeprecationWarning, stacklevel=2)
+        return self.num_received
+
+    @property
+    def num_received(self) -> int:
         """Number of received elements."""
-        return self._num_known
+        return self._num_received
 
     @property
     def complete(self) -> bool:
         """True if every element was received."""
-        return self._num_known == self.manifest.num_elements
+        return self._num_received == self.manifest.num_elements
 
     def members(self, packet: Packet) -> np.ndarray:
         """Returns the index in the scene (which is in coding order) of each element of a packet, int64.
@@ -112,9 +125,11 @@ class ProgressiveDecoder(Arrivals):
     def snapshot(self) -> ReceivedScene:
         """Returns a copy of the scene decoded so far, independent of later packets."""
         with self.lock:
-            live = self.partial
-            everyone = np.arange(live.scene.num_elements)
-            return replace(live, scene=live.scene.select(everyone), loss_mask=LossMask(live.loss_mask.received.copy()))
+            current = self.received_scene
+            all_elements = np.arange(current.scene.num_elements)
+            return replace(
+                current, scene=current.scene.select(all_elements), loss_mask=LossMask(current.loss_mask.received.copy())
+            )
 
     def add(self, packets: Iterable[Packet]) -> np.ndarray:
         """Decodes packets and adds their elements to the scene.
@@ -131,21 +146,21 @@ class ProgressiveDecoder(Arrivals):
             DesyncError: If the stream is now complete, but the decoded integers differ from the encoded ones.
         """
         # One call with several packets is cheaper than several calls.
-        taken, new = self.take(packets), [np.empty(0, dtype=np.int64)]
-        held = 0 if self._decoder.redecode_on_demand else self.num_taken * (self._decoder.row_bytes + 8)
+        taken, new_indices = self.take(packets), [np.empty(0, dtype=np.int64)]
+        stored_bytes = 0 if self._decoder.redecode_on_demand else self.num_taken * (self._decoder.row_bytes + 8)
         working = self._decoder.working_bytes(taken)
         activity = f"decoding {self.num_taken:,} {self.manifest.elements} that arrived"
-        threads = threads_within(held, working, self.num_bytes, activity, self._threads)
+        threads = threads_within(stored_bytes, working, self.num_bytes, activity, self._threads)
         runs = list(runs_of(self._decoder, self.manifest, taken))
         with allocating(self._activity):
             # Starting a thread costs more than decoding one datagram.
             for run, rows in ordered_map(self._decode, runs, threads if len(runs) > 1 else 1):
                 with self.lock:
                     self._store_new(run, rows)
-                new.append(run.ranks)
+                new_indices.append(run.ranks)
         if taken and self.complete:
             self._check()
-        return np.concatenate(new)
+        return np.concatenate(new_indices)
 
     def _decode(self, run: Run) -> tuple[Run, SymbolRows | None]:
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
@@ -160,28 +175,34 @@ class ProgressiveDecoder(Arrivals):
         # Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
         # updated.
         ends = np.cumsum(run.counts)[:-1]
-        each = [None] * len(run.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)
-        for packet, own in zip(run.packets, each, strict=True):
-            self._found[packet.id] = packet, own
+        rows_by_packet = (
+            [None] * len(run.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)
+        )
+        for packet, packet_rows in zip(run.packets, rows_by_packet, strict=True):
+            self._decoded[packet.id] = packet, packet_rows
             self._blocks.setdefault(packet.id.block, []).append(packet)
-        self._num_known += len(run.ranks)
-        if self._room is not None:
-            self._store(self._room, self._blocks[run.block] if self._room.runs_are_blocks else run.packets)
+        self._num_received += len(run.ranks)
+        if self._scene_decoder is not None:
+            self._store(
+                self._scene_decoder, self._blocks[run.block] if self._scene_decoder.runs_are_blocks else run.packets
+            )
 
     def _allocate(self) -> None:
         """Allocates a scene for all elements, and writes the received elements into the scene."""
-        room = copy.copy(self._decoder)  # the original stays unchanged, because other threads may be decoding with it
-        room.expect(self._threads, self._progress)
-        for run in runs_of(room, self.manifest, self._packets(), gaps=True):
-            room.store(run, self._decoded_integers(run))
-        self._room, self._partial = room, room.scene()
+        scene_decoder = copy.copy(
+            self._decoder
+        )  # the original stays unchanged, because other threads may be decoding with it
+        scene_decoder.expect(self._threads, self._progress)
+        for run in runs_of(scene_decoder, self.manifest, self._packets(), gaps=True):
+            scene_decoder.store(run, self._decoded_integers(run))
+        self._scene_decoder, self._received_scene = scene_decoder, scene_decoder.scene()
 
-    def _store(self, room: Decoder, packets: Iterable[Packet]) -> None:
-        for run in runs_of(room, self.manifest, packets):
-            room.store(run, self._decoded_integers(run))
+    def _store(self, scene_decoder: Decoder, packets: Iterable[Packet]) -> None:
+        for run in runs_of(scene_decoder, self.manifest, packets):
+            scene_decoder.store(run, self._decoded_integers(run))
 
     def _packets(self) -> list[Packet]:
-        return [packet for packet, _ in self._found.values()]
+        return [packet for packet, _ in self._decoded.values()]
 
     def _decoded_integers(self, run: Run) -> SymbolRows:
         """Returns the decoded integers of packets that were added before.
@@ -190,10 +211,10 @@ class ProgressiveDecoder(Arrivals):
             run: The packets, which the decoder decodes in one call.
         """
         # If only compressed packets are kept in memory, they are decoded again.
-        found = [rows for packet in run.packets if (rows := self._found[packet.id][1]) is not None]
-        if not found:
+        kept_rows = [rows for packet in run.packets if (rows := self._decoded[packet.id][1]) is not None]
+        if not kept_rows:
             return self._decoder.decode(run)
-        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+        return tuple(np.concatenate(parts) for parts in zip(*kept_rows, strict=True))
 
     def _check(self) -> None:
         """Checks, once all packets have arrived, that the hash of all decoded integers is that in the manifest.
@@ -207,8 +228,8 @@ class ProgressiveDecoder(Arrivals):
             self._checked, digest = True, hashlib.sha256()
             for run in runs_of(self._decoder, self.manifest, self._packets()):
                 self._decoder.update_digest(digest, self._decoded_integers(run))
-            if self._room is not None:  # no longer needed
-                self._found.clear()
+            if self._scene_decoder is not None:  # no longer needed
+                self._decoded.clear()
                 self._blocks.clear()
         if digest.hexdigest() != self.manifest.symbols_digest:
             raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")

@@ -49,11 +49,15 @@ def schema_named(name: str) -> Schema:
         UnknownNameError: If the name is unknown.
         InvalidValueError: If the package that provides it cannot be loaded.
     """
-    found = SCHEMAS[name]
-    if not isinstance(found, Schema) and not found.codec:
-        coded = (known for known, schema in SCHEMAS.registered().items() if schema.codec or isinstance(schema, Schema))
+    entry = SCHEMAS[name]
+    if not isinstance(entry, Schema) and not entry.codec:
+        coded = (
+            name_of_codec
+            for name_of_codec, schema in SCHEMAS.registered().items()
+            if schema.codec or isinstance(schema, Schema)
+        )
         raise UnknownNameError("schema", name, coded)
-    return _load_codec(found)
+    return _load_codec(entry)
 
 
 @checked
@@ -64,12 +68,12 @@ def schema_of(scene: Any) -> Schema:
         InvalidValueError: If no schema applies, or several packages have one for the same type.
     """
     # If several schemas fit, the one for the most derived class of the scene is returned.
-    found = _most_specific(scene, SCHEMAS.registered().values())
-    if found is None or found.scene_type is not type(scene):  # a package may provide a schema for exactly this type
-        found = _most_specific(scene, SCHEMAS.all().values())
-    if found is None:
+    best = _most_specific(scene, SCHEMAS.registered().values())
+    if best is None or best.scene_type is not type(scene):  # a package may provide a schema for exactly this type
+        best = _most_specific(scene, SCHEMAS.all().values())
+    if best is None:
         raise InvalidValueError(f"expected a scene (`open_scene` reads one from a file), not {type(scene).__name__}")
-    return found
+    return best
 
 
 def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None:
@@ -103,12 +107,12 @@ def _load_codec(stream_schema: StreamSchema) -> Schema:
         return stream_schema
     module, _, name = stream_schema.codec.partition(":")
     try:
-        found: Schema = getattr(importlib.import_module(module), name)
+        schema: Schema = getattr(importlib.import_module(module), name)
     except ModuleNotFoundError as error:
         if how := how_to_install(error.name):
             error.add_note(how)
         raise
-    return found
+    return schema
 
 
 def _problem(schema: Schema) -> str:

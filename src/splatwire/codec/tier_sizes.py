@@ -12,7 +12,7 @@ SECTION = "tier_sizes"
 """Name of the section."""
 _STEPS = 8
 """Quantisation steps per octave; the error of a size is at most 5 %."""
-_MOST = 255
+_MAX_CODE = 255
 
 
 def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> bytes:
@@ -29,7 +29,7 @@ def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> by
         One byte per tier.
     """
     sizes = relative_sizes(anchors.scalings[:, 3:6], anchors.mask.sum(axis=1), tiers, num_tiers)
-    return np.rint(-_STEPS * np.log2(sizes)).clip(max=_MOST).astype(np.uint8).tobytes()
+    return np.rint(-_STEPS * np.log2(sizes)).clip(max=_MAX_CODE).astype(np.uint8).tobytes()
 
 
 def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, num_tiers: int) -> np.ndarray:

@@ -57,9 +57,9 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
     if not shapes:
         return np.zeros(manifest.num_elements, dtype=np.uint8)
     tiers = decode_tiers(sections[SECTION], manifest.num_elements, len(shapes))
-    found = np.bincount(tiers, minlength=len(shapes)).tolist()
-    if found != [shape.num_elements for shape in shapes]:
-        raise BitstreamError(f"the side information has tiers of {found} anchors, which the manifest denies")
+    counts = np.bincount(tiers, minlength=len(shapes)).tolist()
+    if counts != [shape.num_elements for shape in shapes]:
+        raise BitstreamError(f"the side information has tiers of {counts} anchors, which the manifest denies")
     return tiers
 
 

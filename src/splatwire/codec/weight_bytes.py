@@ -80,10 +80,10 @@ def read_networks(data: bytes, shapes: Iterable[tuple[str, int, int]]) -> list[Q
     Raises:
         BitstreamError: If the bytes are damaged or not networks of these shapes.
     """
-    reader, networks, left = ByteReader(data, "networks"), list[QuantisedMlp](), MAX_WEIGHTS
+    reader, networks, weights_left = ByteReader(data, "networks"), list[QuantisedMlp](), MAX_WEIGHTS
     for name, inputs, outputs in shapes:
-        networks.append(read_mlp(reader, name, inputs, outputs, left))
-        left -= (inputs + outputs) * len(networks[-1].hidden.symbols)
+        networks.append(read_mlp(reader, name, inputs, outputs, weights_left))
+        weights_left -= (inputs + outputs) * len(networks[-1].hidden.symbols)
     reader.finish()
     return networks
 

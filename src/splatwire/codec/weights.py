@@ -140,17 +140,17 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
     if not (_is_whole(whole, 2.0**48) and _is_whole(base, float(MAX_SYMBOL))):
         return None
     units = whole.astype(np.int64)
-    some, twos = units != 0, np.log2(np.maximum(units & -units, 1)).astype(np.int64)  # powers of 2 in each weight
+    is_nonzero, twos = units != 0, np.log2(np.maximum(units & -units, 1)).astype(np.int64)  # powers of 2 in each weight
     # Several combinations of steps represent the same numbers. Two are tried, and the one with fewer bits is returned.
-    found = []
+    candidates = []
     for rows_first in (True, False):
-        shifts = np.zeros(units.shape[1], np.int64) if rows_first else _common_trailing_zeros(twos, some, axis=0)
+        shifts = np.zeros(units.shape[1], np.int64) if rows_first else _common_trailing_zeros(twos, is_nonzero, axis=0)
         shifts = _common_trailing_zeros(
-            twos - _common_trailing_zeros(twos - shifts, some, axis=1)[:, None], some, axis=0
+            twos - _common_trailing_zeros(twos - shifts, is_nonzero, axis=1)[:, None], is_nonzero, axis=0
         )
         steps = np.array([_divisor(int(step)) for step in np.gcd.reduce(units >> shifts, axis=1)], dtype=np.int64)
-        found.append((units // (steps[:, None] << shifts), steps, shifts))
-    symbols, steps, shifts = min(found, key=lambda parts: float(np.log2(1 + np.abs(parts[0])).sum()))
+        candidates.append((units // (steps[:, None] << shifts), steps, shifts))
+    symbols, steps, shifts = min(candidates, key=lambda parts: float(np.log2(1 + np.abs(parts[0])).sum()))
     if np.abs(symbols).max(initial=0) > MAX_SYMBOL:
         return None
     return QuantisedLinear(symbols.astype(np.int32), steps, shifts, base.astype(np.int32))

@@ -49,7 +49,7 @@ class Concealer(Protocol):
     def name(self) -> str:
         """Name of the concealer, as passed to `create_concealer`."""
 
-    def __call__(self, partial: ReceivedScene, /) -> Concealed:
+    def __call__(self, received: ReceivedScene, /) -> Concealed:
         """Returns estimates of lost values for a received scene, and hints for rendering it.
 
         A concealer must not change received values or return NaN.

@@ -55,47 +55,47 @@ class Coarse:
         """Name of this concealer in the registry, `coarse`."""
         return "coarse"
 
-    def __call__(self, partial: ReceivedScene) -> Concealed:
+    def __call__(self, received: ReceivedScene) -> Concealed:
         """Chooses for each Gaussian of a scene with several levels of detail whether and how it is drawn.
 
         Args:
-            partial: Received scene with the Gaussians of all levels of detail.
+            received: Received scene with the Gaussians of all levels of detail.
 
         Returns:
             Factors on the size and the opacity of each Gaussian, and the mask of Gaussians that are not drawn. Among
             the drawn Gaussians are coarser ones in place of lost fine ones.
         """
-        levels, known = partial[Levels], partial.known
+        levels, fully_received = received[Levels], received.fully_received
         finest = levels.lod_level == 0
-        fine, coarse = np.flatnonzero(finest & known), np.flatnonzero((levels.lod_level == 1) & known)
-        size, gain, left_out = _grow_finest(create_concealer("grow", exponent=self.exponent), partial, finest)
+        fine, coarse = np.flatnonzero(finest & fully_received), np.flatnonzero((levels.lod_level == 1) & fully_received)
+        size, gain, left_out = _grow_finest(create_concealer("grow", exponent=self.exponent), received, finest)
         if len(coarse):
             lost = 1 - len(fine) / max(int(finest.sum()), 1)
             copied = levels.copied[coarse]
-            gain[coarse] = _coarse_opacities(partial.elements, fine, coarse, copied, min(1.0, self.trust * lost))
+            gain[coarse] = _coarse_opacities(received.elements, fine, coarse, copied, min(1.0, self.trust * lost))
             left_out[coarse] = gain[coarse] <= 0
         return Concealed(size, left_out, gain, draws_hidden=True)
 
 
 def _grow_finest(
-    grow: Concealer, partial: ReceivedScene, finest: Bool[np.ndarray, "N"]
+    grow: Concealer, received: ReceivedScene, finest: Bool[np.ndarray, "N"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Computes how much received Gaussians of the finest level of detail are enlarged, and which Gaussians are hidden.
 
     Args:
         grow: Concealer that enlarges received Gaussians.
-        partial: The received scene.
+        received: The received scene.
         finest: Mask of the Gaussians of the finest level of detail; all other Gaussians are hidden.
 
     Returns:
         Factor on the size and factor on the opacity of each Gaussian, and the mask of hidden Gaussians.
     """
     chosen, count = np.flatnonzero(finest), len(finest)
-    loss_mask = LossMask(partial.loss_mask.received[chosen])
-    own = grow(replace(partial, scene=partial.scene.select(chosen), loss_mask=loss_mask, records=()))
+    loss_mask = LossMask(received.loss_mask.received[chosen])
+    grown = grow(replace(received, scene=received.scene.select(chosen), loss_mask=loss_mask, records=()))
     size, gain, left_out = np.ones(count, np.float32), np.ones(count, np.float32), np.ones(count, np.bool_)
-    size[chosen], left_out[chosen] = own.size_gain, own.left_out
-    gain[chosen] = 1 if own.opacity_gain is None else own.opacity_gain
+    size[chosen], left_out[chosen] = grown.size_gain, grown.left_out
+    gain[chosen] = 1 if grown.opacity_gain is None else grown.opacity_gain
     return size, gain, left_out
 
 
@@ -124,8 +124,8 @@ def _coarse_opacities(
     if not len(merged):
         return shown
     part_of = _merged_index(splats, fine[rest], coarse[merged])
-    there = np.bincount(part_of, covers[fine[rest]], len(merged))
-    missing = 1 - there / np.maximum(covers[coarse[merged]], 1e-300)
+    received_cover = np.bincount(part_of, covers[fine[rest]], len(merged))
+    missing = 1 - received_cover / np.maximum(covers[coarse[merged]], 1e-300)
     shown[merged] = np.clip(missing, 0, 1) * trust
     return shown
 
@@ -142,16 +142,18 @@ def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.nd
     scales = splats.scales[merged].astype(np.float64)
     scales = np.maximum(np.maximum(scales, 1e-30), _THINNEST * scales.max(axis=1, keepdims=True))
     axes = rotation_matrices(splats.quats[merged].astype(np.float64))
-    found = np.empty(len(fine), np.int64)
+    nearest = np.empty(len(fine), np.int64)
     for begin in range(0, len(fine), _ROWS):
-        some = fine[begin : begin + _ROWS]
-        near, _ = tree.query(splats.means[some], min(_CANDIDATES, len(merged)))
-        apart = np.einsum("nkij,nki->nkj", axes[near], splats.means[some].astype(np.float64)[:, None] - centres[near])
-        unlike = (splats.sh[some, None, 0] - splats.sh[merged[near], 0]).astype(np.float64)
+        piece = fine[begin : begin + _ROWS]
+        neighbors, _ = tree.query(splats.means[piece], min(_CANDIDATES, len(merged)))
+        apart = np.einsum(
+            "nkij,nki->nkj", axes[neighbors], splats.means[piece].astype(np.float64)[:, None] - centres[neighbors]
+        )
+        unlike = (splats.sh[piece, None, 0] - splats.sh[merged[neighbors], 0]).astype(np.float64)
         # a merged Gaussian has the mean, covariance and colour of its finer ones, so its standard deviation is the unit
-        far = ((apart / scales[near]) ** 2).sum(axis=2) + _COLOUR * (unlike**2).sum(axis=2)
-        found[begin : begin + len(some)] = np.take_along_axis(near, far.argmin(axis=1)[:, None], axis=1)[:, 0]
-    return found
+        far = ((apart / scales[neighbors]) ** 2).sum(axis=2) + _COLOUR * (unlike**2).sum(axis=2)
+        nearest[begin : begin + len(piece)] = np.take_along_axis(neighbors, far.argmin(axis=1)[:, None], axis=1)[:, 0]
+    return nearest
 
 
 def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarray:
@@ -167,18 +169,18 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
         Index in `fine` of the original of each copy, int64 (C); -1 if the original was not received.
     """
     # A stream does not contain this relation: the original has nearly the same position, size, colour and opacity.
-    near, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_CANDIDATES, len(fine)))
-    found, size = fine[near], np.maximum(np.sort(splats.scales[copies], axis=1)[:, 1:], 1e-30)
-    sizes = np.maximum(np.sort(splats.scales[found], axis=2)[..., 1:], 1e-30)
+    neighbors, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_CANDIDATES, len(fine)))
+    candidates, size = fine[neighbors], np.maximum(np.sort(splats.scales[copies], axis=1)[:, 1:], 1e-30)
+    sizes = np.maximum(np.sort(splats.scales[candidates], axis=2)[..., 1:], 1e-30)
     differ = (
         distance / size[:, :1], np.abs(np.log(sizes / size[:, None])).max(axis=2),
-        np.linalg.norm(splats.sh[found, 0] - splats.sh[copies, None, 0], axis=2),
-        splats.opacities[found] - splats.opacities[copies, None],
+        np.linalg.norm(splats.sh[candidates, 0] - splats.sh[copies, None, 0], axis=2),
+        splats.opacities[candidates] - splats.opacities[copies, None],
     )  # fmt: skip
     unlike = np.sqrt(sum((d / step) ** 2 for d, step in zip(differ, _COPIED, strict=True)))
     best = unlike.argmin(axis=1)[:, None]
-    own = np.take_along_axis(near, best, axis=1)[:, 0]
-    return np.where(np.take_along_axis(unlike, best, axis=1)[:, 0] < _SAME, own, -1)
+    nearest = np.take_along_axis(neighbors, best, axis=1)[:, 0]
+    return np.where(np.take_along_axis(unlike, best, axis=1)[:, 0] < _SAME, nearest, -1)
 
 
 def _coverage(splats: Splats) -> Float[np.ndarray, "N"]:

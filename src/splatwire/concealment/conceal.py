@@ -13,14 +13,14 @@ from splatwire.errors import InvalidValueError, check_kind, shown
 from splatwire.types.received_scene import S
 
 
-@checked_except("partial", "concealer")
-def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
+@checked_except("received", "concealer")
+def conceal(received: ReceivedScene[S], concealer: Concealer | str) -> S:
     """Conceals the losses of a received scene: replaces lost elements by estimates, or hides them.
 
     Received attributes do not change.
 
     Args:
-        partial: Output of a decoder.
+        received: Output of a decoder.
         concealer: A concealer or its name (`splatwire.concealment.create_concealer`).
 
     Returns:
@@ -28,39 +28,39 @@ def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
 
     Raises:
         UnknownNameError: If no concealer has that name.
-        InvalidValueError: If `partial` is not a received scene or lacks side information that the concealer needs, or
+        InvalidValueError: If `received` is not a received scene or lacks side information that the concealer needs, or
             if the concealer returned an invalid result.
     """
     method = create_concealer(concealer) if isinstance(concealer, str) else concealer
-    check_kind(partial, ReceivedScene, "decode_stream")
+    check_kind(received, ReceivedScene, "decode_stream")
     if not isinstance(method, Concealer) or isinstance(method, type):
         raise InvalidValueError(f"expected a concealer or its name such as 'grow', not {shown(method)}")
-    check_needs(method, partial)
-    if partial.loss_mask.num_lost == 0:
-        return partial.scene
-    return apply_result(partial, method(partial), method.name)
+    check_needs(method, received)
+    if received.loss_mask.num_lost == 0:
+        return received.scene
+    return apply_result(received, method(received), method.name)
 
 
-def apply_result(partial: ReceivedScene[S], result: Concealed, name: str) -> S:
+def apply_result(received: ReceivedScene[S], result: Concealed, name: str) -> S:
     """Applies the result of a concealer to a received scene: fills in lost values, and adds the hints for rendering.
 
     Received values do not change.
 
     Args:
-        partial: The received scene.
+        received: The received scene.
         result: Result of the concealer.
         name: Name of the concealer, for messages.
 
     Raises:
         InvalidValueError: If the result has an array of wrong shape, or invalid hints.
     """
-    estimates = partial.filled if result.elements is None else result.elements
-    _check(result, estimates, partial, name)
-    elements = partial.elements.with_estimates(partial.loss_mask, estimates)
-    hints, own = result.hints, partial.scene.hints
-    if own is not None and not result.draws_hidden:
-        hints = replace(hints, left_out=hints.left_out | own.left_out)
-    return partial.scene.with_elements(elements, hints)
+    estimates = received.filled if result.elements is None else result.elements
+    _check(result, estimates, received, name)
+    elements = received.elements.with_estimates(received.loss_mask, estimates)
+    hints, scene_hints = result.hints, received.scene.hints
+    if scene_hints is not None and not result.draws_hidden:
+        hints = replace(hints, left_out=hints.left_out | scene_hints.left_out)
+    return received.scene.with_elements(elements, hints)
 
 
 @checked_except("concealer")
@@ -72,13 +72,15 @@ def concealed(loaded: Scene | ReceivedScene, concealer: Concealer | str) -> Scen
     return conceal(loaded, concealer) if isinstance(loaded, ReceivedScene) else loaded
 
 
-def _check(result: Concealed, estimates: Any, partial: ReceivedScene, name: str) -> None:
-    count, hints = partial.scene.num_elements, result
+def _check(result: Concealed, estimates: Any, received: ReceivedScene, name: str) -> None:
+    count, hints = received.scene.num_elements, result
     opacity_gain = hints.size_gain if hints.opacity_gain is None else hints.opacity_gain
     rows = {len(hints.size_gain), len(hints.left_out), len(opacity_gain), *(len(t) for t in vars(estimates).values())}
-    shapes = [{n: t.shape for n, t in vars(elements).items()} for elements in (estimates, partial.elements)]
+    shapes = [{n: t.shape for n, t in vars(elements).items()} for elements in (estimates, received.elements)]
     if rows != {count} or shapes[0] != shapes[1]:
-        raise InvalidValueError(f"concealer '{name}' returned {sorted(rows)} rows for {count} {partial.scene.ELEMENTS}")
+        raise InvalidValueError(
+            f"concealer '{name}' returned {sorted(rows)} rows for {count} {received.scene.ELEMENTS}"
+        )
     if not bool((np.isfinite(hints.size_gain) & (hints.size_gain > 0)).all()):
         raise InvalidValueError(f"concealer '{name}' returned a size gain that is not positive and finite")
     if not bool((np.isfinite(opacity_gain) & (opacity_gain >= 0)).all()):

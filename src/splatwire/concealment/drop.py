@@ -20,6 +20,6 @@ class Drop(CheckedFields):
         """Name of this concealer in the registry, `drop`."""
         return "drop"
 
-    def __call__(self, partial: ReceivedScene) -> Concealed:
+    def __call__(self, received: ReceivedScene) -> Concealed:
         """Returns hints that hide every element of which at least one attribute was lost."""
-        return Concealed(np.ones_like(partial.positions[:, 0]), ~partial.known)
+        return Concealed(np.ones_like(received.positions[:, 0]), ~received.fully_received)

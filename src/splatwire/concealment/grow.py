@@ -58,57 +58,61 @@ class Grow:
         """Name of this concealer in the registry, `grow`."""
         return "grow"
 
-    def with_neighbors(self, partial: ReceivedScene) -> "Grow":
+    def with_neighbors(self, received: ReceivedScene) -> "Grow":
         """Returns a copy of this concealer that stores the nearest neighbours of all elements of a scene.
 
         This saves time if many loss patterns of the same scene are concealed.
         """
-        if partial.expectation is None:
+        if received.expectation is None:
             return self  # positions of lost elements depend on the received ones
-        all_elements = np.ones(partial.scene.num_elements, np.bool_)
-        parts = [index for _, index in _neighbors_of(partial.positions, all_elements, self.neighbors)]
+        all_elements = np.ones(received.scene.num_elements, np.bool_)
+        parts = [index for _, index in _neighbors_of(received.positions, all_elements, self.neighbors)]
         return replace(self, nearest=np.concatenate(parts))
 
-    def __call__(self, partial: ReceivedScene) -> Concealed:
+    def __call__(self, received: ReceivedScene) -> Concealed:
         """Returns the factors by which received elements are enlarged, and the mask that hides lost elements."""
-        known, coverage = partial.known, partial.scene.COVERAGE
-        share = 1 - lost_share(partial.positions, known, self.neighbors, partial.sizes, self.nearest)
-        share = np.where(known, self.clamp_received_share(share, known, partial.tier_sizes), np.ones_like(share))
+        fully_received, coverage = received.fully_received, received.scene.COVERAGE
+        share = 1 - lost_share(received.positions, fully_received, self.neighbors, received.sizes, self.nearest)
+        share = np.where(
+            fully_received, self.clamp_received_share(share, fully_received, received.tier_sizes), np.ones_like(share)
+        )
         size = share ** -(self.exponent * coverage.size)
         if not coverage.opacity:
-            return Concealed(size, ~known)
-        opacities = partial.elements.opacities
+            return Concealed(size, ~fully_received)
+        opacities = received.elements.opacities
         opaque = 1 - (1 - np.minimum(opacities, _MAX_OPACITY)) ** (share ** -(self.exponent * coverage.opacity))
-        gain = np.maximum(np.where(known, opaque / np.maximum(opacities, _MIN_OPACITY), np.ones_like(share)), 1)
-        return Concealed(size, ~known, gain)
+        gain = np.maximum(
+            np.where(fully_received, opaque / np.maximum(opacities, _MIN_OPACITY), np.ones_like(share)), 1
+        )
+        return Concealed(size, ~fully_received, gain)
 
     def gain(
         self,
         received: Float[np.ndarray, "M"],
-        known: Bool[np.ndarray, "N"],
+        fully_received: Bool[np.ndarray, "N"],
         weights: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
         """Returns the factor by which each of M received anchors is enlarged to cover its lost neighbours.
 
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
-            known: Mask of received anchors of the whole scene.
+            fully_received: Mask of received anchors of the whole scene.
             weights: Weight of each anchor when the received share of the whole scene is computed: the typical size
                 of the anchors in its importance tier. None for equal weights.
         """
-        return self.clamp_received_share(received, known, weights) ** -self.exponent
+        return self.clamp_received_share(received, fully_received, weights) ** -self.exponent
 
     def clamp_received_share(
         self,
         received: Float[np.ndarray, "M"],
-        known: Bool[np.ndarray, "N"],
+        fully_received: Bool[np.ndarray, "N"],
         weights: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
         """Raises small received shares, to limit the enlargement computed from them to `max_gain` and `max_excess`.
 
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
-            known: Mask of received anchors of the whole scene.
+            fully_received: Mask of received anchors of the whole scene.
             weights: Weight of each anchor when the received share of the whole scene is computed: the typical size of
                 the anchors in its importance tier. None for equal weights.
 
@@ -116,25 +120,25 @@ class Grow:
             The shares `received`, with a lower bound.
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
-        overall = max(received_share(known, weights), 1e-9) if len(known) else 1.0
+        overall = max(received_share(fully_received, weights), 1e-9) if len(fully_received) else 1.0
         # Without limits, a few elements next to large holes would cover intact regions, and the gain would be infinite
         # if all neighbours are lost.
-        most = min(self.max_gain, self.max_excess * overall**-self.exponent)
-        least = most ** (-1 / self.exponent) if self.exponent else 1.0
-        return np.maximum(received, received.dtype.type(least))
+        gain_limit = min(self.max_gain, self.max_excess * overall**-self.exponent)
+        share_limit = gain_limit ** (-1 / self.exponent) if self.exponent else 1.0
+        return np.maximum(received, received.dtype.type(share_limit))
 
 
-def received_share(known: Bool[np.ndarray, "N"], weights: Float[np.ndarray, "N"] | None = None) -> float:
+def received_share(fully_received: Bool[np.ndarray, "N"], weights: Float[np.ndarray, "N"] | None = None) -> float:
     """Returns the received fraction of a scene's elements, weighted by `weights` if given."""
     if weights is None:
-        return float(known.mean())
+        return float(fully_received.mean())
     sizes = weights.astype(np.float64)
-    return float((sizes * known).sum() / sizes.sum())
+    return float((sizes * fully_received).sum() / sizes.sum())
 
 
 def lost_share(
     positions: Float[np.ndarray, "N 3"],
-    known: Bool[np.ndarray, "N"],
+    fully_received: Bool[np.ndarray, "N"],
     neighbors: int,
     weights: Float[np.ndarray, "N"] | None = None,
     nearest: Int64[np.ndarray, "N k"] | None = None,
@@ -143,19 +147,21 @@ def lost_share(
 
     Args:
         positions: Positions of all anchors, received or lost.
-        known: Mask of received anchors.
+        fully_received: Mask of received anchors.
         neighbors: Number of neighbours per anchor.
         weights: Weight of each anchor, above 0; None for equal weights.
         nearest: Precomputed indices of the nearest neighbours; None to search.
     """
     share = np.zeros(len(positions), positions.dtype)
     weight = np.ones(len(positions)) if weights is None else weights.astype(np.float64)
-    lost = weight * ~known
-    if bool(known.all()) or not bool(known.any()):
+    lost = weight * ~fully_received
+    if bool(fully_received.all()) or not bool(fully_received.any()):
         return share
-    received = np.flatnonzero(known)
-    found = _neighbors_of(positions, known, neighbors) if nearest is None else [(received, nearest[received])]
-    for rows, index in found:
+    received = np.flatnonzero(fully_received)
+    batches = (
+        _neighbors_of(positions, fully_received, neighbors) if nearest is None else [(received, nearest[received])]
+    )
+    for rows, index in batches:
         if index.shape[1]:
             share[rows] = lost_share_among(index, lost, weight).astype(share.dtype)
     return share
@@ -177,8 +183,8 @@ def _neighbors_of(
     tree = NeighborTree(positions)
     chosen = np.flatnonzero(selected)
     for first in range(0, len(chosen), _BATCH_SIZE):
-        own = chosen[first : first + _BATCH_SIZE]
-        yield own, nearest_others(tree, positions[own], own, neighbors)[0]
+        batch = chosen[first : first + _BATCH_SIZE]
+        yield batch, nearest_others(tree, positions[batch], batch, neighbors)[0]
 
 
 def lost_share_among(

@@ -95,12 +95,12 @@ def register_concealer(
     def register(factory: Factory) -> Factory:
         if not callable(factory):
             raise InvalidValueError(f"concealer '{name}' is a {type(factory).__name__}, not a class or function")
-        made = Registration(factory, tuple(needs), option, section, tuple(shipped), listed)
+        registration = Registration(factory, tuple(needs), option, section, tuple(shipped), listed)
         existing = CONCEALERS.registered().get(name, NamedConcealers())
         other = existing.temporal if temporal else existing.static
         if other is not None:
             CONCEALERS.check_free(name, source_of(other.make), source_of(factory))
-        both = replace(existing, temporal=made) if temporal else replace(existing, static=made)
+        both = replace(existing, temporal=registration) if temporal else replace(existing, static=registration)
         CONCEALERS.put(name, both, source_of(factory))
         return factory
 
@@ -129,28 +129,30 @@ def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | N
 
 def temporal_names() -> tuple[str, ...]:
     """Returns the names of the concealers of sequences, built-in ones first, except those with a required option."""
-    found = {name: named.temporal for name, named in CONCEALERS.all().items() if named.temporal is not None}
-    return tuple(name for name, registration in found.items() if registration.listed and registration.option is None)
+    registrations = {name: named.temporal for name, named in CONCEALERS.all().items() if named.temporal is not None}
+    return tuple(
+        name for name, registration in registrations.items() if registration.listed and registration.option is None
+    )
 
 
-def check_needs(method: Concealer, partial: ReceivedScene) -> None:
+def check_needs(method: Concealer, received: ReceivedScene) -> None:
     """Checks that a received scene has the side information that a registered concealer needs.
 
     Args:
         method: The concealer.
-        partial: The received scene.
+        received: The received scene.
 
     Raises:
         InvalidValueError: If side information is missing; the message names usable concealers.
     """
     registered = (named.static for named in CONCEALERS.registered().values())
     registration = next((entry for entry in registered if entry is not None and entry.make is type(method)), None)
-    need = None if registration is None else registration.missing_need(partial.provides)
+    need = None if registration is None else registration.missing_need(received.provides)
     if need is not None:
-        usable = ", ".join(concealer_names(partial.sections, partial.provides))
+        usable = ", ".join(concealer_names(received.sections, received.provides))
         types = " or ".join(kind.__name__ for kind in _kinds(need))
         raise InvalidValueError(
-            f"concealer '{method.name}' needs {types}, which this stream of {partial.scene.ELEMENTS} does not have: "
+            f"concealer '{method.name}' needs {types}, which this stream of {received.scene.ELEMENTS} does not have: "
             f"use {usable}"
         )
 
@@ -175,8 +177,8 @@ def why_unfit(
     if need is not None:
         types = " or ".join(kind.__name__ for kind in _kinds(need))
         return f"concealer '{base}' needs {types}, which the stream does not have"
-    given = colon or registration.option in (options or {})
-    if registration.section is not None and registration.section not in sections and not given:
+    is_given = colon or registration.option in (options or {})
+    if registration.section is not None and registration.section not in sections and not is_given:
         section = f"the section '{registration.section}', which the stream does not have (splatwire calibrate adds it)"
         return f"concealer '{base}' reads {section}"
     return ""
@@ -202,7 +204,7 @@ def concealer_files(name: str, options: Mapping[str, Any]) -> tuple[Path, ...]:
         UnknownNameError: If no concealer has that name.
     """
     name, _, value = name.partition(":")
-    given = [Path(word) for word in (value, *options.values()) if isinstance(word, str | Path) and word]
+    given_paths = [Path(word) for word in (value, *options.values()) if isinstance(word, str | Path) and word]
     named = CONCEALERS[name]
     shipped = [
         path
@@ -210,7 +212,7 @@ def concealer_files(name: str, options: Mapping[str, Any]) -> tuple[Path, ...]:
         if registration is not None
         for path in registration.shipped
     ]
-    return (*shipped, *(path for path in given if path.is_file()))
+    return (*shipped, *(path for path in given_paths if path.is_file()))
 
 
 def concealer_package(name: str) -> tuple[str, ...]:
@@ -231,8 +233,8 @@ def create_concealer(name: str, **options: Any) -> Concealer:
     """
     if not isinstance(name, str):
         raise InvalidValueError(f"expected the name of a concealer such as 'grow', not {type(name).__name__}")
-    made: Concealer = create(name, _registered(name.partition(":")[0]), Concealer, options)
-    return made
+    concealer: Concealer = create(name, _registered(name.partition(":")[0]), Concealer, options)
+    return concealer
 
 
 def create(name: str, registration: Registration, protocol: type, options: Mapping[str, Any]) -> Any:
@@ -253,14 +255,14 @@ def create(name: str, registration: Registration, protocol: type, options: Mappi
             raise InvalidValueError(f"concealer '{name}' takes no value after a colon, and was given {value!r}")
         options = {registration.option: value, **options}
     try:
-        made = registration.make(**options)
+        concealer = registration.make(**options)
     except TypeError as error:
         raise InvalidValueError(f"concealer '{name}' does not take these options: {error}") from error
-    if not isinstance(made, protocol):
-        absent = [member for member in sorted(_members(protocol)) if not hasattr(made, member)]
+    if not isinstance(concealer, protocol):
+        absent = [member for member in sorted(_members(protocol)) if not hasattr(concealer, member)]
         problem = f"has no {', '.join(absent)}" if absent else "cannot be called"
         raise InvalidValueError(f"concealer '{name}'{CONCEALERS.provider_suffix(name)} is no concealer: it {problem}")
-    return made
+    return concealer
 
 
 def find_temporal(name: str) -> Registration:

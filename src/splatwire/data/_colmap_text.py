@@ -61,7 +61,7 @@ def _warn_of_missing_entries(path: Path, count: int) -> None:
 
 def read_cameras(path: Path) -> list[RawCamera]:
     """Reads `cameras.txt`."""
-    known = dict(MODELS)
+    models = dict(MODELS)
     cameras = []
     for number, line in _lines(path):
         words = line.split(maxsplit=_MAX_WORDS)
@@ -72,7 +72,7 @@ def read_cameras(path: Path) -> list[RawCamera]:
             parameters = tuple(float(word) for word in words[4:])
         except (IndexError, ValueError) as error:
             raise DatasetError(f"{path}: line {number} is not a camera: {line[:80]!r}") from error
-        if known.get(model) != len(parameters):
+        if models.get(model) != len(parameters):
             raise DatasetError(f"{path}: line {number}: unknown camera model {model} with {len(parameters)} parameters")
         cameras.append(RawCamera(camera_id, model, width, height, parameters))
     _warn_of_missing_entries(path, len(cameras))

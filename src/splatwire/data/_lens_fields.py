@@ -125,14 +125,14 @@ def is_sensor_angle(values: Mapping[str, object]) -> bool:
     return any(math.isclose(ratio, sensor, rel_tol=1e-3) for sensor in (_BLENDER_SENSOR, 1 / _BLENDER_SENSOR))
 
 
-def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()) -> list[str]:
+def unread_lens_fields(values: Mapping[str, object], used_fields: Collection[str] = ()) -> list[str]:
     """Returns the names of unused fields that describe lens distortion or a lens other than a pinhole.
 
     Args:
         values: Fields of a camera or of a whole camera file; may contain objects with further fields.
-        known: Names of fields that the caller uses; they are skipped.
+        used_fields: Names of fields that the caller uses; they are skipped.
     """
-    return [name for name, value in values.items() if name not in known and _contains_lens(name, value)]
+    return [name for name, value in values.items() if name not in used_fields and _contains_lens(name, value)]
 
 
 def _contains_lens(name: str, value: object) -> bool:

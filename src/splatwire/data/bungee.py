@@ -47,8 +47,8 @@ def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
 
 
 def _photos(folder: Path) -> list[Path]:
-    found = folder.iterdir() if folder.is_dir() else iter(())
-    return sorted(file for file in found if file.suffix.lower() in _SUFFIXES)
+    entries = folder.iterdir() if folder.is_dir() else iter(())
+    return sorted(file for file in entries if file.suffix.lower() in _SUFFIXES)
 
 
 def _rows(path: Path, content: Any) -> np.ndarray:

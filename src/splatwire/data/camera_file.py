@@ -82,8 +82,8 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
         return _cameras_of_3dgs(path, content)
     if not isinstance(content, dict) or not isinstance(content.get("cameras"), list):
         raise DatasetError(is_not(path, "a cameras file", "it has no list 'cameras'"))
-    own = content.get("format") == FORMAT
-    if own and content.get("version") != VERSION:
+    is_own_format = content.get("format") == FORMAT
+    if is_own_format and content.get("version") != VERSION:
         raise DatasetError(f"{path}: cameras file version {content.get('version')!s:.20}, this release reads {VERSION}")
     views = content["cameras"]
     if not views:
@@ -93,22 +93,22 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
     names = [view["name"] for view in views]
     _warn_of_lenses(path, views)
     # files of HAC++ have `w2c`, `K`, `width` and `height` in every camera
-    pose_key = "viewmat" if own else "w2c"
+    pose_key = "viewmat" if is_own_format else "w2c"
     viewmats = np.stack([matrix(path, view["name"], view.get(pose_key), (4, 4)) for view in views])
     intrinsics = np.stack([matrix(path, view["name"], view.get("K"), (3, 3)) for view in views])
-    width, height = _size(path, [content] if own else views)
-    if own:
+    width, height = _size(path, [content] if is_own_format else views)
+    if is_own_format:
         _size(path, [content, *(view for view in views if {"width", "height"} & set(view))])
-    found = make_cameras(path, names, viewmats, intrinsics, width, height)
-    if own and "near_depth" in content:
-        near = matrix(path, "near_depth", [[content["near_depth"]]], (1, 1))[0, 0]
-        if not 0 < near < np.inf:
-            raise DatasetError(f"{path}: 'near_depth' must be above 0 and finite, not {near:g}")
-        found = replace(found, near_depth=float(near))
+    cameras = make_cameras(path, names, viewmats, intrinsics, width, height)
+    if is_own_format and "near_depth" in content:
+        near_depth = matrix(path, "near_depth", [[content["near_depth"]]], (1, 1))[0, 0]
+        if not 0 < near_depth < np.inf:
+            raise DatasetError(f"{path}: 'near_depth' must be above 0 and finite, not {near_depth:g}")
+        cameras = replace(cameras, near_depth=float(near_depth))
     _warn_of_conventions(path, [content, *views])
     for name, view, viewmat, K in zip(names, views, viewmats, intrinsics, strict=True):
         _check_statements(path, name, view, viewmat, K, (width, height))
-    return found
+    return cameras
 
 
 def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
@@ -134,11 +134,11 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
         fx, fy = matrix(path, name, [[view["fx"], view["fy"]]], (1, 2))[0]
         intrinsics[number] = pinhole(fx, fy, *_principal_point(path, name, view, (width, height)))
     viewmats = np.linalg.inv(poses)
-    found = make_cameras(path, names, viewmats, intrinsics, width, height)
+    cameras = make_cameras(path, names, viewmats, intrinsics, width, height)
     _warn_of_conventions(path, views)
     for name, view, viewmat, K in zip(names, views, viewmats, intrinsics, strict=True):
         _check_statements(path, name, view, viewmat, K, (width, height))
-    return found
+    return cameras
 
 
 def _principal_point(path: Path, name: str, view: dict[str, Any], size: tuple[int, int]) -> list[float]:
@@ -153,20 +153,20 @@ def _principal_point(path: Path, name: str, view: dict[str, Any], size: tuple[in
         if _PRINCIPAL_POINT.fullmatch(key) and value is not None
     ]
     absent = stated[0] if stated else [size[0] / 2, size[1] / 2]
-    own = [view.get("cx"), view.get("cy")]
-    if own != [None, None]:
-        center = [[other if value is None else value for value, other in zip(own, absent, strict=True)]]
+    stated_values = [view.get("cx"), view.get("cy")]
+    if stated_values != [None, None]:
+        center = [[other if value is None else value for value, other in zip(stated_values, absent, strict=True)]]
         stated.insert(0, matrix(path, name, center, (1, 2))[0].tolist())
-    found = stated[0] if stated else absent
-    if any(not np.allclose(other, found, rtol=_SAME) for other in stated):
+    principal_point = stated[0] if stated else absent
+    if any(not np.allclose(other, principal_point, rtol=_SAME) for other in stated):
         raise DatasetError(f"{path}: view '{name[:120]}' has two different principal points: remove the wrong one")
     # Shares of the picture's size are between 0 and 1. A picture that was cut at the principal point has 0.
-    if stated and min(found) > 0 and max(found) <= 1 < min(size) / 2:
+    if stated and min(principal_point) > 0 and max(principal_point) <= 1 < min(size) / 2:
         raise DatasetError(
-            f"{path}: view '{name[:120]}' has a principal point of {found[0]:g}, {found[1]:g} in a picture of "
-            f"{size[0]} x {size[1]}: it must be in pixels, from the top-left corner"
+            f"{path}: view '{name[:120]}' has a principal point of {principal_point[0]:g}, {principal_point[1]:g} in a "
+            f"picture of {size[0]} x {size[1]}: it must be in pixels, from the top-left corner"
         )
-    return found
+    return principal_point
 
 
 def _check_statements(

@@ -83,8 +83,8 @@ def find_reconstruction(root: Path) -> Path | None:
 
 def _numbered_folders(folder: Path) -> list[Path]:
     """Returns the subfolders of `folder` whose names are numbers, in ascending order of the numbers."""
-    found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
-    return sorted(found, key=lambda path: int(path.name[:_MAX_DIGITS]))
+    folders = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
+    return sorted(folders, key=lambda path: int(path.name[:_MAX_DIGITS]))
 
 
 def warn_of_other_reconstructions(folder: Path) -> None:
@@ -94,10 +94,10 @@ def warn_of_other_reconstructions(folder: Path) -> None:
     """
     if not folder.name.isdecimal():
         return
-    found = [other.name for other in _numbered_folders(folder.parent) if other != folder and _has(other, "images")]
-    if found:
+    others = [other.name for other in _numbered_folders(folder.parent) if other != folder and _has(other, "images")]
+    if others:
         LOG.warning(
-            "%s: reconstructions beside it are not read: %s; their photos are not used", folder, ", ".join(found[:8])
+            "%s: reconstructions beside it are not read: %s; their photos are not used", folder, ", ".join(others[:8])
         )
 
 

@@ -56,8 +56,8 @@ def _copied_views(
 
 def _digest(photo: Path | None) -> bytes:
     assert photo is not None
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     with photo.open("rb") as file:
         while piece := file.read(_PIECE):
-            found.update(piece)
-    return found.digest()
+            digest.update(piece)
+    return digest.digest()

@@ -180,25 +180,25 @@ def open_dataset(
 def _warn_of_unread_masks(path: Path) -> None:
     """Logs a warning if a dataset has a folder of masks, but no view of any split names a mask."""
     try:
-        found = [name for name in ("masks", "mask") if (path / name).is_dir() and any((path / name).iterdir())]
+        folders = [name for name in ("masks", "mask") if (path / name).is_dir() and any((path / name).iterdir())]
     except OSError as error:
         LOG.warning("%s: its folder of masks cannot be listed: %s", path, error.strerror)
         return
     # The views of another split may name masks of the folder.
     files = {"blender": ("transforms_train.json", "transforms_test.json"), "nerfstudio": ("transforms.json",)}
     views = [path / name for name in files.get(dataset_layout(path) or "", ()) if (path / name).is_file()]
-    if found and not any(map(names_masks, views)):
+    if folders and not any(map(names_masks, views)):
         LOG.warning(
             "%s: its folder %s is not read: masks are those that a transforms.json names as mask_path; whole photos "
-            "are trained on and compared", path, found[0],
+            "are trained on and compared", path, folders[0],
         )  # fmt: skip
 
 
 def _checked_path(path: str | os.PathLike[str], split: str, max_width: int | None, test_views: str | None) -> Path:
     """Checks the options of `open_dataset`; returns the path of the dataset as `Path`."""
-    for kind, name, known in (("split", split, SPLITS), ("choice of test views", test_views, (None, *TEST_VIEWS))):
-        if name not in known:
-            raise UnknownNameError(kind, str(name), filter(None, known))
+    for kind, name, allowed in (("split", split, SPLITS), ("choice of test views", test_views, (None, *TEST_VIEWS))):
+        if name not in allowed:
+            raise UnknownNameError(kind, str(name), filter(None, allowed))
     if max_width is not None and (isinstance(max_width, bool) or not isinstance(max_width, int) or max_width < 1):
         raise InvalidValueError(f"max_width must be positive, not {max_width}")
     return path_of(path, "a dataset folder")
@@ -231,13 +231,13 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
         test_views: Rule that selects the test views.
     """
     views = read_views(folder)
-    found = _find_images(image_folder, views)
-    check_distinct(folder, [view.name for view in views], found)
-    _warn_of_copies(folder, views, found, split, [views[i] for i in _chosen(len(views), "test", test_views)])
+    photo_paths = _find_images(image_folder, views)
+    check_distinct(folder, [view.name for view in views], photo_paths)
+    _warn_of_copies(folder, views, photo_paths, split, [views[i] for i in _chosen(len(views), "test", test_views)])
     chosen = _chosen(len(views), split, test_views)
-    views, found = [views[i] for i in chosen], [found[i] for i in chosen]
-    photos = [file for file in found if file is not None]
-    if missing := [view.name for view, file in zip(views, found, strict=True) if file is None]:
+    views, photo_paths = [views[i] for i in chosen], [photo_paths[i] for i in chosen]
+    photos = [file for file in photo_paths if file is not None]
+    if missing := [view.name for view, file in zip(views, photo_paths, strict=True) if file is None]:
         hint = _dataset_nearby(folder) if image_folder == folder else ""
         raise DatasetError(
             f"{image_folder}: {len(missing)} of {len(views)} posed images are missing, first '{missing[0]}'{hint}"
@@ -275,17 +275,17 @@ def _transforms_views(
         return [view for part in parts for view in part.views], halves[wanted[0]], cloud
     whole = path / "transforms.json"
     if whole.is_file():
-        found = read_transforms(whole, images)
-        views = sorted(found.views, key=lambda view: (Path(view.name).stem, view.name))
-        own = test_views is None and bool(found.splits)
+        transforms = read_transforms(whole, images)
+        views = sorted(transforms.views, key=lambda view: (Path(view.name).stem, view.name))
+        uses_splits = test_views is None and bool(transforms.splits)
 
         def chosen_for(split: str) -> list[TransformsView]:
-            if own:
-                return _views_of_split(views, found, split)
+            if uses_splits:
+                return _views_of_split(views, transforms, split)
             return [views[i] for i in _chosen(len(views), split, test_views or "every_8th")]
 
         _warn_of_copies(whole, views, [view.image_path for view in views], split, chosen_for("test"))
-        return chosen_for(split), whole, found.points
+        return chosen_for(split), whole, transforms.points
     why = (
         "it has neither a COLMAP reconstruction (images.bin or images.txt in sparse/0, sparse or colmap/sparse/0) nor "
         "poses_enu.json, transforms_train.json, transforms_test.json or transforms.json"
@@ -303,8 +303,8 @@ def _dataset_nearby(path: Path) -> str:
 
     The hint is empty if no dataset is found.
     """
-    found = folder_nearby(path, lambda folder: folder != path and _has_photos(folder))
-    return "" if found is None else f"; {found} looks like a dataset (layout: {dataset_layout(found)})"
+    nearby = folder_nearby(path, lambda folder: folder != path and _has_photos(folder))
+    return "" if nearby is None else f"; {nearby} looks like a dataset (layout: {dataset_layout(nearby)})"
 
 
 def _has_photos(folder: Path) -> bool:
@@ -383,12 +383,12 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
     paths: list[Path | None] = []
     for view in views:
         exact = child(folder, view.name, folder)
-        found = next((file for file in (exact, folder / exact.name) if is_file(file, folder)), None)
-        for parent in (exact.parent, folder) if found is None else ():
+        photo = next((file for file in (exact, folder / exact.name) if is_file(file, folder)), None)
+        for parent in (exact.parent, folder) if photo is None else ():
             if parent not in by_stem:
                 by_stem[parent] = _by_stem(parent)
-            found = found or by_stem[parent].get(exact.stem) or by_stem[parent].get(exact.stem.casefold())
-        paths.append(found)
+            photo = photo or by_stem[parent].get(exact.stem) or by_stem[parent].get(exact.stem.casefold())
+        paths.append(photo)
     return paths
 
 
@@ -413,9 +413,10 @@ def _masks(
     """
     masks = tuple(view.mask_path if isinstance(view, TransformsView) else None for view in views)
     for mask, file in zip(masks, image_paths, strict=True):
-        if mask is not None and (found := photo_size(mask)) != (size := photo_size(file, upright=upright)):
+        if mask is not None and (mask_size := photo_size(mask)) != (size := photo_size(file, upright=upright)):
             raise DatasetError(
-                f"{mask}: the mask is {found[0]} x {found[1]} pixels, its photo {file.name} {size[0]} x {size[1]}"
+                f"{mask}: the mask is {mask_size[0]} x {mask_size[1]} pixels, its photo {file.name} {size[0]} x "
+                f"{size[1]}"
             )
     return masks if any(mask is not None for mask in masks) else ()
 

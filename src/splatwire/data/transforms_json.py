@@ -196,9 +196,9 @@ def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
 
 def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> TransformsView:
     name = _name(frame["file_path"], images)
-    own, common = (_with_intrinsics(path, name, fields) for fields in (frame, content))
-    terms = {**_listed_terms(path, name, common), **_own_terms(own), **_listed_terms(path, name, own)}
-    values = _with_size({**common, **own, **terms})
+    of_frame, common = (_with_intrinsics(path, name, fields) for fields in (frame, content))
+    terms = {**_listed_terms(path, name, common), **_own_terms(of_frame), **_listed_terms(path, name, of_frame)}
+    values = _with_size({**common, **of_frame, **terms})
     lens = _lens(path, name, values)
     image_path = _find_image(path, name)
     rows = frame.get("transform_matrix")
@@ -211,7 +211,9 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
         sized_path = _full_photo(path, name, full, values)
     K, width, height = _intrinsics(path, name, values, sized_path)
     # Focal lengths of one frame may differ from a common angle of view, as in captures with autofocus.
-    why = contradicting_angle(own if "fl_x" in own else values, (float(K[0, 0]), float(K[1, 1])), (width, height))
+    why = contradicting_angle(
+        of_frame if "fl_x" in of_frame else values, (float(K[0, 0]), float(K[1, 1])), (width, height)
+    )
     if why is not None:
         raise DatasetError(f"{path}: view '{name}' {why}: remove the wrong one")
     viewmat = np.linalg.inv(pose @ _OPENGL_TO_OPENCV)
@@ -233,7 +235,7 @@ def _name(file_path: str, images: str | None) -> str:
 def _splits(
     path: Path, content: dict[str, Any], views: list[TransformsView], images: str | None
 ) -> dict[str, frozenset[str]]:
-    known, splits = {view.name for view in views}, {}
+    names, splits = {view.name for view in views}, {}
     for split in ("train", "val", "test"):
         listed = content.get(f"{split}_filenames")
         if listed is None:
@@ -241,7 +243,7 @@ def _splits(
         if not isinstance(listed, list) or not all(isinstance(name, str) for name in listed):
             raise DatasetError(f"{path}: '{split}_filenames' is not a list of paths")
         splits[split] = frozenset(_name(name, images) for name in listed)
-        if unknown := sorted(splits[split] - known):
+        if unknown := sorted(splits[split] - names):
             raise DatasetError(f"{path}: '{split}_filenames' lists {unknown[0][:120]!r}, which no frame has")
     tested = "test" if splits.get("test") else "val"
     if shared := sorted(splits.get("train", frozenset()) & splits.get(tested, frozenset())):
@@ -423,10 +425,10 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
     model = model.upper()
     other = next((key for key in _OTHER_PROJECTIONS if _as_bool(path, name, values, key)), None)
     if other is not None or model not in _PERSPECTIVE + _FISHEYE:
-        found = f"'camera_model' {model[:60]!r}" if other is None else f"'{other}'"
+        lens_name = f"'camera_model' {model[:60]!r}" if other is None else f"'{other}'"
         raise DatasetError(
-            f"{path}: view '{name}' has {found}; perspective and OPENCV_FISHEYE photos are read. Cut panoramas into "
-            "perspective photos first, for example with `ns-process-data images --camera-type equirectangular`"
+            f"{path}: view '{name}' has {lens_name}; perspective and OPENCV_FISHEYE photos are read. Cut panoramas "
+            "into perspective photos first, for example with `ns-process-data images --camera-type equirectangular`"
         )
     if unapplied := unread_lens_fields(values, _LENS_FIELDS):
         raise DatasetError(

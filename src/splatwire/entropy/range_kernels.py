@@ -163,9 +163,9 @@ def decode_raw(data, end, state):
 def encode_bits(buffer, state, value, bits):
     """Encodes the low `bits` bits (at most 63) of a number with equal probabilities."""
     while bits > 0:
-        some = min(bits, RAW_BITS)
-        bits -= some
-        encode_interval(buffer, state, (value >> bits) & ((ONE << some) - ONE), ONE, some)
+        part_bits = min(bits, RAW_BITS)
+        bits -= part_bits
+        encode_interval(buffer, state, (value >> bits) & ((ONE << part_bits) - ONE), ONE, part_bits)
 
 
 @njit(borrows=True, error_model="numpy")
@@ -174,11 +174,11 @@ def decode_bits(data, end, state, bits):
     """Decodes a number of `bits` bits written by `encode_bits`."""
     value = np.int64(0)
     while bits > 0:
-        some = min(bits, RAW_BITS)
-        bits -= some
-        part = decode_target(state, some)
-        decode_advance(data, end, state, part, ONE, some)
-        value = (value << some) | part
+        part_bits = min(bits, RAW_BITS)
+        bits -= part_bits
+        part = decode_target(state, part_bits)
+        decode_advance(data, end, state, part, ONE, part_bits)
+        value = (value << part_bits) | part
     return value
 
 

@@ -93,11 +93,11 @@ def raw_bits(words, state, bits):
     """Decodes a number of `bits` bits with equal probabilities."""
     value = np.int64(0)
     while bits > 0:
-        some = min(bits, RAW_BITS)
-        bits -= some
-        part = target_of(state, some)
-        advance(words, state, part, ONE, some)
-        value = (value << some) | part
+        part_bits = min(bits, RAW_BITS)
+        bits -= part_bits
+        part = target_of(state, part_bits)
+        advance(words, state, part, ONE, part_bits)
+        value = (value << part_bits) | part
     return value
 
 
@@ -170,9 +170,9 @@ def write_bit(buffer, state, models, context, bit):
 def write_raw(buffer, state, value, bits):
     """Encodes the low `bits` bits (at most 63) of a number with equal probabilities."""
     while bits > 0:
-        some = min(bits, RAW_BITS)
-        bits -= some
-        write_interval(buffer, state, (value >> bits) & ((ONE << some) - ONE), ONE, some)
+        part_bits = min(bits, RAW_BITS)
+        bits -= part_bits
+        write_interval(buffer, state, (value >> bits) & ((ONE << part_bits) - ONE), ONE, part_bits)
 
 
 @njit(borrows=True, error_model="numpy")

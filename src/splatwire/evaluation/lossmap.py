@@ -14,7 +14,7 @@ _DOT = 2
 
 def draw_loss_map(
     positions: Float[np.ndarray, "N 3"],
-    known: Bool[np.ndarray, "N"],
+    fully_received: Bool[np.ndarray, "N"],
     cameras: Cameras,
     view: int,
     picture: Float[np.ndarray, "H W 3"],
@@ -23,7 +23,7 @@ def draw_loss_map(
 
     Args:
         positions: Decoded or expected positions of the elements, world units.
-        known: Mask of received elements.
+        fully_received: Mask of received elements.
         cameras: The cameras.
         view: Index of the camera.
         picture: Reference image of the view, RGB in [0, 1].
@@ -38,7 +38,7 @@ def draw_loss_map(
     x = np.floor(local[:, 0] / local[:, 2] * K[0, 0] + K[0, 2])
     y = np.floor(local[:, 1] / local[:, 2] * K[1, 1] + K[1, 2])
     inside = (local[:, 2] > cameras.near_depth) & (x >= 0) & (y >= 0) & (x < cameras.width) & (y < cameras.height)
-    for shown, color in ((inside & known, RECEIVED_COLOR), (inside & ~known, LOST_COLOR)):
+    for shown, color in ((inside & fully_received, RECEIVED_COLOR), (inside & ~fully_received, LOST_COLOR)):
         columns, rows = x[shown].astype(np.int64), y[shown].astype(np.int64)
         for dx, dy in np.ndindex(_DOT, _DOT):
             canvas[np.minimum(rows + dy, cameras.height - 1), np.minimum(columns + dx, cameras.width - 1)] = color

@@ -74,10 +74,10 @@ def stream_thumbnail(stream: SceneStream, size: tuple[int, int] = SIZE) -> np.nd
         The picture, uint8 (height, width, 3).
     """
     viewpoint = read_viewpoint(sections_of(stream))
-    partial = decode_stream(stream)
+    received = decode_stream(stream)
     if stream.manifest.schema.timed:
-        return thumbnail(decode_frame(partial.scene, 0).scene, size, viewpoint)
-    return thumbnail(concealed(partial, create_concealer("drop")), size, viewpoint)
+        return thumbnail(decode_frame(received.scene, 0).scene, size, viewpoint)
+    return thumbnail(concealed(received, create_concealer("drop")), size, viewpoint)
 
 
 def picture_bytes(pixels: np.ndarray, suffix: str) -> bytes:

@@ -84,10 +84,10 @@ def check_parent(path: Path) -> None:
         InvalidValueError: If the parent does not exist, or is not a folder.
     """
     parent = path.absolute().parent
-    there = next(folder for folder in (parent, *parent.parents) if folder.exists())
-    if not there.is_dir():
-        raise InvalidValueError(f"{there}: not a folder, so nothing can be written into it")
-    if there != parent:
+    existing = next(folder for folder in (parent, *parent.parents) if folder.exists())
+    if not existing.is_dir():
+        raise InvalidValueError(f"{existing}: not a folder, so nothing can be written into it")
+    if existing != parent:
         raise InvalidValueError(f"{parent}: no such folder, so {path.name} cannot be written into it: make it first")
 
 
@@ -135,10 +135,10 @@ def _replaceable(path: Path) -> bool:
 
     In folders with the sticky bit, such as /tmp, only the owners of the output and of the folder may replace it.
     """
-    user, found, folder = os.geteuid() if hasattr(os, "geteuid") else 0, path.stat(), path.parent.stat()
+    user, target_status, folder = os.geteuid() if hasattr(os, "geteuid") else 0, path.stat(), path.parent.stat()
     if path.is_dir() and not os.access(path, os.W_OK):
         return False
-    return not folder.st_mode & stat.S_ISVTX or user in (0, found.st_uid, folder.st_uid)
+    return not folder.st_mode & stat.S_ISVTX or user in (0, target_status.st_uid, folder.st_uid)
 
 
 def remove_unfinished(folder: Path) -> None:

@@ -266,12 +266,12 @@ def trained_ply(folder: Path) -> Path | None:
     if _iteration(folder) is not None:
         return ply if (ply := folder / _TRAINED_PLY).is_file() else None
     for parent in (folder / _POINT_CLOUD, folder):
-        found = {}
+        iterations = {}
         for iteration in parent.glob("iteration_*"):
             if (number := _iteration(iteration)) is not None and (iteration / _TRAINED_PLY).is_file():
-                found[number] = iteration / _TRAINED_PLY
-        if found:
-            return found[max(found)]
+                iterations[number] = iteration / _TRAINED_PLY
+        if iterations:
+            return iterations[max(iterations)]
     return None
 
 
@@ -306,8 +306,8 @@ def model_nearby(path: Path, *kinds: Kind) -> str:
         path: File or folder that was rejected.
         *kinds: Any number of kinds of model folders that are accepted.
     """
-    found = folder_nearby(path, lambda folder: folder != path and file_kind(folder) in kinds)
-    return "" if found is None else f"; {found} looks like {file_kind(found).description}"
+    nearby = folder_nearby(path, lambda folder: folder != path and file_kind(folder) in kinds)
+    return "" if nearby is None else f"; {nearby} looks like {file_kind(nearby).description}"
 
 
 def folder_nearby(path: Path, accepts: Callable[[Path], bool]) -> Path | None:

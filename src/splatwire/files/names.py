@@ -20,7 +20,7 @@ def safe_name(name: str, fallback: str = "unnamed") -> str:
 
 def distinct_names(names: Iterable[str], fallback: str = "unnamed") -> tuple[str, ...]:
     """Converts names to file names that differ even if letter case is ignored. Repeated names get a number."""
-    found: list[str] = []
+    distinct: list[str] = []
     taken: set[str] = set()
     last: dict[str, int] = {}
     for name in names:
@@ -29,8 +29,8 @@ def distinct_names(names: Iterable[str], fallback: str = "unnamed") -> tuple[str
             last[plain.casefold()] = number = last.get(plain.casefold(), 1) + 1
             chosen = f"{plain}_{number}"
         taken.add(chosen.casefold())
-        found.append(chosen)
-    return tuple(found)
+        distinct.append(chosen)
+    return tuple(distinct)
 
 
 def real_path(path: Path) -> Path:
@@ -49,9 +49,9 @@ def path_of(value: object, content: str = "a file or folder") -> Path:
         InvalidValueError: If `value` has another type (also bytes), is empty or is not a valid path.
     """
     if not isinstance(value, (str, os.PathLike)) or not isinstance(os.fspath(value), str):
-        found = type(value).__name__
+        type_name = type(value).__name__
         raise InvalidValueError(
-            f"expected the path of {content}, such as 'scene.ply' or pathlib.Path('scene.ply'), not {found}"
+            f"expected the path of {content}, such as 'scene.ply' or pathlib.Path('scene.ply'), not {type_name}"
         )
     text = os.fspath(value)
     if not text or "\0" in text:

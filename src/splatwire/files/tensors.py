@@ -147,8 +147,8 @@ def _read_archive(path: Path, error: type[SplatwireError]) -> tuple[Any, Callabl
             raise ValueError("its numbers are of another byte order")
         content = _interpreted(archive.read(described[0], _MAX_DESCRIPTION_BYTES))
         wanted = {tensor.storage.key for tensor in _tensors_in(content).values()}
-        found = {key: archive.read_stored(f"{folder}data/{key}", path.stat().st_size) for key in sorted(wanted)}
-    return content, lambda storage: found[storage.key]
+        storages = {key: archive.read_stored(f"{folder}data/{key}", path.stat().st_size) for key in sorted(wanted)}
+    return content, lambda storage: storages[storage.key]
 
 
 def _read_old(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_Storage], bytes]]:
@@ -158,7 +158,7 @@ def _read_old(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_
         The content, with a description in place of each tensor; and a function that returns the bytes to which such a
         description refers.
     """
-    found = dict[str, bytes]()
+    storages = dict[str, bytes]()
     with open_regular(path, error) as file:
         magic, protocol, _, content, keys = (_interpreted(file) for _ in range(_OLD_DESCRIPTIONS))
         if magic != _MAGIC or protocol != _PROTOCOL:
@@ -170,8 +170,8 @@ def _read_old(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_
             (count,) = struct.unpack("<q", file.read(8))
             if key not in widths or count < 0:
                 raise ValueError("it holds more than tensors by name")
-            found[key] = file.read(min(count * widths[key], path.stat().st_size))
-    return content, lambda storage: found[storage.key]
+            storages[key] = file.read(min(count * widths[key], path.stat().st_size))
+    return content, lambda storage: storages[storage.key]
 
 
 def _tensors_in(content: Any) -> dict[str, _Tensor]:
@@ -209,16 +209,16 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
     Raises:
         ValueError: If the pickle contains anything but tensors, numbers, strings and collections of these.
     """
-    stack, marks, known = list[Any](), list[int](), dict[int, Any]()
+    stack, marks, memo = list[Any](), list[int](), dict[int, Any]()
 
     def since_mark() -> list[Any]:
         first = marks.pop()
-        found = stack[first:]
+        items = stack[first:]
         del stack[first:]
-        return found
+        return items
 
-    for code, found, _ in genops(description):
-        name, argument = code.name, cast(Any, found)
+    for code, value_read, _ in genops(description):
+        name, argument = code.name, cast(Any, value_read)
         if name in _IGNORED:
             continue
         if name == "MARK":
@@ -230,9 +230,9 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
         elif name == "GLOBAL":
             stack.append(_Name(str(argument)))
         elif name in ("BINPUT", "LONG_BINPUT", "PUT", "MEMOIZE"):
-            known[len(known) if name == "MEMOIZE" else int(argument)] = stack[-1]
+            memo[len(memo) if name == "MEMOIZE" else int(argument)] = stack[-1]
         elif name in ("BINGET", "LONG_BINGET", "GET"):
-            stack.append(known[int(argument)])
+            stack.append(memo[int(argument)])
         elif name in _SIZES:
             stack[-_SIZES[name] :] = [tuple(stack[-_SIZES[name] :])]
         elif name == "TUPLE":

@@ -85,9 +85,9 @@ class Latents:
     def apply_turns(self) -> None:
         """Applies the rotations `turns` to `quats`, then sets `turns` to 0."""
 
-        def apply(some: slice) -> None:
-            self.quats[some] = _unit(_product(self.quats[some], _rotation(self.turns[some])))
-            self.turns[some] = 0
+        def apply(rows: slice) -> None:
+            self.quats[rows] = _unit(_product(self.quats[rows], _rotation(self.turns[rows])))
+            self.turns[rows] = 0
 
         each_piece(len(self.quats), apply)
 
@@ -102,9 +102,9 @@ class Latents:
         shapes, count = ((3,), (4,), (3,), (), (1 + self.harmonics.shape[1], 3)), len(self.centres)
         result = Splats(*(np.empty((count, *shape), np.float32) for shape in shapes))
 
-        def fill(some: slice) -> None:
-            errors = None if offsets is None else offsets.select(some)
-            result.fill(some.start, self.select(some)._few_splats(errors))
+        def fill(rows: slice) -> None:
+            errors = None if offsets is None else offsets.select(rows)
+            result.fill(rows.start, self.select(rows)._few_splats(errors))
 
         each_piece(len(self.centres), fill)
         return result
@@ -164,15 +164,15 @@ class Offsets:
         # A Gaussian has several equivalent forms, with its axes in another order or with other signs. The form
         # of the rounded Gaussian that is closest to the exact one is used.
         order = np.argsort(-exact.scales, axis=1, kind="stable")
-        place = np.argsort(order, axis=1, kind="stable")
-        scales = np.take_along_axis(rounded.scales, place, axis=1)
-        own = matrices_of(exact.quats.astype(np.float64))
-        axes = np.take_along_axis(matrices_of(rounded.quats.astype(np.float64)), place[:, None, :], axis=2)
-        along = np.einsum("nij,nij->nj", own, axes)
+        rank = np.argsort(order, axis=1, kind="stable")
+        scales = np.take_along_axis(rounded.scales, rank, axis=1)
+        matrices = matrices_of(exact.quats.astype(np.float64))
+        axes = np.take_along_axis(matrices_of(rounded.quats.astype(np.float64)), rank[:, None, :], axis=2)
+        along = np.einsum("nij,nij->nj", matrices, axes)
         axes *= np.where(along < 0, -1.0, 1.0)[:, None, :]
         mirrored = np.flatnonzero(np.linalg.det(axes) < 0)
         axes[mirrored, :, np.abs(along[mirrored]).argmin(axis=1)] *= -1
-        relative = np.einsum("nji,njk->nik", own, axes)
+        relative = np.einsum("nji,njk->nik", matrices, axes)
         return Offsets(
             rounded.means - exact.means,
             np.log(np.maximum(scales, np.float32(1e-12)) / np.maximum(exact.scales, np.float32(1e-12))),
@@ -224,15 +224,15 @@ def gradients_of(
     """
     small = {name: np.empty_like(getattr(latents, name)) for name in ("shifts", "turns", "logs", "logits")}
 
-    def fill(some: slice) -> None:
-        quats = drawn_gradients.quats[some]
+    def fill(rows: slice) -> None:
+        quats = drawn_gradients.quats[rows]
         if offsets is not None:
-            quats = _product(quats, _conjugate(offsets.quats[some]))
-        small["turns"][some] = _product(_conjugate(latents.quats[some]), quats)[:, 1:] * np.float32(0.5)
-        opacities = drawn.opacities[some]
-        small["shifts"][some] = drawn_gradients.means[some] * latents.units[some, None]
-        small["logs"][some] = drawn_gradients.scales[some] * drawn.scales[some]
-        small["logits"][some] = drawn_gradients.opacities[some] * (opacities * (1 - opacities))
+            quats = _product(quats, _conjugate(offsets.quats[rows]))
+        small["turns"][rows] = _product(_conjugate(latents.quats[rows]), quats)[:, 1:] * np.float32(0.5)
+        opacities = drawn.opacities[rows]
+        small["shifts"][rows] = drawn_gradients.means[rows] * latents.units[rows, None]
+        small["logs"][rows] = drawn_gradients.scales[rows] * drawn.scales[rows]
+        small["logits"][rows] = drawn_gradients.opacities[rows] * (opacities * (1 - opacities))
 
     each_piece(len(latents.quats), fill)
     gradients = {**small, "base": drawn_gradients.sh[:, 0], "harmonics": drawn_gradients.sh[:, 1:]}
@@ -265,16 +265,16 @@ def harmonic_gradient(
     """
     # Viewing directions are treated as constants, because fine-tuning hardly moves the centres of Gaussians.
     # Colours clipped at 0 have no gradient.
-    found = np.empty(splats.sh.shape, np.float32)
+    gradient = np.empty(splats.sh.shape, np.float32)
 
-    def fill(some: slice) -> None:
-        rays = splats.means[some] - camera_center
+    def fill(rows: slice) -> None:
+        rays = splats.means[rows] - camera_center
         directions = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), np.float32(1e-12))
-        slopes = np.where(seen.colors[some] > 0, colors[some], np.float32(0))
-        np.multiply(sh_basis(directions, splats.degree)[:, :, None], slopes[:, None, :], out=found[some])
+        slopes = np.where(seen.colors[rows] > 0, colors[rows], np.float32(0))
+        np.multiply(sh_basis(directions, splats.degree)[:, :, None], slopes[:, None, :], out=gradient[rows])
 
     each_piece(splats.num_gaussians, fill)
-    return found
+    return gradient
 
 
 def _logit(opacities: np.ndarray, least: float = 1e-6) -> np.ndarray:

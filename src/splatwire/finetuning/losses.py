@@ -24,7 +24,7 @@ class SimulatedReception:
     The receiver's concealer `grow` makes the received Gaussians larger and more opaque, so that they cover the gaps.
 
     Attributes:
-        known: Mask of received Gaussians.
+        received: Mask of received Gaussians.
         size_gain: Factor on the standard deviations of the received Gaussians.
         exponent: Exponent that changes their opacities: o becomes `1 - (1 - o) ** exponent`.
     """
@@ -33,26 +33,26 @@ class SimulatedReception:
     # share of the whole scene is used for all Gaussians. The two shares are nearly equal, because packets are
     # spread over the scene.
 
-    known: Bool[np.ndarray, "N"]
+    received: Bool[np.ndarray, "N"]
     size_gain: float
     exponent: float
 
     @staticmethod
-    def from_mask(known: Bool[np.ndarray, "N"]) -> "SimulatedReception":
+    def from_mask(fully_received: Bool[np.ndarray, "N"]) -> "SimulatedReception":
         """Creates the simulated reception of given Gaussians, with the factors by which `grow` enlarges these.
 
         Args:
-            known: Mask of the received Gaussians.
+            fully_received: Mask of the received Gaussians.
         """
-        gain, coverage = float(_GROW.gain(np.array([known.mean()]), known)[0]), SplatScene.COVERAGE
-        return SimulatedReception(known, gain**coverage.size, gain**coverage.opacity)
+        gain, coverage = float(_GROW.gain(np.array([fully_received.mean()]), fully_received)[0]), SplatScene.COVERAGE
+        return SimulatedReception(fully_received, gain**coverage.size, gain**coverage.opacity)
 
     def drawn_splats(self, splats: Splats) -> Splats:
         """Returns the Gaussians that a receiver draws: the received Gaussians, enlarged to cover gaps."""
-        there = splats.select(self.known)
-        clear = 1 - np.minimum(there.opacities, np.float32(_MAX_OPAQUE))
+        received = splats.select(self.received)
+        clear = 1 - np.minimum(received.opacities, np.float32(_MAX_OPAQUE))
         opacities = 1 - clear ** np.float32(self.exponent)
-        return replace(there, scales=there.scales * np.float32(self.size_gain), opacities=opacities)
+        return replace(received, scales=received.scales * np.float32(self.size_gain), opacities=opacities)
 
     def gradients(self, splats: Splats, drawn_gradients: Gradients) -> Gradients:
         """Back-propagates gradients from the drawn Gaussians to all Gaussians; gradients of lost Gaussians are 0.
@@ -61,7 +61,7 @@ class SimulatedReception:
             splats: All Gaussians, including those lost with packets.
             drawn_gradients: Gradients with respect to the drawn Gaussians, the result of `drawn_splats`.
         """
-        clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MAX_OPAQUE))
+        clear = 1 - np.minimum(splats.opacities[self.received], np.float32(_MAX_OPAQUE))
         slope = np.float32(self.exponent) * clear ** np.float32(self.exponent - 1)
         changed = replace(
             drawn_gradients,
@@ -70,8 +70,8 @@ class SimulatedReception:
         )
         whole = {}
         for name, values in vars(changed).items():
-            whole[name] = np.zeros((len(self.known), *values.shape[1:]), np.float32)
-            whole[name][self.known] = values
+            whole[name] = np.zeros((len(self.received), *values.shape[1:]), np.float32)
+            whole[name][self.received] = values
         return Gradients(**whole)
 
 
@@ -91,5 +91,5 @@ def simulate_reception(
     """
     assert options.loss is not None
     received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))
-    known = received[division.packet]
-    return None if known.all() or not known.any() else SimulatedReception.from_mask(known)
+    fully_received = received[division.packet]
+    return None if fully_received.all() or not fully_received.any() else SimulatedReception.from_mask(fully_received)

@@ -50,9 +50,9 @@ class HarmonicCost:
     def value(self, harmonics: Float[np.ndarray, "N K 3"]) -> float:
         """Returns the loss term: the mean cost of a Gaussian's harmonics, multiplied by the constant `WEIGHT`."""
 
-        def cost(some: slice) -> float:
-            found = self._coefficients(harmonics[some])
-            return float(np.log1p(np.abs(found) / self.steps[some]).sum(dtype=np.float64))
+        def cost(rows: slice) -> float:
+            coefficients = self._coefficients(harmonics[rows])
+            return float(np.log1p(np.abs(coefficients) / self.steps[rows]).sum(dtype=np.float64))
 
         return WEIGHT * math.fsum(each_piece(len(harmonics), cost)) / len(harmonics)
 
@@ -61,10 +61,10 @@ class HarmonicCost:
         # Coefficients that are 0 have none.
         result, weight = np.empty(harmonics.shape, np.float32), np.float32(WEIGHT / len(harmonics))
 
-        def fill(some: slice) -> None:
-            found = self._coefficients(harmonics[some])
-            slopes = np.sign(found) * weight / (self.steps[some] + np.abs(found))
-            result[some] = (slopes @ self.transform.T).reshape(result[some].shape)
+        def fill(rows: slice) -> None:
+            coefficients = self._coefficients(harmonics[rows])
+            slopes = np.sign(coefficients) * weight / (self.steps[rows] + np.abs(coefficients))
+            result[rows] = (slopes @ self.transform.T).reshape(result[rows].shape)
 
         each_piece(len(harmonics), fill)
         return result

@@ -189,13 +189,13 @@ def tuned_gaussians(
         one = replace(scene, splats=shown, coding=None, hints=None)
         # The divisor is fixed: with the logarithm of the error as the loss, Gaussians that are large in a single view
         # would be sacrificed for other views.
-        error, found = picture_gradients(
+        error, splat_gradients = picture_gradients(
             one, pictures.cameras, view, target, mask, scales.get((view, reception is None))
         )
         scales.setdefault((view, reception is None), error)
         if reception is not None:
-            found = reception.gradients(drawn, found)
-        gradients = gradients_of(latents, drawn, offsets, found)
+            splat_gradients = reception.gradients(drawn, splat_gradients)
+        gradients = gradients_of(latents, drawn, offsets, splat_gradients)
         if costly is not None:
             _add(gradients["harmonics"], costly)
         optimizer.update(latents.trained(), gradients, rate * _decay(step / options.iterations))
@@ -280,13 +280,13 @@ class _Adam:
             constants = [np.float32(number) for number in (size, 1 / root, BETA1, BETA2, EPSILON)]
 
             def change(
-                some: slice, name: str = name, values: np.ndarray = values, constants: list[np.float32] = constants
+                rows: slice, name: str = name, values: np.ndarray = values, constants: list[np.float32] = constants
             ) -> None:
-                gradient = np.ascontiguousarray(gradients[name][some], np.float32)
+                gradient = np.ascontiguousarray(gradients[name][rows], np.float32)
                 steps = np.zeros_like(gradient)
-                flat = [array.reshape(-1) for array in (steps, gradient, *(each[some] for each in self._moments[name]))]
+                flat = [array.reshape(-1) for array in (steps, gradient, *(each[rows] for each in self._moments[name]))]
                 update_run(*flat, 0, steps.size, *constants)
-                values[some] += self._sizes[some].reshape(-1, *[1] * (values.ndim - 1)) * steps
+                values[rows] += self._sizes[rows].reshape(-1, *[1] * (values.ndim - 1)) * steps
 
             each_piece(len(values), change)
 
@@ -300,8 +300,8 @@ class _Adam:
 def _add(values: Float[np.ndarray, "N K 3"], more: Float[np.ndarray, "N K 3"]) -> None:
     """Adds `more` to `values` in place, in parallel threads."""
 
-    def add(some: slice) -> None:
-        values[some] += more[some]
+    def add(rows: slice) -> None:
+        values[rows] += more[rows]
 
     each_piece(len(values), add)
 

@@ -146,8 +146,8 @@ def drawable_scene(path: Path, concealer: Concealer | str) -> tuple[Scene, int]:
         SplatwireError: See `read_scene_file`.
     """
     method = create_concealer(concealer) if isinstance(concealer, str) else concealer
-    found = read_scene_file(path)
-    return concealed(found.loaded, method), found.num_lost
+    scene_file = read_scene_file(path)
+    return concealed(scene_file.loaded, method), scene_file.num_lost
 
 
 def _read(path: Path) -> SceneFile:
@@ -156,9 +156,9 @@ def _read(path: Path) -> SceneFile:
     if form is not None and form.scene_type is not None:
         scene: Any = read_with(form, path)
         if not issubclass(type(scene), form.scene_type):
-            found, wanted = type(scene).__name__, form.scene_type.__name__
+            actual, expected = type(scene).__name__, form.scene_type.__name__
             suffix = FORMATS.provider_suffix(form.name)
-            raise InvalidValueError(f"file format '{form.name}'{suffix} returned {found}, not {wanted}")
+            raise InvalidValueError(f"file format '{form.name}'{suffix} returned {actual}, not {expected}")
         return SceneFile(kind, as_scene(scene), None)
     if form is not None:
         content = read_content(path)
@@ -172,8 +172,8 @@ def _read(path: Path) -> SceneFile:
         )
         return SceneFile(kind, scene, None)
     if kind in STREAMS:
-        partial = decode_stream(read_stream(path)[0].require_static(path))
-        return SceneFile(kind, partial, partial.loss_mask)
+        received = decode_stream(read_stream(path)[0].require_static(path))
+        return SceneFile(kind, received, received.loss_mask)
     if kind in SCENE_FILES:
         return SceneFile(kind, *load_scene_file(path))
     raise BitstreamError(is_not(path, _EXPECTED) + model_nearby(path, MODEL_3DGS, HACPP))

@@ -103,9 +103,9 @@ def _saved_as_own_type(scene: Scene, target: Path) -> bool:
     if form.scene_type is None:
         return False
     if not isinstance(scene, form.scene_type):
-        found = type(scene).__name__
+        type_name = type(scene).__name__
         raise InvalidValueError(
-            f"{target}: {form.description} holds scenes of the type {form.scene_type.__name__}, not {found}"
+            f"{target}: {form.description} holds scenes of the type {form.scene_type.__name__}, not {type_name}"
         )
     write_with(form, scene, target)
     return True
@@ -128,12 +128,12 @@ def _ply_steps_of(scene: Scene) -> PlySteps | None:
 
 @checked
 def save_decoded(
-    partial: ReceivedScene, concealer: Concealer | None, path: Path, *, outliers: Outliers = DEFAULT
+    received: ReceivedScene, concealer: Concealer | None, path: Path, *, outliers: Outliers = DEFAULT
 ) -> Scene:
     """Writes a decoded stream to a file, after concealment if a concealer is given.
 
     Args:
-        partial: Decoded anchors or explicit Gaussians, with lost elements marked.
+        received: Decoded anchors or explicit Gaussians, with lost elements marked.
         concealer: Concealer of lost elements. If None, lost anchors are marked in the file, and lost Gaussians are
             omitted.
         path: Path of the file.
@@ -147,10 +147,10 @@ def save_decoded(
         SplatwireError: See `save_scene`.
         OSError: If the file cannot be written.
     """
-    if concealer is None and partial.get(Prior) is not None:
-        save_scene(partial, path, outliers=outliers)
-        return partial.scene
-    scene = conceal(partial, concealer or "drop")
-    recorded = partial.loss_mask if explicit_gaussians(scene) is None else None  # callers report losses of Gaussians
+    if concealer is None and received.get(Prior) is not None:
+        save_scene(received, path, outliers=outliers)
+        return received.scene
+    scene = conceal(received, concealer or "drop")
+    recorded = received.loss_mask if explicit_gaussians(scene) is None else None  # callers report losses of Gaussians
     save_scene(scene, path, loss_mask=recorded, outliers=outliers)
     return scene

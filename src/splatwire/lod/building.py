@@ -60,9 +60,9 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
         below, end = whole.run(end - finer.count, end), end - finer.count
         level, squares, at = whole.run(end - shape.count, end), np.zeros((shape.num_tiles, 2)), end - shape.count
         for parent, child, share, mass in _gaussians_per_tile(below, finer, shape):
-            some, kept, error = _reduced(below, finer, child, share, mass)
+            reduced, kept, error = _reduced(below, finer, child, share, mass)
             if share:
-                level.fill(at - end + shape.count, some)
+                level.fill(at - end + shape.count, reduced)
                 is_copy[at + kept : at + share] = False
                 at += share
             squares[parent] += share * (error**2 + errors[-1][child] ** 2), share
@@ -115,10 +115,10 @@ def _gaussians_per_tile(
     for parent in range(shape.num_tiles):
         children = np.flatnonzero(parents == parent)
         runs = [splats.run(*finer.edges[child : child + 2].tolist()) for child in children]
-        found = [footprints(run) for run in runs]
-        extents = np.array([np.sqrt(mass).sum() for mass in found])
+        footprints_by_run = [footprints(run) for run in runs]
+        extents = np.array([np.sqrt(mass).sum() for mass in footprints_by_run])
         shares = distribute(shape.size, extents, np.array([run.num_gaussians for run in runs]))
-        yield from zip(itertools.repeat(parent), children.tolist(), shares.tolist(), found)
+        yield from zip(itertools.repeat(parent), children.tolist(), shares.tolist(), footprints_by_run)
 
 
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
@@ -143,5 +143,5 @@ def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray
 
 
 def _reduced(splats: Splats, shape: LevelShape, tile: int, count: int, mass: np.ndarray) -> tuple[Splats, int, float]:
-    some = splats.run(int(shape.edges[tile]), int(shape.edges[tile + 1]))
-    return reduce_gaussians(some, count, mass) if count else (some, 0, 0.0)
+    tile_splats = splats.run(int(shape.edges[tile]), int(shape.edges[tile + 1]))
+    return reduce_gaussians(tile_splats, count, mass) if count else (tile_splats, 0, 0.0)

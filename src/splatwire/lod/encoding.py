@@ -66,17 +66,17 @@ def encode_levels(
     report = progress or (lambda share: None)
     with one_blas_thread(), ThreadPoolExecutor(1) as beside:
         building = beside.submit(build_levels, scene, packetization.block_size, lambda share: report(BUILDING * share))
-        found = classes() if callable(classes) else classes
-        if found is not None:
-            found = array_of(found, "classes", (len(rows.kept),), "i", -128, 127)
+        class_array = classes() if callable(classes) else classes
+        if class_array is not None:
+            class_array = array_of(class_array, "classes", (len(rows.kept),), "i", -128, 127)
         built = building.result()
-    if found is not None and not rows.complete:
-        found = found[rows.kept]
-    if quality is None and found is not None and not scene.splats.degree:
+    if class_array is not None and not rows.complete:
+        class_array = class_array[rows.kept]
+    if quality is None and class_array is not None and not scene.splats.degree:
         quality = WALKED
     stream = encode_scene(
-        built.scene, packetization, quality=quality, classes=_precision_classes(built, found, quality), threads=threads,
-        progress=lambda share: report(BUILDING + (1 - BUILDING) * share),
+        built.scene, packetization, quality=quality, classes=_precision_classes(built, class_array, quality),
+        threads=threads, progress=lambda share: report(BUILDING + (1 - BUILDING) * share),
     )  # fmt: skip
     return with_tile_index(stream, built.errors)
 
@@ -94,6 +94,6 @@ def _precision_classes(
     chosen = quality_of("default" if quality is None else quality).num_classes(built.scene.splats.degree)
     # In coarser levels, copies of finer Gaussians get a more precise class than merged Gaussians.
     merged = max(COARSEST_CLASS, 1 - chosen)
-    found = np.where(built.is_copy, np.int8(merged + 1), np.int8(merged))
-    found[-len(built.order) :] = 0 if classes is None else classes[built.order]
-    return found
+    result = np.where(built.is_copy, np.int8(merged + 1), np.int8(merged))
+    result[-len(built.order) :] = 0 if classes is None else classes[built.order]
+    return result

@@ -66,8 +66,8 @@ def _num_unchanged(mass: np.ndarray, count: int) -> int:
     """
     ordered = -np.sort(-mass)[:count]
     # A Gaussian stays unchanged if it is larger than an average merged Gaussian would be.
-    left = np.maximum(mass.sum() - np.append(0, np.cumsum(ordered)[:-1]), 0)
-    return min(max(int((ordered > left / (count - np.arange(count))).sum()), 1), count - 1)
+    mass_left = np.maximum(mass.sum() - np.append(0, np.cumsum(ordered)[:-1]), 0)
+    return min(max(int((ordered > mass_left / (count - np.arange(count))).sum()), 1), count - 1)
 
 
 def _relative(means: np.ndarray) -> np.ndarray:
@@ -99,8 +99,8 @@ def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[S
     means = splats.means.astype(np.float64)
     centres = mean(means)
     apart = means - np.repeat(centres, sizes, axis=0)
-    own = _covariances(splats)
-    spread = mean(own + apart[:, :, None] * apart[:, None, :])
+    covariances = _covariances(splats)
+    spread = mean(covariances + apart[:, :, None] * apart[:, None, :])
     values, vectors = np.linalg.eigh(spread)
     values = np.maximum(values, SMALLEST * values[:, 2:].clip(min=1e-30))
     scales = np.sqrt(values)

@@ -184,8 +184,8 @@ def _attach(nodes: list[dict[str, Any]], finer: list[dict[str, Any]]) -> None:
     """
     # 3D Tiles requires that a tile's box contains the boxes of its children, and that its geometric error is not
     # smaller than theirs.
-    for node, place in zip(finer, parents_of(len(finer), len(nodes)).tolist(), strict=True):
-        parent = nodes[place]
+    for node, parent_index in zip(finer, parents_of(len(finer), len(nodes)).tolist(), strict=True):
+        parent = nodes[parent_index]
         parent.setdefault("children", []).append(node)
         parent["geometricError"] = max(parent["geometricError"], node["geometricError"])
         corners = [_corners(parent["boundingVolume"]["box"]), _corners(node["boundingVolume"]["box"])]

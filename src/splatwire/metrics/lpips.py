@@ -202,6 +202,6 @@ def _layout(network: str) -> _Backbone:
 def _take(weights: Mapping[str, Any], key: str, shape: tuple[int, ...], path: str | os.PathLike[str]) -> np.ndarray:
     values = weights.get(key)
     if not isinstance(values, np.ndarray) or values.shape != shape:
-        found = values.shape if isinstance(values, np.ndarray) else "nothing"
-        raise DatasetError(f"{os.fspath(path)}: '{key}' should have shape {shape}, found {found}")
+        actual = values.shape if isinstance(values, np.ndarray) else "nothing"
+        raise DatasetError(f"{os.fspath(path)}: '{key}' should have shape {shape}, found {actual}")
     return values.astype(np.float32)

@@ -9,7 +9,7 @@ from splatwire.arguments import array_of, checked
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import to_numpy
 
-_MOST = 8.0
+_MAX_VALUE = 8.0
 """Largest value of a picture. Renders that are not clamped exceed 1 a little; 8-bit pictures reach 255."""
 
 
@@ -45,9 +45,11 @@ def _unit_range(images: np.ndarray, name: str) -> np.ndarray:
         images: The pictures.
         name: Name of the argument, for the message.
     """
-    if images.dtype.kind != "f" or (images.size and images.max() > _MOST):
-        most = images.max() if images.size else 0
-        raise InvalidValueError(f"{name}: expected RGB from 0 to 1, not {images.dtype} up to {most:g}: divide by 255")
+    if images.dtype.kind != "f" or (images.size and images.max() > _MAX_VALUE):
+        largest = images.max() if images.size else 0
+        raise InvalidValueError(
+            f"{name}: expected RGB from 0 to 1, not {images.dtype} up to {largest:g}: divide by 255"
+        )
     return images
 
 
@@ -65,7 +67,7 @@ def mean_inside(
     """
     if masks is None:
         return values.mean(axis=(1, 2, 3))
-    left = to_numpy(masks).sum(axis=(1, 2))
-    if not bool((left > 0).all()):
+    num_pixels = to_numpy(masks).sum(axis=(1, 2))
+    if not bool((num_pixels > 0).all()):
         raise InvalidValueError("a mask leaves nothing of its picture to compare")
-    return (black_outside(values, masks).sum(axis=(1, 2, 3)) / (3 * left)).astype(values.dtype)
+    return (black_outside(values, masks).sum(axis=(1, 2, 3)) / (3 * num_pixels)).astype(values.dtype)

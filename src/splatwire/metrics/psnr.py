@@ -12,9 +12,9 @@ from splatwire.metrics.masks import black_outside, image_pair, mean_inside
 @checked
 def decibels(mse: Float[Any, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Converts mean squared errors of values in [0, 1] to PSNR in decibels."""
-    found = array_of(mse, "mse", None)
+    errors = array_of(mse, "mse", None)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return -10 * np.log10(found)
+        return -10 * np.log10(errors)
 
 
 @checked

@@ -86,9 +86,9 @@ def measure_view(name: str, image: np.ndarray, reference: np.ndarray, mask: np.n
     """
     measure = METRICS[name].measure
     assert measure is not None
-    found = np.asarray(measure(image, reference, mask))
-    if found.shape != (1,) or found.dtype.kind not in "fiu" or bool(np.isnan(found[0])):
-        shown = f"{found.dtype} of shape {found.shape}" if found.shape != (1,) else f"{found[0]!r}"
+    value = np.asarray(measure(image, reference, mask))
+    if value.shape != (1,) or value.dtype.kind not in "fiu" or bool(np.isnan(value[0])):
+        shown = f"{value.dtype} of shape {value.shape}" if value.shape != (1,) else f"{value[0]!r}"
         whose = f"metric '{name}'{METRICS.provider_suffix(name)}"
         raise InvalidValueError(f"{whose} returned {shown} for one view, not a number")
-    return float(found[0])
+    return float(value[0])

@@ -80,10 +80,10 @@ class CacheFile(IndexDataCacheFile):
     def _load_index(self) -> dict[Any, str]:
         """Returns the names of the data files by key; empty for an unreadable index, such as one of another release."""
         try:
-            found: dict[Any, str] = super()._load_index()
+            index: dict[Any, str] = super()._load_index()
         except Exception:  # unpickling may raise anything
             return {}
-        return found
+        return index
 
     def _data_name_of(self, packed: bytes) -> str:
         return f"{self._stem}.{hashlib.blake2b(packed, digest_size=_DIGEST_BYTES).hexdigest()}.nbc"

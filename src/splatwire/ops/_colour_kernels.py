@@ -12,7 +12,7 @@ from splatwire.ops.compiled import njit
 from splatwire.ops.spherical_harmonics import DC
 
 # float32 constants, because products with Python numbers would be computed in float64.
-_HALF, _LEAST, _ZERO = np.float32(0.5), np.float32(1e-12), np.float32(0)
+_HALF, _MIN_DISTANCE, _ZERO = np.float32(0.5), np.float32(1e-12), np.float32(0)
 _TWO, _THREE, _FOUR = np.float32(2), np.float32(3), np.float32(4)
 _DC, _FIRST = np.float32(DC), np.float32(math.sqrt(3 / (4 * math.pi)))
 _CROSS, _POLAR = np.float32(math.sqrt(15 / (4 * math.pi))), np.float32(math.sqrt(5 / (16 * math.pi)))
@@ -37,7 +37,7 @@ def view_colours(means, sh, center, basis, colors):
     for i in range(len(means)):
         x, y, z = means[i, 0] - center[0], means[i, 1] - center[1], means[i, 2] - center[2]
         distance = np.float32(np.sqrt(x * x + y * y + z * z))
-        distance = distance if distance != distance else max(distance, _LEAST)
+        distance = distance if distance != distance else max(distance, _MIN_DISTANCE)
         x, y, z = x / distance, y / distance, z / distance
         basis[0] = x * _ZERO + _DC
         if functions > 1:

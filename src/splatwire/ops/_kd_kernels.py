@@ -37,8 +37,8 @@ def _widest(points, order, begin, end):
     best, axis = -1.0, 0
     for candidate in range(points.shape[1]):
         total, squares, start = 0.0, 0.0, points[order[begin], candidate]
-        for place in range(begin, end):
-            value = points[order[place], candidate] - start
+        for index in range(begin, end):
+            value = points[order[index], candidate] - start
             total += value
             squares += value * value
         variance = squares - total * total / (end - begin)

@@ -88,8 +88,8 @@ def sort_buckets(codes, order, edges, most):
         if end - begin < 2 or end - begin > most:
             continue
         if end - begin > INSERTED:
-            here = order[begin:end].copy()
-            order[begin:end] = here[np.argsort(codes[here], kind="mergesort")]
+            bucket_order = order[begin:end].copy()
+            order[begin:end] = bucket_order[np.argsort(codes[bucket_order], kind="mergesort")]
             continue
         for count in range(end - begin):
             prefetch(codes, np.int64(order[min(begin + count + AHEAD, len(order) - 1)]), np.int64(0))

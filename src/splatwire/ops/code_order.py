@@ -50,8 +50,8 @@ def _sort(codes: np.ndarray, order: np.ndarray, bits: int, indices: np.ndarray) 
     parts = np.searchsorted(edges, np.arange(0, len(order) + SOME, SOME))
     share(lambda ends: sort_buckets(codes, order, edges[ends[0] : ends[1] + 1], SOME), list(itertools.pairwise(parts)))
     for digit in np.flatnonzero(np.diff(edges) > SOME).tolist():
-        here = order[edges[digit] : edges[digit + 1]]
-        _sort(codes, here, shift, here.copy())
+        members = order[edges[digit] : edges[digit + 1]]
+        _sort(codes, members, shift, members.copy())
 
 
 def _scatter(codes: np.ndarray, order: np.ndarray, shift: int, indices: np.ndarray) -> np.ndarray:

@@ -43,12 +43,15 @@ class NeighborTree:
             Indices of the points, and their distances in the dtype of the queries.
         """
         kept = max(0, min(k, self.num_points))
-        given = to_numpy(queries)
-        index, distance = np.empty((len(given), kept), np.int64), np.empty((len(given), kept), given.dtype)
+        points_asked = to_numpy(queries)
+        index, distance = (
+            np.empty((len(points_asked), kept), np.int64),
+            np.empty((len(points_asked), kept), points_asked.dtype),
+        )
         # if more points than this tie for the last place, the choice among them is deterministic, but arbitrary
         wanted = min(kept + _SPARE, self.num_points)
-        if kept and len(given):
-            points = given.astype(np.float64)
+        if kept and len(points_asked):
+            points = points_asked.astype(np.float64)
             for start in range(0, len(points), _CHUNK):
                 rows = slice(start, start + _CHUNK)
                 far, near = self._tree.query(points[rows], k=np.arange(1, wanted + 1), workers=-1)

@@ -256,8 +256,8 @@ def store_first(typingctx, array, index, value, count):
             if count.literal_value & width:
                 picked = ir.Constant(ir.VectorType(ir.IntType(32), width), [*range(at, at + width)])
                 part = builder.shuffle_vector(value, value, picked)
-                place = builder.gep(address, [ir.Constant(ir.IntType(64), at)])
-                builder.store(part, builder.bitcast(place, part.type.as_pointer()), align=4)
+                pointer = builder.gep(address, [ir.Constant(ir.IntType(64), at)])
+                builder.store(part, builder.bitcast(pointer, part.type.as_pointer()), align=4)
                 at += width
         return context.get_dummy_value()
 

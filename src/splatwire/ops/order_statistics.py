@@ -21,21 +21,21 @@ def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
     Returns:
         The number at each position, float64.
     """
-    found, left = [0] * len(ranks), list(ranks)
+    values, remaining = [0] * len(ranks), list(ranks)
     shift = size = 8 * next(iter(pieces())).dtype.itemsize
     while shift:
         bits = min(DIGIT_BITS, shift)
         shift -= bits
-        prefixes = np.unique(np.array(found, dtype=f"u{size // 8}"))
+        prefixes = np.unique(np.array(values, dtype=f"u{size // 8}"))
         counts = np.zeros((len(prefixes), 1 << bits), np.int64)
         for piece in pieces():
             count_digits(np.ascontiguousarray(piece).view(prefixes.dtype), prefixes, shift, bits, counts)
-        for i, prefix in enumerate(found):
+        for i, prefix in enumerate(values):
             upto = np.cumsum(counts[np.searchsorted(prefixes, prefixes.dtype.type(prefix))])
-            digit = int(np.searchsorted(upto, left[i], side="right"))
-            left[i] -= int(upto[digit - 1]) if digit else 0
-            found[i] = prefix << bits | digit
-    return _numbers(np.array(found, dtype=f"u{size // 8}"))
+            digit = int(np.searchsorted(upto, remaining[i], side="right"))
+            remaining[i] -= int(upto[digit - 1]) if digit else 0
+            values[i] = prefix << bits | digit
+    return _numbers(np.array(values, dtype=f"u{size // 8}"))
 
 
 def middle_ranks(count: int) -> list[int]:

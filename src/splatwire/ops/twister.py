@@ -25,13 +25,13 @@ class Twister:
 
     def normal(self, count: int) -> np.ndarray:
         """Returns standard normal random numbers, float32 (count), by the Box-Muller method."""
-        given = self.uniform(max(count, _BLOCK))
-        whole = len(given) // _BLOCK * _BLOCK
-        found = _normal(given[:whole])
-        if whole < len(given):
-            found = np.concatenate([found, given[whole:]])
-            found[-_BLOCK:] = _normal(self.uniform(_BLOCK))
-        return found[:count]
+        uniform = self.uniform(max(count, _BLOCK))
+        whole = len(uniform) // _BLOCK * _BLOCK
+        values = _normal(uniform[:whole])
+        if whole < len(uniform):
+            values = np.concatenate([values, uniform[whole:]])
+            values[-_BLOCK:] = _normal(self.uniform(_BLOCK))
+        return values[:count]
 
     def _numbers(self, count: int) -> np.ndarray:
         return self._rng.randint(0, 1 << 32, count, dtype=np.uint32)

@@ -53,13 +53,13 @@ def _insert(index, strength, candidate, u):
         u: Score of this anchor.
     """
     # Behind entries of equal score.
-    place = strength.shape[0] - 1
-    while place > 0 and strength[place - 1] < u:
-        strength[place] = strength[place - 1]
-        index[place] = index[place - 1]
-        place -= 1
-    strength[place] = u
-    index[place] = candidate
+    rank = strength.shape[0] - 1
+    while rank > 0 and strength[rank - 1] < u:
+        strength[rank] = strength[rank - 1]
+        index[rank] = index[rank - 1]
+        rank -= 1
+    strength[rank] = u
+    index[rank] = candidate
 
 
 @njit()
@@ -96,9 +96,9 @@ def _score_all(context, signature, reliability, queries, candidates, distance, e
     for batch in prange((queries.shape[0] + _BATCH - 1) // _BATCH):
         for q in range(batch * _BATCH, min((batch + 1) * _BATCH, queries.shape[0])):
             for g in range(index.shape[1]):
-                for place in range(index.shape[2]):
-                    index[q, g, place] = candidates[q, 0]
-                    strength[q, g, place] = -1
+                for rank in range(index.shape[2]):
+                    index[q, g, rank] = candidates[q, 0]
+                    strength[q, g, rank] = -1
             _score_query(
                 context, signature, reliability, queries[q], candidates[q], distance[q], exponents,
                 index[q], strength[q],

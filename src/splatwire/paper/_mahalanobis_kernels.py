@@ -41,13 +41,13 @@ def _insert(index, distance, candidate, gap):
         candidate: Index of the candidate.
         gap: Squared distance of the candidate.
     """
-    place = distance.shape[0] - 1
-    while place > 0 and (distance[place - 1] > gap or (distance[place - 1] == gap and index[place - 1] > candidate)):
-        distance[place] = distance[place - 1]
-        index[place] = index[place - 1]
-        place -= 1
-    distance[place] = gap
-    index[place] = candidate
+    rank = distance.shape[0] - 1
+    while rank > 0 and (distance[rank - 1] > gap or (distance[rank - 1] == gap and index[rank - 1] > candidate)):
+        distance[rank] = distance[rank - 1]
+        index[rank] = index[rank - 1]
+        rank -= 1
+    distance[rank] = gap
+    index[rank] = candidate
 
 
 @njit(parallel=True)

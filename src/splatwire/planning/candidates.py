@@ -196,13 +196,13 @@ def _init_segment_candidates(
     lead = _spread_end(constraints, sum(bare.values()) + rate / (1 - rate) * bare["side"])
     starts = [Protection(side_lead=lead * part, side_symbol_bytes=size, head_share=head_share)
               for part in LEADS for size in (None, FINE_SYMBOL_BYTES)]  # fmt: skip
-    found = []
+    protections = []
     for start in starts:
         side = _least_repair(load, traces, rate, constraints, start)
         model = model_transfer(load, side)
         share = float(side_info_arrivals(model, _received_within(model, traces, constraints.budget_bytes)).mean())
-        found.append((-min(share, constraints.head_target), int(model.num_bytes.sum()), side))
-    best = [side for _, _, side in sorted(found, key=lambda entry: entry[:2])[:BEST_SIDES]]
+        protections.append((-min(share, constraints.head_target), int(model.num_bytes.sum()), side))
+    best = [side for _, _, side in sorted(protections, key=lambda entry: entry[:2])[:BEST_SIDES]]
     return [*best, replace(best[0], side_repair=min(SAFER * best[0].side_repair, MAX_REPAIR))]
 
 

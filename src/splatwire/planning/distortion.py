@@ -58,9 +58,9 @@ class DistortionModel:
         # were lost, so the sum would be too large.
         added, before = np.zeros(len(lost)), np.zeros(len(lost))
         for tier, curve in enumerate(self.mse):
-            here = lost[:, tier]
-            added += np.interp(here, self.shares, curve) - np.interp(before, self.shares, curve)
-            before = here
+            shares = lost[:, tier]
+            added += np.interp(shares, self.shares, curve) - np.interp(before, self.shares, curve)
+            before = shares
         return -10 * np.log10(self.base_mse + np.maximum(added, 0))
 
 
@@ -97,7 +97,7 @@ class StreamVariant:
         if not 0 <= self.concealment_bytes <= self.load.head_bytes:
             raise InvalidValueError(
                 f"StreamVariant.concealment_bytes: {shown(self.concealment_bytes)} bytes for concealers in a "
-                f"head object of {self.load.head_bytes}"
+                f"head of {self.load.head_bytes}"
             )
         whole_number(self.preview_bytes, "StreamVariant.preview_bytes")
         if not abs(self.blank_psnr) < math.inf:

@@ -101,7 +101,7 @@ def _plan(
     until = count / len(ends)
     packets = received.copy()
     packets[:, :count] = True
-    found = expected_result(
+    result = expected_result(
         variant, SimulatedTransfers(np.ones(len(packets), dtype=np.bool_), packets), rendered_trials
     )
     resent = again * float(variant.load.packet_bytes[:count].sum())
@@ -110,7 +110,7 @@ def _plan(
     # Any limit, however large, makes the sender keep unsent repair symbols of the init segment.
     limit = MAX_RETRANSMITTED if count == len(ends) else None
     protection = Protection(side_repair=0.0, resend=limit, resend_until=until)
-    return ScenePlan(protection, number, found.psnr, found.lost, total, 1.0, sizes | spent, extra)
+    return ScenePlan(protection, number, result.psnr, result.lost, total, 1.0, sizes | spent, extra)
 
 
 def _lost_per_received(received: np.ndarray) -> float:

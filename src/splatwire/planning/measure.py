@@ -78,31 +78,35 @@ class LossyPictures:
         chosen = create_concealer(concealer)
         self._concealer = chosen.with_neighbors(complete) if isinstance(chosen, Grow) else chosen
 
-    def scene(self, known: Bool[np.ndarray, "N"]) -> Scene:
+    def scene(self, fully_received: Bool[np.ndarray, "N"]) -> Scene:
         """Returns the scene after losses and concealment.
 
         Args:
-            known: Mask of the received elements, bool (N).
+            fully_received: Mask of the received elements, bool (N).
         """
-        return self._complete.scene if bool(known.all()) else conceal(self._complete.masked(known), self._concealer)
+        return (
+            self._complete.scene
+            if bool(fully_received.all())
+            else conceal(self._complete.masked(fully_received), self._concealer)
+        )
 
-    def errors(self, known: Bool[np.ndarray, "N"]) -> np.ndarray:
+    def errors(self, fully_received: Bool[np.ndarray, "N"]) -> np.ndarray:
         """Returns the mean squared error of each view after losses and concealment, float64 (views).
 
         Args:
-            known: Mask of the received elements, bool (N).
+            fully_received: Mask of the received elements, bool (N).
         """
-        pictures = iterate_views(self.scene(known), self._cameras)
+        pictures = iterate_views(self.scene(fully_received), self._cameras)
         pairs = zip(pictures, self._references, strict=True)
         return self._base + np.array([_mean_square(image - truth) for image, truth in pairs])
 
-    def psnr(self, known: Bool[np.ndarray, "N"]) -> float:
+    def psnr(self, fully_received: Bool[np.ndarray, "N"]) -> float:
         """Returns the mean PSNR of the views after losses and concealment, decibels.
 
         Args:
-            known: Mask of the received elements, bool (N).
+            fully_received: Mask of the received elements, bool (N).
         """
-        return float((-10 * np.log10(self.errors(known))).mean())
+        return float((-10 * np.log10(self.errors(fully_received))).mean())
 
     def preview_psnr(self, preview: bytes) -> float:
         """Returns the mean PSNR, decibels, if the receiver has only the preview.
@@ -147,15 +151,15 @@ def measure_distortion(
     _check_shares(loss_shares)
     whole_number(seed, "seed", 0, MAX_SEED)
     draw, num_tiers = Twister(seed).uniform(len(tiers)), int(tiers.max()) + 1
-    place = np.empty(len(tiers), np.float32)
+    sending_position = np.empty(len(tiers), np.float32)
     for tier in range(num_tiers):  # stratified: a share of each tier, not of all anchors
         members = np.flatnonzero(tiers == tier)
-        place[members[draw[members].argsort(kind="stable")]] = np.arange(len(members)) / len(members)
+        sending_position[members[draw[members].argsort(kind="stable")]] = np.arange(len(members)) / len(members)
     base = float(pictures.errors(np.ones(len(tiers), np.bool_)).mean())
     mse = np.zeros((num_tiers, len(loss_shares)))
     for tier in range(num_tiers):
         for s, share in enumerate(loss_shares[1:], start=1):
-            mse[tier, s] = float(pictures.errors((tiers < tier) | (place >= share)).mean()) - base
+            mse[tier, s] = float(pictures.errors((tiers < tier) | (sending_position >= share)).mean()) - base
             if progress:
                 progress((tier * (len(loss_shares) - 1) + s) / (num_tiers * (len(loss_shares) - 1)))
     return DistortionModel(np.array(loss_shares), np.maximum.accumulate(mse, axis=1), base)
@@ -192,7 +196,7 @@ def variant_of_stream(
     members = packet_members(stream)
 
     def picture(packets: np.ndarray) -> float:
-        return pictures.psnr(known_elements(members, packets, pictures.num_elements))
+        return pictures.psnr(received_elements(members, packets, pictures.num_elements))
 
     blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
     # The preview is sent twice: in the welcome and with the side information.
@@ -240,10 +244,10 @@ def packet_members(stream: SceneStream) -> list[np.ndarray]:
 
 
 @checked
-def known_elements(
+def received_elements(
     packet_members: Sequence[np.ndarray], packets: np.ndarray, num_elements: int
 ) -> Bool[np.ndarray, "N"]:
-    """Returns which elements are known if only some packets are available, bool (N).
+    """Returns the mask of the elements that are received if only some packets arrive, bool (N).
 
     Args:
         packet_members: Indices of the elements in each packet, from `packet_members`.
@@ -255,10 +259,10 @@ def known_elements(
         raise InvalidValueError(
             f"packet_members: expected one array for each of {len(packets)} packets, not {len(packet_members)}"
         )
-    known = np.zeros(whole_number(num_elements, "num_elements", 0, MAX_ELEMENTS), np.bool_)
+    received = np.zeros(whole_number(num_elements, "num_elements", 0, MAX_ELEMENTS), np.bool_)
     try:
-        for place in np.flatnonzero(packets).tolist():
-            known[packet_members[place]] = True
+        for index in np.flatnonzero(packets).tolist():
+            received[packet_members[index]] = True
     except IndexError as error:
         raise InvalidValueError(f"packet_members: an index is not below num_elements, {num_elements}") from error
-    return known
+    return received

@@ -45,8 +45,13 @@ def plan_content(protection: Protection, stream_id: int, facts: dict[str, Any]) 
         stream_id: Id of the stream.
         facts: Further values to store for information, such as the expected PSNR.
     """
-    own = {"format": FORMAT, "version": VERSION, "stream_id": f"{stream_id:08x}", "protection": asdict(protection)}
-    return {**facts, **own}
+    fixed_fields = {
+        "format": FORMAT,
+        "version": VERSION,
+        "stream_id": f"{stream_id:08x}",
+        "protection": asdict(protection),
+    }
+    return {**facts, **fixed_fields}
 
 
 @checked

@@ -139,13 +139,13 @@ def plan_protection(
         for chosen in (_leaders(plans, SHORT_LIST), plain)
     )
     finalists = _finalists(plans, plain, head_target)
-    fresh = draw_transfer_losses(
+    new_traces = draw_transfer_losses(
         variants, loss, min(FINAL_TRIALS, max(MAX_SIMULATED_DATAGRAMS // traces.shape[1], trials)), seed + 1
     )
     scored = []
     for plan in finalists:
-        found = _evaluate_plan(variants[plan.variant], plan, fresh, budget_bytes, rendered_trials)
-        scored.append(replace(found, plain=plan in plain))
+        evaluated = _evaluate_plan(variants[plan.variant], plan, new_traces, budget_bytes, rendered_trials)
+        scored.append(replace(evaluated, plain=plan in plain))
         report(0.7 + 0.3 * len(scored) / len(finalists))
     whole = max(float(variant.distortion.psnr(np.zeros((1, variant.load.num_tiers)))[0]) for variant in variants)
     return _choose_plan(scored, whole)
@@ -268,9 +268,9 @@ def _evaluate_plan(
     arrival = arrival_within(
         model_transfer(variant.load, plan.protection), traces, variant.budget_after_preview(budget_bytes)
     )
-    found = expected_result(variant, arrival, rendered_trials)
-    judged = replace(plan, psnr=found.psnr, head_arrives=float(arrival.side_info.mean()), lost=found.lost)
-    return _EvaluatedPlan(judged, found.partly, found.error)
+    result = expected_result(variant, arrival, rendered_trials)
+    judged = replace(plan, psnr=result.psnr, head_arrives=float(arrival.side_info.mean()), lost=result.lost)
+    return _EvaluatedPlan(judged, result.partly, result.error)
 
 
 @dataclass(frozen=True)
@@ -326,14 +326,20 @@ def _choose_plan(scored: Sequence[_EvaluatedPlan], whole_psnr: float) -> ScenePl
         scored: Plans with their results.
         whole_psnr: PSNR of a transfer without losses, decibels.
     """
-    top = max(scored, key=lambda found: found.plan.psnr)
+    top = max(scored, key=lambda evaluated: evaluated.plan.psnr)
     lost = max(whole_psnr - top.plan.psnr, 0.0)
-    plain = [found for found in scored if found.plain and found.plan.psnr >= top.plan.psnr - _margin(found, top, lost)]
+    plain = [
+        evaluated
+        for evaluated in scored
+        if evaluated.plain and evaluated.plan.psnr >= top.plan.psnr - _margin(evaluated, top, lost)
+    ]
     if plain:
-        first = min(found.plan.variant for found in plain)
-        scored = [found for found in plain if found.plan.variant == first]
-    least = max(found.plan.psnr for found in scored) - EQUAL_DB
-    return max((found.plan for found in scored if found.plan.psnr >= least), key=lambda plan: plan.protection_bytes)
+        first = min(evaluated.plan.variant for evaluated in plain)
+        scored = [evaluated for evaluated in plain if evaluated.plan.variant == first]
+    least = max(evaluated.plan.psnr for evaluated in scored) - EQUAL_DB
+    return max(
+        (evaluated.plan for evaluated in scored if evaluated.plan.psnr >= least), key=lambda plan: plan.protection_bytes
+    )
 
 
 def _margin(one: _EvaluatedPlan, other: _EvaluatedPlan, lost_db: float) -> float:

@@ -180,9 +180,9 @@ def side_info_arrivals(model: TransferModel, received: np.ndarray) -> np.ndarray
     complete = np.ones(len(received), dtype=np.bool_)
     for segment, size in enumerate(model.segment_sizes):
         mine = (model.kind == SIDE) & (model.group == segment)
-        here = received[:, mine]
-        all_sources = here[:, model.symbol[mine] < size].all(axis=1)
-        complete &= all_sources | (here.sum(axis=1) >= size + SYMBOLS_TO_SPARE)
+        of_segment = received[:, mine]
+        all_sources = of_segment[:, model.symbol[mine] < size].all(axis=1)
+        complete &= all_sources | (of_segment.sum(axis=1) >= size + SYMBOLS_TO_SPARE)
     return complete
 
 
@@ -197,10 +197,10 @@ def transfer_masks(masks: Any, name: str, num_datagrams: int) -> np.ndarray:
     Raises:
         InvalidValueError: If `masks` is no such array, or has too few datagrams.
     """
-    found = array_of(masks, name, ("T", "n"), "b")
-    if not len(found) or found.shape[1] < num_datagrams:
-        raise InvalidValueError(f"{name}: expected masks of {num_datagrams} or more datagrams, not {shown(found)}")
-    return found
+    checked = array_of(masks, name, ("T", "n"), "b")
+    if not len(checked) or checked.shape[1] < num_datagrams:
+        raise InvalidValueError(f"{name}: expected masks of {num_datagrams} or more datagrams, not {shown(checked)}")
+    return checked
 
 
 @checked

@@ -153,11 +153,11 @@ def encode_controlled(
         start = tunable.encoded(pruned.quality, encode, tunable.share_to_tune(pruned))
     pictures = fitted_pictures(source, cameras, tuning, progress)
     tuned = _prune_and_tune(tunable, start, target, encode, pictures, tuning, progress)
-    found = _Trials(tuned, encode, progress, start.quality.level).closest(target)
-    if found is not None and target.psnr is not None and found.psnr > target.psnr + PSNR_TOLERANCE:
-        found = tuned.trimmed(found, target.psnr, encode)
-    better = plan.better_of(found, untuned, target, for_loss=tuning.loss is not None)
-    if better is not found:
+    encoded = _Trials(tuned, encode, progress, start.quality.level).closest(target)
+    if encoded is not None and target.psnr is not None and encoded.psnr > target.psnr + PSNR_TOLERANCE:
+        encoded = tuned.trimmed(encoded, target.psnr, encode)
+    better = plan.better_of(encoded, untuned, target, for_loss=tuning.loss is not None)
+    if better is not encoded:
         _LOG.warning("fine-tuning gains nothing for this target: the scene is encoded as with effort default")
     return better
 
@@ -425,9 +425,9 @@ class _Plan:
         # the fine-tuned one must reach the PSNR. Fine-tuning for packet loss raises quality only if packets are
         # lost, so its stream is chosen if it reaches the target.
         if tuned is None or untuned is None:
-            found = tuned or untuned
-            assert found is not None
-            return found
+            better = tuned or untuned
+            assert better is not None
+            return better
         if target.psnr is None:
             return tuned if for_loss or tuned.psnr >= untuned.psnr else untuned
         above, tolerance = tuned.psnr - target.psnr, max(2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr))
@@ -482,7 +482,7 @@ class _Trials:
         )
         self._search(lambda encoded: math.log(encoded.stream.num_bytes), permitted, self._start, OCTAVE_LOG)
         fitting = [(value, each) for value, each in self._found if each.stream.num_bytes <= size]
-        return max(fitting, key=lambda found: found[0])[1] if fitting else None
+        return max(fitting, key=lambda trial: trial[0])[1] if fitting else None
 
     def reached(self, target: Target) -> EncodedScene:
         """Encodes the scene so that the stream reaches a target size, PSNR or quality setting.
@@ -490,17 +490,21 @@ class _Trials:
         Raises:
             InvalidValueError: If the target cannot be reached.
         """
-        found = self.closest(target)
-        if found is None:
+        encoded = self.closest(target)
+        if encoded is None:
             least = min(each.stream.num_bytes for _, each in self._found)
             raise InvalidValueError(
                 f"this scene cannot be encoded to {target.size:,} bytes: the smallest stream has {least:,}"
             )
-        if target.psnr is not None and found.psnr < target.psnr - PSNR_TOLERANCE and found.quality.level == LEVELS[1]:
+        if (
+            target.psnr is not None
+            and encoded.psnr < target.psnr - PSNR_TOLERANCE
+            and encoded.quality.level == LEVELS[1]
+        ):
             raise InvalidValueError(
-                f"this scene cannot be encoded to {target.psnr:g} dB: the finest stream has {found.psnr:.1f} dB"
+                f"this scene cannot be encoded to {target.psnr:g} dB: the finest stream has {encoded.psnr:.1f} dB"
             )
-        return found
+        return encoded
 
     def closest(self, target: Target) -> EncodedScene | None:
         """Encodes the scene to a target size, PSNR or quality setting, as exactly as possible.
@@ -568,11 +572,11 @@ class _Trials:
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
-        found = search(functools.partial(self._encode_and_measure, measure), permitted, start, slope, self._ends, JUMP)
+        result = search(functools.partial(self._encode_and_measure, measure), permitted, start, slope, self._ends, JUMP)
         above = [each for each in self._found[first:] if each[0] > permitted.high]
-        if found is not None or not above or self._plan.curve is None:
+        if result is not None or not above or self._plan.curve is None:
             return False
-        finer = min(above, key=lambda found: found[0])
+        finer = min(above, key=lambda result: result[0])
         if finer[1].quality.level <= LEVELS[0]:
             return False
         self._search_shares(measure, permitted, finer, slope)
@@ -582,7 +586,7 @@ class _Trials:
         self,
         measure: Callable[[EncodedScene], float],
         permitted: Interval,
-        known: tuple[float, EncodedScene],
+        untuned: tuple[float, EncodedScene],
         slope: float,
     ) -> None:
         """Encodes different shares of the Gaussians at one quantisation level, until size or PSNR is as wanted.
@@ -590,13 +594,13 @@ class _Trials:
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
-            known: An encoded scene and its measured value (value first). Its quantisation level is used for all shares.
-                The first share to try is estimated from its share and value.
+            untuned: An encoded scene and its measured value (value first). Its quantisation level is used for all
+                shares. The first share to try is estimated from its share and value.
             slope: Expected increase of the measured value per quantisation level, from which the increase per share is
                 estimated.
         """
-        # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
-        value, encoded = known
+        # Each attempt encodes the scene with another share. The quantisation level stays that of `untuned`.
+        value, encoded = untuned
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
         ends = (MIN_SHARE_RATIO * share, min(share / MIN_SHARE_RATIO, 1.0))
         start = share + (permitted.wanted - value) / per_share

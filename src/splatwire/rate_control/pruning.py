@@ -102,9 +102,9 @@ class RemovalViews:
             return measure_gaussians(pruned).removal
         own_error, interaction = np.zeros(pruned.num_elements), np.zeros(pruned.num_elements)
         for weight, pictures in self.sets:
-            found = measure_further_removal(pruned, pictures.cameras, pictures.images)
-            own_error += weight * found.own_error
-            interaction += weight * found.interaction
+            effect = measure_further_removal(pruned, pictures.cameras, pictures.images)
+            own_error += weight * effect.own_error
+            interaction += weight * effect.interaction
         return own_error + np.maximum(interaction, 0)
 
 
@@ -149,21 +149,21 @@ class PruningCurve:
         count = scene.num_elements
         removal, order = removal.copy(), np.argsort(-removal, kind="stable")
         counts, logs = [_number(share, count) for share in SHARES], []
-        for place, (share, kept) in enumerate(zip(SHARES, counts, strict=True)):
+        for index, (share, kept) in enumerate(zip(SHARES, counts, strict=True)):
             rows = np.sort(order[:kept])
             pruned = scene.select(rows)
             logs.append(np.log(max(10 ** (-pictures.mean_psnr(pruned) / 10), _SMALLEST)))
             if views.sets and share in MEASURED_AGAIN:
                 removal[rows] = views.removal(pruned)
                 order[:kept] = rows[np.argsort(-removal[rows], kind="stable")]
-            progress((place + 1) / len(SHARES))
+            progress((index + 1) / len(SHARES))
         sums = np.maximum(np.append(np.cumsum(removal[order[::-1]])[::-1], 0.0), _SMALLEST)
-        known = [np.log(sums[kept]) for kept in counts]
+        log_sums = [np.log(sums[kept]) for kept in counts]
         shares = np.linspace(MIN_SHARE, 1.0, STEPS)
         at = np.log(sums[[_number(share, count) for share in shares]])
         # The error of removing several Gaussians is not the sum of their single errors: Gaussians that cover each other
         # have an effect only if all of them are removed. The error is a power of the sum, fitted to the measurements.
-        errors = np.exp(_fitted(at, np.array(known), np.array(logs)))
+        errors = np.exp(_fitted(at, np.array(log_sums), np.array(logs)))
         errors[-1] = 0.0
         return PruningCurve(order, shares, errors)
 
@@ -208,26 +208,26 @@ def _number(share: float, count: int) -> int:
 
 
 def _fitted(
-    arguments: Float64[np.ndarray, "S"], known: Float64[np.ndarray, "K"], values: Float64[np.ndarray, "K"]
+    arguments: Float64[np.ndarray, "S"], measured: Float64[np.ndarray, "K"], values: Float64[np.ndarray, "K"]
 ) -> Float64[np.ndarray, "S"]:
     """Fits an increasing curve to a few noisy measurements; returns the values of the curve at given arguments.
 
     Args:
         arguments: x values at which the curve is evaluated.
-        known: x values of the measurements.
+        measured: x values of the measurements.
         values: Measured y values.
     """
     # The curve is a parabola between the measured points and a line outside. Its slope is at least `_MIN_SLOPE`,
     # so that stronger pruning never has a smaller error.
-    if np.ptp(known) < 1e-6:  # the removed Gaussians have no effect at all
+    if np.ptp(measured) < 1e-6:  # the removed Gaussians have no effect at all
         return np.full(len(arguments), values.max())
     # Scenes of two or three Gaussians have fewer than three different measurements.
-    fit = np.polynomial.Polynomial.fit(known, values, min(2, len(np.unique(known)) - 1))
-    grid = np.linspace(known.min(), known.max(), 65)
+    fit = np.polynomial.Polynomial.fit(measured, values, min(2, len(np.unique(measured)) - 1))
+    grid = np.linspace(measured.min(), measured.max(), 65)
     slopes = np.maximum(fit.deriv()((grid[1:] + grid[:-1]) / 2), _MIN_SLOPE)
     curve = np.append(0.0, np.cumsum(slopes * np.diff(grid)))
-    curve += float(np.mean(values - np.interp(known, grid, curve)))
-    found = np.interp(arguments, grid, curve)
+    curve += float(np.mean(values - np.interp(measured, grid, curve)))
+    fitted = np.interp(arguments, grid, curve)
     for end, slope, beyond in ((0, slopes[0], arguments < grid[0]), (-1, slopes[-1], arguments > grid[-1])):
-        found[beyond] = curve[end] + slope * (arguments[beyond] - grid[end])
-    return found
+        fitted[beyond] = curve[end] + slope * (arguments[beyond] - grid[end])
+    return fitted

@@ -27,7 +27,7 @@ _GROUPS = {
     "harmonics": ("harmonics",),
 }
 """Attributes by their name in `Offsets`, and the quantities of `STEPS` whose steps determine their precision."""
-_MOST = 3.0
+_MAX_OCTAVES = 3.0
 """Maximum change of the precision of an attribute, octaves."""
 _MAX_COLOUR = 2
 """Maximum change of the precision of base colours that `measured_colour_precision` tries, octaves."""
@@ -77,24 +77,24 @@ def measured_precision(
     groups = [[STEPS.index(step) for step in _GROUPS[name]] for name in names]
     pictures = SourcePictures(replace(scene, splats=exact), cameras)
     rows = _sample(scene)
-    some, some_classes = scene.select(rows), classes[rows]
+    subset, some_classes = scene.select(rows), classes[rows]
 
     def size(group: list[int], octaves: float) -> int:
         changed = precision.copy()
         changed[group] += octaves
-        return encode(some, some_classes, replace(quality, precision=tuple(changed.tolist()))).num_bytes
+        return encode(subset, some_classes, replace(quality, precision=tuple(changed.tolist()))).num_bytes
 
     errors, rates = np.empty((len(names), cameras.num_views)), np.empty(len(names))
-    for place, (name, group) in enumerate(zip(names, groups, strict=True)):
+    for index, (name, group) in enumerate(zip(names, groups, strict=True)):
         drawn = replace(scene, splats=latents.splats(_only(offsets, name)), coding=None, hints=None)
-        errors[place] = np.maximum(10 ** (-pictures.psnr(drawn) / 10), _MIN_ERROR)
-        rates[place] = (size(group, 1.0) - size(group, -1.0)) / 2
-        progress((place + 1) / len(names))
+        errors[index] = np.maximum(10 ** (-pictures.psnr(drawn) / 10), _MIN_ERROR)
+        rates[index] = (size(group, 1.0) - size(group, -1.0)) / 2
+        progress((index + 1) / len(names))
     # The mean PSNR depends on the shares of the error of each view.
     shares = (errors / errors.sum(axis=0)).mean(axis=1)
     rates = np.maximum(rates, _MIN_RATE * np.maximum(rates, 1.0).sum())
     for group, octaves in zip(groups, np.log2(shares * rates.sum() / rates) / 2, strict=True):
-        precision[group] = np.clip(precision[group] + octaves, -_MOST, _MOST)
+        precision[group] = np.clip(precision[group] + octaves, -_MAX_OCTAVES, _MAX_OCTAVES)
     return tuple(precision.tolist())
 
 
@@ -113,12 +113,12 @@ def measured_colour_precision(
     # Whole octaves are tried. PSNR is converted to bytes with the ratio that finer steps of all attributes have.
     # Coarser colours are not tried: with them, a scene of degree 3 took 2 to 28 % more bytes.
     pictures, rows = SourcePictures(scene, cameras), _sample(scene)
-    some, some_classes, base = scene.select(rows), classes[rows], STEPS.index("colour")
+    subset, some_classes, base = scene.select(rows), classes[rows], STEPS.index("colour")
 
     def outcome(tried: Quality) -> tuple[float, float]:
         rounded = round_splats(scene.splats, coding_for(scene.splats, tried, classes))
         decibels = pictures.psnr(replace(scene, splats=rounded, coding=None, hints=None))
-        size = encode(some, some_classes, tried).num_bytes
+        size = encode(subset, some_classes, tried).num_bytes
         return math.log(size), float(np.minimum(decibels, _MAX_DB).mean())
 
     def changed(octaves: int) -> Quality:

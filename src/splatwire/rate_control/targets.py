@@ -48,9 +48,9 @@ def parse_size(text: str) -> int:
     Raises:
         InvalidValueError: If the text is no size, or is below 1 byte.
     """
-    found = _SIZE.fullmatch(text.strip())
-    factor = None if found is None else _BY_LOWER_CASE.get(found[2].lower())
-    if found is None or factor is None or (size := round(float(found[1]) * factor)) < 1:
+    match = _SIZE.fullmatch(text.strip())
+    factor = None if match is None else _BY_LOWER_CASE.get(match[2].lower())
+    if match is None or factor is None or (size := round(float(match[1]) * factor)) < 1:
         units = ", ".join(unit for unit in _UNITS if unit)
         raise InvalidValueError(f"a size is a number of bytes above 0 with a unit ({units}), not {shown(text)}")
     return size

@@ -137,14 +137,14 @@ def fitted_cameras(scene: SplatScene, cameras: Cameras | None, tuning: Tuning) -
     # are placed around the scene.
     if cameras is None or cameras.num_views < MIN_CAMERAS:
         return fitting_cameras(scene, tuning.num_views, tuning.size)
-    given = not_held_out(cameras.relative_to(origin_of(scene)), tuning.num_views)
-    given = given.scaled(min(1.0, tuning.size / max(given.width, given.height)))
-    centers = given.centers.astype(np.float64)
+    usable = not_held_out(cameras.relative_to(origin_of(scene)), tuning.num_views)
+    usable = usable.scaled(min(1.0, tuning.size / max(usable.width, usable.height)))
+    centers = usable.centers.astype(np.float64)
     away = np.linalg.norm(centers[:, None] - centers[None], axis=2) + np.diag(np.full(len(centers), np.inf))
     rng = np.random.Generator(np.random.PCG64(tuning.seed))
-    moved = given.select([view % given.num_views for view in range(tuning.num_views)])
+    moved = usable.select([view % usable.num_views for view in range(tuning.num_views)])
     shifts = _MOVED * float(np.median(away.min(axis=1))) * rng.standard_normal((tuning.num_views, 3))
-    shifts[: given.num_views] = 0
+    shifts[: usable.num_views] = 0
     poses = moved.viewmats.copy()
     poses[:, :3, 3] -= np.einsum("vij,vj->vi", poses[:, :3, :3], shifts).astype(np.float32)
     return replace(moved, viewmats=poses, names=tuple(f"fit_{view:03d}" for view in range(tuning.num_views)))

@@ -78,7 +78,7 @@ def not_held_out(cameras: Cameras, count: int) -> Cameras:
     """
     # `ViewSets.of` reserves a third of the cameras.
     views = [view for view in range(cameras.num_views) if view % 3 != _HELD_OUT]
-    return cameras.select([views[place] for place in spread(len(views), count)])
+    return cameras.select([views[index] for index in spread(len(views), count)])
 
 
 def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
@@ -90,7 +90,7 @@ def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
         count: Maximum number of views.
     """
     # Images with a side of more than `MAX_SIZE` pixels are scaled down to this size.
-    chosen = cameras.select([views[place] for place in spread(len(views), count)])
+    chosen = cameras.select([views[index] for index in spread(len(views), count)])
     return chosen.scaled(min(1.0, MAX_SIZE / max(chosen.width, chosen.height)))
 
 

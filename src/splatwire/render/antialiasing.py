@@ -8,7 +8,7 @@ from splatwire.anchors.projection import DILATION, project
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.types import Cameras, Gaussians
 
-LEAST = 1e-3
+MIN_OPACITY_FACTOR = 1e-3
 """Minimum factor on the opacity, for very thin Gaussians."""
 
 
@@ -26,5 +26,5 @@ def compensated(gaussians: Gaussians, cameras: Cameras, view: int) -> Gaussians:
     seen = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
     xx, xy, yy = seen.covs2d.T
     before, after = (xx - DILATION) * (yy - DILATION) - xy * xy, xx * yy - xy * xy
-    share = np.maximum(np.sqrt(np.maximum(before, 0) / after), LEAST)
+    share = np.maximum(np.sqrt(np.maximum(before, 0) / after), MIN_OPACITY_FACTOR)
     return replace(gaussians, opacities=gaussians.opacities * share)

@@ -14,7 +14,7 @@ from splatwire.types.splats import Splats
 
 CLOSER = 0.4
 """Ratio of the distances of a close camera and of the camera around the scene from the same surface point."""
-_MOST = 50_000
+_MAX_SAMPLE = 50_000
 """Maximum number of Gaussians among which surface points are searched; larger scenes are sampled evenly."""
 _NEAR_SHARE = 0.2
 """Near plane of close cameras, as a fraction of their smallest distance from a surface point. It does not depend on
@@ -43,7 +43,7 @@ def closeup_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     cameras, splats = surrounding_cameras(scene, num_views, size), explicit_gaussians(scene)
     if splats is None:
         return cameras
-    step = -(-splats.num_gaussians // _MOST)
+    step = -(-splats.num_gaussians // _MAX_SAMPLE)
     splats = splats.select(np.arange(0, splats.num_gaussians, step))
     poses = cameras.viewmats.copy()
     distances: list[float] = []
@@ -52,8 +52,8 @@ def closeup_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
         if target is not None:
             poses[view] = _moved_towards(poses[view].astype(np.float64), target)
             distances.append(CLOSER * float(np.linalg.norm(target - cameras.centers[view])))
-    near = _NEAR_SHARE * min(distances) if distances else cameras.near_depth
-    return replace(cameras, viewmats=poses, origin=origin_of(scene), near_depth=near)
+    near_depth = _NEAR_SHARE * min(distances) if distances else cameras.near_depth
+    return replace(cameras, viewmats=poses, origin=origin_of(scene), near_depth=near_depth)
 
 
 def _surface_point(

@@ -74,14 +74,17 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     splats = explicit_gaussians(scene)
     if splats is None:
         return cameras_around(scene.positions, num_views, size)
-    near = replace(cameras_around_splats(splats, num_views, size), origin=origin_of(scene))
-    far, outwards = _moved(near, splats.means, _FAR), _facing_back(near)
-    poses = near.viewmats.copy()
+    cameras = replace(cameras_around_splats(splats, num_views, size), origin=origin_of(scene))
+    far, outwards = _moved(cameras, splats.means, _FAR), _facing_back(cameras)
+    poses = cameras.viewmats.copy()
     poses[1::2] = far.viewmats[1::2]
     for view in range(2, num_views, 4):
-        if float(gaussian_footprints(splats.seen_from(near.centers[view]), outwards, view).sum()) > _FULL * size * size:
+        if (
+            float(gaussian_footprints(splats.seen_from(cameras.centers[view]), outwards, view).sum())
+            > _FULL * size * size
+        ):
             poses[view] = outwards.viewmats[view]
-    return replace(near, viewmats=poses)
+    return replace(cameras, viewmats=poses)
 
 
 def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndarray, "V"]:
@@ -99,10 +102,12 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
         InvalidValueError: If the number of views, pixels or elements is 0.
     """
     # Above 1, nearly all of the image is covered.
-    near = cameras_around_splats(splats, num_views, size)
-    outwards, step = _facing_back(near), -(-splats.num_gaussians // _MAX_MEASURED)
+    cameras = cameras_around_splats(splats, num_views, size)
+    outwards, step = _facing_back(cameras), -(-splats.num_gaussians // _MAX_MEASURED)
     few = splats.select(np.arange(0, splats.num_gaussians, step))
-    shown = [gaussian_footprints(few.seen_from(near.centers[view]), outwards, view).sum() for view in range(num_views)]
+    shown = [
+        gaussian_footprints(few.seen_from(cameras.centers[view]), outwards, view).sum() for view in range(num_views)
+    ]
     return np.array(shown, np.float32) * step / size**2
 
 
@@ -262,5 +267,5 @@ def _cameras_on_sphere(
         np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]], np.float32), (num_views, 1, 1)
     )
     names = tuple(f"around_{view:03d}" for view in range(num_views))
-    near = min(NEAR_DEPTH, _NEAR_SHARE * radius)
-    return Cameras(poses.astype(np.float32), intrinsics, size, size, names, near_depth=near)
+    near_depth = min(NEAR_DEPTH, _NEAR_SHARE * radius)
+    return Cameras(poses.astype(np.float32), intrinsics, size, size, names, near_depth=near_depth)

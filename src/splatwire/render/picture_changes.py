@@ -29,7 +29,7 @@ def picture_changes(before: Splats, after: Splats, cameras: Cameras, seed: int =
     # To first order, a pixel changes by its derivatives times the changes of the attributes. For the sum of all pixels
     # with random signs, the expected square of this product is the sum of the squares of all pixels. See
     # `splatwire.render.pruning`.
-    rng, found = Twister(seed), np.zeros(after.num_gaussians)
+    rng, changes = Twister(seed), np.zeros(after.num_gaussians)
 
     def signs(shape: tuple[int, ...]) -> Iterator[np.ndarray]:
         yield rng.signs(shape)
@@ -44,10 +44,10 @@ def picture_changes(before: Splats, after: Splats, cameras: Cameras, seed: int =
                 (each * values[rows]).reshape(len(each), -1).sum(axis=1, dtype=np.float64)
                 for each, values in zip(gradients, differences, strict=True)
             )
-            found[rows] += sum(products) ** 2
+            changes[rows] += sum(products) ** 2
 
         each_gradient_cpu(new, cameras.select([view]), signs, add)
-    return found
+    return changes
 
 
 def _limited(seen: Gaussians) -> Gaussians:

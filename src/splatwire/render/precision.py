@@ -182,12 +182,12 @@ def measure_gaussians(
         if cameras is None and whole:  # views around a part are close to its surfaces
             frame = framing_cameras(SplatScene(splats), MEASURED_FRAMINGS, SIZE)
             close = closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, SIZE)
-        found = _sensitivities(splats, around, 1, seed)
+        sensitivities = _sensitivities(splats, around, 1, seed)
         if frame is not None:
             more = _sensitivities(splats, frame, 1, seed)
-            found = {name: found[name] + FRAMING_WEIGHT * more[name] for name in found}
-        measured.classes[members] = _classes(splats, found)
-        measured.removal[members] = _removal(found)
+            sensitivities = {name: sensitivities[name] + FRAMING_WEIGHT * more[name] for name in sensitivities}
+        measured.classes[members] = _classes(splats, sensitivities)
+        measured.removal[members] = _removal(sensitivities)
         if close is not None:
             measured.removal[members] += CLOSEUP_WEIGHT * _removal(_sensitivities(splats, close, 1, seed))
 
@@ -195,13 +195,13 @@ def measure_gaussians(
     return measured
 
 
-def _removal(found: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, "G"]:
+def _removal(sensitivities: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, "G"]:
     """Estimates the mean squared error of the pictures if a Gaussian is removed, for each Gaussian.
 
     Args:
-        found: Sensitivity of the pictures to each attribute of each Gaussian, by attribute name.
+        sensitivities: Sensitivity of the pictures to each attribute of each Gaussian, by attribute name.
     """
-    return found["opacity"] + _HIDDEN_CONTRAST**2 * found["colour"]
+    return sensitivities["opacity"] + _HIDDEN_CONTRAST**2 * sensitivities["colour"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,11 +298,13 @@ def _classes(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]])
     odd = (high < least) | (middle < size - _MAX_AXIS_OCTAVES) | (low < width - _MAX_AXIS_OCTAVES)
     octaves, total = np.zeros(splats.num_gaussians), np.full(splats.num_gaussians, sum(weights.values()))
     for name, weight in weights.items():
-        own = weight * (np.log2(sensitivities[name] + _UNSEEN) / 2 - _BASES[name] - np.array(_SLOPES[name]) @ shape)
+        class_values = weight * (
+            np.log2(sensitivities[name] + _UNSEEN) / 2 - _BASES[name] - np.array(_SLOPES[name]) @ shape
+        )
         if name in _SHAPE:
-            own[odd] = 0
+            class_values[odd] = 0
             total[odd] -= weight
-        octaves += own
+        octaves += class_values
     octaves /= total
     finest = np.quantile(octaves, FINEST_SHARE)
     return np.rint(octaves - finest).clip(-100, 100).astype(np.int8)
@@ -326,7 +328,7 @@ def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> 
     low, middle, high = np.log2(np.stack(sort3(splats.scales)))
     spun = np.where(middle - low >= high - middle, 2, 0)
     quats = splats.quats / np.maximum(np.linalg.norm(splats.quats, axis=1, keepdims=True), np.float32(1e-12))
-    known = tuple(np.ascontiguousarray(t) for t in (splats.scales, quats, splats.opacities, order, spun))
+    inputs = tuple(np.ascontiguousarray(t) for t in (splats.scales, quats, splats.opacities, order, spun))
     sums = np.zeros((num, NUM_SUMS))
 
     def signs(shape: tuple[int, ...]) -> Iterator[np.ndarray]:
@@ -335,7 +337,7 @@ def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> 
 
     def add(rows: slice, *gradients: np.ndarray) -> None:
         size = len(gradients[0])
-        add_squared(*gradients, *(values[rows] for values in known), sums[rows], 0, size)
+        add_squared(*gradients, *(values[rows] for values in inputs), sums[rows], 0, size)
 
     for view in range(cameras.num_views):
         if view == 0 or splats.degree:  # without harmonics all views see the same colours

@@ -65,11 +65,11 @@ def prune(
     seen_from = surrounding_cameras(scene) if cameras is None else cameras
     errors = removal_errors(scene, seen_from, progress=progress)
     kept = np.sort(np.argsort(-errors, kind="stable")[: round(share * scene.num_elements)])
-    left = scene.select(kept)
+    pruned = scene.select(kept)
     others = surrounding_cameras(scene, COMPARED_VIEWS, COMPARED_SIZE)
-    pairs = zip(iterate_views(left, others), iterate_views(scene, others), strict=True)
+    pairs = zip(iterate_views(pruned, others), iterate_views(scene, others), strict=True)
     error = [float(((ours - whole).astype(np.float64) ** 2).mean()) for ours, whole in pairs]
-    return PrunedScene(left, kept, sum(-10 * math.log10(max(e, 1e-10)) for e in error) / len(error))
+    return PrunedScene(pruned, kept, sum(-10 * math.log10(max(e, 1e-10)) for e in error) / len(error))
 
 
 def removal_errors(
@@ -101,11 +101,11 @@ def removal_errors(
             slopes[rows] = gradients[3].astype(np.float64) * at[rows]
 
         def signs(
-            shape: tuple[int, ...], slopes: np.ndarray = slopes, own: np.ndarray = spawned.anchor_index
+            shape: tuple[int, ...], slopes: np.ndarray = slopes, slots: np.ndarray = spawned.anchor_index
         ) -> Iterator[np.ndarray]:
             for _ in range(probes):
                 yield rng.signs(shape)
-                total[:] += np.bincount(own, slopes, len(total)) ** 2
+                total[:] += np.bincount(slots, slopes, len(total)) ** 2
 
         each_gradient_cpu(spawned.gaussians, cameras.select([view]), signs, add, behind)
         if progress:

@@ -55,25 +55,27 @@ def quick_sensitivity(
         if view == first:
             rows = np.sort(np.argsort(-removal, kind="stable")[:chosen])
         seen = drawn_with_anchors(scene, cameras, view)
-        found, place = GatheredGradients(seen.gaussians), seen.anchor_index * count + seen.offset_index
+        gradients, slots = GatheredGradients(seen.gaussians), seen.anchor_index * count + seen.offset_index
 
         def signs(
             shape: tuple[int, ...],
             view: int = view,
             rows: np.ndarray = rows,
             seen: SpawnedGaussians = seen,
-            found: GatheredGradients = found,
-            place: np.ndarray = place,
+            gradients: GatheredGradients = gradients,
+            slots: np.ndarray = slots,
         ) -> Iterator[np.ndarray]:
             for probe in range(probes):
                 yield rng.signs(shape)
-                each = np.bincount(place, found.presence, num * count).reshape(num, count)
+                each = np.bincount(slots, gradients.presence, num * count).reshape(num, count)
                 removal[:] += each.sum(axis=1) ** 2 / probes
                 offsets[:] += each**2 / probes
                 if len(rows) and not probe:
-                    parts.append(_estimate_errors(scene, cameras.centers[view], rows, (seen, found.fields), each[rows]))
+                    parts.append(
+                        _estimate_errors(scene, cameras.centers[view], rows, (seen, gradients.fields), each[rows])
+                    )
 
-        each_gradient_cpu(seen.gaussians, cameras.select([view]), signs, found.add, behind)
+        each_gradient_cpu(seen.gaussians, cameras.select([view]), signs, gradients.add, behind)
         if progress:
             progress((view + 1) / cameras.num_views)
     scale = 1 / (cameras.num_views * cameras.width * cameras.height * 3)
@@ -123,18 +125,18 @@ def _estimate_errors(
     # Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
     # gradients of the sum of all pixels, each multiplied by a random sign.
     a, (seen, gradients), count = scene.anchors, drawn, scene.anchors.mask.shape[1]
-    own = a.select(rows)
-    again = Spawning(own, scene.heads, camera_center.astype(np.float32))
-    place = np.full(a.num_anchors * count, -1)
-    place[seen.anchor_index * count + seen.offset_index] = np.arange(len(seen.anchor_index))
-    place = place[rows[again.anchor_index] * count + again.offset_index]
-    there = place >= 0  # False if out of view or too faint to be drawn
-    upstream = [np.zeros((len(place), *g.shape[1:]), np.float32) for g in gradients]
+    anchors = a.select(rows)
+    again = Spawning(anchors, scene.heads, camera_center.astype(np.float32))
+    row_of_slot = np.full(a.num_anchors * count, -1)
+    row_of_slot[seen.anchor_index * count + seen.offset_index] = np.arange(len(seen.anchor_index))
+    row_of_slot = row_of_slot[rows[again.anchor_index] * count + again.offset_index]
+    is_drawn = row_of_slot >= 0  # False if out of view or too faint to be drawn
+    upstream = [np.zeros((len(row_of_slot), *g.shape[1:]), np.float32) for g in gradients]
     for values, g in zip(upstream, gradients, strict=True):
-        values[there] = g[place[there]]
+        values[is_drawn] = g[row_of_slot[is_drawn]]
     back = again.gradients(upstream)
-    channels = np.concatenate([back.features, back.scalings * own.scalings], axis=1).astype(np.float64)
-    share = float((each**2 * _relative_size(own)[:, None]).sum())
+    channels = np.concatenate([back.features, back.scalings * anchors.scalings], axis=1).astype(np.float64)
+    share = float((each**2 * _relative_size(anchors)[:, None]).sum())
     offset = float((back.offsets.astype(np.float64) ** 2).mean(axis=2).sum())
     return _NetworkErrors(channels.T @ channels, offset, share, float((each**2).sum()))
 

@@ -64,8 +64,8 @@ def _drawn_views(
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
     if not callable(draw) or isinstance(draw, type):
         raise InvalidValueError(f"expected a renderer or its name such as 'cpu', not {shown(draw)}")
-    behind = _color(scene.background if background is None else background)
-    return _views(scene, cameras.relative_to(origin_of(scene)), draw, behind)
+    background_color = _color(scene.background if background is None else background)
+    return _views(scene, cameras.relative_to(origin_of(scene)), draw, background_color)
 
 
 def cameras_of(cameras: Cameras | str | os.PathLike[str]) -> Cameras:
@@ -86,8 +86,8 @@ def _color(background: Any) -> Float[np.ndarray, "3"]:
     try:
         return array_of(background, "background", (3,), least=0, most=1).astype(np.float32)
     except InvalidValueError as error:
-        found = summarize(background) if hasattr(background, "shape") else shown(background)
-        raise InvalidValueError(f"a background is three numbers from 0 to 1, not {found}") from error
+        description = summarize(background) if hasattr(background, "shape") else shown(background)
+        raise InvalidValueError(f"a background is three numbers from 0 to 1, not {description}") from error
 
 
 def _views(

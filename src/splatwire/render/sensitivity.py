@@ -70,7 +70,7 @@ def render_sensitivity(
     for view in range(cameras.num_views):
         rows = np.flatnonzero(visible_anchors(a, cameras, view))
         spawned = Spawning(a.select(rows), scene.heads, cameras.centers[view].astype(np.float32))
-        found = GatheredGradients(spawned.gaussians)
+        gradients = GatheredGradients(spawned.gaussians)
         anchor = rows[spawned.anchor_index]
 
         def signs(
@@ -78,15 +78,15 @@ def render_sensitivity(
             rows: np.ndarray = rows,
             anchor: np.ndarray = anchor,
             spawned: Spawning = spawned,
-            found: GatheredGradients = found,
+            gradients: GatheredGradients = gradients,
         ) -> Iterator[np.ndarray]:
             for probe in range(probes):
                 yield rng.signs(shape)
-                _add_removal(total, anchor * count + spawned.offset_index, found.presence, probes)
+                _add_removal(total, anchor * count + spawned.offset_index, gradients.presence, probes)
                 if not probe:
-                    _add_changes(total, rows, a.scalings, spawned, found)
+                    _add_changes(total, rows, a.scalings, spawned, gradients)
 
-        each_gradient_cpu(spawned.gaussians, cameras.select([view]), signs, found.add, behind)
+        each_gradient_cpu(spawned.gaussians, cameras.select([view]), signs, gradients.add, behind)
         if progress:
             progress((view + 1) / cameras.num_views)
     scale = 1 / max(cameras.num_views * cameras.width * cameras.height * 3, 1)

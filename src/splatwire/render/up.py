@@ -12,7 +12,7 @@ from splatwire.types.cameras import NEAR_DEPTH
 
 SIDE = 96
 """Width and height of the rendered images, pixels."""
-MOST = 100_000
+MAX_GAUSSIANS = 100_000
 """Maximum number of Gaussians that are rendered for the estimate."""
 AWAY = 8.0
 """Distance of the cameras from the scene's centre, in multiples of the scene's radius."""
@@ -38,7 +38,7 @@ def estimate_up_axis(scene: Scene) -> str:
     splats = explicit_gaussians(scene)
     if splats is None or splats.num_gaussians == 0:
         return "-y"
-    step = -(-splats.num_gaussians // MOST)
+    step = -(-splats.num_gaussians // MAX_GAUSSIANS)
     few = splats.select(np.arange(0, splats.num_gaussians, step))
     splats = replace(few, scales=few.scales * step**0.5)  # compensates for the reduced number
     middle = lower_median(splats.means)
@@ -72,7 +72,7 @@ def _brightness(scene: Scene, middle: np.ndarray, radius: float, down: float) ->
     cameras = Cameras(pose[None], lens, SIDE, SIDE, ("up",), near_depth=min(NEAR_DEPTH, radius))
     grey = (np.full(3, level, np.float32) for level in (0, 1))
     dark, light = (render_scene(scene, cameras, background=behind)[0] for behind in grey)
-    there = 1 - (light - dark).mean(axis=2)
-    seen = there > 0.5
+    coverage = 1 - (light - dark).mean(axis=2)
+    seen = coverage > 0.5
     luminance = dark @ np.array([0.3, 0.6, 0.1], np.float32)
-    return float((luminance[seen] / there[seen]).mean()) if bool(seen.any()) else 0.0
+    return float((luminance[seen] / coverage[seen]).mean()) if bool(seen.any()) else 0.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from splatwire.ops.compiled import njit
 
-_LEAST, _MOST = 1e-12, 1.0 - 1e-6
+_MIN_LENGTH, _MAX_OPACITY = 1e-12, 1.0 - 1e-6
 _MAX_SCALE = float(np.finfo(np.float32).max)
 """Limit of moved scales: packets with arbitrary bytes can contain any change, and results must be finite."""
 
@@ -31,7 +31,7 @@ def _rotate(quat, offset, out):
     b = w * f + x * e + y * h - z * g
     c = w * g - x * h + y * e + z * f
     d = w * h + x * g - y * f + z * e
-    length = max(np.sqrt(a * a + b * b + c * c + d * d), _LEAST)
+    length = max(np.sqrt(a * a + b * b + c * c + d * d), _MIN_LENGTH)
     out[0], out[1], out[2], out[3] = a / length, b / length, c / length, d / length
 
 
@@ -82,7 +82,7 @@ def move(bases, tracks, offsets, out):
         opacity = np.float64(opacities[t])
         if offset[9] != 0.0:
             opacity *= np.exp(np.float64(offset[9]))
-        out[3][n] = min(opacity, _MOST)
+        out[3][n] = min(opacity, _MAX_OPACITY)
         for c in range(harmonics.shape[1]):
             out[4][n, c] = harmonics[t, c]
         for a in range(3):

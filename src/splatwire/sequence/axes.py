@@ -41,8 +41,8 @@ def continue_axes(
     axes = np.arange(3)
     totals = np.stack([worth[:, axes, order].sum(axis=1) for order in _ORDERS], axis=1)
     order = _ORDERS[totals.argmax(axis=1)]
-    here = np.arange(len(rows))[:, None]
-    along = dots[here, axes, order]
+    all_rows = np.arange(len(rows))[:, None]
+    along = dots[all_rows, axes, order]
     signs = np.where(along < 0, -1.0, 1.0)
     turned = np.take_along_axis(now, order[:, None, :], axis=2) * signs[:, None, :]
     mirrored = np.linalg.det(turned) < 0

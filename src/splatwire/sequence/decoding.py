@@ -67,21 +67,25 @@ def decode_frames(
     begin = sequence.timeline.group_of(first)
     memory: ConcealmentState | None = None
     for group in range(begin, sequence.timeline.num_groups):
-        known = sequence.tracks.received if available is None else sequence.tracks.received & available(group)
-        frames, after = decode_group(sequence, group, known, memory, method)
+        received = sequence.tracks.received if available is None else sequence.tracks.received & available(group)
+        frames, after = decode_group(sequence, group, received, memory, method)
         yield from (frame for frame in frames if frame.number >= first)
         memory = after()
 
 
 def decode_group(
-    sequence: SequenceScene, group: int, known: np.ndarray, memory: ConcealmentState | None, method: TemporalConcealer
+    sequence: SequenceScene,
+    group: int,
+    available: np.ndarray,
+    memory: ConcealmentState | None,
+    method: TemporalConcealer,
 ) -> tuple[Iterator[SequenceFrame], Callable[[], ConcealmentState]]:
     """Decodes one group of pictures (GOP) of a sequence.
 
     Args:
         sequence: Received sequence.
         group: Index of the group of pictures.
-        known: Mask of available keyframe Gaussians, bool (T).
+        available: Mask of available keyframe Gaussians, bool (T).
         memory: State of the loss concealment after the previous group; None if the previous group was not decoded.
         method: Concealer for tracks with lost motion.
 
@@ -89,8 +93,8 @@ def decode_group(
         Iterator that decodes the frames of the group; and function that returns the state of the loss concealment after
         these frames, for the next group.
     """
-    poses, hidden, after = conceal_group(sequence, sequence.motion(group, known), group, known, memory, method)
-    hints = covering_gains(sequence, known, group, poses, hidden) if method.grow else None
+    poses, hidden, after = conceal_group(sequence, sequence.motion(group, available), group, available, memory, method)
+    hints = covering_gains(sequence, available, group, poses, hidden) if method.grow else None
     numbers = enumerate(sequence.timeline.frames_of(group))
     return (pose_frame(sequence, poses, index, number, hints) for index, number in numbers), after
 
@@ -152,7 +156,7 @@ class SequenceDecoder:
             BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify.
         """
         check_memory(self._decoder.scene_bytes, self._decoder.num_bytes, "a frame of all tracks that are announced")
-        return decode_frame(self._decoder.partial.scene, number, self._concealer)
+        return decode_frame(self._decoder.received_scene.scene, number, self._concealer)
 
 
 def pose_frame(
@@ -169,10 +173,10 @@ def pose_frame(
         number: Frame number within the sequence.
         hints: Factors on size and opacity of all tracks, which let them cover missing ones; None if nothing is missing.
     """
-    here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
-    tracks = poses.tracks[here]
+    drawn = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
+    tracks = poses.tracks[drawn]
     offsets = poses.at(index)
-    splats = apply_motion(sequence.tracks.splats, tracks, offsets if len(here) == len(offsets) else offsets[here])
+    splats = apply_motion(sequence.tracks.splats, tracks, offsets if len(drawn) == len(offsets) else offsets[drawn])
     scene = SplatScene(
         splats,
         background=sequence.background,
@@ -182,9 +186,9 @@ def pose_frame(
     )
     if hints is not None:
         opacity = None if hints.opacity_gain is None else hints.opacity_gain[tracks]
-        own = RenderHints(hints.size_gain[tracks], np.zeros(len(tracks), np.bool_), opacity)
-        scene = replace(scene, splats=SplatScene(splats, own).drawn())
-    return SequenceFrame(number, scene, tracks, poses.concealed[here])
+        frame_hints = RenderHints(hints.size_gain[tracks], np.zeros(len(tracks), np.bool_), opacity)
+        scene = replace(scene, splats=SplatScene(splats, frame_hints).drawn())
+    return SequenceFrame(number, scene, tracks, poses.concealed[drawn])
 
 
 def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
@@ -197,14 +201,14 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
         tracks: Indices of the n tracks in `splats`, int64 (n).
         offsets: Changes of these tracks since their keyframe, float32 (n, C), as from `GroupMotion.at`.
     """
-    found = Splats.empty(len(tracks), splats.degree)
-    bases, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(found)
+    moved = Splats.empty(len(tracks), splats.degree)
+    bases, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(moved)
 
     def move(rows: slice) -> None:
         kernels.move(bases, tracks[rows], offsets[rows], tuple(values[rows] for values in whole))
 
     share(move, [slice(begin, begin + AT_ONCE) for begin in range(0, len(tracks), AT_ONCE)])
-    return found
+    return moved
 
 
 def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
@@ -235,28 +239,28 @@ def covering_gains(
         return None
     size, opacity = _growth_factors(splats, born, available)
     if len(hidden.tracks):
-        means, known = splats.means.copy(), np.ones(sequence.num_gaussians, bool)
-        known[hidden.tracks] = False
-        for some in (poses, hidden):
-            means[some.tracks] += some.at(0)[:, POSITION]
-        around = _growth_factors(replace(splats, means=means), np.union1d(poses.tracks, hidden.tracks), known)
+        means, is_drawn = splats.means.copy(), np.ones(sequence.num_gaussians, bool)
+        is_drawn[hidden.tracks] = False
+        for motion in (poses, hidden):
+            means[motion.tracks] += motion.at(0)[:, POSITION]
+        around = _growth_factors(replace(splats, means=means), np.union1d(poses.tracks, hidden.tracks), is_drawn)
         size, opacity = size * around[0], opacity * around[1]
     return RenderHints(size, np.zeros(sequence.num_gaussians, np.bool_), opacity)
 
 
-def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _growth_factors(splats: Splats, index: np.ndarray, received_mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Computes the factors by which received Gaussians are enlarged to cover missing ones.
 
     Args:
         splats: All T Gaussians.
         index: Indices of the Gaussians that would be visible without losses, ascending, int64.
-        known: Mask of received Gaussians, bool (T).
+        received_mask: Mask of received Gaussians, bool (T).
 
     Returns:
         Factors on the size and factors on the opacity of each Gaussian, float32 (T) each; 1 for no change.
     """
     size, opacity = np.ones((2, splats.num_gaussians), np.float32)
-    scene = conceal(ReceivedScene(SplatScene(splats.select(index)), LossMask.of_anchors(known[index])), "grow")
+    scene = conceal(ReceivedScene(SplatScene(splats.select(index)), LossMask.of_anchors(received_mask[index])), "grow")
     hints: RenderHints | None = scene.hints
     if hints is not None:
         size[index] = hints.size_gain

@@ -43,15 +43,15 @@ def count_motions(stream: "SceneStream") -> dict[str, Any]:
     is the fraction of tracks that do not move within a group of pictures, 0 to 1, over all groups.
     """
     sequence = decode_stream(stream).scene
-    alive, there, still = np.zeros(sequence.num_gaussians, bool), 0, 0
+    alive, num_present, still = np.zeros(sequence.num_gaussians, bool), 0, 0
     for group in range(sequence.timeline.num_groups):
         motion = sequence.motion(group, sequence.tracks.received)
         if motion.unchanged:
             alive |= sequence.tracks.born == group
-            here = standing = int(alive.sum())
+            num_in_group = standing = int(alive.sum())
         else:
             alive[:] = False
             alive[motion.tracks[motion.ends == len(sequence.timeline.frames_of(group))]] = True
-            here, standing = len(motion.tracks), int((~motion.moving).sum())
-        there, still = there + here, still + standing
-    return {"died": int((~alive).sum()), "still_share": still / there if there else 1.0}
+            num_in_group, standing = len(motion.tracks), int((~motion.moving).sum())
+        num_present, still = num_present + num_in_group, still + standing
+    return {"died": int((~alive).sum()), "still_share": still / num_present if num_present else 1.0}

@@ -137,21 +137,24 @@ class SequenceEncoder:
                 Gaussians contradicts the option `order`.
         """
         self._finish_deferred_work()
-        taken = frame if isinstance(frame, Frame) else Frame.of(frame)
-        taken = replace(taken, splats=taken.splats.with_unit_quats())
-        if self._degree not in (None, taken.splats.degree):
+        checked_frame = frame if isinstance(frame, Frame) else Frame.of(frame)
+        checked_frame = replace(checked_frame, splats=checked_frame.splats.with_unit_quats())
+        if self._degree not in (None, checked_frame.splats.degree):
             raise InvalidValueError(
-                f"a frame has harmonics of degree {taken.splats.degree}, those before of {self._degree}"
+                f"a frame has harmonics of degree {checked_frame.splats.degree}, those before of {self._degree}"
             )
         if self._degree is None:
-            self._sections |= {**antialiasing_sections(taken.antialiased), **ORIGIN.sections(taken.origin)}
-            self._sections |= metadata_sections(taken.metadata)
+            self._sections |= {
+                **antialiasing_sections(checked_frame.antialiased),
+                **ORIGIN.sections(checked_frame.origin),
+            }
+            self._sections |= metadata_sections(checked_frame.metadata)
         origin = ORIGIN.read(self._sections)
-        moved, taken = taken.origin != origin, taken.relative_to(origin)
-        self._warn_of_other_frame(taken, moved=moved)
-        self._degree = taken.splats.degree
-        self._last = taken.splats
-        self._frames.add(self._tracker.add(taken))
+        moved, checked_frame = checked_frame.origin != origin, checked_frame.relative_to(origin)
+        self._warn_of_other_frame(checked_frame, moved=moved)
+        self._degree = checked_frame.splats.degree
+        self._last = checked_frame.splats
+        self._frames.add(self._tracker.add(checked_frame))
         self._num_frames += 1
         if len(self._frames) == self._options.group_frames:
             return self._flush()
@@ -171,13 +174,13 @@ class SequenceEncoder:
             frame: The frame, relative to the origin of the sequence.
             moved: True if the frame was converted from another origin.
         """
-        if moved and "position" not in self._warned_kinds and (found := coarse_positions(frame.splats)) is not None:
+        if moved and "position" not in self._warned_kinds and (coarse := coarse_positions(frame.splats)) is not None:
             self._warned_kinds.add("position")
             LOG.warning(
                 "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the first frame (%s), where "
                 "positions have steps of up to %.2g, more than half of their size: all frames lose precision: "
-                "use coordinates relative to one point near all frames", self._num_frames, 100 * found[0], found[1],
-                describe_origin(ORIGIN.read(self._sections)), found[2],
+                "use coordinates relative to one point near all frames", self._num_frames, 100 * coarse[0], coarse[1],
+                describe_origin(ORIGIN.read(self._sections)), coarse[2],
             )  # fmt: skip
         drawn = ANTIALIASING in self._sections
         if frame.antialiased != drawn and "antialiasing" not in self._warned_kinds:
@@ -269,8 +272,10 @@ class SequenceEncoder:
         )  # fmt: skip
         packets = []
         for number, frame in enumerate(frames):
-            own = group_of([frame])
-            packets += self._writer.add(own, classes[np.searchsorted(group.keys, own.keys)], cut=number in cuts)
+            frame_group = group_of([frame])
+            packets += self._writer.add(
+                frame_group, classes[np.searchsorted(group.keys, frame_group.keys)], cut=number in cuts
+            )
         return packets
 
     def _precision(self, group: TrackGroup, cuts: list[int], new: np.ndarray) -> np.ndarray | None:
@@ -297,9 +302,9 @@ class SequenceEncoder:
                 return classes
         scene = np.where(new, np.searchsorted(cuts, group.begins, side="right") - 1, -1)
         for number in range(len(cuts)):
-            some = np.flatnonzero(scene == number)
-            first = group.first(some)
-            classes[some] = self._classes(first)
+            members = np.flatnonzero(scene == number)
+            first = group.first(members)
+            classes[members] = self._classes(first)
             if not number and not self._groups and not self._first_frame:
                 up = self._options.up
                 if up != "auto":

@@ -85,16 +85,16 @@ class PipeSource:
 
     def poll(self, now: float) -> list[Path]:
         """Returns the frame files whose names have been read from the pipe since the previous call."""
-        found: list[Path] = []
-        while not self.ended and len(found) < MAX_NAMES and select.select([self._source], [], [], 0)[0]:
+        paths: list[Path] = []
+        while not self.ended and len(paths) < MAX_NAMES and select.select([self._source], [], [], 0)[0]:
             data = os.read(self._source, 1 << 14)
             self.ended = not data
             *lines, self._rest = (self._rest + (data or b"\n")).split(b"\n")
-            found += [Path(os.fsdecode(line.strip())) for line in lines if line.strip()]
+            paths += [Path(os.fsdecode(line.strip())) for line in lines if line.strip()]
             if len(self._rest) > MAX_NAME_BYTES:
                 self._warn(f"standard input: a line of more than {MAX_NAME_BYTES:,} bytes is no name of a frame")
                 self._rest = b""
-        return found
+        return paths
 
     def mark_read(self, path: Path, signature: Signature | None) -> None:
         """Does nothing, because each name in the pipe is a new frame, even if the same name was read before."""
@@ -132,7 +132,7 @@ class FolderSource:
 
     def _new(self, names: list[str]) -> list[tuple[Path, os.stat_result, Signature]]:
         """Returns the files in the folder that are new or have changed since they were read, sorted by name."""
-        found = []
+        new_files = []
         for name in names:
             path = self._folder / name
             if self._done.get(name, ()) is None:
@@ -148,8 +148,8 @@ class FolderSource:
                     self._warn(f"{path}: {error.strerror}: left out")
                 continue
             if self._done.get(name, ()) != signature:
-                found.append((path, status, signature))
-        return sorted(found, key=lambda item: by_number(item[0]))
+                new_files.append((path, status, signature))
+        return sorted(new_files, key=lambda item: by_number(item[0]))
 
     def _complete(self, new: list[tuple[Path, os.stat_result, Signature]], now: float) -> list[Path]:
         ready: list[Path] = []

@@ -109,10 +109,10 @@ def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Seque
     """
     if num_frames is not None:
         raise InvalidValueError(f"{path} has its own frames: a number is for .splatv files")
-    found = _sequence_file(path, kind)
-    if found is None:
+    sequence_file = _sequence_file(path, kind)
+    if sequence_file is None:
         raise DatasetError(f"{path}: has no time samples, so it is a still scene")
-    contents = found.read
+    contents = sequence_file.read
 
     def read() -> Iterator[Frame]:
         for number, content in enumerate(contents()):
@@ -121,7 +121,7 @@ def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Seque
                 metadata=content.metadata,
             )  # fmt: skip
 
-    return Sequence(found.num_frames, read, "auto", found.rate)
+    return Sequence(sequence_file.num_frames, read, "auto", sequence_file.rate)
 
 
 def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
@@ -150,15 +150,15 @@ def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
     if not source.is_dir():
         raise DatasetError(f"{source} is not a folder with a file for each frame")
     files = sorted(source.iterdir(), key=by_number)
-    found = [path for path in files if is_frame(path)]
-    if not found:
+    frame_paths = [path for path in files if is_frame(path)]
+    if not frame_paths:
         raise DatasetError(f"{source} has no file of explicit Gaussians (PLY, SPZ, SOG, .splat, .ksplat, .glb)")
-    endings = {path.suffix.lower() for path in found if path.is_file()}
+    endings = {path.suffix.lower() for path in frame_paths if path.is_file()}
     for path in files:
         if path.is_file() and path.suffix.lower() in endings and not is_frame(path):
             raise DatasetError(f"{path} is no frame, as other {path.suffix} files there are: {file_kind(path)}")
-    _warn_of_gaps(source, [path.name for path in found])
-    return found
+    _warn_of_gaps(source, [path.name for path in frame_paths])
+    return frame_paths
 
 
 def _warn_of_gaps(source: Path, names: list[str]) -> None:
@@ -169,7 +169,7 @@ def _warn_of_gaps(source: Path, names: list[str]) -> None:
     numbers = [int(parts[1]) for parts in counted]
     steps = [after - before for before, after in itertools.pairwise(numbers)]
     usual = min(steps, default=0)
-    missing = [names[at] for at, step in enumerate(steps) if step > usual > 0]
+    missing = [names[index] for index, step in enumerate(steps) if step > usual > 0]
     if missing:
         LOG.warning(
             "%s: frames are missing after %s%s: the clip continues with the next frame", source, ", ".join(missing[:3]),

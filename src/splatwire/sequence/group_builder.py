@@ -71,9 +71,9 @@ class GroupBuilder:
         """
         by, number = self._key_order, len(self.frames) - 1
         at = np.searchsorted(self._keys, keys, sorter=by)
-        known = self._keys[by[np.minimum(at, len(by) - 1)]] == keys if len(by) else np.zeros(len(keys), bool)
-        if not known.all():
-            more = np.sort(keys[~known])
+        has_row = self._keys[by[np.minimum(at, len(by) - 1)]] == keys if len(by) else np.zeros(len(keys), bool)
+        if not has_row.all():
+            more = np.sort(keys[~has_row])
             self._keys = np.concatenate([self._keys, more])
             self._begins = np.concatenate([self._begins, np.full(len(more), number)])
             self._ends = np.concatenate([self._ends, np.full(len(more), number)])
@@ -101,7 +101,7 @@ class GroupBuilder:
         means, count = self._values["means"], NUM_NEIGHBORS + NUM_SPARE_NEIGHBORS
         stay = np.flatnonzero((self._begins == 0) & (self._ends == number + 1))
         went = np.flatnonzero(self._ends == number)
-        room = MAX_EARLY_SEARCHES - sum(len(found.tracks) for found in self._neighbor_sets)
+        room = MAX_EARLY_SEARCHES - sum(len(neighbor_set.tracks) for neighbor_set in self._neighbor_sets)
         if number and self._tree is not None and 0 < len(went) <= room:
             self._neighbor_sets.append(self._tree.nearest(means, went, count))
         self._tree = None
@@ -117,7 +117,11 @@ class GroupBuilder:
     def so_far(self) -> tuple[np.ndarray, Trajectories, int]:
         """Returns the incomplete group: keys of its tracks, their attributes in each frame, and number of frames."""
         count = len(self._keys)
-        return self._keys, Trajectories(**{name: some[:count] for name, some in self._values.items()}), len(self.frames)
+        return (
+            self._keys,
+            Trajectories(**{name: values[:count] for name, values in self._values.items()}),
+            len(self.frames),
+        )
 
     def group(self) -> TrackGroup:
         """Returns the group of all frames added so far.
@@ -128,20 +132,20 @@ class GroupBuilder:
         """
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}
-        for some in values.values():
-            _repeat_ends(some, self._begins, self._ends)
+        for array in values.values():
+            _repeat_ends(array, self._begins, self._ends)
         self.smooth = extrapolate_partial_tracks(
             values["means"], self._begins, self._ends, self._neighbor_sets, self._sample
         )
         keys, begins, ends, frames = self._keys, self._begins, self._ends, self.frames
         if not np.array_equal(self._key_order, np.arange(count)):
             keys, begins, ends = keys[self._key_order], begins[self._key_order], ends[self._key_order]
-            values = {name: some[self._key_order] for name, some in values.items()}
-        values = {name: np.ascontiguousarray(some) for name, some in values.items()}
+            values = {name: array[self._key_order] for name, array in values.items()}
+        values = {name: np.ascontiguousarray(array) for name, array in values.items()}
 
         def first(rows: np.ndarray) -> Splats:
-            own = first_gaussians(frames, keys[rows], begins[rows])
-            return replace(own, means=values["means"][rows, 0])
+            keyframes = first_gaussians(frames, keys[rows], begins[rows])
+            return replace(keyframes, means=values["means"][rows, 0])
 
         return TrackGroup(keys, begins, ends, Trajectories(**values), first)
 

@@ -47,5 +47,5 @@ def stream_importance(stream: SceneStream) -> dict[PacketId, float]:
     """Returns the importance of all packets of a complete sequence, by packet id."""
     splats = decode_stream(stream).scene.tracks.splats
     weights = weights_of(splats.scales, splats.opacities)
-    found = packet_importance(stream.manifest, stream.side_info, stream.packets, weights)
-    return {packet.id: worth for packet, worth in zip(stream.packets, found, strict=True)}
+    costs = packet_importance(stream.manifest, stream.side_info, stream.packets, weights)
+    return {packet.id: worth for packet, worth in zip(stream.packets, costs, strict=True)}

@@ -42,7 +42,7 @@ class LiveDecoder:
         self._side_info = b""
         self._decoder: TracksDecoder | None = None
         self._blocks: dict[int, list[Packet]] = {}
-        self._fresh: set[int] = set()
+        self._new_keyframe_blocks: set[int] = set()
         self._num_received: dict[int, int] = {}
         self._next = self._first_frame = 0
         self._memory: ConcealmentState | None = None
@@ -87,14 +87,14 @@ class LiveDecoder:
             self._blocks.setdefault(block, []).append(packet)
             self._num_received[group] = self._num_received.get(group, 0) + packet.num_elements
             if plan.persistent(block):
-                self._fresh.add(block)
+                self._new_keyframe_blocks.add(block)
             else:
                 motion.append(packet)
         if motion and self._decoder is not None:
             opened = self._current_decoder()
             self._store_keyframes(opened, self._manifest, complete_only=True)
-            for _, some in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
-                opened.prepare(list(some), self._num_bytes, self._threads)
+            for _, packets_of_tier in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
+                opened.prepare(list(packets_of_tier), self._num_bytes, self._threads)
         yield from self._complete()
 
     def finish(self) -> Iterator[SequenceFrame]:
@@ -167,14 +167,18 @@ class LiveDecoder:
             complete_only: True to decode only blocks (groups of keyframe Gaussians that are coded together) of which
                 all packets have arrived. False to decode incomplete blocks, too.
         """
-        there = {block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._fresh}
+        num_received = {
+            block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._new_keyframe_blocks
+        }
         keyframes = {
-            block for block, count in there.items() if not complete_only or count == manifest.plan.block_elements(block)
+            block
+            for block, count in num_received.items()
+            if not complete_only or count == manifest.plan.block_elements(block)
         }
         packets = itertools.chain.from_iterable(self._blocks[block] for block in sorted(keyframes))
         for run in runs_of(decoder, manifest, packets):
             decoder.store(run, decoder.decode(run))
-        self._fresh -= keyframes
+        self._new_keyframe_blocks -= keyframes
 
 
 def frames_of_events(decoder: LiveDecoder, waiting: WaitingEvents) -> Iterator[SequenceFrame]:

@@ -45,11 +45,11 @@ class LiveEncoder:
         Raises:
             InvalidValueError: If the frame contradicts earlier frames (see `SequenceEncoder.push`).
         """
-        taken = frame if isinstance(frame, Frame) else Frame.of(frame)
+        checked_frame = frame if isinstance(frame, Frame) else Frame.of(frame)
         begins = not self.num_frames % self._options.group_frames
-        if begins and self._full and taken.drawn.any():  # the first frame of a period must not be empty
+        if begins and self._full and checked_frame.drawn.any():  # the first frame of a period must not be empty
             self._begin(self.encoder.new_period())
-        packets = self.encoder.push(taken)
+        packets = self.encoder.push(checked_frame)
         self.num_frames += 1
         if self.num_frames % self._options.group_frames:
             return None

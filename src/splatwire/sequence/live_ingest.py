@@ -211,8 +211,8 @@ class LiveIngest:
     def _wait(self, seconds: float) -> None:
         """Waits for `seconds`, or until a stop is requested."""
         end = self._clock() + seconds
-        while not self._stop() and (left := end - self._clock()) > 0:
-            self._sleep(min(left, 0.1))
+        while not self._stop() and (remaining := end - self._clock()) > 0:
+            self._sleep(min(remaining, 0.1))
 
 
 def _has_valid_rows(frame: Frame) -> bool:
@@ -232,8 +232,8 @@ def _frame_properties(kind: tuple[int, bool]) -> str:
 
 def _reason(error: Exception) -> str:
     """Returns the text of an exception in one line."""
-    known = isinstance(error, (SplatwireError, OSError))
-    return str(error) if known and str(error) else f"{type(error).__name__}: {error}".rstrip(": ")
+    is_expected = isinstance(error, (SplatwireError, OSError))
+    return str(error) if is_expected and str(error) else f"{type(error).__name__}: {error}".rstrip(": ")
 
 
 def new_stream_id() -> int:

@@ -64,21 +64,21 @@ def tracked(previous: Splats, current: Splats) -> bool:
         return False
     if count < 3:
         return True
-    some = np.unique(np.linspace(0, count - 1, min(count, SAMPLE_SIZE)).astype(np.int64))
-    appearance = [_appearance(splats.select(some)) for splats in (previous, current)]
-    own = np.median(np.abs(appearance[0] - appearance[1]).sum(axis=1))
-    other = np.median(np.abs(appearance[0] - np.roll(appearance[1], len(some) // 2, axis=0)).sum(axis=1))
-    if other > 0.1 and own < 0.1 * other:
+    sample = np.unique(np.linspace(0, count - 1, min(count, SAMPLE_SIZE)).astype(np.int64))
+    appearance = [_appearance(splats.select(sample)) for splats in (previous, current)]
+    difference = np.median(np.abs(appearance[0] - appearance[1]).sum(axis=1))
+    random_difference = np.median(np.abs(appearance[0] - np.roll(appearance[1], len(sample) // 2, axis=0)).sum(axis=1))
+    if random_difference > 0.1 and difference < 0.1 * random_difference:
         return True
-    before, moved = _positions(previous), _positions(current) - _positions(previous)
-    finite = np.isfinite(before).all(axis=1) & np.isfinite(moved).all(axis=1)
+    before, motion = _positions(previous), _positions(current) - _positions(previous)
+    finite = np.isfinite(before).all(axis=1) & np.isfinite(motion).all(axis=1)
     tree = build_kd_tree(before[finite])
-    some = some[finite[some]]
-    distance, near = tree.query(before[some], k=min(9, int(finite.sum())))
-    around = moved[finite][near[:, 1:]]
+    sample = sample[finite[sample]]
+    distance, neighbors = tree.query(before[sample], k=min(9, int(finite.sum())))
+    neighbor_motion = motion[finite][neighbors[:, 1:]]
     spacing = float(np.median(distance[:, 1]))
-    rest = np.linalg.norm(moved[some] - np.median(around, axis=1), axis=1)
-    return bool(np.median(rest) <= 0.3 * spacing)
+    deviation = np.linalg.norm(motion[sample] - np.median(neighbor_motion, axis=1), axis=1)
+    return bool(np.median(deviation) <= 0.3 * spacing)
 
 
 def match(previous: Splats, current: Splats, before: Match | None = None) -> Match:
@@ -99,17 +99,17 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
     positions, now = _positions(previous), _positions(current)
     if not len(positions) or not len(now):
         return Match(np.full(len(now), -1, np.int64), np.zeros_like(now))
-    guess = positions + (before.velocity if before is not None else 0.0)
-    expected = _fit_affine(guess, now)
+    extrapolated = positions + (before.velocity if before is not None else 0.0)
+    expected = _fit_affine(extrapolated, now)
     appearance = [_appearance(splats) for splats in (previous, current)]
-    spread = np.maximum(np.median(np.abs(appearance[0] - np.median(appearance[0], axis=0)), axis=0), 1e-3)
+    appearance_scale = np.maximum(np.median(np.abs(appearance[0] - np.median(appearance[0], axis=0)), axis=0), 1e-3)
     # A colour change of the whole scene is no difference.
     shift = np.median(appearance[1], axis=0) - np.median(appearance[0], axis=0)
-    appearance = [(appearance[0] + shift) / spread, appearance[1] / spread]
+    appearance = [(appearance[0] + shift) / appearance_scale, appearance[1] / appearance_scale]
     partner = np.full(len(now), -1, np.int64)
     for candidates, weight in ROUNDS:
-        partner, sure = _match_one_to_one(expected, now, appearance[0], appearance[1], candidates, weight)
-        expected = _smooth(positions, now, partner, sure, expected)
+        partner, is_confident = _match_one_to_one(expected, now, appearance[0], appearance[1], candidates, weight)
+        expected = _smooth(positions, now, partner, is_confident, expected)
     partner, _ = _match_one_to_one(expected, now, appearance[0], appearance[1], ROUNDS[-1][0], 1.0)
     partner[_implausible_matches(expected, now, appearance[0], appearance[1], partner)] = -1
     if (partner >= 0).sum() < MIN_MATCHED_SHARE * min(len(positions), len(now)):
@@ -157,21 +157,21 @@ def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
     Returns:
         Positions of the previous frame after the motion, (N, 3).
     """
-    some = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE_SIZE)).astype(np.int64))]
+    sample = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE_SIZE)).astype(np.int64))]
     # Trimmed iterative closest points: distant pairs are ignored.
     tree, matrix = build_kd_tree(now), np.concatenate([np.eye(3), np.zeros((1, 3))])
-    if len(some) < 8:
+    if len(sample) < 8:
         return positions
     best, last = matrix, np.inf
-    padded = np.concatenate([some, np.ones((len(some), 1))], axis=1)
+    padded = np.concatenate([sample, np.ones((len(sample), 1))], axis=1)
     for _ in range(_AFFINE_STEPS):
-        distance, near = tree.query(padded @ matrix, workers=-1)
+        distance, nearest = tree.query(padded @ matrix, workers=-1)
         error = float(np.median(distance))
         if error >= last * 0.999:
             break
         best, last = matrix, error
         kept = distance <= np.quantile(distance, _KEPT_SHARE)
-        matrix = np.linalg.lstsq(padded[kept], now[near[kept]], rcond=None)[0]
+        matrix = np.linalg.lstsq(padded[kept], now[nearest[kept]], rcond=None)[0]
     return np.concatenate([positions, np.ones((len(positions), 1))], axis=1) @ best
 
 
@@ -197,27 +197,31 @@ def _match_one_to_one(
         Index of the match of each current Gaussian, -1 for none; and the mask of confident matches.
     """
     count = min(candidates, len(expected))
-    distance, near = build_kd_tree(expected).query(now, k=count, workers=-1)
-    distance, near = distance.reshape(len(now), count), near.reshape(len(now), count)
-    differ = ((appearance_now[:, None, :] - appearance[near]) ** 2).sum(axis=2)
-    best = np.argmin(differ + (distance / _distance_scale(distance[:, 0])) ** 2 * weight, axis=1)
-    here = np.arange(len(now))
+    distance, nearest = build_kd_tree(expected).query(now, k=count, workers=-1)
+    distance, nearest = distance.reshape(len(now), count), nearest.reshape(len(now), count)
+    appearance_distance = ((appearance_now[:, None, :] - appearance[nearest]) ** 2).sum(axis=2)
+    best = np.argmin(appearance_distance + (distance / _distance_scale(distance[:, 0])) ** 2 * weight, axis=1)
+    all_rows = np.arange(len(now))
     # Where most Gaussians do not move or change, the medians are zero; bound the units by a share of the candidates'.
-    far_off, unlike = float(np.median(distance[:, -1])), float(np.median(np.sqrt(differ)))
-    unit = max(_distance_scale(distance[here, best]), MIN_DIFFERENCE * far_off)
-    look = max(_distance_scale(np.sqrt(differ[here, best])), MIN_DIFFERENCE * unlike) ** 2
-    score = (distance / unit) ** 2 * weight + differ / look
-    partner = _one_to_one(score, near, len(expected))
-    found, mine = partner >= 0, near == partner[:, None]
+    far_off, typical_difference = float(np.median(distance[:, -1])), float(np.median(np.sqrt(appearance_distance)))
+    distance_unit = max(_distance_scale(distance[all_rows, best]), MIN_DIFFERENCE * far_off)
+    appearance_unit = (
+        max(_distance_scale(np.sqrt(appearance_distance[all_rows, best])), MIN_DIFFERENCE * typical_difference) ** 2
+    )
+    score = (distance / distance_unit) ** 2 * weight + appearance_distance / appearance_unit
+    partner = _one_to_one(score, nearest, len(expected))
+    has_partner, is_partner = partner >= 0, nearest == partner[:, None]
 
     def own(values: np.ndarray) -> np.ndarray:
-        return np.where(found, np.where(mine, values, np.inf).min(axis=1), np.inf)
+        return np.where(has_partner, np.where(is_partner, values, np.inf).min(axis=1), np.inf)
 
-    alike, chosen = own(differ), own(score)
+    matched_difference, matched_score = own(appearance_distance), own(score)
     second = np.partition(score, 1, axis=1)[:, 1] if count > 1 else np.full(len(now), np.inf)
     # Only appearance decides the confidence: fast Gaussians are far from their prediction, and matter most.
-    sure = found & (chosen < 0.7 * second)
-    return partner, sure & (alike <= np.quantile(alike[found], 0.8)) if found.any() else sure
+    is_confident = has_partner & (matched_score < 0.7 * second)
+    return partner, is_confident & (
+        matched_difference <= np.quantile(matched_difference[has_partner], 0.8)
+    ) if has_partner.any() else is_confident
 
 
 def _implausible_matches(
@@ -235,16 +239,18 @@ def _implausible_matches(
     Returns:
         Indices of the current frame's Gaussians with such a match, int64.
     """
-    found = np.flatnonzero(partner >= 0)
-    theirs = partner[found]
-    usual = max(np.median(np.linalg.norm(appearance_now - np.roll(appearance_now, len(now) // 2, axis=0), axis=1)), 1.0)
-    unlike = np.linalg.norm(appearance_now[found] - appearance[theirs], axis=1)
-    distance, _ = build_kd_tree(expected).query(
-        expected[theirs], k=[min(SCORE_NEIGHBOR + 1, len(expected))], workers=-1
+    matched = np.flatnonzero(partner >= 0)
+    partners = partner[matched]
+    typical_difference = max(
+        np.median(np.linalg.norm(appearance_now - np.roll(appearance_now, len(now) // 2, axis=0), axis=1)), 1.0
     )
-    apart = np.linalg.norm(now[found] - expected[theirs], axis=1)
-    other: np.ndarray = found[apart * unlike > MAX_SCORE * distance[:, 0] * usual]
-    return other
+    difference = np.linalg.norm(appearance_now[matched] - appearance[partners], axis=1)
+    distance, _ = build_kd_tree(expected).query(
+        expected[partners], k=[min(SCORE_NEIGHBOR + 1, len(expected))], workers=-1
+    )
+    motion_error = np.linalg.norm(now[matched] - expected[partners], axis=1)
+    implausible: np.ndarray = matched[motion_error * difference > MAX_SCORE * distance[:, 0] * typical_difference]
+    return implausible
 
 
 def _distance_scale(values: np.ndarray) -> float:
@@ -264,19 +270,21 @@ def _one_to_one(score: np.ndarray, candidates: np.ndarray, count: int) -> np.nda
         For each Gaussian, index of its match in the other frame, int64 (N); -1 for none.
     """
     partner, taken, score = np.full(len(score), -1, np.int64), np.zeros(count, bool), score.copy()
-    left = np.arange(len(score))
+    unmatched = np.arange(len(score))
     for _ in range(score.shape[1] * 2):
-        score[left[:, None], np.arange(score.shape[1])] = np.where(taken[candidates[left]], np.inf, score[left])
-        best = score[left].argmin(axis=1)
-        value, wanted = score[left, best], candidates[left, best]
+        score[unmatched[:, None], np.arange(score.shape[1])] = np.where(
+            taken[candidates[unmatched]], np.inf, score[unmatched]
+        )
+        best = score[unmatched].argmin(axis=1)
+        value, best_candidate = score[unmatched, best], candidates[unmatched, best]
         possible = np.isfinite(value)
-        left, value, wanted = left[possible], value[possible], wanted[possible]
-        if not len(left):
+        unmatched, value, best_candidate = unmatched[possible], value[possible], best_candidate[possible]
+        if not len(unmatched):
             break
-        order = np.lexsort((value, wanted))
-        first = order[np.concatenate([[True], wanted[order][1:] != wanted[order][:-1]])]
-        partner[left[first]], taken[wanted[first]] = wanted[first], True
-        left = np.delete(left, first)
+        order = np.lexsort((value, best_candidate))
+        first = order[np.concatenate([[True], best_candidate[order][1:] != best_candidate[order][:-1]])]
+        partner[unmatched[first]], taken[best_candidate[first]] = best_candidate[first], True
+        unmatched = np.delete(unmatched, first)
     return partner
 
 
@@ -295,13 +303,13 @@ def _smooth(
     Returns:
         Corrected positions, (N, 3).
     """
-    some = np.flatnonzero(confident)
-    if len(some) < NUM_PREDICTING:
+    confident_rows = np.flatnonzero(confident)
+    if len(confident_rows) < NUM_PREDICTING:
         return expected
-    rows = partner[some]
-    rest = now[some] - expected[rows]
-    _, near = build_kd_tree(positions[rows]).query(positions, k=NUM_PREDICTING, workers=-1)
-    return expected + np.median(rest[near], axis=1)
+    rows = partner[confident_rows]
+    errors = now[confident_rows] - expected[rows]
+    _, nearest = build_kd_tree(positions[rows]).query(positions, k=NUM_PREDICTING, workers=-1)
+    return expected + np.median(errors[nearest], axis=1)
 
 
 def _velocity(positions: np.ndarray, now: np.ndarray, partner: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -313,11 +321,11 @@ def _velocity(positions: np.ndarray, now: np.ndarray, partner: np.ndarray, expec
         partner: Index of the match of each current Gaussian in the previous frame, (M); -1 for none.
         expected: For the Gaussians of the previous frame, their predicted positions in the current frame, (N, 3).
     """
-    found = partner >= 0
+    has_partner = partner >= 0
     velocity = np.zeros_like(now)
-    velocity[found] = now[found] - positions[partner[found]]
+    velocity[has_partner] = now[has_partner] - positions[partner[has_partner]]
     # A Gaussian without a match gets the predicted motion of the nearest one.
-    if not found.all():
-        _, near = build_kd_tree(expected).query(now[~found])
-        velocity[~found] = (expected - positions)[near]
+    if not has_partner.all():
+        _, nearest = build_kd_tree(expected).query(now[~has_partner])
+        velocity[~has_partner] = (expected - positions)[nearest]
     return velocity

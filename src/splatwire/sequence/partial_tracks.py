@@ -83,10 +83,10 @@ class NeighborSet:
             exists: Mask of the tracks that are allowed as neighbours, bool (T).
             means: Positions of all tracks in all frames, float32 (T, F, 3).
         """
-        known = exists[self.neighbors]
-        same, enough = known[:, :NUM_NEIGHBORS].all(axis=1), known.sum(axis=1) >= NUM_NEIGHBORS
+        is_allowed = exists[self.neighbors]
+        same, enough = is_allowed[:, :NUM_NEIGHBORS].all(axis=1), is_allowed.sum(axis=1) >= NUM_NEIGHBORS
         other = enough & ~same
-        first = np.argsort(~known[other], axis=1, kind="stable")[:, :NUM_NEIGHBORS]
+        first = np.argsort(~is_allowed[other], axis=1, kind="stable")[:, :NUM_NEIGHBORS]
         neighbors = np.take_along_axis(self.neighbors[other], first, axis=1)
         # Tracks with too few allowed neighbours are omitted.
         return NeighborSet.joined([
@@ -110,8 +110,10 @@ class NeighborSet:
         Args:
             means: Positions of all tracks, float32 (T, F, 3).
         """
-        own, positions = means[self.tracks, self.frames][:, None], means[self.neighbors, self.frames[:, None]]
-        moved: np.ndarray = own + np.einsum("nk,nkfa->nfa", self.weights, means[self.neighbors] - positions[:, :, None])
+        start, positions = means[self.tracks, self.frames][:, None], means[self.neighbors, self.frames[:, None]]
+        moved: np.ndarray = start + np.einsum(
+            "nk,nkfa->nfa", self.weights, means[self.neighbors] - positions[:, :, None]
+        )
         return moved
 
 
@@ -152,8 +154,8 @@ class NeighborIndex:
             count: Number of nearest tracks to find for each track.
             begin: Number of nearest tracks to omit: 1 if `tracks` are in the tree, so that each is nearest to itself.
         """
-        found = self.tree.query(means[tracks, self.frame], k=min(count, len(self.rows)))[1].reshape(len(tracks), -1)
-        return NeighborSet.with_weights(means, tracks, np.full(len(tracks), self.frame), self.rows[found[:, begin:]])
+        nearest = self.tree.query(means[tracks, self.frame], k=min(count, len(self.rows)))[1].reshape(len(tracks), -1)
+        return NeighborSet.with_weights(means, tracks, np.full(len(tracks), self.frame), self.rows[nearest[:, begin:]])
 
 
 def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
@@ -163,12 +165,16 @@ def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
         means: Positions of all tracks in all frames, float32 (T, F, 3).
         index: Search tree. The sample is evenly spaced in it; the neighbours are tracks of the tree.
     """
-    some = index.rows[np.linspace(0, len(index.rows) - 1, min(len(index.rows), SAMPLE_SIZE)).astype(np.int64)]
-    return index.nearest(means, some, NUM_NEIGHBORS + NUM_SPARE_NEIGHBORS + 1, begin=1)
+    sample = index.rows[np.linspace(0, len(index.rows) - 1, min(len(index.rows), SAMPLE_SIZE)).astype(np.int64)]
+    return index.nearest(means, sample, NUM_NEIGHBORS + NUM_SPARE_NEIGHBORS + 1, begin=1)
 
 
 def extrapolate_partial_tracks(
-    means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[NeighborSet], sample: NeighborSet | None
+    means: np.ndarray,
+    begins: np.ndarray,
+    ends: np.ndarray,
+    neighbor_sets: Sequence[NeighborSet],
+    sample: NeighborSet | None,
 ) -> bool:
     """Extrapolates the positions of tracks that begin or end within a group of pictures to all frames of the group.
 
@@ -179,7 +185,7 @@ def extrapolate_partial_tracks(
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
-        known: Neighbours that were already found for some of the tracks; may be empty.
+        neighbor_sets: Neighbours that were already found for some of the tracks; may be empty.
         sample: Sample of tracks with their neighbours, with which the similarity of their motion is tested; None to
             choose the sample here.
 
@@ -193,16 +199,16 @@ def extrapolate_partial_tracks(
     whole = np.flatnonzero(stays)
     if len(whole) <= NUM_NEIGHBORS or not _is_coherent(means, stays, sample):
         return False
-    parts = [found.only(stays, means) for found in ([NeighborSet.joined(known)] if known else [])]
-    late, gone = np.flatnonzero(begins > 0), np.flatnonzero(ends < frames)
-    wanted = np.union1d(late * frames + begins[late], gone * frames + ends[gone] - 1)
-    lacking = wanted[
-        ~np.isin(wanted, np.concatenate([wanted[:0], *(part.tracks * frames + part.frames for part in parts)]))
+    parts = [found.only(stays, means) for found in ([NeighborSet.joined(neighbor_sets)] if neighbor_sets else [])]
+    begin_later, end_earlier = np.flatnonzero(begins > 0), np.flatnonzero(ends < frames)
+    needed = np.union1d(begin_later * frames + begins[begin_later], end_earlier * frames + ends[end_earlier] - 1)
+    missing = needed[
+        ~np.isin(needed, np.concatenate([needed[:0], *(part.tracks * frames + part.frames for part in parts)]))
     ]
-    for frame in np.unique(lacking % frames).tolist():
-        tracks, index = lacking[lacking % frames == frame] // frames, NeighborIndex.of(means, frame, whole)
-        some = np.array_split(tracks, -(-len(tracks) // BATCH_SIZE))
-        parts += [index.nearest(means, few, NUM_NEIGHBORS) for few in some]
+    for frame in np.unique(missing % frames).tolist():
+        tracks, index = missing[missing % frames == frame] // frames, NeighborIndex.of(means, frame, whole)
+        batches = np.array_split(tracks, -(-len(tracks) // BATCH_SIZE))
+        parts += [index.nearest(means, batch, NUM_NEIGHBORS) for batch in batches]
     for part in parts:
         for begin in range(0, len(part.tracks), BATCH_SIZE):
             _extrapolate(means, begins, ends, part.part(slice(begin, begin + BATCH_SIZE)))
@@ -219,15 +225,20 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighb
         neighbors: Neighbours of the tracks to extrapolate.
     """
     tracks, at, numbers, frames = neighbors.tracks, neighbors.frames[:, None], np.arange(means.shape[1]), means.shape[1]
-    begin, end, own, moved = (
+    begin, end, own_positions, moved = (
         begins[tracks, None],
         ends[tracks, None],
         means[tracks],
         neighbors.interpolated_motion(means),
     )
-    here = means[tracks, neighbors.frames][:, None]
+    reference_positions = means[tracks, neighbors.frames][:, None]
     away = (begin == at) & (numbers < at) | (end == at + 1) & (end < frames) & (numbers > at)
-    along = away & _moves_like(own - here, moved - here, (begin <= numbers) & (numbers < end))[:, None]
+    along = (
+        away
+        & _moves_like(
+            own_positions - reference_positions, moved - reference_positions, (begin <= numbers) & (numbers < end)
+        )[:, None]
+    )
     row, frame = np.nonzero(along)
     means[tracks[row], frame] = moved[row, frame]
 
@@ -245,8 +256,13 @@ def _is_coherent(means: np.ndarray, full_length: np.ndarray, sample: NeighborSet
         tested = sample_neighbors(means, NeighborIndex.of(means, 0, np.flatnonzero(full_length))).only(
             full_length, means
         )
-    own, moved = means[tested.tracks], tested.interpolated_motion(means)
-    return bool(_moves_like(own - own[:, :1], moved - own[:, :1], np.ones(own.shape[:2], bool)).mean() > 0.5)
+    own_positions, moved = means[tested.tracks], tested.interpolated_motion(means)
+    return bool(
+        _moves_like(
+            own_positions - own_positions[:, :1], moved - own_positions[:, :1], np.ones(own_positions.shape[:2], bool)
+        ).mean()
+        > 0.5
+    )
 
 
 def _moves_like(motion: np.ndarray, neighbor_motion: np.ndarray, exists: np.ndarray) -> np.ndarray:
@@ -272,11 +288,11 @@ def first_gaussians(frames: Sequence[TrackedFrame], keys: np.ndarray, begins: np
     """
     parts, order = [], []
     for number, frame in enumerate(frames):
-        own = np.flatnonzero(begins == number)
-        if len(own) or not number:
+        beginning = np.flatnonzero(begins == number)
+        if len(beginning) or not number:
             by = np.argsort(frame.keys, kind="stable")
-            rows = by[np.searchsorted(frame.keys, keys[own], sorter=by)]
+            rows = by[np.searchsorted(frame.keys, keys[beginning], sorter=by)]
             parts.append(frame.splats.select(rows))
-            order.append(own)
+            order.append(beginning)
     joined = Splats(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
     return joined.select(np.argsort(np.concatenate(order), kind="stable"))

@@ -137,16 +137,16 @@ class Tracker:
         """Matches a frame's Gaussians to the previous frame. Each gets the track key of its match, or a new key."""
         assert self._last is not None
         current = _drawn(frame)
-        found = match(self._last.splats, current, self._match)
-        old, keys = found.partner >= 0, found.partner.copy()
+        matches = match(self._last.splats, current, self._match)
+        old, keys = matches.partner >= 0, matches.partner.copy()
         keys[old] = self._last.keys[keys[old]]
         keys[~old] = self._new_keys(int((~old).sum()), born=True)
         self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
-        self._keys[frame.drawn], self._match = keys, found
+        self._keys[frame.drawn], self._match = keys, matches
         number, share = self.report.matched, float(old.mean()) if len(old) else 1.0
         mean = (self.report.share * number + share) / (number + 1)
         self.report = replace(self.report, matched=number + 1, share=mean)
-        return TrackedFrame(aligned(self._last.splats, current, found.partner), keys)
+        return TrackedFrame(aligned(self._last.splats, current, matches.partner), keys)
 
     def _new_keys(self, count: int, born: bool) -> np.ndarray:
         first, self._next = self._next, self._next + count

@@ -54,12 +54,12 @@ def repair_symbols(data: bytes, symbol_bytes: int, count: int) -> list[bytes]:
     if total == 1:  # repetition: RaptorQ is not defined for one source symbol
         return [padded] * count
     encoded = _raptorq().Encoder.with_defaults(padded, symbol_bytes + _ID_BYTES).get_encoded_packets(count)
-    found = {int.from_bytes(packet[1:4], "big"): packet[_ID_BYTES:] for packet in encoded if packet[0] == 0}
-    if len(found) != total + count or len(found[0]) != symbol_bytes:
+    symbols = {int.from_bytes(packet[1:4], "big"): packet[_ID_BYTES:] for packet in encoded if packet[0] == 0}
+    if len(symbols) != total + count or len(symbols[0]) != symbol_bytes:
         raise BackendUnavailableError(
             "raptorq", "pip install 'raptorq>=2,<3' (this release of it cuts data differently)"
         )
-    return [found[total + n] for n in range(count)]
+    return [symbols[total + n] for n in range(count)]
 
 
 def source_symbols(data: bytes, symbol_bytes: int) -> list[bytes]:

@@ -86,9 +86,9 @@ class SocketServer(abc.ABC):
 
     def _set_timer(self, now: float) -> None:
         """Schedules the next call of `pump` while transfers are running."""
-        at = self.core.next_at()
-        if at is not None:
-            self._timer = self._loop.call_at(max(at, now), self.pump)
+        due_at = self.core.next_at()
+        if due_at is not None:
+            self._timer = self._loop.call_at(max(due_at, now), self.pump)
         elif self.core.num_transfers:
             self._timer = self._loop.call_at(now + 0.25, self.pump)
 
@@ -174,11 +174,11 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
         OSError: If a resource is missing, such as a file descriptor.
     """
     try:
-        found = await asyncio.get_running_loop().getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
+        addresses = await asyncio.get_running_loop().getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
     except (socket.gaierror, UnicodeError) as error:  # a label of more than 63 characters is a UnicodeError
         reason = getattr(error, "strerror", None) or "it is no host name"
         raise UnknownHostError(f"the host '{address.host:.80}' is not known: {reason}") from error
-    return found[0][0], found[0][4]
+    return addresses[0][0], addresses[0][4]
 
 
 def connected_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
@@ -292,20 +292,20 @@ class _Client:
         if self._is_unusable or any(isinstance(event, Interrupted) for event in events):
             self._replace_socket()
         self._act(datagrams, events)
-        at = self._receiver.next_at()
-        if at is not None:
-            self._timer = self._loop.call_at(at, self._alarm)
+        due_at = self._receiver.next_at()
+        if due_at is not None:
+            self._timer = self._loop.call_at(due_at, self._alarm)
         elif not self._over.done():
             self._over.set_result(None)
 
     def _replace_socket(self) -> None:
         """Opens a new socket, because the local address of this machine may have changed."""
         with suppress(OSError):  # no route to the server yet
-            fresh = connected_socket(self._socket.family, self._socket.getpeername())
+            replacement = connected_socket(self._socket.family, self._socket.getpeername())
             self._loop.remove_reader(self._socket)
             self._socket.close()
-            self._socket, self._here, self._is_unusable = fresh, fresh.getsockname()[:2], False
-            self._loop.add_reader(fresh, self._readable)
+            self._socket, self._here, self._is_unusable = replacement, replacement.getsockname()[:2], False
+            self._loop.add_reader(replacement, self._readable)
 
     def _alarm(self) -> None:
         try:
@@ -344,8 +344,8 @@ def bound_socket(host: str, port: int) -> socket.socket:
         InvalidValueError: If the address cannot be bound.
     """
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
-        family, kind, protocol, _, target = found[0]
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
+        family, kind, protocol, _, target = addresses[0]
         server = socket.socket(family, kind, protocol)
     except (OSError, UnicodeError) as error:
         raise cannot_listen("UDP", host, port, error) from error

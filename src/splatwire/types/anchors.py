@@ -78,24 +78,24 @@ class Anchors:
         """Logarithm of the geometric mean of each anchor's three base Gaussian sizes (world units)."""
         return mean_log_size(self.scalings)
 
-    def with_losses(self, known: Bool[Any, "N"], positions: Float[Any, "N 3"]) -> "Anchors":
+    def with_losses(self, fully_received: Bool[Any, "N"], positions: Float[Any, "N 3"]) -> "Anchors":
         """Simulates losses: returns the anchors with all attributes of lost ones set to 0.
 
         Args:
-            known: Mask of received anchors.
+            fully_received: Mask of received anchors.
             positions: Positions for the lost anchors, world coordinates; other rows are ignored.
 
         Raises:
             InvalidValueError: If an array has another shape or type.
         """
-        check_mask(known, self.num_anchors, "known")
+        check_mask(fully_received, self.num_anchors, "fully_received")
         if tuple(getattr(positions, "shape", ())) != (self.num_anchors, 3):
             raise InvalidValueError(
                 f"positions: expected a float32 array ({self.num_anchors:,}, 3), not {shown(positions)}"
             )
 
         def gap(values: Any, instead: Any = 0) -> Any:
-            return where(known.reshape(-1, *[1] * (values.ndim - 1)), values, instead)
+            return where(fully_received.reshape(-1, *[1] * (values.ndim - 1)), values, instead)
 
         positions = gap(self.positions, positions)
         return Anchors(positions, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
@@ -112,7 +112,7 @@ class Anchors:
         """
         check_kind(loss_mask, LossMask, "decode_stream(...).loss_mask", "loss_mask")
         check_kind(estimates, Anchors, "open_scene(...).anchors", "estimates")
-        check_mask(loss_mask.known, self.num_anchors, "loss_mask")
+        check_mask(loss_mask.fully_received, self.num_anchors, "loss_mask")
         shapes = [tuple(getattr(one, name).shape for name in _SHAPES) for one in (self, estimates)]
         if shapes[0] != shapes[1]:
             raise InvalidValueError(f"estimates: arrays of shapes {shapes[1]}, not {shapes[0]}")

@@ -30,8 +30,8 @@ class LevelScene(SplatScene):
         """Returns the scene with only the Gaussians at `index` (integers, mask or slice), in their present order."""
         chosen = np.zeros(self.num_elements, np.bool_)
         chosen[indices_of(index, self.num_elements)] = True
-        left = tuple(int(part.sum()) for part in np.split(chosen, np.cumsum(self.level_sizes)[:-1]))
-        return replace(super().select(chosen), level_sizes=left)
+        sizes = tuple(int(part.sum()) for part in np.split(chosen, np.cumsum(self.level_sizes)[:-1]))
+        return replace(super().select(chosen), level_sizes=sizes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """Masks of received attributes, per anchor and attribute."""
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,14 +26,20 @@ class LossMask(CheckedFields):
     __repr__ = summary_repr
 
     @property
-    def known(self) -> Bool[Any, "N"]:
+    def fully_received(self) -> Bool[Any, "N"]:
         """Mask of anchors with every attribute received."""
         return self.received.all(1)
 
     @property
+    def known(self) -> Bool[Any, "N"]:
+        """Deprecated name of `fully_received`."""
+        warnings.warn("LossMask.known is deprecated, use fully_received", DeprecationWarning, stacklevel=2)
+        return self.fully_received
+
+    @property
     def num_lost(self) -> int:
         """Number of anchors with at least one missing attribute."""
-        return int((~self.known).sum())
+        return int((~self.fully_received).sum())
 
     def column(self, attribute: Attribute) -> Bool[Any, "N"]:
         """Mask of anchors with a received `attribute`.
@@ -45,19 +52,19 @@ class LossMask(CheckedFields):
             or isinstance(attribute, bool)
             or attribute not in tuple(Attribute)
         ):
-            names = ", ".join(known.name for known in Attribute)
+            names = ", ".join(attribute_name.name for attribute_name in Attribute)
             raise InvalidValueError(f"attribute: expected an Attribute ({names}), not {shown(attribute)}")
         return self.received[:, int(attribute)]
 
     @staticmethod
-    def of_anchors(known: Bool[Any, "N"]) -> "LossMask":
+    def of_anchors(fully_received: Bool[Any, "N"]) -> "LossMask":
         """Builds the mask for anchors of which all attributes were received or all were lost.
 
         Args:
-            known: Mask of received anchors.
+            fully_received: Mask of received anchors.
 
         Raises:
-            InvalidValueError: If `known` is not a one-dimensional array of booleans.
+            InvalidValueError: If `fully_received` is not a one-dimensional array of booleans.
         """
-        known = array_of(known, "known", ("N",), "b")
-        return LossMask(np.repeat(known[:, None], len(Attribute), axis=1))
+        fully_received = array_of(fully_received, "fully_received", ("N",), "b")
+        return LossMask(np.repeat(fully_received[:, None], len(Attribute), axis=1))

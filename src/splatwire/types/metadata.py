@@ -84,8 +84,8 @@ class SceneMetadata:
     @checked
     def over(self, other: "SceneMetadata") -> "SceneMetadata":
         """Returns this metadata, with empty fields filled from `other`."""
-        known = self.known()
-        return SceneMetadata(**{f.name: getattr(self if f.name in known else other, f.name) for f in fields(self)})
+        stated = self.known()
+        return SceneMetadata(**{f.name: getattr(self if f.name in stated else other, f.name) for f in fields(self)})
 
 
 NO_METADATA = SceneMetadata()
@@ -94,14 +94,14 @@ NO_METADATA = SceneMetadata()
 
 def metadata_to_json(metadata: SceneMetadata) -> dict[str, Any]:
     """Returns a JSON object with the fields of the metadata that have a value."""
-    found: dict[str, Any] = {name: getattr(metadata, name) for name in metadata.known()}
-    for name in {"title", "author", "license"} & set(found):
-        found[name] = clean_text(found[name])
+    fields: dict[str, Any] = {name: getattr(metadata, name) for name in metadata.known()}
+    for name in {"title", "author", "license"} & set(fields):
+        fields[name] = clean_text(fields[name])
     if metadata.view is not None:
-        found["view"] = list(metadata.view.numbers())
+        fields["view"] = list(metadata.view.numbers())
     if metadata.orbit is not None:
-        found["orbit"] = list(metadata.orbit)
-    return found
+        fields["orbit"] = list(metadata.orbit)
+    return fields
 
 
 def metadata_from_json(content: object) -> SceneMetadata:

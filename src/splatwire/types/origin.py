@@ -21,10 +21,10 @@ _SAMPLE = 1 << 16
 """Maximum number of positions from which an origin is chosen."""
 _SPREAD_QUANTILES = (0.05, 0.95)
 """Quantiles of the positions; the distance between the two is the spread, which a few far outliers do not change."""
-_WIDE_RATIO, _WIDE_LEAST = 8.0, 16.0
+_WIDE_RATIO, _WIDE_MIN_DISTANCE = 8.0, 16.0
 """Thresholds for float64 positions: minimum ratio of the distance from 0 to the spread, and minimum distance from 0. An
 origin is used if both are exceeded."""
-_NARROW_RATIO, _NARROW_LEAST = 256.0, 1000.0
+_NARROW_RATIO, _NARROW_MIN_DISTANCE = 256.0, 1000.0
 """Thresholds for float32 positions: ratio of distance to spread, and distance from 0. Precision is already lost there,
 so only file formats with fewer bits benefit from an origin."""
 _PRECISE_RATIO = 256.0
@@ -63,12 +63,14 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
     Raises:
         InvalidValueError: If the positions are too far from 0 for an origin.
     """
-    found = _middle_and_spread(means)
-    if found is None:
+    statistics = _middle_and_spread(means)
+    if statistics is None:
         return NO_ORIGIN
-    middle, far, spread = found
-    ratio, least = (_WIDE_RATIO, _WIDE_LEAST) if double_precision else (_NARROW_RATIO, _NARROW_LEAST)
-    if far <= max(ratio * spread, least) and not (double_precision and _is_far_and_small(far, spread)):
+    middle, far, spread = statistics
+    ratio, min_distance = (
+        (_WIDE_RATIO, _WIDE_MIN_DISTANCE) if double_precision else (_NARROW_RATIO, _NARROW_MIN_DISTANCE)
+    )
+    if far <= max(ratio * spread, min_distance) and not (double_precision and _is_far_and_small(far, spread)):
         return NO_ORIGIN
     return _rounded(middle, spread)
 
@@ -85,10 +87,10 @@ def choose_origin_of_small(means: np.ndarray) -> Origin:
     Raises:
         InvalidValueError: If the positions are too far from 0 for an origin.
     """
-    found = _middle_and_spread(means)
-    if found is None or not _is_far_and_small(found[1], found[2]):
+    statistics = _middle_and_spread(means)
+    if statistics is None or not _is_far_and_small(statistics[1], statistics[2]):
         return NO_ORIGIN
-    return _rounded(found[0], found[2])
+    return _rounded(statistics[0], statistics[2])
 
 
 def _middle_and_spread(means: np.ndarray) -> tuple[np.ndarray, float, float] | None:
@@ -100,12 +102,12 @@ def _middle_and_spread(means: np.ndarray) -> tuple[np.ndarray, float, float] | N
     Returns:
         The median position; its largest absolute coordinate; and the largest extent along an axis, without outliers.
     """
-    some = np.asarray(means[:: max(1, -(-len(means) // _SAMPLE))], np.float64)
-    some = some[np.isfinite(some).all(axis=1)]
-    if not len(some):
+    sample = np.asarray(means[:: max(1, -(-len(means) // _SAMPLE))], np.float64)
+    sample = sample[np.isfinite(sample).all(axis=1)]
+    if not len(sample):
         return None
-    middle = np.median(some, axis=0)
-    low, high = np.quantile(some, _SPREAD_QUANTILES, axis=0)
+    middle = np.median(sample, axis=0)
+    low, high = np.quantile(sample, _SPREAD_QUANTILES, axis=0)
     return middle, float(np.abs(middle).max()), float((high - low).max())
 
 
@@ -135,8 +137,8 @@ def _rounded(middle: np.ndarray, spread: float) -> Origin:
         raise InvalidValueError(
             f"positions are around {far:.4g} from 0, and origins end at {_MAX_COORDINATE:g}: subtract a point near them"
         )
-    least = max(_MIN_SPREADS * spread, float(np.spacing(far)))
-    step = min(1.0, 2.0 ** math.floor(math.log2(least))) if spread > 0 else 1.0
+    min_distance = max(_MIN_SPREADS * spread, float(np.spacing(far)))
+    step = min(1.0, 2.0 ** math.floor(math.log2(min_distance))) if spread > 0 else 1.0
     return check_origin((np.rint(middle / step) * step).tolist())
 
 

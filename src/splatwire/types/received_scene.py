@@ -1,5 +1,6 @@
 """Result of a decoder: a scene of Gaussians or anchors, some of which may be lost, and its side information."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
@@ -127,12 +128,12 @@ class ReceivedScene(Generic[S]):
         Raises:
             InvalidValueError: If there is no side information of that type.
         """
-        found = self.get(kind)
-        if found is None:
+        record = self.get(kind)
+        if record is None:
             raise InvalidValueError(
                 f"the side information of this stream of {self.scene.ELEMENTS} has no {kind.__name__}"
             )
-        return found
+        return record
 
     @property
     def provides(self) -> frozenset[type]:
@@ -150,9 +151,15 @@ class ReceivedScene(Generic[S]):
         return self.scene.elements
 
     @property
+    def fully_received(self) -> Bool[np.ndarray, "N"]:
+        """Mask of the elements with every attribute received."""
+        return self.loss_mask.fully_received
+
+    @property
     def known(self) -> Bool[np.ndarray, "N"]:
-        """Mask of fully received elements."""
-        return self.loss_mask.known
+        """Deprecated name of `fully_received`."""
+        warnings.warn("ReceivedScene.known is deprecated, use fully_received", DeprecationWarning, stacklevel=2)
+        return self.loss_mask.fully_received
 
     @property
     def positions(self) -> Float[Any, "N 3"]:
@@ -194,16 +201,18 @@ class ReceivedScene(Generic[S]):
         expected = self.expectation
         return self.elements if expected is None else expected.filled(self.elements, self.loss_mask)
 
-    def masked(self, known: Bool[np.ndarray, "N"]) -> "ReceivedScene[S]":
-        """Simulates losses: returns a copy in which only the elements of the mask `known` count as received.
+    def masked(self, fully_received: Bool[np.ndarray, "N"]) -> "ReceivedScene[S]":
+        """Simulates losses: returns a copy in which only the elements of the mask `fully_received` count as received.
 
         Raises:
-            InvalidValueError: If `known` is not a boolean for each element.
+            InvalidValueError: If `fully_received` is not a boolean for each element.
         """
-        known = array_of(known, "known", (self.scene.num_elements,), "b")
-        there = self.scene.elements.with_losses(known, self.positions)
+        fully_received = array_of(fully_received, "fully_received", (self.scene.num_elements,), "b")
+        elements = self.scene.elements.with_losses(fully_received, self.positions)
         return replace(
-            self, scene=self.scene.with_elements(there, self.scene.hints), loss_mask=LossMask.of_anchors(known)
+            self,
+            scene=self.scene.with_elements(elements, self.scene.hints),
+            loss_mask=LossMask.of_anchors(fully_received),
         )
 
 

@@ -63,11 +63,11 @@ class Elements(Protocol):
     def select(self: Own, index: np.ndarray) -> Own:
         """Returns the elements at `index` (integers or mask), in that order."""
 
-    def with_losses(self: Own, known: Bool[np.ndarray, "N"], positions: Float[np.ndarray, "N 3"]) -> Own:
+    def with_losses(self: Own, fully_received: Bool[np.ndarray, "N"], positions: Float[np.ndarray, "N 3"]) -> Own:
         """Simulates losses: returns the elements with the values of lost ones replaced by placeholders.
 
         Args:
-            known: Mask of received elements.
+            fully_received: Mask of received elements.
             positions: Positions for the lost elements; other rows are ignored.
         """
 

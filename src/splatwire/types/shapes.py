@@ -55,15 +55,15 @@ def check_arrays(
             for extent, wanted in zip(value.shape, shape, strict=True)
         )
         if not (right and fits):
-            known = ", ".join(f"{letter} = {extent}" for letter, extent in extents.items() if letter in shape)
-            raise _wrong(record, name, kind, shape, summarize(value) + (f" ({known})" if known else ""))
+            stated = ", ".join(f"{letter} = {extent}" for letter, extent in extents.items() if letter in shape)
+            raise _wrong(record, name, kind, shape, summarize(value) + (f" ({stated})" if stated else ""))
     if positions is not None and "float64" in str(getattr(record, positions).dtype):
         check_precision(to_numpy(getattr(record, positions)), f"{type(record).__name__}.{positions}")
 
 
-def _wrong(record: Any, name: str, kind: str, shape: Shape, found: str) -> InvalidValueError:
+def _wrong(record: Any, name: str, kind: str, shape: Shape, actual: str) -> InvalidValueError:
     extents = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
-    return InvalidValueError(f"{type(record).__name__}.{name}: expected a {kind} array ({extents}), not {found}")
+    return InvalidValueError(f"{type(record).__name__}.{name}: expected a {kind} array ({extents}), not {actual}")
 
 
 def check_mask(mask: Any, count: int, name: str) -> None:
@@ -115,16 +115,16 @@ def indices_of(index: Any, count: int) -> np.ndarray:
         except (TypeError, ValueError) as error:  # text as a bound, or a step of 0
             raise InvalidValueError(f"index: expected a slice of whole numbers, not {index}: {error}") from error
     try:
-        found = np.asarray(to_numpy(index))
+        array = np.asarray(to_numpy(index))
     except ValueError:  # a ragged list
-        found = np.zeros((), np.object_)
-    if found.dtype == np.bool_ and found.shape == (count,):
-        return np.flatnonzero(found)
-    if found.shape == (0,) and found.dtype.kind in "fiu":
+        array = np.zeros((), np.object_)
+    if array.dtype == np.bool_ and array.shape == (count,):
+        return np.flatnonzero(array)
+    if array.shape == (0,) and array.dtype.kind in "fiu":
         return np.zeros(0, np.int64)
-    if found.ndim != 1 or found.dtype.kind not in "iu":
+    if array.ndim != 1 or array.dtype.kind not in "iu":
         raise InvalidValueError(f"index: expected whole numbers (M,) or a mask ({count:,},), not {summarize(index)}")
-    if found.size and not (-count <= int(found.min()) and int(found.max()) < count):
+    if array.size and not (-count <= int(array.min()) and int(array.max()) < count):
         allowed = f"numbers from {-count:,} to {count - 1:,}" if count else "none, as there are no elements"
-        raise InvalidValueError(f"index: expected {allowed}, not {int(found.min()):,} to {int(found.max()):,}")
-    return found
+        raise InvalidValueError(f"index: expected {allowed}, not {int(array.min()):,} to {int(array.max()):,}")
+    return array

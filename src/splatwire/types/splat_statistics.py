@@ -52,7 +52,7 @@ def _problems(
 ) -> list[str]:  # fmt: skip
     middle = np.median(means, axis=0)
     constant = splats.sh[:, 0].astype(np.float64) * DC + 0.5
-    found = {
+    masks = {
         f"farther from the middle than {_FAR:g} times the core": np.linalg.norm(means - middle, axis=1) > _FAR * core,
         "larger than the core": scales.max(axis=1) > core,
         f"more than {_THIN:g} times as long as thick": scales.max(axis=1) > _THIN * scales.min(axis=1),
@@ -63,7 +63,7 @@ def _problems(
     }
     remarks = [
         f"{problem}: {int(rows.sum()):,} of {len(rows):,}, first row {int(rows.argmax())}"
-        for problem, rows in found.items()
+        for problem, rows in masks.items()
         if rows.any()
     ]
     if len(means) > 1 and core == 0:

@@ -89,10 +89,10 @@ class Splats:
         Large arrays of the result are backed by a temporary file, so that the result may be larger than memory.
         """
         indices = indices_of(index, self.num_gaussians)
-        found = Splats.empty(len(indices), self.degree)
+        result = Splats.empty(len(indices), self.degree)
         for begin in range(0, len(indices), ROWS):
-            found.fill(begin, self.select(indices[begin : begin + ROWS]))
-        return found
+            result.fill(begin, self.select(indices[begin : begin + ROWS]))
+        return result
 
     def fill(self, begin: int, source: "Splats") -> None:
         """Overwrites consecutive Gaussians, from index `begin` on, with the Gaussians of `source`, in place.
@@ -101,11 +101,11 @@ class Splats:
             InvalidValueError: If `source` has another degree, or more Gaussians than there are from `begin` on.
         """
         check_kind(source, Splats, "open_scene", "source")
-        left = self.num_gaussians - whole_number(begin, "begin")
-        if source.num_gaussians > left or source.degree != self.degree:
+        room = self.num_gaussians - whole_number(begin, "begin")
+        if source.num_gaussians > room or source.degree != self.degree:
             raise InvalidValueError(
                 f"source: {source.num_gaussians:,} Gaussians of degree {source.degree} do not fit in the place of "
-                f"{max(left, 0):,} of degree {self.degree}"
+                f"{max(room, 0):,} of degree {self.degree}"
             )
         for name, values in vars(self.run(begin, begin + source.num_gaussians)).items():
             values[:] = getattr(source, name)
@@ -134,10 +134,10 @@ class Splats:
             return self
         quats = large_empty((self.num_gaussians, 4), np.float32)
         for begin in range(0, self.num_gaussians, ROWS):
-            some = self.quats[begin : begin + ROWS].astype(np.float64)
-            lengths = np.sqrt(np.einsum("gi,gi->g", some, some))[:, None]
+            piece = self.quats[begin : begin + ROWS].astype(np.float64)
+            lengths = np.sqrt(np.einsum("gi,gi->g", piece, piece))[:, None]
             valid = np.isfinite(lengths) & (lengths > 0)
-            quats[begin : begin + ROWS] = np.where(valid, some / np.where(valid, lengths, 1), some)
+            quats[begin : begin + ROWS] = np.where(valid, piece / np.where(valid, lengths, 1), piece)
         return dataclasses.replace(self, quats=quats)
 
     def at_most_degree(self, degree: int) -> "Splats":
@@ -174,20 +174,22 @@ class Splats:
         """Logarithm of each Gaussian's size, the geometric mean of its axes."""
         return self.log_axes.mean(axis=1)
 
-    def with_losses(self, known: Bool[np.ndarray, "G"], positions: Float[np.ndarray, "G 3"]) -> "Splats":
+    def with_losses(self, fully_received: Bool[np.ndarray, "G"], positions: Float[np.ndarray, "G 3"]) -> "Splats":
         """Simulates losses: returns the Gaussians with lost ones at `positions` and with opacity 0.
 
         Args:
-            known: Mask of received Gaussians.
+            fully_received: Mask of received Gaussians.
             positions: Positions for the lost Gaussians; other rows are ignored.
 
         Raises:
             InvalidValueError: If an array has another shape or type.
         """
-        check_mask(known, self.num_gaussians, "known")
+        check_mask(fully_received, self.num_gaussians, "fully_received")
         array_of(positions, "positions", (self.num_gaussians, 3))
-        opacities = np.where(known, self.opacities, np.float32(0))
-        return dataclasses.replace(self, means=np.where(known[:, None], self.means, positions), opacities=opacities)
+        opacities = np.where(fully_received, self.opacities, np.float32(0))
+        return dataclasses.replace(
+            self, means=np.where(fully_received[:, None], self.means, positions), opacities=opacities
+        )
 
     def with_estimates(self, loss_mask: LossMask, estimates: "Splats") -> "Splats":
         """Returns the Gaussians with lost ones replaced by estimates.
@@ -201,14 +203,16 @@ class Splats:
         """
         check_kind(loss_mask, LossMask, "decode_stream(...).loss_mask", "loss_mask")
         check_kind(estimates, Splats, "open_scene", "estimates")
-        check_mask(loss_mask.known, self.num_gaussians, "loss_mask")
+        check_mask(loss_mask.fully_received, self.num_gaussians, "loss_mask")
         if estimates.sh.shape != self.sh.shape:
             raise InvalidValueError(f"estimates: Gaussians with sh {estimates.sh.shape}, not {self.sh.shape}")
         if estimates is self:
             return self
-        known, merged = loss_mask.known, {}
-        for name, own in vars(self).items():
-            merged[name] = np.where(known.reshape(-1, *[1] * (own.ndim - 1)), own, getattr(estimates, name))
+        fully_received, merged = loss_mask.fully_received, {}
+        for name, values in vars(self).items():
+            merged[name] = np.where(
+                fully_received.reshape(-1, *[1] * (values.ndim - 1)), values, getattr(estimates, name)
+            )
         return Splats(**merged)
 
     def seen_from(self, camera_center: Float[np.ndarray, "3"]) -> Gaussians:
@@ -217,9 +221,9 @@ class Splats:
         Raises:
             InvalidValueError: If the centre is not three finite numbers.
         """
-        given = array_of(camera_center, "camera_center", (3,))
+        viewpoint = array_of(camera_center, "camera_center", (3,))
         with np.errstate(over="ignore"):  # such numbers are refused
-            center = np.require(given, np.float32, ("C", "W"))
+            center = np.require(viewpoint, np.float32, ("C", "W"))
         if not np.isfinite(center).all():
             raise InvalidValueError("camera_center: expected three finite numbers in the range of float32")
         colors = _compiled_colors(self, center)

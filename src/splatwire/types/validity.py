@@ -63,10 +63,10 @@ class ElementValidity:
 def validity_of_splats(splats: Splats) -> ElementValidity:
     """Classifies Gaussians as drawable, invisible (opacity 0) or invalid."""
     with one_blas_thread():
-        found = share(
+        masks = share(
             lambda begin: _valid_and_visible(splats.run(begin, begin + ROWS)), range(0, splats.num_gaussians, ROWS)
         )
-    return _rows([good & drawn for good, drawn in found], [good for good, _ in found])
+    return _rows([good & drawn for good, drawn in masks], [good for good, _ in masks])
 
 
 def _valid_and_visible(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
@@ -106,8 +106,8 @@ def validity_of_anchors(anchors: Anchors) -> ElementValidity:
     """Classifies anchors as drawable, invisible (without offsets) or invalid."""
     drawn, valid = [], []
     for begin in range(0, anchors.num_anchors, ROWS):
-        some = anchors.select(slice(begin, begin + ROWS))
-        fields = (some.positions, some.features, some.scalings, some.present_offsets, some.mask)
+        piece = anchors.select(slice(begin, begin + ROWS))
+        fields = (piece.positions, piece.features, piece.scalings, piece.present_offsets, piece.mask)
         positions, features, scalings, offsets, mask = (to_numpy(values) for values in fields)
         good = _finite(positions, features, scalings, offsets) & (scalings >= 0).all(axis=1)
         drawn.append(good & mask.any(axis=1))

@@ -94,19 +94,19 @@ class Relay:
 
     async def pieces(self) -> AsyncIterator[bytes]:
         """Yields the bytes of the stream's `.swz` file piece by piece during the transfer."""
-        given = 0
+        num_given = 0
         while not self._pieces and not self._over:
             async with self._changed:
                 await self._changed.wait()
         pieces = list(self._pieces) if self.is_live else self._pieces
-        while given < len(pieces) or self._is_growing(pieces):
-            while given == len(pieces) and self._is_growing(pieces):
+        while num_given < len(pieces) or self._is_growing(pieces):
+            while num_given == len(pieces) and self._is_growing(pieces):
                 async with self._changed:
                     await self._changed.wait()
-            begin, size = given, 0
-            while given < len(pieces) and size < AT_ONCE:
-                size, given = size + len(pieces[given]), given + 1
-            yield b"".join(pieces[begin:given])
+            begin, size = num_given, 0
+            while num_given < len(pieces) and size < AT_ONCE:
+                size, num_given = size + len(pieces[num_given]), num_given + 1
+            yield b"".join(pieces[begin:num_given])
 
     def _is_growing(self, pieces: list[bytes]) -> bool:
         """True if more data may be appended to a `.swz` file.

@@ -63,31 +63,31 @@ def test_streams_of_version_2_take_copies_too() -> None:
     info, whole = open_side_info(old.manifest, old.side_info), decode_stream(old).scene.splats
     places = np.array([3, 17, 42, 89, 0])
     richer = add_concealment(old, SECTION, write_copies(whole, places, info, precision_class=7, growth=GROWTH))
-    partial = decode_stream(richer.with_packets(richer.packets[1:]))
-    copies, known = partial[Copies], partial.loss_mask.known
+    received = decode_stream(richer.with_packets(richer.packets[1:]))
+    copies, known = received[Copies], received.loss_mask.fully_received
     assert sorted(copies.indices.tolist()) == sorted(places.tolist())
     assert_close(np.log(copies.splats.scales), np.log(whole.select(copies.indices).scales), atol=0.1, rtol=0)
     assert_close(copies.splats.sh, whole.select(copies.indices).sh, atol=0.05, rtol=0)
     lost = ~known[copies.indices]
     assert 0 < int(lost.sum()) < len(places)
-    assert np.array_equal(conceal(partial, "sketch").splats.means[copies.indices[lost]], copies.splats.means[lost])
+    assert np.array_equal(conceal(received, "sketch").splats.means[copies.indices[lost]], copies.splats.means[lost])
 
 
 def test_lost_gaussians_use_copies_and_received_ones_are_unchanged(stream, section) -> None:
     richer = add_concealment(stream, SECTION, section)
     lossy = richer.with_packets(richer.packets[::2])
-    partial = decode_stream(lossy)
-    known, copied = partial.loss_mask.known, np.zeros(500, np.bool_)
+    received = decode_stream(lossy)
+    known, copied = received.loss_mask.fully_received, np.zeros(500, np.bool_)
     copied[PLACES] = True
     assert 0 < int((~known & copied).sum()) < len(PLACES)
-    drawn = conceal(partial, "sketch")
+    drawn = conceal(received, "sketch")
     assert np.array_equal(drawn.hints.left_out, ~(known | copied))
-    for name, values in vars(partial.scene.splats).items():
+    for name, values in vars(received.scene.splats).items():
         assert np.array_equal(getattr(drawn.splats, name)[known], values[known])
-    copies, lost = partial[Copies], ~known[partial[Copies].indices]
+    copies, lost = received[Copies], ~known[received[Copies].indices]
     assert np.array_equal(drawn.splats.means[copies.indices[lost]], copies.splats.means[lost])
     assert float(drawn.hints.size_gain[known].max()) > 1
-    assert "sketch" in concealer_names(partial.sections, {Splats})
+    assert "sketch" in concealer_names(received.sections, {Splats})
     arriving = ProgressiveDecoder(lossy.manifest, lossy.side_info)
     arriving.add(lossy.packets)
     again = conceal(arriving.snapshot(), "sketch")
@@ -95,10 +95,10 @@ def test_lost_gaussians_use_copies_and_received_ones_are_unchanged(stream, secti
 
 
 def test_sketch_requires_copies(stream) -> None:
-    partial = decode_stream(stream.with_packets(stream.packets[1:]))
-    assert "sketch" not in concealer_names(partial.sections, {Splats})
+    received = decode_stream(stream.with_packets(stream.packets[1:]))
+    assert "sketch" not in concealer_names(received.sections, {Splats})
     with pytest.raises(InvalidValueError, match="calibrate sketch"):
-        conceal(partial, "sketch")
+        conceal(received, "sketch")
 
 
 def test_inconsistent_sections_are_refused(stream, section) -> None:

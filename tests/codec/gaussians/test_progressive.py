@@ -29,9 +29,9 @@ def stream(request) -> SceneStream:
 
 
 def of(stream: SceneStream, packets) -> ReceivedScene:
-    partial = decode_stream(SceneStream(stream.manifest, stream.side_info, tuple(sorted(packets, key=lambda p: p.id))))
-    assert isinstance(partial, ReceivedScene)
-    return partial
+    received = decode_stream(SceneStream(stream.manifest, stream.side_info, tuple(sorted(packets, key=lambda p: p.id))))
+    assert isinstance(received, ReceivedScene)
+    return received
 
 
 def assert_same(one: ReceivedScene, other: ReceivedScene) -> None:
@@ -48,7 +48,7 @@ def test_progressive_state_equals_decoding_the_same_packets(stream):
         new = decoder.add([stream.packets[i] for i in part])
         assert len(new) == sum(stream.packets[i].num_elements for i in part)
         assert len(decoder.add([stream.packets[part[0]]])) == 0
-        assert_same(decoder.partial, of(stream, decoder.stream.packets))
+        assert_same(decoder.received_scene, of(stream, decoder.stream.packets))
     assert decoder.complete
     assert decoder.report.num_duplicate == 3
 

@@ -51,6 +51,6 @@ def test_division_into_packets_is_that_of_the_stream(preset: str) -> None:
     for number in range(0, len(counts), 7):
         alone = stream.with_packets([p for p in stream.packets if p.num_bytes == division.num_bytes[number]])
         received = decode_stream(alone)
-        sizes = np.sort(received.scene.splats.opacities[received.known])
+        sizes = np.sort(received.scene.splats.opacities[received.fully_received])
         members = decode_stream(encode_scene(scene, preset)).scene.splats.opacities
         assert np.isin(sizes, members).all()

@@ -87,5 +87,5 @@ def test_saved_masks_hold_order_model_and_seed(stream):
     for i in np.flatnonzero(saved["received"]):
         known[anchors["ranks"][anchors["starts"][i] : anchors["starts"][i + 1]]] = True
     loss_mask = decode_stream(mask.apply(stream)).loss_mask
-    assert np.array_equal(known, loss_mask.known)
+    assert np.array_equal(known, loss_mask.fully_received)
     assert np.array_equal(anchors["positions"], positions)

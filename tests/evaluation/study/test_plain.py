@@ -162,13 +162,13 @@ def test_progress_ends_at_one_for_every_row(folder, tmp_path):
 
 
 def test_incomplete_scene_is_scored_without_more_losses(stream, folder, tmp_path, rows):
-    partial = decode_stream(transmit(stream, parse_loss("bernoulli:0.3"), seed=0)[0])
-    save_partial(partial, folder / "gaps.scene")
+    received = decode_stream(transmit(stream, parse_loss("bernoulli:0.3"), seed=0)[0])
+    save_partial(received, folder / "gaps.scene")
     names = concealment_rows(("drop", "idw"), complete=False)
     study = plain_study(folder, names, "gaps.scene", "scene", losses=(Loss("none"),), seeds=(0,))
     store, result = run(study, tmp_path)
     content = plain_content(result)
-    assert [row["num_lost"] for row in content["rows"]] == [partial.loss_mask.num_lost] * 2
+    assert [row["num_lost"] for row in content["rows"]] == [received.loss_mask.num_lost] * 2
     assert content["rows"][0]["num_bytes"] == (folder / "gaps.scene").stat().st_size
     assert [row["psnr"] for row in content["rows"]] == [rows[name]["psnr_by_seed"][0] for name in ("drop", "idw")]
     assert take_pictures(result, store)[0].loss_maps

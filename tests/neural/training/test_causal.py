@@ -109,9 +109,9 @@ def test_refitting_saves_bytes_and_keeps_the_scene(dataset: Dataset, recipe: Tra
 def test_a_run_ends_in_a_stream_that_decodes(dataset: Dataset, recipe: TrainConfig) -> None:
     result = train_scene(dataset, dataset, recipe)
     assert result.test is not None
-    partial = decode_stream(encode_scene(result.scene))
-    assert partial.loss_mask.num_lost == 0
-    assert partial.scene.anchors.num_anchors == result.scene.anchors.num_anchors
+    received = decode_stream(encode_scene(result.scene))
+    assert received.loss_mask.num_lost == 0
+    assert received.scene.anchors.num_anchors == result.scene.anchors.num_anchors
     assert bool((result.scene.causal.steps > 0).all())
     going_on = fine_tuning(recipe, result.scene)
     state = state_of_scene(result.scene, dataset, going_on)

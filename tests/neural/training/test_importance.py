@@ -56,7 +56,7 @@ def test_first_share_of_anchors_is_received(state: TrainState, dataset: Dataset,
     loss = channel.draw(state, None)
     assert isinstance(loss, Loss)
     count = round(0.25 * state.num_anchors)
-    assert loss.known.tolist() == [True] * count + [False] * (state.num_anchors - count)
+    assert loss.received.tolist() == [True] * count + [False] * (state.num_anchors - count)
     assert bool((loss.size_gain[:count] > 1).any())
     assert bool((loss.size_gain[count:] == 1).all())
 

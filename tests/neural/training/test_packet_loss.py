@@ -80,7 +80,7 @@ def test_training_losses_and_growth_equal_those_of_a_receiver(
     order = anchor_order(state.voxels.numpy(), "morton")
     grown = _losses(_lossy(config, model)).lose(state, PACKETS, loss_model, 7, 1)
     assert isinstance(grown, Loss)
-    assert np.array_equal(grown.known[order].numpy(), ~expected.left_out)
+    assert np.array_equal(grown.received[order].numpy(), ~expected.left_out)
     assert 0.1 < float(expected.left_out.mean()) < 0.9
     assert float(np.abs(grown.size_gain[order].numpy() - expected.size_gain).max()) < 1e-4
 
@@ -99,7 +99,7 @@ def test_growth_of_first_anchors_equals_that_of_a_received_tier(
     order = anchor_order(state.voxels.numpy(), "morton")
     grown = _losses(_lossy(config)).keep_first(state, share)
     assert isinstance(grown, Loss)
-    assert np.array_equal(grown.known[order].numpy(), ~expected.left_out)
+    assert np.array_equal(grown.received[order].numpy(), ~expected.left_out)
     ratio = grown.size_gain[order].numpy() / expected.size_gain
     assert float(np.abs(ratio - 1).max()) < 0.03  # a tier's size is a byte
     assert float(expected.size_gain.max()) < Grow().max_excess * share**-0.5 - 0.1  # less than for tiers of equal size
@@ -170,8 +170,8 @@ def test_lost_anchors_get_no_picture_gradient(
     TrainingStep(config, dataset.cameras)(state, 0, prepare_photo(torch.from_numpy(dataset.image(0))))
     (loss,) = drawn
     assert loss is not None
-    assert not bool(gradients[0][~loss.known].any())
-    assert bool(gradients[0][loss.known].any())
+    assert not bool(gradients[0][~loss.received].any())
+    assert bool(gradients[0][loss.received].any())
 
 
 def test_loss_models_for_training_are_parsed_from_text() -> None:

@@ -62,7 +62,7 @@ def test_thresholds_above_one_give_the_interpolation(interpolation: str, separat
 
 def test_by_default_only_features_differ_from_the_interpolation() -> None:
     context = random_context(150, 3)
-    lost = ~context.loss_mask.known
+    lost = ~context.loss_mask.fully_received
     result, expected = estimate(Gnn(lively(context)), context), estimate(Cari(), context)
     assert (result.features != expected.features)[lost].float().mean() > 0.9
     assert all(torch.equal(getattr(result, part), getattr(expected, part)) for part in PARTS[1:])
@@ -106,7 +106,7 @@ def test_full_attributes_follow_the_mask_head_and_stay_in_range() -> None:
     context = random_context(150, 5)
     settings = dataclasses.replace(SMALL, scaling_threshold=0.0, offset_threshold=0.0)
     result = context.elements.with_estimates(context.loss_mask, estimate(Gnn(lively(context, settings)), context))
-    lost = ~context.loss_mask.known
+    lost = ~context.loss_mask.fully_received
     assert bool((result.offsets[~result.mask] == 0).all())
     assert bool((result.scalings[lost] >= context.scene.anchors.scalings[~lost].amin(dim=0)).all())
     assert not torch.equal(result.mask, estimate(Cari(), context).mask)
@@ -115,14 +115,14 @@ def test_full_attributes_follow_the_mask_head_and_stay_in_range() -> None:
 def test_network_inputs_follow_the_paper() -> None:
     context = random_context(60, 6)
     graph, sizes = build_graph(context, SMALL), InputSizes(LAYOUT, CONTEXT_DIM)
-    known = context.loss_mask.known.nonzero()[:, 0]
+    known = context.loss_mask.fully_received.nonzero()[:, 0]
     assert source_inputs(context, known).shape == (len(known), sizes.source)
     inputs = query_inputs(context, graph)
     assert inputs.shape == (len(graph.queries), sizes.query)
     start = 3 + CONTEXT_DIM
     assert torch.equal(inputs[:, start : start + 10], context[Prior].feature.mean[graph.queries])
     assert not inputs[:, start + 28 : start + 32].any()  # the mask of a query
-    assert bool(context.loss_mask.known[graph.index].all())
+    assert bool(context.loss_mask.fully_received[graph.index].all())
 
 
 def test_paper_preset_queries_use_idw_and_fall_back_to_cari() -> None:
@@ -141,7 +141,7 @@ def test_paper_preset_queries_use_idw_and_fall_back_to_cari() -> None:
 def test_graph_connects_the_24_nearest_received_anchors_by_mahalanobis() -> None:
     context = random_context(200, 7)
     graph = build_graph(context, GNN_PRESETS["paper"])
-    known = context.loss_mask.known.nonzero()[:, 0]
+    known = context.loss_mask.fully_received.nonzero()[:, 0]
     sizes = context.scene.anchors.scalings[known, :3]
     nearest, _ = plain_nearest(context.positions[known], sizes, context.positions[graph.queries], 24)
     assert torch.equal(graph.index, known[nearest])
@@ -155,7 +155,7 @@ def test_untrained_network_returns_the_prior_mean() -> None:
         untrained = InpaintingNetwork(InputSizes(LAYOUT, CONTEXT_DIM), settings).eval()
         result = estimate(Gnn(GnnWeights(untrained, scene_fingerprint(context), {})), context)
         expected = context[Prior].feature.mean if baseline == "prior" else estimate(Cari(), context).features
-        lost = ~context.loss_mask.known
+        lost = ~context.loss_mask.fully_received
         assert torch.equal(result.features[lost], expected[lost])
 
 

@@ -52,7 +52,7 @@ def rerun_arguments(scene: Scene) -> dict[str, Any]:
     """
     splats = _explicit(scene)
     seen = np.concatenate([_colours(splats), splats.opacities[:, None]], axis=1)
-    found = {
+    arguments = {
         "centers": splats.means,
         "scales": splats.scales,
         "quaternions": np.roll(splats.quats, -1, axis=1),
@@ -61,8 +61,8 @@ def rerun_arguments(scene: Scene) -> dict[str, Any]:
     if splats.degree > 0:
         harmonics = np.zeros((splats.num_gaussians, num_functions(MAX_DEGREE) - 1, 3), np.float32)
         harmonics[:, : splats.sh.shape[1] - 1] = splats.sh[:, 1:]
-        found |= {"sh_coefficients": harmonics, "spherical_harmonics_degree": splats.degree}
-    return found
+        arguments |= {"sh_coefficients": harmonics, "spherical_harmonics_degree": splats.degree}
+    return arguments
 
 
 def _explicit(scene: Scene) -> Splats:

@@ -83,7 +83,7 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest
 def prepare_anchor_repack(
     stream: SceneStream, scene: AnchorScene, packetization: Packetization, coder: RepackCoder,
     manifest_fields: Mapping[str, Any],
-    *own: str,
+    *section_names: str,
 ) -> Prepared:  # fmt: skip
     """Prepares a decoded stream of anchors for encoding into other packets.
 
@@ -93,17 +93,17 @@ def prepare_anchor_repack(
         packetization: Parameters of the new division into packets.
         coder: Function that returns the encoder of the anchors, and the side information of the new stream.
         manifest_fields: Further fields of the new manifest.
-        *own: Names of the sections of side information that `coder` computes again for the new stream.
+        *section_names: Names of the sections of side information that `coder` computes again for the new stream.
 
     Raises:
         InvalidValueError: If the order of the anchors changes, and the stream has sections that depend on it. These are
-            all sections except the background and those in `own`.
+            all sections except the background and those in `section_names`.
     """
-    # With any section except `own` and the background, the order of the anchors must not change.
+    # With any section except `section_names` and the background, the order of the anchors must not change.
     sections = sections_of(stream)
     tier_of = read_tiers(sections, stream.manifest)
     if packetization.order != stream.manifest.packetization.order:
-        if kept := sorted(set(sections) - {BACKGROUND.name, *own}):
+        if kept := sorted(set(sections) - {BACKGROUND.name, *section_names}):
             order = stream.manifest.packetization.order
             raise InvalidValueError(f"'{kept[0]}' of this stream is for anchors in {order} order")
         scene = scene_in_order(scene, packetization.order)

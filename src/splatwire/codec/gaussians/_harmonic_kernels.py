@@ -47,14 +47,14 @@ def code_harmonics(coder, values, source, bases, precision_class):
     # the magnitude of the harmonics coded before it for the same Gaussian.
     shift = min(max(BITS - step_exponent(bases, S_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
     half = (1 << shift) >> 1
-    some = 0
+    has_nonzero = 0
     if not coder.decoding:
         for j in range(len(values)):
             values[j] = (source[j] + half) >> shift
-            some |= values[j] != 0
-    some = code_bit(coder, FIRST_HARMONIC + precision_class, np.int64(some))
+            has_nonzero |= values[j] != 0
+    has_nonzero = code_bit(coder, FIRST_HARMONIC + precision_class, np.int64(has_nonzero))
     running = np.int64(0)
-    if not some:
+    if not has_nonzero:
         for j in range(len(values)):
             values[j] = 0
         return
@@ -73,10 +73,10 @@ def _code_level(coder, value, zero_context, context):
         return np.int64(0)
     negative = code_flag(coder, ONE if value < 0 else ZERO)
     magnitude, base = abs(value), FIRST_MAGNITUDE + context * 3
-    found = np.int64(1)
-    while found < 15:
-        if not code_bit(coder, base + min(found - 1, 2), ONE if magnitude > found else ZERO):
-            return -found if negative else found
-        found += 1
-    found += min(code_escape(coder, magnitude - found), 1 << 20)
-    return -found if negative else found
+    level = np.int64(1)
+    while level < 15:
+        if not code_bit(coder, base + min(level - 1, 2), ONE if magnitude > level else ZERO):
+            return -level if negative else level
+        level += 1
+    level += min(code_escape(coder, magnitude - level), 1 << 20)
+    return -level if negative else level

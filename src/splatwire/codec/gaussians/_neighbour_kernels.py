@@ -120,12 +120,12 @@ def _find_narrow(near, i):
         largest, rest = max(largest, rest), min(largest, rest)
         second, rest = max(second, rest), min(second, rest)
         bound = max(bound, rest)
-    found = 0
+    num_close = 0
     for k in range(WINDOW):
-        close[found] = keys[k]
-        found += 1 if keys[k] <= bound else 0
+        close[num_close] = keys[k]
+        num_close += 1 if keys[k] <= bound else 0
     k0 = k1 = k2 = k3 = k4 = k5 = NONE
-    for k in range(min(found, WINDOW)):
+    for k in range(min(num_close, WINDOW)):
         rest = close[k]
         rest, k0 = max(k0, rest), min(k0, rest)
         rest, k1 = max(k1, rest), min(k1, rest)

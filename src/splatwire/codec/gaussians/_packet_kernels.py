@@ -348,9 +348,9 @@ def encode_cut(
     total, begin, at, packets = len(rows), ZERO, ZERO, 0
     aim, levels, used = max_bytes - (max_bytes >> AIM), source[4], np.int64(0)
     while begin < total:
-        left = total - begin
-        low, high, tries, last, length = 0, left + 1, 0, 0, 0
-        n = _count_within(levels[begin:], used * aim // at) if at else min(max(max_bytes // FIRST, 1), left)
+        num_left = total - begin
+        low, high, tries, last, length = 0, num_left + 1, 0, 0, 0
+        n = _count_within(levels[begin:], used * aim // at) if at else min(max(max_bytes // FIRST, 1), num_left)
         while high - low > 1:
             length = _encode_packet(
                 tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer[at:],
@@ -359,7 +359,7 @@ def encode_cut(
             tries, last = tries + 1, n
             if length <= max_bytes or n == 1:
                 low = n
-                if n == left or length >= max_bytes - (max_bytes >> ENOUGH) or tries > 6:
+                if n == num_left or length >= max_bytes - (max_bytes >> ENOUGH) or tries > 6:
                     break
             else:
                 high = n

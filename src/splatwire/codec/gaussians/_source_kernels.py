@@ -467,19 +467,19 @@ def extents(positions, edges):
     Returns:
         Extent of each group along the axis on which it is largest, int64 (groups).
     """
-    found, counts = np.zeros(len(edges) - 1, np.int64), np.empty(1 << BUCKET_BITS, np.int64)
+    largest, counts = np.zeros(len(edges) - 1, np.int64), np.empty(1 << BUCKET_BITS, np.int64)
     for group in range(len(edges) - 1):
         begin, end = edges[group], edges[group + 1]
         omitted = (end - begin - 1) // OUTSIDE
         for a in range(3):
             values = positions[begin:end, a].copy()
-            least, most, shift = values.min(), values.max(), 0
-            while (most - least) >> shift >> BUCKET_BITS:
+            low, high, shift = values.min(), values.max(), 0
+            while (high - low) >> shift >> BUCKET_BITS:
                 shift += 1
             counts[:] = 0
             for value in values:
-                counts[(value - least) >> shift] += 1
-            inside = _ranked(values, counts, least, shift, end - begin - 1 - omitted)
-            inside -= _ranked(values, counts, least, shift, omitted)
-            found[group] = max(found[group], min(most - least, MARGIN * inside))
-    return found
+                counts[(value - low) >> shift] += 1
+            inside = _ranked(values, counts, low, shift, end - begin - 1 - omitted)
+            inside -= _ranked(values, counts, low, shift, omitted)
+            largest[group] = max(largest[group], min(high - low, MARGIN * inside))
+    return largest

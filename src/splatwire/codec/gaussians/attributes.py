@@ -49,8 +49,8 @@ class Sources:
 def scene_middle(splats: Splats) -> np.ndarray:
     """Returns the centre of a scene, float64 (3): on each axis the median of the Gaussians' positions."""
     ranks = middle_ranks(splats.num_gaussians)
-    found = share(lambda column: order_statistics(functools.partial(runs, column), ranks).mean(), list(splats.means.T))
-    return np.array(found)
+    middle = share(lambda column: order_statistics(functools.partial(runs, column), ranks).mean(), list(splats.means.T))
+    return np.array(middle)
 
 
 def scene_log(splats: Splats) -> int:

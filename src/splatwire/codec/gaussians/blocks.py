@@ -64,7 +64,7 @@ def runs(values: np.ndarray) -> Iterator[np.ndarray]:
 
 def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
     """Yields consecutive slices of an array, `ROWS` entries of the first axis each, converted to float64."""
-    return (some.astype(np.float64) for some in runs(values))
+    return (piece.astype(np.float64) for piece in runs(values))
 
 
 def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
@@ -78,15 +78,15 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
         Entry i is the index in `means` of the i-th Gaussian in sorted order, uint32 (N).
     """
     ends = (0.01, 0.99)
-    found = share(lambda column: quantiles(functools.partial(runs, column), len(means), ends), list(means.T))
-    low, high = np.stack(found, axis=1)
-    middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
+    quantile_pairs = share(lambda column: quantiles(functools.partial(runs, column), len(means), ends), list(means.T))
+    low, high = np.stack(quantile_pairs, axis=1)
+    middle, extent = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def compressed(positions: np.ndarray) -> np.ndarray:
         """Compresses positions far from the centre (asinh), so that outliers do not make the Morton codes coarse."""
         # Otherwise, distant Gaussians would make the Morton codes of all others coarse.
         warped = positions - middle
-        warped /= spread / 2
+        warped /= extent / 2
         return np.arcsinh(warped, out=warped)
 
     first, last = compressed(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
@@ -99,8 +99,8 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
         warped -= first
         warped /= size
         warped *= (1 << MAX_AXIS_BITS) - 1
-        used = kernels.write_codes(np.rint(warped, out=warped).astype(np.int64), 0, codes[begin : begin + ROWS])
-        if used >> MAX_AXIS_BITS:  # not 0 for negative numbers either
+        used_bits = kernels.write_codes(np.rint(warped, out=warped).astype(np.int64), 0, codes[begin : begin + ROWS])
+        if used_bits >> MAX_AXIS_BITS:  # not 0 for negative numbers either
             raise ValueError("positions must be finite to have a code")
 
     share(find, range(0, len(means), ROWS))
@@ -155,19 +155,19 @@ def block_codes(positions: np.ndarray, bits: int) -> np.ndarray:
         bits: Number of bits of a coordinate within the box.
     """
     codes = np.empty(len(positions), np.int64)
-    used = kernels.write_codes(np.ascontiguousarray(positions), max(bits - MAX_CELL_BITS, 0), codes)
-    check_codes(used, bits)
+    used_bits = kernels.write_codes(np.ascontiguousarray(positions), max(bits - MAX_CELL_BITS, 0), codes)
+    check_codes(used_bits, bits)
     return codes
 
 
-def check_codes(used: int, bits: int) -> None:
+def check_codes(used_bits: int, bits: int) -> None:
     """Raises ValueError if a position is outside of its bounding box.
 
     Args:
-        used: Bitwise or of all coordinates, shifted right by the number of low bits that Morton codes omit.
+        used_bits: Bitwise or of all coordinates, shifted right by the number of low bits that Morton codes omit.
         bits: Number of bits of a coordinate within the box.
     """
-    if used >> MAX_CELL_BITS:
+    if used_bits >> MAX_CELL_BITS:
         raise ValueError(f"positions must be in [0, 2**{bits}) to have a code")
 
 
@@ -182,10 +182,10 @@ def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
     Returns:
         log2 of the cell size, in lattice spacings.
     """
-    some = means[:: -(-len(means) // TYPICAL_SAMPLE)]
-    positions = to_lattice(some.take(gaussian_order(some, None), axis=0).astype(np.float64), unit, size_log)
-    parts = min(max(1, len(means) // TYPICAL_BLOCK), len(some))
-    edges = np.cumsum([0, *(len(part) for part in np.array_split(some[:, 0], parts))])
+    sample = means[:: -(-len(means) // TYPICAL_SAMPLE)]
+    positions = to_lattice(sample.take(gaussian_order(sample, None), axis=0).astype(np.float64), unit, size_log)
+    parts = min(max(1, len(means) // TYPICAL_BLOCK), len(sample))
+    edges = np.cumsum([0, *(len(part) for part in np.array_split(sample[:, 0], parts))])
     depth = 4 + (min(len(means), TYPICAL_BLOCK).bit_length() + 1) // 2
     bits = [int(extent).bit_length() for extent in kernels.extents(positions, edges)]
     return int(np.clip(np.median(bits) - depth, 0, MAX_LATTICE_BITS - BOX_BITS))
@@ -207,14 +207,14 @@ def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
     return scaled.astype(np.int64)
 
 
-def check_reach(most: float) -> None:
+def check_reach(max_coordinate: float) -> None:
     """Raises an error if a position exceeds the range of the lattice.
 
     Args:
-        most: Largest magnitude of a coordinate, in lattice spacings.
+        max_coordinate: Largest magnitude of a coordinate, in lattice spacings.
 
     Raises:
-        InvalidValueError: If `most` exceeds the range.
+        InvalidValueError: If `max_coordinate` exceeds the range.
     """
-    if most >= 2.0**MAX_LATTICE_BITS:
+    if max_coordinate >= 2.0**MAX_LATTICE_BITS:
         raise InvalidValueError("a Gaussian is too far away from the others for the precision of their positions")

@@ -125,8 +125,8 @@ def _parse_section(
         raise BitstreamError(f"section '{SECTION}': {count} copies of {num_gaussians} Gaussians are impossible")
     boxes, defaults = read_blocks(reader.blob(), 1)
     indices = _read_indices(reader, count, num_gaussians)
-    here = replace(info, boxes=boxes, defaults=defaults)
-    return boxes, indices, (size, opacity, trust), _decode(here, count, reader.rest())
+    copies_info = replace(info, boxes=boxes, defaults=defaults)
+    return boxes, indices, (size, opacity, trust), _decode(copies_info, count, reader.rest())
 
 
 def moved_copies(section: bytes, new_index: np.ndarray) -> bytes:

@@ -43,7 +43,7 @@ def write_copies(
         splats, splats.means, rows, np.array([0, count]), classes, info.size_log, info.unit, info.bases,
         info.coarsest, True,
     )  # fmt: skip
-    here = replace(info, boxes=boxes, defaults=np.clip([scene.summary(0)[1]], -511, 511))
-    payload = encode_block(scene.arranged(0, here), here, 0, np.array([count]), 0).payloads[0]
-    head = write_head(growth, count, write_blocks(boxes, here.defaults))
+    copies_info = replace(info, boxes=boxes, defaults=np.clip([scene.summary(0)[1]], -511, 511))
+    payload = encode_block(scene.arranged(0, copies_info), copies_info, 0, np.array([count]), 0).payloads[0]
+    head = write_head(growth, count, write_blocks(boxes, copies_info.defaults))
     return head + write_indices(indices, splats.num_gaussians) + payload

@@ -106,16 +106,16 @@ class GaussianDecoder:
             run: Received packets of the block.
             rows: Result of `decode` for these packets.
         """
-        indices, known = run.ranks, self._loss_mask.received
-        known[indices] = True
+        indices, received_mask = run.ranks, self._loss_mask.received
+        received_mask[indices] = True
         if len(indices) < self._plan.block_elements(run.block):
             indices = self._plan.block_ranks(run.block)
-        received = known[indices, 0]  # Gaussians are received as a whole
+        received = received_mask[indices, 0]  # Gaussians are received as a whole
         if not received.all():
-            gaps = empty_rows(len(indices), self._info.num_harmonics)
-            for filled, some in zip(gaps, rows, strict=True):
-                filled[received] = some
-            rows = gaps
+            all_rows = empty_rows(len(indices), self._info.num_harmonics)
+            for filled, received_rows in zip(all_rows, rows, strict=True):
+                filled[received] = received_rows
+            rows = all_rows
         store_block(self._splats, indices, rows[0], rows[1], received, self._info, run.block)
         if received.any():
             self._classes[indices] = rows[0][:, CLASS].astype(np.uint8)
@@ -233,17 +233,17 @@ def store_block(
     if len(lost):
         filled[lost] = _estimate_lost(info, block, rows[received][:, LATTICE : LATTICE + 3], lost)
     for first in range(0, len(rows), SLICE_GAUSSIANS):
-        some = slice(first, first + SLICE_GAUSSIANS)
-        origins = np.broadcast_to(info.boxes.corners[block], filled[some][:, :3].shape)
+        piece = slice(first, first + SLICE_GAUSSIANS)
+        origins = np.broadcast_to(info.boxes.corners[block], filled[piece][:, :3].shape)
         write_splats(
-            splats, indices[some], filled[some], harmonics[some], origins, info.unit, info.size_log, info.transform
+            splats, indices[piece], filled[piece], harmonics[piece], origins, info.unit, info.size_log, info.transform
         )
-    gone = indices[lost]
-    splats.opacities[gone] = 0
-    splats.quats[gone] = (1, 0, 0, 0)
+    lost_indices = indices[lost]
+    splats.opacities[lost_indices] = 0
+    splats.quats[lost_indices] = (1, 0, 0, 0)
 
 
-def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
+def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, lost: np.ndarray) -> np.ndarray:
     """Estimates the decoded integers of a block's lost Gaussians.
 
     Positions are copied from received Gaussians of the block. If no Gaussian was received, positions are spread over
@@ -252,7 +252,7 @@ def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarra
     Args:
         info: Side information of the stream, with default attribute values for each block.
         block: Index of the spatial block.
-        near: Lattice coordinates of the block's received Gaussians, int64 (received, 3).
+        received_positions: Lattice coordinates of the block's received Gaussians, int64 (received, 3).
         lost: Indices of the lost Gaussians; only their number matters.
 
     Returns:
@@ -264,8 +264,8 @@ def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarra
     rows[:, SCALE2] = np.clip(defaults[3], 0, MAX_THIN)
     rows[:, LUMA : LUMA + 3] = np.clip(defaults[4:], -MAX_COLOUR, MAX_COLOUR)
     rows[:, AXIS + 2] = 1 << DIRECTION_BITS
-    if len(near):
-        rows[:, LATTICE : LATTICE + 3] = near[np.arange(len(lost)) * len(near) // len(lost)]
+    if len(received_positions):
+        rows[:, LATTICE : LATTICE + 3] = received_positions[np.arange(len(lost)) * len(received_positions) // len(lost)]
     else:
         sides = (info.boxes.extents[block] + 1) << info.boxes.shifts[block]
         share = (0.5 + np.arange(1, len(lost) + 1)[:, None] * _GOLDEN) % 1.0

@@ -79,14 +79,14 @@ def prepare_splats(
     if shapes:
         tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
         sections[TIERS] = encode_tiers(tier_of, len(shapes))
-    known = None if coding is None else coding.transform
-    side_info = write_side_info(fit_side_info(source, sections, known, template, options.threads))
+    fixed_transform = None if coding is None else coding.transform
+    side_info = write_side_info(fit_side_info(source, sections, fixed_transform, template, options.threads))
     # Predict from the side information as a decoder reads it, after quantisation.
     return Prepared(GaussianEncoder(source, plan, read_side_info(side_info, plan.num_blocks)), side_info, plan)
 
 
 def fit_side_info(
-    scene: SourceScene, sections: Mapping[str, bytes], known: np.ndarray | None, template: SideInfo | None,
+    scene: SourceScene, sections: Mapping[str, bytes], fixed_transform: np.ndarray | None, template: SideInfo | None,
     threads: int | None,
 ) -> SideInfo:  # fmt: skip
     """Computes the side information of a stream of Gaussians.
@@ -94,18 +94,20 @@ def fit_side_info(
     Args:
         scene: The Gaussians, sorted into blocks.
         sections: Named sections to include, content by name.
-        known: Decorrelating transform of the spherical harmonics to use, such as that of an earlier stream; None to fit
-            it to a sample of the scene.
+        fixed_transform: Decorrelating transform of the spherical harmonics to use, such as that of an earlier stream;
+            None to fit it to a sample of the scene.
         template: Side information of another stream, whose probability tables are reused; None to fit the tables to a
             sample of the scene.
         threads: Number of threads; None for one per processor.
     """
-    found = ordered_map(scene.summary, range(scene.num_blocks), threads)
-    ends, means = (np.array(values) for values in zip(*found, strict=True))
+    block_summaries = ordered_map(scene.summary, range(scene.num_blocks), threads)
+    ends, means = (np.array(values) for values in zip(*block_summaries, strict=True))
     boxes = make_boxes(ends[:, 0], ends[:, 1], scene.coarsest)
     zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
-    side = (scene.splats.degree + 1) ** 2 - 1
-    transform = scene_transform(scene) if known is None or len(known) != side else known
+    num_harmonics = (scene.splats.degree + 1) ** 2 - 1
+    transform = (
+        scene_transform(scene) if fixed_transform is None or len(fixed_transform) != num_harmonics else fixed_transform
+    )
     fields = (
         scene.splats.degree,
         scene.size_log,
@@ -118,18 +120,20 @@ def fit_side_info(
     )
     if template is not None:
         return SideInfo(*fields, template.bit_zero, template.scales, sections)
-    first, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
+    unfitted, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
 
     blocks = scene.some_blocks()
-    wanted = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, MIN_FITTED, MAX_FITTED) / len(blocks)
+    packets_per_block = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, MIN_FITTED, MAX_FITTED) / len(blocks)
 
     def count(block: int) -> tuple[np.ndarray, np.ndarray]:
         size = int(scene.edges[block + 1] - scene.edges[block])
         parts = -(-size // FITTED_PACKET)
         edges = np.arange(parts + 1) * size // parts
-        chosen = np.unique(np.linspace(0, parts - 1, min(parts, int(np.ceil(wanted)))).astype(int))
-        some = np.concatenate([np.arange(edges[part], edges[part + 1]) for part in chosen])
-        return encode_block(scene.arranged(block, first, some), first, block, np.diff(edges)[chosen], 0).statistics
+        sampled_packets = np.unique(np.linspace(0, parts - 1, min(parts, int(np.ceil(packets_per_block)))).astype(int))
+        sample = np.concatenate([np.arange(edges[part], edges[part + 1]) for part in sampled_packets])
+        return encode_block(
+            scene.arranged(block, unfitted, sample), unfitted, block, np.diff(edges)[sampled_packets], 0
+        ).statistics
 
     for some_bits, some_residuals in ordered_map(count, blocks, threads):
         bits += some_bits
@@ -142,9 +146,9 @@ def scene_transform(scene: SourceScene) -> np.ndarray:
     if not scene.splats.degree:
         return np.zeros((0, 0), dtype=np.int64)
     blocks = scene.some_blocks()
-    where = np.concatenate([np.arange(scene.edges[b], scene.edges[b + 1]) for b in blocks])
-    where = where[:: -(-len(where) // (FITTED_PACKET * MIN_FITTED))]
-    return fit_transform(to_harmonics(scene.pick(where)), 2.0 ** scene.classes_at(where))
+    sample = np.concatenate([np.arange(scene.edges[b], scene.edges[b + 1]) for b in blocks])
+    sample = sample[:: -(-len(sample) // (FITTED_PACKET * MIN_FITTED))]
+    return fit_transform(to_harmonics(scene.pick(sample)), 2.0 ** scene.classes_at(sample))
 
 
 @dataclass(frozen=True, eq=False)

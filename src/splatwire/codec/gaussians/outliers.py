@@ -39,21 +39,21 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
     """
     reach = 2.0 ** (REACH + size_log)
     means = splats.means
-    farthest = max(float(np.abs(some).max()) for some in runs(means))
+    farthest = max(float(np.abs(piece).max()) for piece in runs(means))
     if farthest <= reach:
         return splats
     middle = scene_middle(splats)
     reach = max(reach, 4 * float(np.abs(middle).max()))  # a scene far from the origin is not moved
-    left = reach - float(np.abs(middle).max())
-    distance = np.concatenate([np.abs(some - middle).max(axis=1) for some in pieces(means)])
-    far = np.flatnonzero(distance > _SLACK * left)
+    reach_left = reach - float(np.abs(middle).max())
+    distance = np.concatenate([np.abs(piece - middle).max(axis=1) for piece in pieces(means)])
+    far = np.flatnonzero(distance > _SLACK * reach_left)
     if not len(far):
         return splats
     # Scales are multiplied by the same factor, so that an outlier looks the same from the centre.
-    share = left / distance[far]
+    share = reach_left / distance[far]
     LOG.warning(
         "encoding: %s of %s Gaussians are up to %.3g times the scene's size away and are moved nearer, to %.3g",
-        f"{len(far):,}", f"{splats.num_gaussians:,}", float(distance.max()) / 2.0**size_log, left / 2.0**size_log,
+        f"{len(far):,}", f"{splats.num_gaussians:,}", float(distance.max()) / 2.0**size_log, reach_left / 2.0**size_log,
     )  # fmt: skip
     means, scales = splats.means.copy(), splats.scales.copy()
     means[far] = middle + (means[far].astype(np.float64) - middle) * share[:, None]
@@ -65,10 +65,10 @@ def log_clipped_colours(splats: Splats) -> None:
     """Logs the number of Gaussians with colours or harmonics beyond the range of the format."""
     most = MAX_COLOUR / (1 << BITS)
     parts = list(runs(splats.sh.reshape(splats.num_gaussians, -1)))
-    if max(share(lambda some: max(some.max(), -some.min()), parts)) > most:
-        largest = [np.abs(some).max(axis=1) for some in parts]
-        cut = sum(int((some > most).sum()) for some in largest)
+    if max(share(lambda piece: max(piece.max(), -piece.min()), parts)) > most:
+        largest = [np.abs(piece).max(axis=1) for piece in parts]
+        cut = sum(int((piece > most).sum()) for piece in largest)
         LOG.warning(
             "encoding: %s of %s Gaussians have harmonics up to %.3g, which are cut to %g",
-            f"{cut:,}", f"{splats.num_gaussians:,}", float(max(some.max() for some in largest)), most,
+            f"{cut:,}", f"{splats.num_gaussians:,}", float(max(piece.max() for piece in largest)), most,
         )  # fmt: skip

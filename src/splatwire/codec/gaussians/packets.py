@@ -45,6 +45,6 @@ def divide_into_packets(scene: SplatScene, packetization: Packetization) -> Pack
         keys += [(lane, block) for lane in range(len(coded.counts))]
         total += len(coded.counts)
     order = sorted(range(total), key=keys.__getitem__)
-    place = np.empty(total, np.int64)
-    place[order] = np.arange(total)
-    return PacketDivision(place[packet], np.array(sizes, np.int64)[order])
+    sending_index = np.empty(total, np.int64)
+    sending_index[order] = np.arange(total)
+    return PacketDivision(sending_index[packet], np.array(sizes, np.int64)[order])

@@ -120,9 +120,9 @@ def quality_of(name: str | int | float | Quality) -> Quality:
     if isinstance(name, int | float | np.integer | np.floating) and not isinstance(name, bool):
         return numbered_quality(name if isinstance(name, int) else float(name))
     if not isinstance(name, str):
-        known = ", ".join(map(repr, QUALITIES))
+        names = ", ".join(map(repr, QUALITIES))
         raise InvalidValueError(
-            f"quality: expected {known}, a number from 0 to 100 or a `splatwire.Quality`, not {shown(name)}"
+            f"quality: expected {names}, a number from 0 to 100 or a `splatwire.Quality`, not {shown(name)}"
         )
     if name not in QUALITIES:
         raise UnknownNameError("quality", name, tuple(QUALITIES))

@@ -124,7 +124,7 @@ class SourceScene:
         coding: SplatCoding | None = None,
         *,
         sorted_already: bool = False,
-        most_unit: int = MAX_COORDINATE_BITS,
+        max_unit: int = MAX_COORDINATE_BITS,
     ) -> "SourceScene":
         """Sorts Gaussians into the blocks of a packet plan, and chooses their quantisation steps.
 
@@ -137,7 +137,7 @@ class SourceScene:
             quality: Quality setting; ignored if `coding` is given.
             coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.
             sorted_already: True if the Gaussians are in block order.
-            most_unit: Upper limit of the attribute `unit` of the result (resolution of positions).
+            max_unit: Upper limit of the attribute `unit` of the result (resolution of positions).
         """
         if coding is not None:
             size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
@@ -147,9 +147,11 @@ class SourceScene:
             splats = within_reach(splats, size_log)
             log_clipped_colours(splats)
             bases = _step_exponents(splats, quality, size_log)
-            most = quality.num_classes(splats.degree) - 1
-            coded = raise_flat(splats, coded_classes(classes, splats.num_gaussians, most), most, bases, size_log)
-            unit = min(_lattice_unit(splats, coded, bases, size_log), most_unit)
+            finest_class = quality.num_classes(splats.degree) - 1
+            coded = raise_flat(
+                splats, coded_classes(classes, splats.num_gaussians, finest_class), finest_class, bases, size_log
+            )
+            unit = min(_lattice_unit(splats, coded, bases, size_log), max_unit)
             coarsest = typical_cell(splats.means, unit, size_log)
         centres = _quantised_positions(splats, coded, bases, size_log, unit, coarsest)
         order = _input_order(len(centres)) if sorted_already else gaussian_order(centres, tiers)
@@ -237,8 +239,8 @@ class SourceScene:
         """
         if self._kernels_read_splats:
             return self.splats, indices
-        some = {name: kernel_array(values) for name, values in vars(self.splats.select(indices)).items()}
-        return Splats(**some), np.arange(len(indices), dtype=indices.dtype)
+        arrays = {name: kernel_array(values) for name, values in vars(self.splats.select(indices)).items()}
+        return Splats(**arrays), np.arange(len(indices), dtype=indices.dtype)
 
     @functools.cached_property
     def _kernels_read_splats(self) -> bool:
@@ -266,13 +268,13 @@ class SourceScene:
         members, bits = self.order[self.members(block)], int(info.boxes.bits[block])
         positions, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
         centres, dropped = kernel_array(self.centres), max(bits - MAX_CELL_BITS, 0)
-        most, used = sources.write_block_positions(
+        max_coordinate, used_bits = sources.write_block_positions(
             members, centres, self._steps_per_unit, info.boxes.corners[block], dropped, positions, codes
         )
-        check_reach(most)
-        check_codes(used, bits)
-        at = cell_shift(positions, bits)
-        return positions, codes, at, sources.sort_cells(codes, 3 * (at - dropped), self.contiguous)
+        check_reach(max_coordinate)
+        check_codes(used_bits, bits)
+        shift = cell_shift(positions, bits)
+        return positions, codes, shift, sources.sort_cells(codes, 3 * (shift - dropped), self.contiguous)
 
     def ranked(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
         """Sorts a block's Gaussians into coding order.
@@ -285,10 +287,10 @@ class SourceScene:
         Returns:
             Entry i is the index in `splats` of the i-th Gaussian in coding order, int64 (n).
         """
-        _, codes, _, by = self._arranged_positions(block, info)
+        _, codes, _, order = self._arranged_positions(block, info)
         # Within a packet Gaussians are sorted along the curve, as in the kernels.
         packet = np.repeat(np.arange(len(sizes)), sizes)
-        return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
+        return self.order[self.members(block).start + order[np.lexsort((codes[order], packet))]].astype(np.int64)
 
     def arranged(self, block: int, info: SideInfo, selection: slice | np.ndarray = slice(None)) -> BlockSource:
         """Returns a block's Gaussians as input of the encoding kernels, in the order in which packets are filled.
@@ -300,22 +302,22 @@ class SourceScene:
             selection: Gaussians to return, as a range or as indices in the order in which packets are filled; all by
                 default.
         """
-        positions, codes, at, by = self._arranged_positions(block, info)
-        by = by[selection]
-        members = self.order[self.members(block)].take(by)
+        positions, codes, shift, order = self._arranged_positions(block, info)
+        order = order[selection]
+        members = self.order[self.members(block)].take(order)
         scene, indices = self._kernel_splats(members)
-        classes, count = self.classes.take(members).astype(np.int64), len(by)
+        classes, count = self.classes.take(members).astype(np.int64), len(order)
         logs, axes, colours = np.empty((count, 4), np.int64), np.empty((count, 3, 3)), np.empty((count, 3), np.int64)
         harmonics = np.empty((count, info.num_harmonics), np.int32)
-        inverse, silent = info.harmonics_inverse
+        inverse, is_zero = info.harmonics_inverse
         sources.gather_sources(
             indices, scene.quats, scene.scales, scene.opacities, scene.sh, self.size_log, LUMA_CHROMA * DC, GREY,
-            LUMA_CHROMA * (1 << BITS), inverse, silent, np.empty((6, inverse.shape[1])), classes, logs, axes, colours,
+            LUMA_CHROMA * (1 << BITS), inverse, is_zero, np.empty((6, inverse.shape[1])), classes, logs, axes, colours,
             harmonics,
         )  # fmt: skip
         return BlockSource(
-            np.int64(at), np.int64(not self.contiguous), codes.take(by), positions.take(by, axis=0), classes, logs,
-            axes, colours, harmonics,
+            np.int64(shift), np.int64(not self.contiguous), codes.take(order), positions.take(order, axis=0), classes,
+            logs, axes, colours, harmonics,
         )  # fmt: skip
 
 
@@ -345,8 +347,8 @@ def coded_classes(classes: np.ndarray | None, count: int, finest_class: int) -> 
     if np.shape(classes) != (count,):
         raise InvalidValueError(f"{np.shape(classes)} classes of precision for {count} Gaussians")
     coded = large_empty((count,), np.uint8)
-    for part, some in zip(runs(coded), runs(np.asarray(classes)), strict=True):
-        part[:] = np.clip(some, -finest_class, 0) + finest_class
+    for output, piece in zip(runs(coded), runs(np.asarray(classes)), strict=True):
+        output[:] = np.clip(piece, -finest_class, 0) + finest_class
     return coded
 
 
@@ -365,17 +367,17 @@ def raise_flat(splats: Splats, classes: np.ndarray, finest_class: int, bases: np
     """
     # With a coarse step, the smallest scale of a flat Gaussian can become 31 % of the second scale; with the returned
     # classes, at most 0.4 %.
-    flat = np.concatenate([np.flatnonzero(_is_flat(some)) + n * ROWS for n, some in enumerate(runs(splats.scales))])
+    flat = np.concatenate([np.flatnonzero(_is_flat(piece)) + n * ROWS for n, piece in enumerate(runs(splats.scales))])
     if not len(flat):
         return classes
     logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
-    opacity, s0, long = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
-    known = np.stack([2 * s0 - long, long, np.zeros(len(flat)), opacity])
-    exponents = (COEFFICIENTS[S_SCALE2] @ known + bases[S_SCALE2]) / (1 << STEP_BITS)
+    opacity, s0, log_ratio = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
+    predictors = np.stack([2 * s0 - log_ratio, log_ratio, np.zeros(len(flat)), opacity])
+    exponents = (COEFFICIENTS[S_SCALE2] @ predictors + bases[S_SCALE2]) / (1 << STEP_BITS)
     # The margin covers the rounding of the exponent and of its inputs.
-    least = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
+    min_class = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
     raised = classes.copy()
-    raised[flat] = np.maximum(classes[flat], np.clip(least, 0, finest_class)).astype(np.uint8)
+    raised[flat] = np.maximum(classes[flat], np.clip(min_class, 0, finest_class)).astype(np.uint8)
     return raised
 
 
@@ -393,11 +395,11 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     # The step of the largest scale is adapted to the mean scale of the scene's Gaussians.
     bases = quality.bases(splats.degree)
     parts = list(runs(splats.scales))
-    least = np.float32(2.0 ** (size_log - POINT_OCTAVES))
+    min_size = np.float32(2.0 ** (size_log - POINT_OCTAVES))
 
     def sizes(scales: np.ndarray) -> tuple[float, int]:
         largest = scales.max(axis=1)
-        largest = largest[largest > least].astype(np.float64)
+        largest = largest[largest > min_size].astype(np.float64)
         return float(np.log2(largest).sum()), len(largest)
 
     totals = share(sizes, parts)
@@ -420,12 +422,12 @@ def _quantised_positions(
     centres, thinness = large_empty((splats.num_gaussians, 3), np.float32), thinness_table()
 
     def find(begin: int) -> None:
-        some = centres[begin : begin + ROWS]
-        part, shifts = splats.run(begin, begin + len(some)), np.empty(len(some), np.int64)
-        own = classes[begin : begin + len(some)].astype(np.int64)
-        kernels.position_shifts(to_logs(part, size_log), own, bases, unit, coarsest, thinness, shifts)
-        some[:] = part.means
-        check_reach(sources.snap_to_cells(some, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
+        output = centres[begin : begin + ROWS]
+        piece, shifts = splats.run(begin, begin + len(output)), np.empty(len(output), np.int64)
+        piece_classes = classes[begin : begin + len(output)].astype(np.int64)
+        kernels.position_shifts(to_logs(piece, size_log), piece_classes, bases, unit, coarsest, thinness, shifts)
+        output[:] = piece.means
+        check_reach(sources.snap_to_cells(output, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
 
     share(find, range(0, len(centres), ROWS))
     return centres
@@ -440,12 +442,14 @@ def _lattice_unit(splats: Splats, classes: np.ndarray, bases: np.ndarray, size_l
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
 
     def finest(arrays: tuple[np.ndarray, np.ndarray]) -> float:
-        scales, own = (values.astype(np.float64) for values in arrays)
+        scales, piece_classes = (values.astype(np.float64) for values in arrays)
         _, middle, largest = (logs - size_log for logs in sort3(np.log2(scales)))
-        steps = octaves + own + c[0] * (largest + middle) + c[1] * (largest - middle)
+        steps = octaves + piece_classes + c[0] * (largest + middle) + c[1] * (largest - middle)
         return float(np.maximum(steps, 1 - middle).max())
 
     # The finest step of positions in the scene, or a larger one if coordinates exceed the range of the lattice.
-    most = max(share(finest, list(zip(runs(splats.scales), runs(classes), strict=True))), default=-np.inf)
-    far = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
-    return int(np.clip(np.ceil(most), 0, max(min(MAX_COORDINATE_BITS - np.ceil(far), MAX_COORDINATE_BITS), 0)))
+    finest_step = max(share(finest, list(zip(runs(splats.scales), runs(classes), strict=True))), default=-np.inf)
+    log_reach = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
+    return int(
+        np.clip(np.ceil(finest_step), 0, max(min(MAX_COORDINATE_BITS - np.ceil(log_reach), MAX_COORDINATE_BITS), 0))
+    )

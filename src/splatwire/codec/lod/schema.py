@@ -41,11 +41,11 @@ class LevelsDecoder(GaussianDecoder):
 
     def scene(self) -> ReceivedScene[SplatScene]:
         """Returns the scene decoded so far, with the mask of received Gaussians and the level of detail of each."""
-        partial = super().scene()
+        received = super().scene()
         numbers = np.arange(len(self._sizes) - 1, -1, -1, dtype=np.uint8)
         levels = Levels(np.repeat(numbers, self._sizes), self._classes)
-        scene = replace(partial.scene, hints=levels.hints, coding=None)
-        return replace(partial, scene=scene).with_records(levels)
+        scene = replace(received.scene, hints=levels.hints, coding=None)
+        return replace(received, scene=scene).with_records(levels)
 
 
 def _prepare(scene: LevelScene, options: Options) -> Prepared:
@@ -56,11 +56,11 @@ def _prepare(scene: LevelScene, options: Options) -> Prepared:
 def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
     if packetization.block_size != stream.manifest.packetization.block_size:
         raise InvalidValueError("tiles of levels are blocks of packets: encode the scene again for other blocks")
-    info, partial = open_side_info(stream.manifest, stream.side_info), decode_stream(stream, threads=threads)
-    coding = coding_of(info, partial[Levels].classes)
+    info, received = open_side_info(stream.manifest, stream.side_info), decode_stream(stream, threads=threads)
+    coding = coding_of(info, received[Levels].classes)
     sizes = [tier.num_elements for tier in stream.manifest.tiers] or [stream.manifest.num_elements]
     tiers = np.repeat(np.arange(len(sizes), dtype=np.uint8), sizes)
-    scene = replace(partial.scene, hints=None, coding=coding)
+    scene = replace(received.scene, hints=None, coding=coding)
     return prepare_splats(
         scene, Options(packetization, tiers=tiers, threads=threads), template=info, sorted_already=True
     )

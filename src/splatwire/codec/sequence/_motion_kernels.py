@@ -64,28 +64,33 @@ def _code_headers(coder, headers, n, frames, first_new):
     lead = code_escape(coder, headers[0, BEFORE])
     count = code_raw(coder, headers[n - 1, TRACK] + 1 - first, CANDIDATE_BITS)
     tail = code_escape(coder, headers[n - 1, AFTER])
-    at, gone_before, moved, before = 0, 0, 0, first - lead
+    num_headers, gone_before, moved, before = 0, 0, 0, first - lead
     for track in range(first, first + min(count, MAX_CANDIDATES)):
-        here = not coder.decoding and headers[at, TRACK] == track
-        gone_before = code_bit(coder, C_GONE + gone_before, 0 if here else 1)
+        is_present = not coder.decoding and headers[num_headers, TRACK] == track
+        gone_before = code_bit(coder, C_GONE + gone_before, 0 if is_present else 1)
         if gone_before:
             continue
-        if at == n:
+        if num_headers == n:
             break
-        state = code_bit(coder, C_MOVING + moved, headers[at, STATE])
+        state = code_bit(coder, C_MOVING + moved, headers[num_headers, STATE])
         moved = ((moved << 1) | state) & 3
         begins, ends = np.int64(0), frames
-        if track >= first_new and code_bit(coder, np.int64(C_BEGINS), 1 if headers[at, BEGINS] else 0):
-            begins = code_below(coder, headers[at, BEGINS], frames)
-        if code_bit(coder, np.int64(C_ENDS), 1 if headers[at, ENDS] < frames else 0):
-            ends = code_below(coder, headers[at, ENDS], frames)
-        headers[at, TRACK], headers[at, STATE], headers[at, BEGINS], headers[at, ENDS] = track, state, begins, ends
-        headers[at, BEFORE], headers[at, AFTER] = track - before, 0
+        if track >= first_new and code_bit(coder, np.int64(C_BEGINS), 1 if headers[num_headers, BEGINS] else 0):
+            begins = code_below(coder, headers[num_headers, BEGINS], frames)
+        if code_bit(coder, np.int64(C_ENDS), 1 if headers[num_headers, ENDS] < frames else 0):
+            ends = code_below(coder, headers[num_headers, ENDS], frames)
+        (
+            headers[num_headers, TRACK],
+            headers[num_headers, STATE],
+            headers[num_headers, BEGINS],
+            headers[num_headers, ENDS],
+        ) = track, state, begins, ends
+        headers[num_headers, BEFORE], headers[num_headers, AFTER] = track - before, 0
         before = track + 1
-        at += 1
-    if at:
-        headers[at - 1, AFTER] = tail
-    return at
+        num_headers += 1
+    if num_headers:
+        headers[num_headers - 1, AFTER] = tail
+    return num_headers
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -190,16 +195,16 @@ def _code_raw(coder, low, span, num_bytes, value, bits):
     Returns:
         The integer, and the new state: `low`, `span` and `num_bytes`.
     """
-    found = ZERO
+    number = ZERO
     while bits > 0:
-        some = min(bits, RAW_BITS)
-        bits -= some
-        part = (value >> bits) & ((ONE << some) - 1)
+        part_bits = min(bits, RAW_BITS)
+        bits -= part_bits
+        part = (value >> bits) & ((ONE << part_bits) - 1)
         if coder.decoding:
-            part = min(low // (span >> some), (ONE << some) - 1)
-        low, span, num_bytes = _code_interval(coder, low, span, num_bytes, part, ONE, some)
-        found = (found << some) | part
-    return found, low, span, num_bytes
+            part = min(low // (span >> part_bits), (ONE << part_bits) - 1)
+        low, span, num_bytes = _code_interval(coder, low, span, num_bytes, part, ONE, part_bits)
+        number = (number << part_bits) | part
+    return number, low, span, num_bytes
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -221,8 +226,8 @@ def _code_coefficient(coder, low, span, num_bytes, kind, order, magnitude_class,
         The residual, and the new state: `low`, `span` and `num_bytes`.
     """
     zero = C_ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + magnitude_class
-    some, low, span, num_bytes = _code_bit(coder, low, span, num_bytes, np.int64(zero), ONE if value else ZERO)
-    if not some:
+    is_nonzero, low, span, num_bytes = _code_bit(coder, low, span, num_bytes, np.int64(zero), ONE if value else ZERO)
+    if not is_nonzero:
         return ZERO, low, span, num_bytes
     magnitude, octave = abs(value), ZERO
     base = C_OCTAVE + (kind * LEVELS + magnitude_class) * MAGNITUDES
@@ -260,31 +265,31 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
     """
     if coder.decoding:
         headers[:] = -1
-    found = _code_headers(coder, headers, n, frames, first_new)
+    num_headers = _code_headers(coder, headers, n, frames, first_new)
     for kind in range(NUM_KINDS):
         orders[kind] = code_below(coder, orders[kind], frames + 1)
-    before, low, span, place = -1, coder.state[0], coder.state[1], coder.state[2]
-    for i in range(found):
+    before, low, span, num_bytes = -1, coder.state[0], coder.state[1], coder.state[2]
+    for i in range(num_headers):
         if headers[i, STATE] != MOVING:
             continue
         largest = np.int64(0)
         for c in range(NUM_CHANNELS):
-            kind, own = KIND_OF[c], np.int64(0)
+            kind, largest_of_channel = KIND_OF[c], np.int64(0)
             first = c == 0 or KIND_OF[c - 1] != kind
             if first:
                 largest = np.int64(0)
                 if before >= 0:
-                    own = abs(np.int64(quantised[before, c, 0]))
+                    largest_of_channel = abs(np.int64(quantised[before, c, 0]))
             for k in range(orders[kind]):
-                near = max(own, largest)
+                expected_magnitude = max(largest_of_channel, largest)
                 if not first:
-                    near = max(near, 2 * abs(np.int64(quantised[i, c - 1, k])))
+                    expected_magnitude = max(expected_magnitude, 2 * abs(np.int64(quantised[i, c - 1, k])))
                 value = np.int64(quantised[i, c, k])
-                value, low, span, place = _code_coefficient(
-                    coder, low, span, place, kind, k, _magnitude_context(near), value
+                value, low, span, num_bytes = _code_coefficient(
+                    coder, low, span, num_bytes, kind, k, _magnitude_context(expected_magnitude), value
                 )
                 quantised[i, c, k] = value
-                own = abs(value) if k == 0 and first else max(own, abs(value))
-            largest = max(largest, own)
+                largest_of_channel = abs(value) if k == 0 and first else max(largest_of_channel, abs(value))
+            largest = max(largest, largest_of_channel)
         before = i
-    coder.state[0], coder.state[1], coder.state[2] = low, span, place
+    coder.state[0], coder.state[1], coder.state[2] = low, span, num_bytes

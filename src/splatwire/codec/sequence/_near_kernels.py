@@ -9,18 +9,18 @@ from splatwire.ops.compiled import njit
 
 LANES = 2 * NUM_NEIGHBOURS
 """Number of columns in which squared distances are compared in parallel (SIMD)."""
-_INDEX_BITS, _MOST = 13, np.int64((1 << 63) - 1)
+_INDEX_BITS, _MAX_INT64 = 13, np.int64((1 << 63) - 1)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def add_known(positions, i, known, known_positions, count):
+def add_known(positions, i, known_tracks, known_positions, count):
     """Adds a track (Gaussian over time) to the list of tracks from which the motion of later tracks is predicted.
 
     Args:
         positions: Positions of the packet's tracks, int64 (M, 3).
         i: Index of the track to add.
-        known: Indices of the tracks with known motion, int64 (M); the new one is written.
+        known_tracks: Indices of the tracks with known motion, int64 (M); the new one is written.
         known_positions: Positions of these tracks, float64 (3, M); the new one is written.
         count: Number of tracks with known motion, without the new track.
 
@@ -28,7 +28,7 @@ def add_known(positions, i, known, known_positions, count):
         The new number of tracks with known motion.
     """
     # One row per axis, for a search with SIMD.
-    known[count] = i
+    known_tracks[count] = i
     for a in range(3):
         known_positions[a, count] = positions[i, a]
     return count + 1
@@ -89,7 +89,7 @@ def _smallest_candidates(squares, candidates, count):
     """
     # The keys stay in registers. No branch depends on a comparison of keys, because processors would often predict it
     # wrongly.
-    a = b = c = d = e = f = g = h = _MOST
+    a = b = c = d = e = f = g = h = _MAX_INT64
     for n in range(count):
         key = (np.int64(squares[candidates[n]]) << _INDEX_BITS) | candidates[n]
         a, key = (key, a) if key < a else (a, key)
@@ -106,13 +106,13 @@ def _smallest_candidates(squares, candidates, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def nearest(
-    positions, known, known_positions, count, i, squares, group_minima, candidates, neighbours, squared_distances
+    positions, known_tracks, known_positions, count, i, squares, group_minima, candidates, neighbours, squared_distances
 ):
     """Finds the tracks (Gaussians over time) with known motion that are nearest to a given track.
 
     Args:
         positions: Positions of the packet's tracks, int64 (M, 3).
-        known: Indices of the tracks with known motion, from `add_known`.
+        known_tracks: Indices of the tracks with known motion, from `add_known`.
         known_positions: Positions of the tracks with known motion, from `add_known`.
         count: Number of tracks with known motion.
         i: Index of the track whose neighbours are searched.
@@ -129,12 +129,15 @@ def nearest(
     for m in range(count):
         dx, dy, dz = known_positions[0, m] - x, known_positions[1, m] - y, known_positions[2, m] - z
         squares[m] = dx * dx + dy * dy + dz * dz  # below 2**42, exact in float64
-    found = 0
+    num_found = 0
     for key in _smallest_candidates(squares, candidates, _find_candidates(squares, count, group_minima, candidates)):
-        if found < count:
-            squared_distances[found], neighbours[found] = key >> _INDEX_BITS, known[key & ((1 << _INDEX_BITS) - 1)]
-            found += 1
-    return found
+        if num_found < count:
+            squared_distances[num_found], neighbours[num_found] = (
+                key >> _INDEX_BITS,
+                known_tracks[key & ((1 << _INDEX_BITS) - 1)],
+            )
+            num_found += 1
+    return num_found
 
 
 assert NUM_NEIGHBOURS == 8, "`_smallest_candidates` names each of them"

@@ -88,11 +88,11 @@ def _trim(quantised, orders):
     """
     for kind in range(NUM_KINDS):
         while orders[kind]:
-            some = False
+            has_nonzero = False
             for i in range(len(quantised)):
                 for c in range(NUM_CHANNELS):
-                    some |= KIND_OF[c] == kind and quantised[i, c, orders[kind] - 1] != 0
-            if some:
+                    has_nonzero |= KIND_OF[c] == kind and quantised[i, c, orders[kind] - 1] != 0
+            if has_nonzero:
                 break
             orders[kind] -= 1
 
@@ -219,26 +219,26 @@ def encode_cut(
     aim, scale = max_bytes - (max_bytes >> AIM), 1.0
     kept = np.zeros((NUM_CONTEXTS, 2), np.int64)
     while begin < total:
-        left = _max_tracks(headers, begin, total - begin)
-        low, high, tries, last, length = 0, left + 1, 0, 0, 0
-        n = _expected_tracks(costs, begin, begin + left, scale, aim)
+        num_left = _max_tracks(headers, begin, total - begin)
+        low, high, tries, last, length = 0, num_left + 1, 0, 0, 0
+        n = _expected_tracks(costs, begin, begin + num_left, scale, aim)
         while high - low > 1 or last != low:
             n = n if high - low > 1 else low
             kept[:] = 0
-            some = slice(begin, begin + n)
+            tracks = slice(begin, begin + n)
             length = _encode_packet(
-                models, kept, frames, first_new, dead, headers[some], positions[some], shifts[some], targets,
-                rows[some], buffer[at:], out[some],
+                models, kept, frames, first_new, dead, headers[tracks], positions[tracks], shifts[tracks], targets,
+                rows[tracks], buffer[at:], out[tracks],
             )  # fmt: skip
             tries, last = tries + 1, n
             scale = max(length, 1) / costs[begin : begin + n].sum()
             if length <= max_bytes or n == 1:
                 low = n
-                if n == left or length >= max_bytes - (max_bytes >> ENOUGH) or tries > 6:
+                if n == num_left or length >= max_bytes - (max_bytes >> ENOUGH) or tries > 6:
                     break
             else:
                 high = n
-            n = min(max(_expected_tracks(costs, begin, begin + left, scale, aim), low + 1), high - 1)
+            n = min(max(_expected_tracks(costs, begin, begin + num_left, scale, aim), low + 1), high - 1)
         counts += kept
         at += length
         sizes[packets], ends[packets] = low, at

@@ -25,7 +25,7 @@ _RADIUS = 1 << 10
 _SPREAD_BITS, _PULL_BITS = 16, 33
 """Number of bits kept of second moments, and of the values multiplied with second moments; products stay below 2**53.
 """
-_RIDGE_BITS, _LEAST_RIDGE = 14, 4
+_RIDGE_BITS, _MIN_RIDGE = 14, 4
 """Relative value added to the diagonal of second moments (ridge), so that the plane fit is defined for collinear
 neighbours. Larger values cost bytes for fast motion: a ridge of an eighth would cost six times the bytes for a rotating
 object.
@@ -35,7 +35,7 @@ _OCTAVES = 1
 """Octave range of quantisation steps, as log2: tracks are sorted by the product of their steps of position and
 rotation, and tracks with products within `2 ** _OCTAVES` octaves are predicted together.
 """
-_MOST = 1.0 * MAX_COEFFICIENT
+_MAX_VALUE = 1.0 * MAX_COEFFICIENT
 ONE = np.int64(1)
 
 
@@ -158,7 +158,7 @@ def _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, 
     trace, spread = xx + yy + zz, 0
     while trace >> spread >= ONE << _SPREAD_BITS:
         spread += 1
-    ridge = (trace >> (spread + _RIDGE_BITS)) + _LEAST_RIDGE
+    ridge = (trace >> (spread + _RIDGE_BITS)) + _MIN_RIDGE
     xx, yy, zz = (xx >> spread) + ridge, (yy >> spread) + ridge, (zz >> spread) + ridge
     xy, xz, yz = xy >> spread, xz >> spread, yz >> spread
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
@@ -180,11 +180,11 @@ def _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _predict_coefficients(known, moving, neighbours, weights, num_neighbours, means):
+def _predict_coefficients(coefficients, moving, neighbours, weights, num_neighbours, means):
     """Predicts the motion coefficients of a track (Gaussian over time) as a weighted mean over its neighbours.
 
     Args:
-        known: Decoded coefficients of the packet's M tracks, float64 (M, U), with U coefficients per track.
+        coefficients: Decoded coefficients of the packet's M tracks, float64 (M, U), with U coefficients per track.
         moving: Mask of moving tracks, (M).
         neighbours: Indices of the neighbours.
         weights: Weights of the neighbours, from `_neighbour_weights`.
@@ -195,7 +195,7 @@ def _predict_coefficients(known, moving, neighbours, weights, num_neighbours, me
     means[:] = 0.0
     for m in range(num_neighbours):
         if moving[neighbours[m]]:
-            weight, row = np.float64(weights[m]), known[neighbours[m]]
+            weight, row = np.float64(weights[m]), coefficients[neighbours[m]]
             for u in range(len(means)):
                 means[u] += weight * row[u]
     for u in range(len(means)):
@@ -217,9 +217,9 @@ def _quantise(targets, means, octaves, dead, steps):
     # Small differences become 0 even if they exceed half a step, because zeros take few bits.
     for u in range(len(means)):
         value = np.int64(np.rint(targets[u]) - means[u])
-        some = (abs(value) + ((ONE << octaves[u]) >> 1) - ((dead << octaves[u]) >> 6)) >> octaves[u]
-        some = min(max(some, 0), MAX_QUANTISED)
-        steps[u] = some if value >= 0 else -some
+        magnitude = (abs(value) + ((ONE << octaves[u]) >> 1) - ((dead << octaves[u]) >> 6)) >> octaves[u]
+        magnitude = min(max(magnitude, 0), MAX_QUANTISED)
+        steps[u] = magnitude if value >= 0 else -magnitude
 
 
 @njit(borrows=True, error_model="numpy")
@@ -235,7 +235,7 @@ def _reconstruct(means, octaves, steps, row):
     """
     for u in range(len(means)):
         value = means[u] + np.float64(steps[u] << octaves[u])
-        row[u] = min(max(value, -_MOST), _MOST)
+        row[u] = min(max(value, -_MAX_VALUE), _MAX_VALUE)
 
 
 @njit(borrows=True, error_model="numpy")
@@ -308,27 +308,46 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
     """
     if not len(positions):
         return
-    near, used = relative_positions(positions), 0
+    relative, num_used = relative_positions(positions), 0
     for c in range(NUM_CHANNELS):
-        used += orders[KIND_OF[c]]
+        num_used += orders[KIND_OF[c]]
     moving = states == MOVING
-    known, around, squares = np.empty(len(positions), np.int64), np.empty((3, len(positions))), np.empty(len(positions))
+    known_tracks, known_positions, squares = (
+        np.empty(len(positions), np.int64),
+        np.empty((3, len(positions))),
+        np.empty(len(positions)),
+    )
     count = np.int64(0)  # numba would compile `nearest` a second time for the literal 0
     for i in range(len(positions)):
         if not moving[i]:
-            count = add_known(near, i, known, around, count)
-    lanes, some = np.empty(LANES), np.empty(len(positions), np.int64)
-    values, means, steps = np.zeros((len(positions), used)), np.empty(used), np.zeros((len(positions), used), np.int64)
-    octaves = np.empty(used, np.int64)
+            count = add_known(relative, i, known_tracks, known_positions, count)
+    group_minima, nearest_candidates = np.empty(LANES), np.empty(len(positions), np.int64)
+    values, means, steps = (
+        np.zeros((len(positions), num_used)),
+        np.empty(num_used),
+        np.zeros((len(positions), num_used), np.int64),
+    )
+    octaves = np.empty(num_used, np.int64)
     if not len(targets):
         pack_coefficients(quantised, np.arange(len(positions)), states, orders, steps)
-    neighbours, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
+    neighbours, squared_distances = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)
-    for i in prediction_order(near, np.flatnonzero(moving), shifts):
-        found = nearest(near, known, around, count, i, squares, lanes, some, neighbours, far)
-        _neighbour_weights(near, i, neighbours, far, found, offsets, closeness, weights)
-        _predict_coefficients(values, moving, neighbours, weights, found, means)
+    for i in prediction_order(relative, np.flatnonzero(moving), shifts):
+        num_neighbours = nearest(
+            relative,
+            known_tracks,
+            known_positions,
+            count,
+            i,
+            squares,
+            group_minima,
+            nearest_candidates,
+            neighbours,
+            squared_distances,
+        )
+        _neighbour_weights(relative, i, neighbours, squared_distances, num_neighbours, offsets, closeness, weights)
+        _predict_coefficients(values, moving, neighbours, weights, num_neighbours, means)
         u = 0
         for c in range(NUM_CHANNELS):
             for _ in range(orders[KIND_OF[c]]):
@@ -337,7 +356,7 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
         if len(targets):
             _quantise(targets[i], means, octaves, dead, steps[i])
         _reconstruct(means, octaves, steps[i], values[i])
-        count = add_known(near, i, known, around, count)
+        count = add_known(relative, i, known_tracks, known_positions, count)
     if len(targets):
         _unpack_coefficients(steps, orders, quantised)
     _unpack_coefficients(values, orders, coefficients)

@@ -35,10 +35,10 @@ def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
         level, opacity, s0, long = columns[i, 0], columns[i, 1], columns[i, 2], columns[i, 3]
         thin = thinness[columns[i, 4]]
         area = 2 * s0 - long
-        place = position_shift(bases, level, s0, long, thin, opacity, unit, coarsest) + 1
+        position_step = position_shift(bases, level, s0, long, thin, opacity, unit, coarsest) + 1
         turn = DIRECTION_BITS - step_exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
         for a in range(3):
-            shifts[i, a] = place
+            shifts[i, a] = position_step
             shifts[i, 3 + a] = min(max(turn, 0), DIRECTION_BITS - 2)
         first = 2 * s0 - (2 << BITS)
         shifts[i, 6] = step_shift(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)

@@ -83,17 +83,19 @@ def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
     # Equal values give exactly 0 without computing a logarithm.
     # Axes are sorted by decreasing scale of the keyframe Gaussian.
     for rank in range(3):
-        here = 0
+        axis_of_rank = 0
         for axis in range(3):  # rank of an axis: number of larger scales, plus equal ones with a smaller index
             before = 0
             for other in range(3):
                 before += base[other] > base[axis] or (base[other] == base[axis] and other < axis)
             if before == rank:
-                here = axis
+                axis_of_rank = axis
         for f in range(begin, end):
-            same = scales[f, here] == base[here]
+            same = scales[f, axis_of_rank] == base[axis_of_rank]
             values[6 + rank, f] = (
-                _ZERO if same else (np.log2(np.float64(scales[f, here])) - np.log2(np.float64(base[here]))) * _FIXED
+                _ZERO
+                if same
+                else (np.log2(np.float64(scales[f, axis_of_rank])) - np.log2(np.float64(base[axis_of_rank]))) * _FIXED
             )
     for f in range(begin, end):
         same = opacities[f] == opacity
@@ -186,9 +188,9 @@ def find_moving(largest, rotations, shifts, track_indices, limits, too_far, movi
         moving: Output: mask of moving tracks, bool (n).
     """
     for i in range(len(track_indices)):
-        own, gone, moves = shifts[track_indices[i]], rotations[i] > limits[2], False
+        track_shifts, is_too_far, is_moving = shifts[track_indices[i]], rotations[i] > limits[2], False
         for c in range(NUM_CHANNELS):
-            step, most = np.float64(np.int64(1) << own[c]), largest[i, c]
-            gone = gone or most > limits[0] * step or most > limits[1]
-            moves = moves or most >= limits[3] * step
-        too_far[i], moving[i] = gone, moves
+            step, largest_change = np.float64(np.int64(1) << track_shifts[c]), largest[i, c]
+            is_too_far = is_too_far or largest_change > limits[0] * step or largest_change > limits[1]
+            is_moving = is_moving or largest_change >= limits[3] * step
+        too_far[i], moving[i] = is_too_far, is_moving

@@ -102,12 +102,12 @@ class TracksDecoder:
         Args:
             other: Decoder of the same stream for fewer groups of pictures, before the stream was extended.
         """
-        known = other._num_tracks
+        num_earlier = other._num_tracks
         for name in ("means", "quats", "scales", "opacities", "sh"):
-            getattr(self._splats, name)[:known] = getattr(other._splats, name)
-        self._positions[:known], self._shifts[:known] = other._positions, other._shifts
-        self._received[:known] = other._received
-        self._rounding[:known] = other._rounding
+            getattr(self._splats, name)[:num_earlier] = getattr(other._splats, name)
+        self._positions[:num_earlier], self._shifts[:num_earlier] = other._positions, other._shifts
+        self._received[:num_earlier] = other._received
+        self._rounding[:num_earlier] = other._rounding
         self._loss_mask.received[: other._num] = other._loss_mask.received
 
     def decode(self, run: Run) -> SymbolRows:
@@ -144,18 +144,22 @@ class TracksDecoder:
         whole, harmonics = empty_keyframes(count, self.info.keyframes.num_harmonics)
         begin = 0
         for packet in run.packets:
-            own, end = slice(packet.id.lane, packet.id.lane + packet.num_elements), begin + packet.num_elements
-            received[own], whole[own], harmonics[own] = True, rows[0][begin:end], rows[1][begin:end]
+            packet_slice, end = slice(packet.id.lane, packet.id.lane + packet.num_elements), begin + packet.num_elements
+            received[packet_slice], whole[packet_slice], harmonics[packet_slice] = (
+                True,
+                rows[0][begin:end],
+                rows[1][begin:end],
+            )
             begin = end
-        here = np.arange(first, first + count)
+        tracks = np.arange(first, first + count)
         keyframes, block = self.info.shot_of(base)
         spacing = self.info.shot_spacing(base)
-        store_block(self._splats, here, whole, harmonics, received, keyframes, block)
-        self._positions[here] = scene_positions(whole, keyframes, block, spacing)
-        self._shifts[here] = motion_shifts(whole, keyframes, self.info.coarser, spacing)
-        self._received[here] = received
-        exponents = self._shifts[here, 0].astype(np.int32) + keyframes.size_log - keyframes.unit - spacing - 1
-        self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
+        store_block(self._splats, tracks, whole, harmonics, received, keyframes, block)
+        self._positions[tracks] = scene_positions(whole, keyframes, block, spacing)
+        self._shifts[tracks] = motion_shifts(whole, keyframes, self.info.coarser, spacing)
+        self._received[tracks] = received
+        exponents = self._shifts[tracks, 0].astype(np.int32) + keyframes.size_log - keyframes.unit - spacing - 1
+        self._rounding[tracks] = np.ldexp(received.astype(np.float32), exponents)
 
     def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
         """Stores the received packets of a block of motion, to decode them when their frames are requested.
@@ -226,11 +230,13 @@ class TracksDecoder:
         Raises:
             BitstreamError: If the decoded motion exceeds the stream's memory limit.
         """
-        there = self._received
+        received = self._received
         parts = [packets[begin : begin + TOGETHER] for begin in range(0, len(packets), TOGETHER)]
-        decoded = ordered_map(lambda part: self._decode_packets(part, there), parts, 1 if len(parts) == 1 else threads)
-        for part, found in zip(parts, decoded, strict=True):
-            for packet, moved in zip(part, found, strict=True):
+        decoded = ordered_map(
+            lambda part: self._decode_packets(part, received), parts, 1 if len(parts) == 1 else threads
+        )
+        for part, moved_packets in zip(parts, decoded, strict=True):
+            for packet, moved in zip(part, moved_packets, strict=True):
                 if moved is None:
                     continue
                 self._ready[packet.id] = moved
@@ -253,19 +259,25 @@ class TracksDecoder:
         headers, residuals, orders = decode_motion(self.info, group, counts, payloads, first_new)
         tracks = headers[:, TRACK]
         good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
-        own = np.where(good, tracks, 0)
-        spacings = self._motion_spacings[self._spans.born[own]] - self._motion_spacings[group]
-        positions, shifts = in_other_units(self._positions[own], self._shifts[own].astype(np.int64), spacings)
-        found, end = list["_Moved | None"](), 0
+        clipped_tracks = np.where(good, tracks, 0)
+        spacings = self._motion_spacings[self._spans.born[clipped_tracks]] - self._motion_spacings[group]
+        positions, shifts = in_other_units(
+            self._positions[clipped_tracks], self._shifts[clipped_tracks].astype(np.int64), spacings
+        )
+        moved_packets, end = list["_Moved | None"](), 0
         for count, order in zip(counts.tolist(), orders, strict=True):
             begin, end = end, end + count
-            some = slice(begin, end) if good[begin:end].all() else begin + np.flatnonzero(good[begin:end])
-            known = good[begin:end].any() and received[tracks[some]].all()
+            selection = slice(begin, end) if good[begin:end].all() else begin + np.flatnonzero(good[begin:end])
+            has_all_bases = good[begin:end].any() and received[tracks[selection]].all()
             does = (
-                coefficients_of(headers[some], residuals[some], order, positions[some], shifts[some]) if known else None
+                coefficients_of(
+                    headers[selection], residuals[selection], order, positions[selection], shifts[selection]
+                )
+                if has_all_bases
+                else None
             )
-            found.append(None if does is None else (headers[some], PacketMoves(does, order)))
-        return found
+            moved_packets.append(None if does is None else (headers[selection], PacketMoves(does, order)))
+        return moved_packets
 
 
 def _combine_packets(
@@ -285,9 +297,9 @@ def _combine_packets(
     if (tracks[1:] <= tracks[:-1]).any():  # packets of an encoder are in order
         tracks, first = np.unique(tracks, return_index=True)
     moving = headers[:, STATE] == MOVING
-    rows, some = np.where(moving, np.cumsum(moving) - 1, -1)[first], headers[first]
-    begins = np.clip(some[:, BEGINS], 0, offsets.frames - 1)
-    ends = np.clip(some[:, ENDS], begins, offsets.frames)
+    rows, used_headers = np.where(moving, np.cumsum(moving) - 1, -1)[first], headers[first]
+    begins = np.clip(used_headers[:, BEGINS], 0, offsets.frames - 1)
+    ends = np.clip(used_headers[:, ENDS], begins, offsets.frames)
     return GroupMotion(tracks, moving[first], begins, ends, offsets.of(rows), covered, complete, unchanged)
 
 

@@ -145,8 +145,8 @@ class TracksEncoder:
             packets = self._encode_keyframes(group, classes, born, numbers, cut=cut)
             threads, who = 1 if len(old) else self._threads, np.where(new, numbers, -1)
             fit(targets, group.moves, self._known, self._keyframes.reference, who, (0, group.moves.num_frames), threads)
-            own = targets.largest[born], targets.turns[born]
-            _, moving[born] = motion_masks(*own, self._known.shifts, numbers[born])
+            of_births = targets.largest[born], targets.turns[born]
+            _, moving[born] = motion_masks(*of_births, self._known.shifts, numbers[born])
             by[len(old) :] = born[np.argsort(numbers[born])]
             self._fill_coder(coder, slice(len(old), None), group, by, numbers, moving)
             return packets
@@ -232,9 +232,9 @@ class TracksEncoder:
             fitting.add_frames(group.moves, frames)
         targets = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
         new = fitting.numbers < 0
-        known = np.maximum(fitting.numbers, 0)
+        known_indices = np.maximum(fitting.numbers, 0)
         _, shifts = self._known.in_units(slice(None), self._keyframes.motion_spacing)
-        far, moving = motion_masks(targets.largest, targets.turns, shifts, known)
+        far, moving = motion_masks(targets.largest, targets.turns, shifts, known_indices)
         anew = np.flatnonzero(far & ~new)
         targets.put(anew, Targets.zero(len(anew), frames))
         return fitting.numbers, new | far, moving, targets
@@ -321,7 +321,7 @@ class TracksEncoder:
             track_indices: For each track of the group, its index within the stream.
             moving: Mask of moving tracks of the group.
         """
-        rows, known, tracks = group_rows[entries], self._known, track_indices[group_rows[entries]]
+        rows, known_tracks, tracks = group_rows[entries], self._known, track_indices[group_rows[entries]]
         headers = coder.headers[entries]
         before = coder.headers[entries.start - 1, TRACK] if entries.start else -1
         headers[:, TRACK], headers[:, BEGINS], headers[:, ENDS] = tracks, group.begins[rows], group.ends[rows]
@@ -330,17 +330,17 @@ class TracksEncoder:
         if len(rows) and len(rows) + (entries.start or 0) == len(group_rows):
             headers[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
         coder.rows[entries], coder.costs[entries] = rows, self._costs[tracks]
-        coder.positions[entries], coder.shifts[entries] = known.in_units(tracks, self._keyframes.motion_spacing)
+        coder.positions[entries], coder.shifts[entries] = known_tracks.in_units(tracks, self._keyframes.motion_spacing)
 
     def _encode_motion(
-        self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
+        self, group: TrackGroup, coder: MotionCoder, num_known: int, births: Callable[[], list[Packet]]
     ) -> tuple[int, list[Packet]]:
         """Encodes the motion of all tracks (Gaussians over time) in a group of frames.
 
         Args:
             group: The tracks of the group.
             coder: Motion coder of these tracks: first the known ones, then new ones, whose entries are empty at first.
-            known: Number of known tracks: their keyframe Gaussians were encoded in earlier groups.
+            num_known: Number of known tracks: their keyframe Gaussians were encoded in earlier groups.
             births: Function that encodes the keyframe Gaussians of the new tracks, and fills the coder's entries of
                 these tracks.
 
@@ -348,15 +348,15 @@ class TracksEncoder:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes.
         """
         headers, frames = coder.headers, group.moves.num_frames
-        if all_stay(headers[:known], frames) and np.array_equal(self._known.alive, headers[:known, TRACK]):
+        if all_stay(headers[:num_known], frames) and np.array_equal(self._known.alive, headers[:num_known, TRACK]):
             births()
             if all_stay(headers, frames):
                 return 0, []
-        packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(coder, known, births)
+        packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(coder, num_known, births)
         return len(headers), packets
 
     def _encode_motion_blocks(
-        self, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
+        self, coder: MotionCoder, num_known: int, births: Callable[[], list[Packet]]
     ) -> tuple[list[Packet], np.ndarray]:
         """Encodes the motion of all tracks (Gaussians over time) in packets of limited size.
 
@@ -364,7 +364,7 @@ class TracksEncoder:
 
         Args:
             coder: Motion coder of the tracks, as for `_encode_motion`.
-            known: Number of tracks with a keyframe Gaussian.
+            num_known: Number of tracks with a keyframe Gaussian.
             births: Function that encodes the keyframe Gaussians of the new tracks, and fills their entries in the
                 coder.
 
@@ -380,7 +380,7 @@ class TracksEncoder:
 
         def ready() -> Iterator[tuple[int, int]]:
             for begin, end in parts:
-                if end > known:
+                if end > num_known:
                     births()
                 yield begin, end
 

@@ -36,10 +36,10 @@ class Fitting:
     """
 
     def __init__(
-        self, keys: np.ndarray, known: KnownTracks, info: KeyframeInfo, frames: int, threads: int | None
+        self, keys: np.ndarray, known_tracks: KnownTracks, info: KeyframeInfo, frames: int, threads: int | None
     ) -> None:  # fmt: skip
-        self._keys, self._known, self._info, self._threads = keys.copy(), known, info, threads
-        self.numbers, self._end = known.numbers_of(keys), 0
+        self._keys, self._known, self._info, self._threads = keys.copy(), known_tracks, info, threads
+        self.numbers, self._end = known_tracks.numbers_of(keys), 0
         self._targets = Targets.zero(len(keys) + len(keys) // SPARE, frames)
 
     def fits(self, keys: np.ndarray, frames: int) -> bool:
@@ -61,8 +61,8 @@ class Fitting:
             trajectories: Trajectories over the whole group.
             end: Number of available frames; frames from `end` on are ignored.
         """
-        some = slice(len(self._keys))
-        self._add(self._targets.select(some), trajectories.select(some), self.numbers, self._end, end)
+        selection = slice(len(self._keys))
+        self._add(self._targets.select(selection), trajectories.select(selection), self.numbers, self._end, end)
         self._end = end
 
     def finish(self, keys: np.ndarray, trajectories: Trajectories, full_length: np.ndarray) -> Targets:
@@ -76,11 +76,11 @@ class Fitting:
         """
         self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
         # Some positions of a track that begins or ends in the group may have been unknown when the frames were added.
-        again, found = np.flatnonzero(~full_length), self._targets.select(slice(len(keys)))
-        others = Targets.zero(len(again), trajectories.num_frames)
-        self._add(others, trajectories.select(again), self.numbers[again], 0, trajectories.num_frames)
-        found.put(again, others)
-        return found
+        incomplete, targets = np.flatnonzero(~full_length), self._targets.select(slice(len(keys)))
+        others = Targets.zero(len(incomplete), trajectories.num_frames)
+        self._add(others, trajectories.select(incomplete), self.numbers[incomplete], 0, trajectories.num_frames)
+        targets.put(incomplete, others)
+        return targets
 
     def _add(
         self, targets: Targets, trajectories: Trajectories, track_indices: np.ndarray, begin: int, end: int
@@ -90,8 +90,8 @@ class Fitting:
 
 
 def fit(
-    targets: Targets, trajectories: Trajectories, known: KnownTracks, info: KeyframeInfo, track_indices: np.ndarray,
-    frames: tuple[int, int], threads: int | None,
+    targets: Targets, trajectories: Trajectories, known_tracks: KnownTracks, info: KeyframeInfo,
+    track_indices: np.ndarray, frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
     """Continues the least-squares fit of motion polynomials with the motion of tracks in further frames.
 
@@ -100,13 +100,14 @@ def fit(
     Args:
         targets: Polynomial coefficients of the motion of n tracks, changed in place.
         trajectories: Trajectories of the n tracks over the group of frames.
-        known: All tracks that have a keyframe Gaussian so far.
+        known_tracks: All tracks that have a keyframe Gaussian so far.
         info: Side information whose lattice spacing determines the unit of fitted positions.
-        track_indices: Index in `known` of each of the n tracks, int64 (n); tracks with a negative index are skipped.
+        track_indices: Index in `known_tracks` of each of the n tracks, int64 (n); tracks with a negative index are
+            skipped.
         frames: Range of frames to add: first frame and end (exclusive).
         threads: Number of threads; None for one per processor.
     """
-    add_frames(targets, trajectories, known.keyframes, track_indices, *frames, info.unit, info.size_log, threads)
+    add_frames(targets, trajectories, known_tracks.keyframes, track_indices, *frames, info.unit, info.size_log, threads)
 
 
 def motion_masks(

@@ -234,9 +234,9 @@ class KeyframeEncoder:
             coding: Quantisation parameters; None to choose them.
             template: Side information with probability tables to use; None to fit new tables.
         """
-        source = SourceScene.of(splats, plan, classes, None, self._quality, coding, most_unit=FINEST_UNIT)
-        known = None if coding is None else coding.transform
-        fitted = fit_side_info(source, {}, known, template, self._threads_for(plan))
+        source = SourceScene.of(splats, plan, classes, None, self._quality, coding, max_unit=FINEST_UNIT)
+        fixed_transform = None if coding is None else coding.transform
+        fitted = fit_side_info(source, {}, fixed_transform, template, self._threads_for(plan))
         return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
 
     def _coding(self, splats: Splats, classes: np.ndarray | None, info: SideInfo, median_class: int) -> SplatCoding:

@@ -50,8 +50,8 @@ class KnownTracks:
             return np.full(len(keys), -1, np.int64)
         names = self.keys[self.by_key]
         # Of several tracks with the same key, the latest.
-        at = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
-        return np.where(names[at] == keys, self.by_key[at], -1)
+        index = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
+        return np.where(names[index] == keys, self.by_key[index], -1)
 
     def in_units(self, tracks: np.ndarray | slice, spacing: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns the positions and motion quantisation steps of tracks, converted to a common unit of positions.

@@ -74,8 +74,8 @@ class Lifetimes:
             seen: Visibility of each track (squared opacity times area), float64 (T).
             count: Maximum number of tracks to keep.
         """
-        some = np.union1d(self.begin_tracks, self.end_tracks)
-        keep = some[np.argsort(-seen[some], kind="stable")[:count]]
+        listed_tracks = np.union1d(self.begin_tracks, self.end_tracks)
+        keep = listed_tracks[np.argsort(-seen[listed_tracks], kind="stable")[:count]]
         begin, end = np.isin(self.begin_tracks, keep), np.isin(self.end_tracks, keep)
         return Lifetimes(self.begin_tracks[begin], self.begin_frames[begin], self.end_tracks[end], self.end_frames[end])
 
@@ -120,12 +120,12 @@ def read_lifetimes(sections: Mapping[str, bytes], births: Sequence[int], timelin
                 raise BitstreamError(f"section '{SECTION}': track {track}, frame {pairs[-1][1]} are not in the clip")
         values += list(np.array(pairs, np.int64).reshape(-1, 2).T)
     reader.finish()
-    found = Lifetimes(*values)
-    some = np.union1d(found.begin_tracks, found.end_tracks)
-    begin, end = (np.searchsorted(some, tracks) for tracks in (found.begin_tracks, found.end_tracks))
-    own = Lifetimes(begin, found.begin_frames, end, found.end_frames)
-    begins, ends = own.by_track(len(some), timeline.num_frames)
-    first = np.searchsorted(np.cumsum(births), some, side="right") * timeline.group_frames
+    lifetimes = Lifetimes(*values)
+    listed_tracks = np.union1d(lifetimes.begin_tracks, lifetimes.end_tracks)
+    begin, end = (np.searchsorted(listed_tracks, tracks) for tracks in (lifetimes.begin_tracks, lifetimes.end_tracks))
+    lifetimes_of_listed = Lifetimes(begin, lifetimes.begin_frames, end, lifetimes.end_frames)
+    begins, ends = lifetimes_of_listed.by_track(len(listed_tracks), timeline.num_frames)
+    first = np.searchsorted(np.cumsum(births), listed_tracks, side="right") * timeline.group_frames
     if (begins >= timeline.group_frames).any() or (first + begins >= ends).any():
         raise BitstreamError(f"section '{SECTION}': a track ends before it begins")
-    return found
+    return lifetimes

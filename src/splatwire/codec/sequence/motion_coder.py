@@ -112,15 +112,15 @@ class MotionCoder:
             Initial probability that a bit is 0, for each model, out of 2**8, int64 (contexts).
         """
         zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
-        some = [
+        samples = [
             blocks[i] for i in sorted({*np.linspace(0, len(blocks) - 1, min(len(blocks), FITTED_BLOCKS)).astype(int)})
         ]
         coder = self
         for _ in range(FITTED_ROUNDS):
-            coded = list(ordered_map(functools.partial(coder.encode, zero), some, threads))
+            coded = list(ordered_map(functools.partial(coder.encode, zero), samples, threads))
             zero = fit_bits(np.sum([block.counts for block in coded], axis=0))
             coder = replace(self, costs=self.costs.copy())
-            for (begin, end), block in zip(some, coded, strict=True):
+            for (begin, end), block in zip(samples, coded, strict=True):
                 coder.costs[begin:end] = block.costs
         return zero
 
@@ -132,15 +132,15 @@ class MotionCoder:
             track_range: Range of the block's tracks among the coder's tracks: first index and end (exclusive).
         """
         begin, end = track_range
-        count, frames, some = end - begin, self.targets.shape[2], slice(begin, end)
+        count, frames, members = end - begin, self.targets.shape[2], slice(begin, end)
         models, counts = np.repeat(zero[:, None] << 8, 2, axis=1), np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
         residuals = np.zeros((count, NUM_CHANNELS, frames), dtype=np.int32)
         room = kernels.SLACK + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
         buffer, sizes, stops = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
         used = kernels.encode_cut(
-            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.headers[some],
-            self.positions[some], self.shifts[some], self.targets, self.rows[some], np.int64(self.most),
-            self.costs[some], buffer, residuals, sizes, stops,
+            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.headers[members],
+            self.positions[members], self.shifts[members], self.targets, self.rows[members], np.int64(self.most),
+            self.costs[members], buffer, residuals, sizes, stops,
         )  # fmt: skip
         bounds = [0, *stops[:used].tolist()]
         payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(bounds)]

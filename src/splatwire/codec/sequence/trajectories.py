@@ -123,12 +123,12 @@ def add_frames(
         threads: Number of threads; None for one per processor.
     """
     luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(trajectories.num_frames).copy()
-    known, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, unit + 1 - size_log))
+    keyframe_arrays, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, unit + 1 - size_log))
 
     def fit(rows: slice) -> None:
         _target_kernels.fit_motion(
-            tuple(values[rows] for values in vars(trajectories).values()), known, keyframe_indices[rows], scale, luma,
-            table, np.int64(begin), np.int64(end), *(values[rows] for values in vars(targets).values()),
+            tuple(values[rows] for values in vars(trajectories).values()), keyframe_arrays, keyframe_indices[rows],
+            scale, luma, table, np.int64(begin), np.int64(end), *(values[rows] for values in vars(targets).values()),
         )  # fmt: skip
 
     runs = [slice(first, first + RUN) for first in range(0, len(keyframe_indices), RUN)]
@@ -189,19 +189,19 @@ class Offsets:
         flat = np.concatenate([np.zeros(0, np.float32), *(packet.coefficients.ravel() for packet in self.moves)])
         orders = np.array([packet.orders[KIND_OF] for packet in self.moves], np.int64).reshape(-1, NUM_CHANNELS)
         starts = np.where(rows < 0, -1, ends[rows])
-        own = np.concatenate([packets, [0]])[rows]  # any packet for still tracks, which have no coefficients
+        packet_of_row = np.concatenate([packets, [0]])[rows]  # any packet for still tracks, which have no coefficients
         table, factors, colours = polynomials(self.frames), self._factors(), np.ascontiguousarray(LUMA_CHROMA)
 
         def at(frame: int) -> np.ndarray:
-            found, weights = np.empty((len(rows), NUM_CHANNELS), np.float32), table[frame].copy()
+            offsets, weights = np.empty((len(rows), NUM_CHANNELS), np.float32), table[frame].copy()
 
             def part(rows: slice) -> None:
                 _offset_kernels.offsets(
-                    flat, starts[rows], own[rows], orders, widths, weights, factors, colours, found[rows]
+                    flat, starts[rows], packet_of_row[rows], orders, widths, weights, factors, colours, offsets[rows]
                 )  # fmt: skip
 
             share(part, [slice(begin, begin + AT_ONCE) for begin in range(0, len(rows), AT_ONCE)])
-            return found
+            return offsets
 
         return at
 

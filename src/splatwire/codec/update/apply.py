@@ -46,8 +46,8 @@ def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None 
         raise BitstreamError(f"the second stream has {update.manifest.elements}, it is not an update")
     info = check_base(base)
     _check_complete(update, "the update", "the old stream remains valid")
-    partial = decode_stream(update, threads=threads)
-    change = partial.scene
+    received = decode_stream(update, threads=threads)
+    change = received.scene
     assert isinstance(change, UpdateScene)
     _check_base(base, change.base_digest)
     scene = decode_stream(base, threads=threads).scene
@@ -158,9 +158,9 @@ def _with_copies(
     decoded = decode_stream(stream).scene.splats
     new_index = np.empty(len(decoded.means), np.int64)
     new_index[ranked_by_attributes(splats)] = ranked_by_attributes(decoded)
-    own = open_side_info(stream.manifest, stream.side_info)
+    stream_info = open_side_info(stream.manifest, stream.side_info)
     level = copies_level(info, num_before)
-    data = write_copies(decoded, np.sort(new_index[chosen]), own, precision_class=level, growth=copies.growth)
+    data = write_copies(decoded, np.sort(new_index[chosen]), stream_info, precision_class=level, growth=copies.growth)
     return add_concealment(stream, SKETCH, data)
 
 
@@ -175,10 +175,10 @@ def _check_base(base: SceneStream, digest: str) -> None:
         base: The stream.
         digest: Digest of the stream that the update changes (`manifest_digest`), hexadecimal.
     """
-    if digest != (found := manifest_digest(base.manifest)):
+    if digest != (digest_of_base := manifest_digest(base.manifest)):
         raise InvalidValueError(
-            f"the update changes another stream: one with the digest {digest[:12]}, not {found[:12]}; the same scene "
-            "in other packets is another stream, too"
+            f"the update changes another stream: one with the digest {digest[:12]}, not {digest_of_base[:12]}; the "
+            "same scene in other packets is another stream, too"
         )
 
 

@@ -58,8 +58,8 @@ class UpdateChain:
         """
         source = apply_update(self.source, update)
         if self.scene is self.source:
-            own, most = update.manifest.packetization, self.scene.manifest.packetization.packet_bytes
-            fits = own.hashed and own.packet_bytes <= most
+            packetization, most = update.manifest.packetization, self.scene.manifest.packetization.packet_bytes
+            fits = packetization.hashed and packetization.packet_bytes <= most
             return self._with(source, source, update if fits else into_datagrams(update))
         scene = decode_stream(source).scene
         # Each Gaussian keeps its class, also one that `self.scene` does not contain.

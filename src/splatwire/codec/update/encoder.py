@@ -115,17 +115,17 @@ def encode_change(
             finest class of the stream; unchanged Gaussians then keep their class.
     """
     info = check_base(base)
-    found = as_scene(scene)
-    check_kind(found, SplatScene, "open_scene")
-    assert isinstance(found, SplatScene)
+    edited = as_scene(scene)
+    check_kind(edited, SplatScene, "open_scene")
+    assert isinstance(edited, SplatScene)
     if classes is not None:
-        classes = array_of(classes, "classes", (found.num_elements,), "i", -128, 127)
-    rows = found.validity()
-    rows.log_removed("encoding", found.ELEMENTS)
+        classes = array_of(classes, "classes", (edited.num_elements,), "i", -128, 127)
+    rows = edited.validity()
+    rows.log_removed("encoding", edited.ELEMENTS)
     before = decode_stream(base, threads=threads).scene
     coding = before.coding
     assert coding is not None
-    after, kept = found.splats.moved_origin(found.origin, before.origin).select(rows.kept), rows.kept
+    after, kept = edited.splats.moved_origin(edited.origin, before.origin).select(rows.kept), rows.kept
     if not after.num_gaussians:
         raise InvalidValueError("the changed scene has no Gaussian that draws anything")
     if after.degree != before.splats.degree:
@@ -133,26 +133,26 @@ def encode_change(
             f"the changed scene has spherical harmonics of degree {after.degree}, its stream those of degree "
             f"{before.splats.degree}"
         )
-    if found.antialiased != before.antialiased:
+    if edited.antialiased != before.antialiased:
         scenes = ("the changed scene", "its stream")
-        marked, plain = scenes if found.antialiased else scenes[::-1]
+        marked, plain = scenes if edited.antialiased else scenes[::-1]
         LOG.warning(
             "encoding: %s is antialiased, %s is not: an update keeps what the stream has, and the other one looks "
             "different from afar", marked, plain,
         )  # fmt: skip
-    _warn_of_other_metadata(found, before)
+    _warn_of_other_metadata(edited, before)
     after = within_reach(after, coding.size_log)
     least = None
     if finest is not None:
         wanted = None if classes is None else classes[kept]
         least = coded_classes(wanted, after.num_gaussians, finest)
     match = find_unchanged(before.splats, coding, after, least)
-    fresh = np.flatnonzero(match < 0)
+    new_rows = np.flatnonzero(match < 0)
     removed = np.ones(before.num_elements, bool)
     removed[match[match >= 0]] = False
-    chosen = None if classes is None else classes[kept][fresh]
+    chosen = None if classes is None else classes[kept][new_rows]
     most = int(coding.classes.max()) if finest is None else finest
-    new = _encode_new(base, info, coding, after.select(fresh), chosen, most, threads)
+    new = _encode_new(base, info, coding, after.select(new_rows), chosen, most, threads)
     result = changed_stream(base, info, before, removed, _decoded(new), new.manifest.writer, threads)
     fields = UpdateFields(
         manifest_digest(base.manifest), manifest_digest(result.manifest), result.manifest.writer,

@@ -27,21 +27,21 @@ def find_unchanged(
     Returns:
         Index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.
     """
-    found = np.full(after.num_gaussians, -1, np.int64)
+    match = np.full(after.num_gaussians, -1, np.int64)
     for level in np.unique(coding.classes)[::-1]:
         allowed = True if coarsest_class is None else coarsest_class <= level
-        own, left = np.flatnonzero(coding.classes == level), np.flatnonzero((found < 0) & allowed)
-        if not len(left):
+        candidates, unmatched = np.flatnonzero(coding.classes == level), np.flatnonzero((match < 0) & allowed)
+        if not len(unmatched):
             continue
-        classes = np.full(len(left), level, np.uint8)
+        classes = np.full(len(unmatched), level, np.uint8)
         steps = SplatCoding(**{**vars(coding), "classes": classes})
-        rounded = _attribute_rows(round_splats(after.select(left), steps))
+        rounded = _attribute_rows(round_splats(after.select(unmatched), steps))
         # The same rounding for both, so that the few positions that it moves are found, too.
-        steps = SplatCoding(**{**vars(coding), "classes": coding.classes[own]})
-        known = _attribute_rows(round_splats(before.select(own), steps))
-        rows = _find_rows(known, rounded)
-        found[left[rows >= 0]] = own[rows[rows >= 0]]
-    return found
+        steps = SplatCoding(**{**vars(coding), "classes": coding.classes[candidates]})
+        rounded_before = _attribute_rows(round_splats(before.select(candidates), steps))
+        rows = _find_rows(rounded_before, rounded)
+        match[unmatched[rows >= 0]] = candidates[rows[rows >= 0]]
+    return match
 
 
 def _attribute_rows(splats: Splats) -> np.ndarray:
@@ -50,25 +50,25 @@ def _attribute_rows(splats: Splats) -> np.ndarray:
     return np.ascontiguousarray(np.concatenate(columns, axis=1, dtype=np.float32) + np.float32(0)).view(np.uint32)
 
 
-def _find_rows(known: np.ndarray, queries: np.ndarray) -> np.ndarray:
-    """Finds an equal row in `known` for each row of `queries`; each row of `known` is used at most once.
+def _find_rows(targets: np.ndarray, queries: np.ndarray) -> np.ndarray:
+    """Finds an equal row in `targets` for each row of `queries`; each row of `targets` is used at most once.
 
     Returns:
-        Index in `known` for each row of `queries`, int64; -1 if there is none.
+        Index in `targets` for each row of `queries`, int64; -1 if there is none.
     """
-    hashes = [_hashes(rows) for rows in (known, queries)]
+    hashes = [_hashes(rows) for rows in (targets, queries)]
     orders = [np.argsort(each, kind="stable") for each in hashes]
     sorted_hashes = [each[order] for each, order in zip(hashes, orders, strict=True)]
     # The n-th of several equal rows is matched with the n-th of the others.
     number = np.arange(len(queries)) - np.searchsorted(sorted_hashes[1], sorted_hashes[1], side="left")
-    at = np.searchsorted(sorted_hashes[0], sorted_hashes[1], side="left") + number
-    inside = at < len(known)
-    candidates = orders[0][np.where(inside, at, 0)] if len(known) else np.zeros(len(queries), np.int64)
-    found = np.full(len(queries), -1, np.int64)
-    if len(known):
-        equal = inside & (known[candidates] == queries[orders[1]]).all(axis=1)
-        found[orders[1][equal]] = candidates[equal]
-    return found
+    position = np.searchsorted(sorted_hashes[0], sorted_hashes[1], side="left") + number
+    inside = position < len(targets)
+    candidates = orders[0][np.where(inside, position, 0)] if len(targets) else np.zeros(len(queries), np.int64)
+    match = np.full(len(queries), -1, np.int64)
+    if len(targets):
+        equal = inside & (targets[candidates] == queries[orders[1]]).all(axis=1)
+        match[orders[1][equal]] = candidates[equal]
+    return match
 
 
 def _hashes(rows: np.ndarray) -> np.ndarray:

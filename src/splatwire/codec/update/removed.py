@@ -33,8 +33,8 @@ def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
     order = np.argsort(codes, kind="stable")
     same = codes[order[1:]] == codes[order[:-1]]
     tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
-    own = splats.select(order[tied])
-    keys = (own.means, own.opacities, own.scales, own.quats, own.sh)
+    tied_splats = splats.select(order[tied])
+    keys = (tied_splats.means, tied_splats.opacities, tied_splats.scales, tied_splats.quats, tied_splats.sh)
     columns = np.concatenate([values.reshape(len(tied), math.prod(values.shape[1:])) for values in keys], axis=1)
     order[tied] = order[tied][np.lexsort((*columns.T[::-1], codes[order[tied]]))]
     return order
@@ -53,10 +53,10 @@ def write_removed(removed: np.ndarray) -> bytes:
     larger = groups.reshape(-1, GROUPS, GROUP)
     some_larger = larger.any(axis=(1, 2))
     inner = larger[some_larger].reshape(-1, GROUP)
-    some = inner.any(axis=1)
-    mixed = inner[some]
+    has_removed = inner.any(axis=1)
+    mixed = inner[has_removed]
     full = mixed.all(axis=1)
-    for bits in map(np.ravel, (some_larger, some, full, mixed[~full])):
+    for bits in map(np.ravel, (some_larger, has_removed, full, mixed[~full])):
         writer.blob(encode_bits(bits.astype(np.uint8), np.zeros(len(bits), np.int64), fresh_models(1)))
     return writer.bytes()
 
@@ -71,12 +71,12 @@ def read_removed(data: bytes, count: int) -> np.ndarray:
     larger = np.zeros((-(-count // (GROUPS * GROUP)), GROUPS, GROUP), bool)
     some_larger = _read_bits(reader, len(larger))
     inner = np.zeros((int(some_larger.sum()) * GROUPS, GROUP), bool)
-    some = _read_bits(reader, len(inner))
-    full = _read_bits(reader, int(some.sum()))
+    has_removed = _read_bits(reader, len(inner))
+    full = _read_bits(reader, int(has_removed.sum()))
     mixed = np.ones((len(full), GROUP), bool)
     mixed[~full] = _read_bits(reader, GROUP * int((~full).sum())).reshape(-1, GROUP)
     reader.finish()
-    inner[some] = mixed
+    inner[has_removed] = mixed
     larger[some_larger] = inner.reshape(-1, GROUPS, GROUP)
     return larger.ravel()[:count]
 

@@ -40,9 +40,9 @@ class UpdateDecoder(GaussianDecoder):
 
     def scene(self) -> ReceivedScene[SplatScene]:
         """Returns the new Gaussians decoded so far, together with the fields of the update (`UpdateFields`)."""
-        partial = super().scene()
-        common = {field.name: getattr(partial.scene, field.name) for field in fields(SplatScene)}
-        return replace(partial, scene=UpdateScene(**common, **self._fields._asdict()))
+        received = super().scene()
+        common = {field.name: getattr(received.scene, field.name) for field in fields(SplatScene)}
+        return replace(received, scene=UpdateScene(**common, **self._fields._asdict()))
 
 
 def _prepare(scene: Any, options: Options) -> Prepared:

@@ -48,9 +48,9 @@ class SceneFree:
         check_fields(self)
         check_at_least("trust in the network", self.trust, 0)
         network = default_weights() if self.weights is None else load_gain_network(Path(self.weights))
-        given = self.gaussian_weights
+        weights = self.gaussian_weights
         object.__setattr__(self, "_network", network)
-        elements = default_element_weights() if given is None else load_element_network(Path(given))
+        elements = default_element_weights() if weights is None else load_element_network(Path(weights))
         object.__setattr__(self, "_elements", elements)
 
     @property
@@ -58,14 +58,14 @@ class SceneFree:
         """Name of this concealer in the registry, `scene_free`."""
         return "scene_free"
 
-    def __call__(self, partial: ReceivedScene) -> Concealed:
+    def __call__(self, received: ReceivedScene) -> Concealed:
         """Returns factors on size and opacity of received elements (gains), and the mask that hides lost elements."""
-        rows = np.flatnonzero(partial.known)
+        rows = np.flatnonzero(received.fully_received)
         if not len(rows):
-            ones = np.ones_like(partial.log_sizes)
-            return Concealed(ones, ~partial.known, ones)
-        if partial.expectation is None:
-            return enlarge_received(partial, rows, self._elements(element_inputs(partial)))
+            ones = np.ones_like(received.log_sizes)
+            return Concealed(ones, ~received.fully_received, ones)
+        if received.expectation is None:
+            return enlarge_received(received, rows, self._elements(element_inputs(received)))
         return enlarge_received(
-            partial, rows, self._network(gain_inputs(partial, surroundings_of(partial, rows)), self.trust)
+            received, rows, self._network(gain_inputs(received, surroundings_of(received, rows)), self.trust)
         )

@@ -45,37 +45,37 @@ class ElementInputs:
     opacity: Float[np.ndarray, "M"]
 
 
-def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
+def element_inputs(received: ReceivedScene[SplatScene]) -> ElementInputs:
     """Computes the input features of every received Gaussian."""
-    splats, known = partial.scene.splats, partial.known
-    rows, opacities, log_axes = np.flatnonzero(known), splats.opacities, splats.log_axes
+    splats, fully_received = received.scene.splats, received.fully_received
+    rows, opacities, log_axes = np.flatnonzero(fully_received), splats.opacities, splats.log_axes
     log_sizes = log_axes.mean(axis=1)
-    near, distance = nearest_others(NeighborTree(splats.means), splats.means[rows], rows, _NEIGHBORS)
-    gone = (~known).astype(distance.dtype)
+    neighbors, distance = nearest_others(NeighborTree(splats.means), splats.means[rows], rows, _NEIGHBORS)
+    gone = (~fully_received).astype(distance.dtype)
     size, area = np.exp(log_sizes), np.exp(2 * log_sizes)
     tiny = np.finfo(size.dtype).tiny
-    lost = log_gain((gone * size)[near].sum(axis=1) / np.maximum(size[near].sum(axis=1), tiny))
-    close, far = near[:, :_CLOSE], distance[:, :_CLOSE]
-    there = 1 - gone[close]
+    lost = log_gain((gone * size)[neighbors].sum(axis=1) / np.maximum(size[neighbors].sum(axis=1), tiny))
+    close, far = neighbors[:, :_CLOSE], distance[:, :_CLOSE]
+    is_received = 1 - gone[close]
     reach = (far / np.maximum(np.sqrt(area[close] + area[rows, None]), MIN_SIZE)) ** 2
     clear = np.clip(opacities, *OPACITIES)
     logit = np.clip(np.log(clear / (1 - clear)), -6, 6)
-    own, count = log_sizes[rows], np.maximum(there.sum(axis=1), 1)
-    cover = there * opacities[close] * np.exp(-reach / 2)
+    own_sizes, count = log_sizes[rows], np.maximum(is_received.sum(axis=1), 1)
+    cover = is_received * opacities[close] * np.exp(-reach / 2)
     weight = area[close] * np.exp(-reach / 4)
     columns = [
         lost,
-        log_gain(gone[near[:, :12]].mean(axis=1) if near.shape[1] else gone[rows]),
-        np.full_like(own, log_gain(gone.mean())),
-        own - _spacing(far, there, own),
-        own - lower_median(log_sizes[known]),
-        own - (there * log_sizes[close]).sum(axis=1) / count,
+        log_gain(gone[neighbors[:, :12]].mean(axis=1) if neighbors.shape[1] else gone[rows]),
+        np.full_like(own_sizes, log_gain(gone.mean())),
+        own_sizes - _spacing(far, is_received, own_sizes),
+        own_sizes - lower_median(log_sizes[fully_received]),
+        own_sizes - (is_received * log_sizes[close]).sum(axis=1) / count,
         np.minimum(log_axes[rows, 0] - log_axes[rows, 1], 6),
         np.minimum(log_axes[rows, 1] - log_axes[rows, 2], 6),
         logit[rows],
-        (there * logit[close]).sum(axis=1) / count,
+        (is_received * logit[close]).sum(axis=1) / count,
         np.log1p(cover.sum(axis=1)),
-        log_gain((weight * (1 - there)).sum(axis=1) / np.maximum(weight.sum(axis=1) + area[rows], tiny)),
+        log_gain((weight * (1 - is_received)).sum(axis=1) / np.maximum(weight.sum(axis=1) + area[rows], tiny)),
     ]
     return ElementInputs(rows, np.stack(columns, axis=1), lost, opacities[rows])
 
@@ -121,15 +121,15 @@ class ElementNetwork(Perceptron):
 
 
 def enlarge_received(
-    partial: ReceivedScene, rows: Int64[np.ndarray, "M"], gains: tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]
+    received: ReceivedScene, rows: Int64[np.ndarray, "M"], gains: tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]
 ) -> Concealed:
     """Builds the result of a concealer from enlargement factors of received elements; lost elements are hidden.
 
     Args:
-        partial: The received scene.
+        received: The received scene.
         rows: Indices in the scene of the M received elements.
         gains: Factors on the size and on the opacity of the received elements.
     """
-    size, opacity = np.ones_like(partial.log_sizes), np.ones_like(partial.log_sizes)
+    size, opacity = np.ones_like(received.log_sizes), np.ones_like(received.log_sizes)
     size[rows], opacity[rows] = gains
-    return Concealed(size, ~partial.known, opacity)
+    return Concealed(size, ~received.fully_received, opacity)

@@ -36,15 +36,15 @@ class GainInputs:
     grown: Float[np.ndarray, "M"]
 
 
-def gain_inputs(partial: ReceivedScene, surroundings: Surroundings) -> GainInputs:
+def gain_inputs(received: ReceivedScene, surroundings: Surroundings) -> GainInputs:
     """Computes the inputs of the network that predicts the enlargement of received anchors.
 
     Args:
-        partial: The received scene.
+        received: The received scene.
         surroundings: Neighbours and expected sizes of the received anchors.
     """
-    grown = Grow().gain(1 - near_losses(partial, surroundings), partial.known, partial.tier_sizes)
-    return GainInputs(surroundings.rows, signatures(partial, surroundings), grown)
+    grown = Grow().gain(1 - near_losses(received, surroundings), received.fully_received, received.tier_sizes)
+    return GainInputs(surroundings.rows, signatures(received, surroundings), grown)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ _SPACING_RANK = 5
 _MAX_LOST = 0.97
 
 
-def signatures(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) -> Float[np.ndarray, "M signature"]:
+def signatures(received: ReceivedScene[AnchorScene], surroundings: Surroundings) -> Float[np.ndarray, "M signature"]:
     """Computes the inputs of the network of the concealer `scene_free`, one row for each received anchor.
 
     The inputs are:
@@ -36,38 +36,38 @@ def signatures(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) 
        predictions.
 
     Args:
-        partial: The received scene.
+        received: The received scene.
         surroundings: Neighbours and expected sizes of the received anchors.
     """
     kind = surroundings.log_size.dtype
-    lost = (~partial.known).astype(kind)
+    lost = (~received.fully_received).astype(kind)
     area = np.exp(2 * surroundings.log_size)
     floor = kind.type(np.exp(surroundings.log_size.min())) if len(lost) else kind.type(MIN_SIZE)
-    sizes = np.log(np.maximum(to_numpy(partial.scene.anchors.scalings)[surroundings.rows], floor))
-    own = sizes[:, 3:].mean(axis=1)
+    sizes = np.log(np.maximum(to_numpy(received.scene.anchors.scalings)[surroundings.rows], floor))
+    own_sizes = sizes[:, 3:].mean(axis=1)
     overall = lost.mean() if len(lost) else lost.sum()
-    columns = [np.full_like(own, log_gain(overall))]
-    columns += _losses_nearby(lost, area, own, surroundings)
+    columns = [np.full_like(own_sizes, log_gain(overall))]
+    columns += _losses_nearby(lost, area, own_sizes, surroundings)
     for members in surroundings.classes:
-        columns += _losses_in_class(lost, area, own, surroundings.rows, members)
-    columns += _sizes(sizes, own, surroundings)
-    columns += _size_features(partial, surroundings, own, lost)
+        columns += _losses_in_class(lost, area, own_sizes, surroundings.rows, members)
+    columns += _sizes(sizes, own_sizes, surroundings)
+    columns += _size_features(received, surroundings, own_sizes, lost)
     return np.stack(columns, axis=1).astype(kind, copy=False)
 
 
-def near_losses(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) -> Float[np.ndarray, "M"]:
+def near_losses(received: ReceivedScene[AnchorScene], surroundings: Surroundings) -> Float[np.ndarray, "M"]:
     """Returns the lost share of the nearest neighbours of each of M anchors, 0 to 1.
 
     The share is 0 for an anchor without neighbours.
 
     Args:
-        partial: The received scene.
+        received: The received scene.
         surroundings: Neighbours of the M anchors, and the weight of each neighbour in the share.
     """
-    near, weight = surroundings.near.index, surroundings.weights
-    lost = (weight * ~partial.known)[near].sum(axis=1)
+    neighbors, weight = surroundings.near.index, surroundings.weights
+    lost = (weight * ~received.fully_received)[neighbors].sum(axis=1)
     tiny = np.finfo(weight.dtype).tiny
-    return (lost / np.maximum(weight[near].sum(axis=1), tiny)).astype(surroundings.log_size.dtype)
+    return (lost / np.maximum(weight[neighbors].sum(axis=1), tiny)).astype(surroundings.log_size.dtype)
 
 
 def log_gain(share: Any) -> Any:
@@ -101,29 +101,29 @@ def _weighting_inputs(
 def _losses_nearby(
     lost: np.ndarray, area: np.ndarray, log_sizes: np.ndarray, surroundings: Surroundings
 ) -> list[Float[np.ndarray, "M"]]:
-    rows, near, tiny = surroundings.rows, surroundings.near.first(CLOSE), np.finfo(area.dtype).tiny
-    there = lost[near.index]
-    columns = [log_gain(_mean(there[:, :count])) for count in _COUNTS]
-    theirs, far = _weighting_inputs(area, rows, near)
+    rows, neighbors, tiny = surroundings.rows, surroundings.near.first(CLOSE), np.finfo(area.dtype).tiny
+    lost_neighbors = lost[neighbors.index]
+    columns = [log_gain(_mean(lost_neighbors[:, :count])) for count in _COUNTS]
+    theirs, far = _weighting_inputs(area, rows, neighbors)
     for reach in _REACHES:
         weight = theirs * np.exp(far / -reach)
-        gone = (weight * there).sum(axis=1)
+        gone = (weight * lost_neighbors).sum(axis=1)
         columns.append(log_gain(gone / np.maximum(weight.sum(axis=1) + area[rows], tiny)))
         if reach == _MIDDLE_REACH:
             columns.append(np.log1p(gone / np.exp(2 * log_sizes)))
-    columns.append(log_gain((theirs * there).sum(axis=1) / np.maximum(theirs.sum(axis=1), tiny)))
+    columns.append(log_gain((theirs * lost_neighbors).sum(axis=1) / np.maximum(theirs.sum(axis=1), tiny)))
     return columns
 
 
 def _losses_in_class(
     lost: np.ndarray, area: np.ndarray, log_sizes: np.ndarray, rows: np.ndarray, members: Neighborhood
 ) -> list[Float[np.ndarray, "M"]]:
-    there = lost[members.index]
+    lost_members = lost[members.index]
     theirs, far = _weighting_inputs(area, rows, members)
     weight = theirs * np.exp(far / -_MIDDLE_REACH)
-    gone = (weight * there).sum(axis=1)
+    gone = (weight * lost_members).sum(axis=1)
     whole = np.maximum(weight.sum(axis=1) + area[rows], np.finfo(area.dtype).tiny)
-    return [log_gain(_mean(there)), log_gain(gone / whole), np.log1p(gone / np.exp(2 * log_sizes))]
+    return [log_gain(_mean(lost_members)), log_gain(gone / whole), np.log1p(gone / np.exp(2 * log_sizes))]
 
 
 def _sizes(
@@ -145,12 +145,12 @@ def _sizes(
 
 
 def _size_features(
-    partial: ReceivedScene[AnchorScene], surroundings: Surroundings, log_sizes: np.ndarray, lost: np.ndarray
+    received: ReceivedScene[AnchorScene], surroundings: Surroundings, log_sizes: np.ndarray, lost: np.ndarray
 ) -> list[Float[np.ndarray, "M"]]:
     """Computes the network inputs of M anchors that describe their own size instead of the losses around them.
 
     Args:
-        partial: The received scene.
+        received: The received scene.
         surroundings: Neighbours and expected sizes of the M anchors.
         log_sizes: Logarithms of the actual sizes of the M anchors.
         lost: 1 for lost anchors of the scene, 0 for received ones.
@@ -159,15 +159,15 @@ def _size_features(
         Five logarithms for each anchor: its number of existing offsets, the mean number for its neighbours, its size
         relative to the predicted size, and the relative uncertainties of its predicted features and scalings.
     """
-    anchors, prior, rows, near = (
-        to_arrays(partial.scene.anchors),
-        to_arrays(partial[Prior]),
+    anchors, prior, rows, neighbors = (
+        to_arrays(received.scene.anchors),
+        to_arrays(received[Prior]),
         surroundings.rows,
         surroundings.near.first(CLOSE).index,
     )
     active = anchors.mask.sum(axis=1).astype(log_sizes.dtype) * (1 - lost)
-    typical = active[near].sum(axis=1) / np.maximum((1 - lost)[near].sum(axis=1), 1)
-    arrived = anchors.features[partial.known]
+    typical = active[neighbors].sum(axis=1) / np.maximum((1 - lost)[neighbors].sum(axis=1), 1)
+    arrived = anchors.features[received.fully_received]
     spread = arrived.std(axis=0) if len(arrived) else np.ones(anchors.features.shape[1], log_sizes.dtype)
     scaling = prior.scaling
     unsure = scaling.scale[rows].mean(axis=1) / np.maximum(np.abs(scaling.mean[rows]).mean(axis=1), MIN_SIZE)

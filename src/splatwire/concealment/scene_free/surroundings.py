@@ -67,14 +67,14 @@ class Surroundings:
         return replace(self, rows=self.rows[mask], near=of(self.near), classes=tuple(map(of, self.classes)))
 
 
-def surroundings_of(partial: ReceivedScene, rows: Int64[np.ndarray, "M"]) -> Surroundings:
+def surroundings_of(received: ReceivedScene, rows: Int64[np.ndarray, "M"]) -> Surroundings:
     """Finds the nearest neighbours and expected sizes of the anchors with indices `rows`."""
-    positions, log_size = partial.positions, partial.log_sizes
-    near = Neighborhood(*nearest_others(NeighborTree(positions), positions[rows], rows, NEIGHBORS))
+    positions, log_size = received.positions, received.log_sizes
+    neighbors = Neighborhood(*nearest_others(NeighborTree(positions), positions[rows], rows, NEIGHBORS))
     by_size = np.argsort(-log_size, kind="stable")
     classes = []
     for share in CLASS_SHARES:
         members = np.sort(by_size[: max(len(by_size) // share, _MIN_CLASS)])
         index, distance = NeighborTree(positions[members]).query(positions[rows], CLASS_NEIGHBORS)
         classes.append(Neighborhood(members[index], distance))
-    return Surroundings(log_size, partial.sizes, rows, near, tuple(classes))
+    return Surroundings(log_size, received.sizes, rows, neighbors, tuple(classes))

@@ -72,10 +72,10 @@ def _load(path: Path, kind: type[Network]) -> Network:
         odd = sorted(set(arrays) ^ set(wanted))
         raise BitstreamError(f"{path}: tensors of the network are missing or unknown: {', '.join(odd[:3])}")
     for name, model in wanted.items():
-        found = arrays[name]
-        if found.shape != model.shape or found.dtype.kind != "f":
-            raise BitstreamError(f"{path}: '{name}' is {found.dtype} {found.shape}, not {model.shape}")
-        if not np.isfinite(found).all():
+        array = arrays[name]
+        if array.shape != model.shape or array.dtype.kind != "f":
+            raise BitstreamError(f"{path}: '{name}' is {array.dtype} {array.shape}, not {model.shape}")
+        if not np.isfinite(array).all():
             raise BitstreamError(f"{path}: '{name}' of the network is not finite")
     if not (arrays["spread"] > 0).all():
         raise BitstreamError(f"{path}: 'spread' of the gain network is not positive")

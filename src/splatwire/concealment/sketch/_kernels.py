@@ -182,5 +182,7 @@ def code_rows(coder, bit_models, models, precision_levels, masks, values, offset
             values[n, c] = code_value(coder, models, first + c * (1 + OWN), shared, values[n, c])
         for k in range(masks.shape[1]):
             for axis in range(axes):
-                at, own = 3 * k + axis, first + (columns + axis) * (1 + OWN)
-                offsets[n, at] = code_value(coder, models, own, shared, offsets[n, at]) if masks[n, k] else 0
+                column, context = 3 * k + axis, first + (columns + axis) * (1 + OWN)
+                offsets[n, column] = (
+                    code_value(coder, models, context, shared, offsets[n, column]) if masks[n, k] else 0
+                )

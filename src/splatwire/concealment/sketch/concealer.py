@@ -48,20 +48,20 @@ class Sketch(CheckedFields):
         """Name of this concealer in the registry, `sketch`."""
         return "sketch"
 
-    def __call__(self, partial: ReceivedScene) -> Concealed:
+    def __call__(self, received: ReceivedScene) -> Concealed:
         """Draws coarse copies of lost elements. Lost elements without a copy are hidden; their neighbours are enlarged.
 
         Raises:
             InvalidValueError: If the stream has no section `sketch`, which contains the coarse copies.
             BitstreamError: If the section is damaged or belongs to another scene.
         """
-        copies = partial.get(Copies)
+        copies = received.get(Copies)
         if copies is not None:
-            return conceal_with_copies(partial, copies)
-        if SECTION not in partial.sections:
+            return conceal_with_copies(received, copies)
+        if SECTION not in received.sections:
             raise _missing()
-        section = read_sketch(partial.sections[SECTION], sizes_of(partial), buckets_of(partial))
-        return conceal_with(partial, section)
+        section = read_sketch(received.sections[SECTION], sizes_of(received), buckets_of(received))
+        return conceal_with(received, section)
 
 
 def _missing() -> InvalidValueError:
@@ -71,23 +71,23 @@ def _missing() -> InvalidValueError:
     )
 
 
-def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) -> Concealed:
+def conceal_with(received: ReceivedScene[AnchorScene], section: SketchSection) -> Concealed:
     """Draws coarse copies in place of lost anchors, hides lost anchors without a copy, and enlarges their neighbours.
 
     Args:
-        partial: The received scene.
+        received: The received scene.
         section: The copies, and the parameters of the enlargement.
     """
-    filled = with_sketch(partial, section)
-    if section.trust and bool(filled.known.any()):
+    filled = with_sketch(received, section)
+    if section.trust and bool(filled.fully_received.any()):
         return SketchedLoss.of(filled).conceal(section)
     grow = Grow(exponent=section.exponent, max_excess=section.max_excess)
     return replace(grow(filled), elements=filled.filled)
 
 
-def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> Concealed:
+def conceal_with_copies(received: ReceivedScene[SplatScene], copies: Copies) -> Concealed:
     """Replaces lost Gaussians by coarse copies, hides the other lost Gaussians, and enlarges Gaussians next to gaps."""
-    filled = with_copies(partial, copies)
+    filled = with_copies(received, copies)
     return grown_with_copies(filled, element_inputs(filled), copies.growth)
 
 
@@ -106,16 +106,18 @@ def grown_with_copies(
     return replace(enlarge_received(filled, inputs.rows, gains), elements=filled.elements)
 
 
-def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedScene[SplatScene]:
+def with_copies(received_scene: ReceivedScene[SplatScene], copies: Copies) -> ReceivedScene[SplatScene]:
     """Returns the scene with lost Gaussians replaced by their copies and marked as received."""
-    lost = ~partial.known[copies.indices]
+    lost = ~received_scene.fully_received[copies.indices]
     indices, chosen = copies.indices[lost], copies.splats.select(lost)
-    splats = {name: values.copy() for name, values in vars(partial.scene.splats).items()}
+    splats = {name: values.copy() for name, values in vars(received_scene.scene.splats).items()}
     for name, values in splats.items():
         values[indices] = getattr(chosen, name)
-    received = partial.loss_mask.received.copy()
+    received = received_scene.loss_mask.received.copy()
     received[indices] = True
-    return replace(partial, scene=partial.scene.with_elements(Splats(**splats)), loss_mask=LossMask(received))
+    return replace(
+        received_scene, scene=received_scene.scene.with_elements(Splats(**splats)), loss_mask=LossMask(received)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +137,7 @@ class SketchedLoss:
     @staticmethod
     def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
         """Computes the data for enlarging drawn anchors, given a scene in which copies have replaced lost anchors."""
-        around = surroundings_of(filled, np.flatnonzero(filled.known))
+        around = surroundings_of(filled, np.flatnonzero(filled.fully_received))
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def conceal(self, section: SketchSection) -> Concealed:
@@ -145,17 +147,17 @@ class SketchedLoss:
             section: The decoded section `sketch`, with the parameters of the enlargement and the coarse copies.
         """
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
-        gain = rule.gain(self.drawn_share, self.filled.known, self.filled.tier_sizes)
+        gain = rule.gain(self.drawn_share, self.filled.fully_received, self.filled.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=gain), section.trust)
         return replace(enlarge_received(self.filled, self.inputs.rows, gains), elements=self.filled.filled)
 
 
-def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> ReceivedScene[AnchorScene]:
+def with_sketch(received_scene: ReceivedScene[AnchorScene], section: SketchSection) -> ReceivedScene[AnchorScene]:
     """Returns the scene with lost anchors replaced by coarse copies, which are marked as received."""
-    anchors, received = to_arrays(partial.scene.anchors), partial.loss_mask.received
+    anchors, received = to_arrays(received_scene.scene.anchors), received_scene.loss_mask.received
     drawn = section.levels > 0
     rows = np.flatnonzero(drawn)
-    features, scalings, offsets, mask = sketched_attributes(section, expected_scalings(partial[Prior])[rows])
+    features, scalings, offsets, mask = sketched_attributes(section, expected_scalings(received_scene[Prior])[rows])
 
     def fill(attribute: Attribute, decoded: np.ndarray, sketched: np.ndarray) -> np.ndarray:
         column = received[rows, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1))
@@ -171,7 +173,7 @@ def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> 
         mask=fill(Attribute.MASK, anchors.mask, mask),
     )
     loss_mask = LossMask(received | drawn[:, None])
-    return replace(partial, scene=partial.scene.with_elements(filled), loss_mask=loss_mask)
+    return replace(received_scene, scene=received_scene.scene.with_elements(filled), loss_mask=loss_mask)
 
 
 def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
@@ -203,16 +205,18 @@ def sketched_attributes(
     return features, scalings, offsets.reshape(*section.masks.shape, 3), section.masks.astype(np.bool_)
 
 
-def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
+def sizes_of(received: ReceivedScene[AnchorScene]) -> SketchSizes:
     """Returns the numbers of anchors, feature channels and offsets of a received scene."""
-    return SketchSizes(partial.scene.num_elements, partial[AnchorLayout].feature_dim, partial[AnchorLayout].num_offsets)
+    return SketchSizes(
+        received.scene.num_elements, received[AnchorLayout].feature_dim, received[AnchorLayout].num_offsets
+    )
 
 
-def buckets_of(partial: ReceivedScene) -> np.ndarray:
+def buckets_of(received: ReceivedScene) -> np.ndarray:
     """Returns the size class of each anchor of a received scene, 0 for the largest, int64 (N).
 
     The class is computed from the sizes that the prior predicts. It selects the context of the entropy coder that codes
     the copies of anchors in a sketch.
     """
-    size = np.maximum(to_numpy(partial[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
+    size = np.maximum(to_numpy(received[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

@@ -163,10 +163,10 @@ def size_buckets(expected_size: np.ndarray) -> np.ndarray:
         Class of each anchor, int64 (N), 0 for the largest.
     """
     order = np.argsort(-expected_size, kind="stable")
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
     edges = [int(share * len(order)) for share in _BUCKET_SHARES]
-    return np.searchsorted(np.array(edges), place, side="right").astype(np.int64)
+    return np.searchsorted(np.array(edges), rank, side="right").astype(np.int64)
 
 
 def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
@@ -226,9 +226,9 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
     levels = np.zeros(sizes.num_anchors, dtype=np.int64)
     level_models, bit_models, models = _models(basis.num_levels, columns, sizes.num_offsets)
     coder = kernels.Coder.decoder(coded)
-    found = kernels.code_levels(coder, level_models, levels, buckets, basis.num_levels)
-    if found != count:  # checked before the rows are allocated
-        raise BitstreamError(f"section '{SECTION}': {found} anchors are sketched, and {count} should be")
+    num_sketched = kernels.code_levels(coder, level_models, levels, buckets, basis.num_levels)
+    if num_sketched != count:  # checked before the rows are allocated
+        raise BitstreamError(f"section '{SECTION}': {num_sketched} anchors are sketched, and {count} should be")
     masks = np.zeros((count, sizes.num_offsets), dtype=np.uint8)
     values = np.zeros((count, columns), dtype=np.int64)
     offsets = np.zeros((count, 3 * sizes.num_offsets), dtype=np.int64)

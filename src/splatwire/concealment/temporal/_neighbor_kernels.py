@@ -117,20 +117,20 @@ def interpolate(index, weights, closeness, contrasts, contrast, values, has_shap
     """
     last = _CHANNELS if has_colours else _FIRST_COLOUR if has_shapes else _FIRST_SHAPE
     for n in range(len(index)):
-        own = out[n]
+        row_out = out[n]
         for m in range(index.shape[1]):
             row, weight = values[index[n, m]], weights[n, m]
             for c in range(min(last, _FIRST_COLOUR)):
-                own[c] += weight * row[c]
+                row_out[c] += weight * row[c]
             for c in range(_FIRST_COLOUR, last):
-                own[c] += closeness[n, m] * row[c]
+                row_out[c] += closeness[n, m] * row[c]
         if has_shapes:
             for c in range(_FIRST_SHAPE, _FIRST_COLOUR):
                 low = high = values[index[n, 0], c]
                 for m in range(1, index.shape[1]):
                     value = values[index[n, m], c]
                     low, high = min(low, value), max(high, value)
-                own[c] = min(max(own[c], low), high)
+                row_out[c] = min(max(row_out[c], low), high)
         if has_colours:
             scratch[:] = 0.0
             for m in range(index.shape[1]):
@@ -138,4 +138,4 @@ def interpolate(index, weights, closeness, contrasts, contrast, values, has_shap
                     scratch[a] += contrasts[n, m, a] * values[index[n, m], _FIRST_COLOUR + a]
             share = min(max(scratch[0] + scratch[1] + scratch[2], np.float32(-1.0)), np.float32(1.0))
             for a in range(3):
-                own[_FIRST_COLOUR + a] += share * contrast[n, a]
+                row_out[_FIRST_COLOUR + a] += share * contrast[n, a]

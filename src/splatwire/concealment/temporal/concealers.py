@@ -122,9 +122,9 @@ class MotionConcealer:
         moves, last = moved(lost.arrived, lost.tracks[best == 0]), lost.before.offsets[lost.tracks]
 
         def at(frame: int, offsets: np.ndarray) -> np.ndarray:
-            found = last.copy()
-            found[best == 0] = moves(frame, offsets)
-            return found
+            offsets_out = last.copy()
+            offsets_out[best == 0] = moves(frame, offsets)
+            return offsets_out
 
         return ConcealedMotion(at, best < 2)
 

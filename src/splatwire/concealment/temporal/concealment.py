@@ -52,30 +52,30 @@ def conceal_group(
             arrived.at,
         )
         poses = _merge(arrived, others, prediction)
-    there, away = received[poses.tracks], hidden[poses.tracks]
+    is_received, is_hidden = received[poses.tracks], hidden[poses.tracks]
 
     def after() -> ConcealmentState:
         return _next_state(poses, sequence.num_gaussians, frames, before)
 
-    return poses.only(there & ~away), poses.only(there & away), after
+    return poses.only(is_received & ~is_hidden), poses.only(is_received & is_hidden), after
 
 
 def _checked_estimate(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion:
     """Calls a concealer of lost motion, and checks the type, shape and values of its result in each frame."""
     result, shape = concealer(lost), (len(lost.tracks), NUM_CHANNELS)
     if not isinstance(result, ConcealedMotion):
-        found = type(result).__name__
-        raise InvalidValueError(f"concealer '{concealer.name}' returned {found}, not ConcealedMotion")
+        problem = type(result).__name__
+        raise InvalidValueError(f"concealer '{concealer.name}' returned {problem}, not ConcealedMotion")
     shown = np.asarray(result.shown)
     if shown.dtype != np.bool_ or shown.shape not in ((), shape[:1]):
-        found = f"a mask of shape {shown.shape} and type {shown.dtype} for {shape[0]:,} tracks"
-        raise InvalidValueError(f"concealer '{concealer.name}' returned {found}")
+        problem = f"a mask of shape {shown.shape} and type {shown.dtype} for {shape[0]:,} tracks"
+        raise InvalidValueError(f"concealer '{concealer.name}' returned {problem}")
 
     def at(frame: int, arrived: np.ndarray) -> np.ndarray:
         offsets = np.asarray(result.at(frame, arrived))
         if offsets.shape != shape:
-            found = f"motion of shape {offsets.shape} for {shape[0]:,} tracks of {shape[1]} channels"
-            raise InvalidValueError(f"concealer '{concealer.name}' returned {found}")
+            problem = f"motion of shape {offsets.shape} for {shape[0]:,} tracks of {shape[1]} channels"
+            raise InvalidValueError(f"concealer '{concealer.name}' returned {problem}")
         if not bool(np.isfinite(offsets).all()):
             raise InvalidValueError(f"concealer '{concealer.name}' returned motion that is not finite")
         return offsets
@@ -99,8 +99,8 @@ def _lost_tracks(
         alive: Mask of tracks that existed at the end of the previous group, bool (T); None after a seek.
     """
     tracks = sequence.tracks
-    known = tracks.born < group if alive is None else alive
-    lost = received & ((tracks.born == group) | known) & (tracks.ends > sequence.timeline.frames_of(group).start)
+    candidates = tracks.born < group if alive is None else alive
+    lost = received & ((tracks.born == group) | candidates) & (tracks.ends > sequence.timeline.frames_of(group).start)
     lost &= ~motion.covered
     lost[motion.tracks] = False
     return lost

@@ -62,18 +62,20 @@ def extrapolate(
         )
     ]
     same_start = query(peers, None, lost_tracks[mine])
-    own = start[mine] - same_start.interpolate(before.offsets[arrived.tracks[peers]])
-    own *= _kept_deviation(own, sequence.tracks.rounding[lost_tracks[mine]], before.concealed[lost_tracks[mine]])
+    own_motion = start[mine] - same_start.interpolate(before.offsets[arrived.tracks[peers]])
+    own_motion *= _kept_deviation(
+        own_motion, sequence.tracks.rounding[lost_tracks[mine]], before.concealed[lost_tracks[mine]]
+    )
     starts_unknown = fresh & (sequence.tracks.begins == 0)
     begun = np.log(started_share(arrived.begins[starts_unknown[arrived.tracks]], frames))
 
     def at(frame: int, offsets: np.ndarray) -> np.ndarray:
-        found = start.copy()
-        found[mine] = same_start.interpolate(offsets[peers]) + own
+        estimate = start.copy()
+        estimate[mine] = same_start.interpolate(offsets[peers]) + own_motion
         for index, others, origins in estimates:
-            found[index] += others.interpolate(offsets[observed] - origins)
-        found[starts_unknown[lost_tracks], OPACITY] += begun[frame]
-        return found
+            estimate[index] += others.interpolate(offsets[observed] - origins)
+        estimate[starts_unknown[lost_tracks], OPACITY] += begun[frame]
+        return estimate
 
     return at
 

@@ -75,14 +75,14 @@ class Neighbors:
         contrasts = np.zeros((len(lost), count, 3), np.float32)
         tree = build_kd_tree(positions[mine if len(lost) else mine[:0]])
         for begin in range(0, len(lost), AT_ONCE):
-            some = slice(begin, begin + AT_ONCE)
-            _, found = tree.query(positions[lost[some]], k=count, workers=-1)
-            index[some] = found.reshape(-1, count)
-            offsets = (positions[mine][index[some]] - positions[lost[some]][:, None]).astype(np.float64)
-            closeness[some] = _closeness((offsets**2).sum(axis=2))
-            weights[some] = smooth_weights(offsets) if smooth else closeness[some]
-            contrasts[some], contrast[some] = _colour_slope(
-                colours[mine][index[some]], colours[lost[some]], closeness[some]
+            batch = slice(begin, begin + AT_ONCE)
+            _, nearest = tree.query(positions[lost[batch]], k=count, workers=-1)
+            index[batch] = nearest.reshape(-1, count)
+            offsets = (positions[mine][index[batch]] - positions[lost[batch]][:, None]).astype(np.float64)
+            closeness[batch] = _closeness((offsets**2).sum(axis=2))
+            weights[batch] = smooth_weights(offsets) if smooth else closeness[batch]
+            contrasts[batch], contrast[batch] = _colour_slope(
+                colours[mine][index[batch]], colours[lost[batch]], closeness[batch]
             )
         return Neighbors(observed, index, weights, closeness, contrasts, contrast)
 
@@ -144,7 +144,7 @@ def smooth_weights(offsets: np.ndarray) -> np.ndarray:
     """
     # Rotation and scaling are linear functions of position, bending is quadratic. A weighted mean is wrong for these if
     # all neighbours are on one side.
-    found, count = np.empty(offsets.shape[:2], np.float32), offsets.shape[1]
+    weights, count = np.empty(offsets.shape[:2], np.float32), offsets.shape[1]
     room = np.empty(count), np.empty((count, len(RIDGES))), np.empty((len(RIDGES),) * 2), np.empty(len(RIDGES))
-    kernels.smooth_weights(np.ascontiguousarray(offsets, np.float64), RIDGES, NEAREST, WILD, *room, found)
-    return found
+    kernels.smooth_weights(np.ascontiguousarray(offsets, np.float64), RIDGES, NEAREST, WILD, *room, weights)
+    return weights

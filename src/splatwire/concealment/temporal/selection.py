@@ -56,9 +56,9 @@ def select(
     stride = max(-(-len(arrived.tracks) // MAX_TESTS), 1)
     apart = stride * -(-MAX_SHARE // stride)
     folds = [np.arange(first, len(arrived.tracks), apart) for first in range(0, apart, stride)]
-    found, order = np.zeros(len(tracks), np.int64), np.concatenate(folds)
+    choice, order = np.zeros(len(tracks), np.int64), np.concatenate(folds)
     if len(order) < MIN_TESTS:
-        return found
+        return choice
     errors = np.concatenate(_errors(sequence, group, arrived, folds, candidates))
     errors[:, 0] *= FIRST
     if grow:
@@ -68,9 +68,9 @@ def select(
     for kind in (fresh, ~fresh):  # the first frame of a new track is known, so that its motion is estimated better
         rows, lost = np.flatnonzero(kind[tested]), np.flatnonzero(kind[tracks])
         if len(rows) >= MIN_TESTS and len(lost):
-            near = build_kd_tree(positions[tested[rows]]).query(positions[tracks[lost]], k=MIN_TESTS)[1]
-            found[lost] = errors[rows[near]].sum(axis=1).argmin(axis=1)
-    return found
+            nearest = build_kd_tree(positions[tested[rows]]).query(positions[tracks[lost]], k=MIN_TESTS)[1]
+            choice[lost] = errors[rows[nearest]].sum(axis=1).argmin(axis=1)
+    return choice
 
 
 def _errors(
@@ -105,13 +105,13 @@ def _errors(
         [candidate(arrived.only(rest), arrived.tracks[tested]) for candidate in candidates]
         for rest, tested in zip(rests, folds, strict=True)
     ]
-    found = [np.zeros((len(tested), len(candidates) + 1)) for tested in folds]
+    errors_of_folds = [np.zeros((len(tested), len(candidates) + 1)) for tested in folds]
     for frame in sorted({frames // 6, frames // 2, 5 * frames // 6}):
         offsets, exists = arrived.at(frame), (arrived.begins <= frame) & (frame < arrived.ends)
         if not exists.any():
             continue
         field = _Field(splats, arrived.tracks, offsets[:, POSITION], exists)
-        for errors, tested, rest, ways in zip(found, folds, rests, estimates, strict=True):
+        for errors, tested, rest, ways in zip(errors_of_folds, folds, rests, estimates, strict=True):
             tracks = arrived.tracks[tested]
             begins, ends = lifetimes(sequence, group, tracks)
             true = splats.means[tracks] + offsets[tested, POSITION], exists[tested]
@@ -119,11 +119,11 @@ def _errors(
             hidden = true[0], np.zeros(len(tested), bool)
             errors[:, -1] += true[1] * field.error(at_true, tested, true, hidden)
             for number, estimate in enumerate(ways):
-                place = splats.means[tracks] + estimate(frame, offsets[rest])[:, POSITION]
-                shown = place, (begins <= frame) & (frame < ends)
-                for local, counts in ((at_true, true[1]), (field.colour_at(place, tested), shown[1])):
+                positions = splats.means[tracks] + estimate(frame, offsets[rest])[:, POSITION]
+                shown = positions, (begins <= frame) & (frame < ends)
+                for local, counts in ((at_true, true[1]), (field.colour_at(positions, tested), shown[1])):
                     errors[:, number] += counts * field.error(local, tested, true, shown)
-    return found
+    return errors_of_folds
 
 
 class _LocalColour(NamedTuple):
@@ -168,13 +168,13 @@ class _Field:
             tested: Tracks whose motion is estimated for a test as if it were lost, as indices into the received tracks,
                 int64 (t).
         """
-        there = np.ones(len(self._square), bool)
-        there[tested] = False
-        distance, near = self._tree.query(points, k=min(COVERING, len(self._rows)))
-        near = self._rows[near.reshape(len(points), -1)]
-        weights = there[near] * self._opacities[near]
-        weights *= np.exp(-(distance.reshape(near.shape) ** 2) / (2 * self._square[near]))
-        return _LocalColour(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._colours[near]))
+        is_covered = np.ones(len(self._square), bool)
+        is_covered[tested] = False
+        distance, neighbors = self._tree.query(points, k=min(COVERING, len(self._rows)))
+        neighbors = self._rows[neighbors.reshape(len(points), -1)]
+        weights = is_covered[neighbors] * self._opacities[neighbors]
+        weights *= np.exp(-(distance.reshape(neighbors.shape) ** 2) / (2 * self._square[neighbors]))
+        return _LocalColour(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._colours[neighbors]))
 
     def error(
         self, background: "_LocalColour", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]
@@ -192,10 +192,10 @@ class _Field:
         """
         points, density, colour = background
         square, opacities, shown = self._square[tested], self._opacities[tested], []
-        for place, exists in states:
-            own = exists * opacities * np.exp(-((points - place) ** 2).sum(axis=1) / (2 * square))
-            total = density + own
-            mixed = (colour + own[:, None] * self._colours[tested]) / np.maximum(total, 1e-12)[:, None]
+        for positions, exists in states:
+            weight = exists * opacities * np.exp(-((points - positions) ** 2).sum(axis=1) / (2 * square))
+            total = density + weight
+            mixed = (colour + weight[:, None] * self._colours[tested]) / np.maximum(total, 1e-12)[:, None]
             shown.append(mixed * (1 - np.exp(-total))[:, None])
         apart: np.ndarray = ((shown[0] - shown[1]) ** 2).sum(axis=1)
         return square * opacities * apart

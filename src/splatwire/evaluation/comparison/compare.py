@@ -146,13 +146,13 @@ def compare_files(
         images[view] = image
         progress(f"drawing {chosen.name}", (view + 1) / seen.num_views)
     references = ReferenceViews(seen, images.__getitem__, f"renders of {chosen.name}", behind)
-    known, extent = first.score, SceneExtent.of(first.scene, chosen)
+    scorer, extent = first.score, SceneExtent.of(first.scene, chosen)
     del first  # large scenes may not fit into memory together
     lpips = lpips if min(seen.width, seen.height) >= MIN_LPIPS_PIXELS else None
 
     def scored(file: Path, name: str) -> FileScore:
         if file == chosen:
-            return _with_metrics(replace(known, name=name), references, images, lpips, pictures, progress)
+            return _with_metrics(replace(scorer, name=name), references, images, lpips, pictures, progress)
         opened = _TimedScene.of(file, READS)
         if (why := extent.difference(SceneExtent.of(opened.scene, file))) is not None:
             raise InvalidValueError(why)

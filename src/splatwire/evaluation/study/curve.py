@@ -74,17 +74,19 @@ def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows
         The methods. None if no PSNR was measured, if the evaluation has no baseline, or if the baseline is the best
         method.
     """
-    found = {
+    rows_by_variant = {
         s.row.key: s.figures["psnr"].mean  # type: ignore[union-attr]
         for s in summaries
         if s.loss == result.study.losses[0] and s.figures.get("psnr") is not None
     }
     key = result.study.baseline
-    best = max(found, key=lambda name: found[name], default=None)
-    if key is None or key not in found or best is None or best == key:
+    best = max(rows_by_variant, key=lambda name: rows_by_variant[name], default=None)
+    if key is None or key not in rows_by_variant or best is None or best == key:
         return None
-    open_gaps = [row for row in result.study.lossy_rows if row.key in found and row.conceal == "drop" and not row.erode]
-    uncovered = min(open_gaps, key=lambda row: found[row.key], default=result.study.row(key))
+    open_gaps = [
+        row for row in result.study.lossy_rows if row.key in rows_by_variant and row.conceal == "drop" and not row.erode
+    ]
+    uncovered = min(open_gaps, key=lambda row: rows_by_variant[row.key], default=result.study.row(key))
     return ComparedRows(uncovered, result.study.row(key), result.study.row(best))
 
 

@@ -30,8 +30,8 @@ class Curve:
     @property
     def points(self) -> list[RatePoint]:
         """Bytes and mean PSNR of each point of the curve."""
-        found = [(row.num_bytes, row.figures.get("psnr")) for row in self.rows]
-        return [RatePoint(size, estimate.mean) for size, estimate in found if estimate is not None]
+        pairs = [(row.num_bytes, row.figures.get("psnr")) for row in self.rows]
+        return [RatePoint(size, estimate.mean) for size, estimate in pairs if estimate is not None]
 
 
 def curves_of(study: Study, summaries: Sequence[Summary]) -> list[Curve]:
@@ -41,12 +41,12 @@ def curves_of(study: Study, summaries: Sequence[Summary]) -> list[Curve]:
         if s.row.curve:
             groups.setdefault((s.scene, "" if s.loss is None else s.loss.label, s.row.curve), []).append(s)
     order = {name: i for i, name in enumerate(dict.fromkeys(row.curve for row in study.rows))}
-    found = [
+    curves = [
         Curve(name, scene, loss, tuple(sorted(rows, key=lambda s: s.num_bytes)))
         for (scene, loss, name), rows in groups.items()
     ]
     scenes = {scene: i for i, scene in enumerate(dict.fromkeys(s.scene for s in summaries))}
-    return sorted(found, key=lambda curve: (scenes[curve.scene], curve.loss, order[curve.name]))
+    return sorted(curves, key=lambda curve: (scenes[curve.scene], curve.loss, order[curve.name]))
 
 
 def panels(curves: Sequence[Curve]) -> list[list[Curve]]:

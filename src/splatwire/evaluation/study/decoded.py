@@ -34,19 +34,19 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
     Raises:
         SplatwireError: If the result cannot be read, or has no picture for a view.
     """
-    found = next((decoded for decoded in row.decoded if decoded.scene == entry.name), None)
-    if found is None:
+    decoded_file = next((decoded for decoded in row.decoded if decoded.scene == entry.name), None)
+    if decoded_file is None:
         return None
     if references.frames:
         raise InvalidValueError(f"row '{row.key}': '{entry.name}' is a sequence, and results are for still scenes")
-    path, digest = real_path(found.source), digest_of_files(found.source)
+    path, digest = real_path(decoded_file.source), digest_of_files(decoded_file.source)
     if path.is_dir() and has_pictures(path):
-        if found.num_bytes is None:
+        if decoded_file.num_bytes is None:
             raise InvalidValueError(f"row '{row.key}': pictures need 'num_bytes', the bytes that the codec sends")
         picture_paths(path, references)
-        return PreparedStream(str(path), digest, {row.label: found.num_bytes}, 0, 0, elements=PICTURES)
+        return PreparedStream(str(path), digest, {row.label: decoded_file.num_bytes}, 0, 0, elements=PICTURES)
     scene = scene_of(read_scene_file(path).loaded)
-    size = file_bytes(path) if found.num_bytes is None else found.num_bytes
+    size = file_bytes(path) if decoded_file.num_bytes is None else decoded_file.num_bytes
     return PreparedStream(
         str(path), digest, {row.label: size}, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS
     )

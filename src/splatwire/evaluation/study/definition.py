@@ -337,9 +337,9 @@ def _check_metric(name: str) -> None:
         METRICS[name]
 
 
-def _known(kind: str, name: str, known: Sequence[str]) -> None:
-    if name not in known:
-        raise UnknownNameError(kind, name, known)
+def _known(kind: str, name: str, allowed: Sequence[str]) -> None:
+    if name not in allowed:
+        raise UnknownNameError(kind, name, allowed)
 
 
 def _unique(subject: str, names: Sequence[str], *, least: int) -> None:

@@ -94,8 +94,8 @@ class PreparedScene:
         if self.references.frames:
             if row.erode is not None:
                 return "only anchors lose one attribute alone, and it has tracks"
-            known = name in temporal_concealer_names()
-            return "" if known else f"concealer '{row.conceal}' is for still scenes, and it is a sequence"
+            is_registered = name in temporal_concealer_names()
+            return "" if is_registered else f"concealer '{row.conceal}' is for still scenes, and it is a sequence"
         if name not in concealer_names() and name in temporal_concealer_names():
             return f"concealer '{row.conceal}' is for sequences, and it is a still scene"
         provides = schema_named(self.codec).provides
@@ -269,15 +269,15 @@ def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], dige
     entry = source.entry
     assert entry.reference is not None
     name = f"inputs/extent_{digest_of(digest, str(entry.source), str(entry.reference))}.json"
-    if (known := read_json(store.root / name)) is None:
+    if (stored := read_json(store.root / name)) is None:
         received, reference, why = source.received, load_scene(), None
         if len(received.positions) and len(reference.positions):
             evaluated = SceneExtent.of(received, entry.source)
             why = SceneExtent.of(reference, entry.reference).difference(evaluated)
-        known = {"difference": why}
-        store.write(name, canonical(known).encode())
-    if known["difference"] is not None:
-        LOG.warning("%s", known["difference"])
+        stored = {"difference": why}
+        store.write(name, canonical(stored).encode())
+    if stored["difference"] is not None:
+        LOG.warning("%s", stored["difference"])
 
 
 def _background(first: PreparedStream, store: Store) -> Background:
@@ -342,8 +342,8 @@ def _passthrough(source: Source, digest: str) -> PreparedStream:
         return PreparedStream(
             path, digest, stream_parts(stream), manifest.num_packets, manifest.num_elements, elements=manifest.elements
         )
-    found = source.files.scene_file(entry.source)
-    scene, form = scene_of(found.loaded), find_format(found.kind)
+    scene_file = source.files.scene_file(entry.source)
+    scene, form = scene_of(scene_file.loaded), find_format(scene_file.kind)
     parts = tensor_bytes(entry.source) if form is None else {form.name: file_bytes(entry.source)}
     return PreparedStream(path, digest, parts, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS)
 
@@ -359,23 +359,23 @@ def stored_stream(store: Store, path: str, about: Path) -> PreparedStream | None
     Raises:
         SplatwireError: If the stream or the JSON file is damaged; a damaged stream must not be evaluated.
     """
-    if (found := read_json(about)) is None:
+    if (content := read_json(about)) is None:
         return None
     damaged = SplatwireError(f"{store.root / path} is missing or damaged: remove its folder and start again")
     try:
-        known = PreparedStream(**found)
+        stored = PreparedStream(**content)
     except TypeError as error:
         raise damaged from error
-    if not (store.root / path).is_file() or digest_of_files(store.root / path) != known.digest:
+    if not (store.root / path).is_file() or digest_of_files(store.root / path) != stored.digest:
         raise damaged
-    return known
+    return stored
 
 
 def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progress: Progress) -> PreparedStream:
     assert row.packetization is not None
     path, about = f"{folder}/{row.variant}.swz", store.root / folder / f"{row.variant}.json"
-    if (known := stored_stream(store, path, about)) is not None:
-        return known
+    if (stored := stored_stream(store, path, about)) is not None:
+        return stored
     label = f"{source.entry.name}: encoding {row.variant}"
     if (whole := source.stream) is not None and not whole.manifest.tiers and can_repack(whole):
         started = time.perf_counter()

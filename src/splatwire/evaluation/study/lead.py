@@ -115,14 +115,14 @@ def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lea
 
     Returns None for an evaluation of several methods, or if no PSNR was measured.
     """
-    found, *others = summarize(result)
-    figure = found.figures.get("psnr")
+    first_summary, *others = summarize(result)
+    figure = first_summary.figures.get("psnr")
     if others or figure is None:
         return None
     source = next(iter(result.scenes.values())).references.source
     sentence = (
-        f"Without loss, pictures are at {figure.mean:.1f} dB with {found.num_bytes:,} bytes. PSNR is against {source}; "
-        "higher is better."
+        f"Without loss, pictures are at {figure.mean:.1f} dB with {first_summary.num_bytes:,} bytes. PSNR is against "
+        f"{source}; higher is better."
     )
     view = next(iter(pictures), None)
     left, right = (None, None) if view is None else _compared_images(view, None)

@@ -151,25 +151,25 @@ def _save_masks(result: StudyResult, store: Store) -> None:
                 store.write(name, mask_bytes(stream, mask, loss, seed))
 
 
-def write_size_outputs(study: Study, found: Sequence[SceneSizes], folder: Path) -> dict[str, Path]:
+def write_size_outputs(study: Study, scene_sizes: Sequence[SceneSizes], folder: Path) -> dict[str, Path]:
     """Writes the results of a comparison of sizes into a folder.
 
     Args:
         study: Definition of the comparison.
-        found: Sizes of each scene.
+        scene_sizes: Sizes of each scene.
         folder: Output folder.
 
     Returns:
         Paths of the written files by kind of content.
     """
-    tables = size_tables(study, found)
+    tables = size_tables(study, scene_sizes)
     lines = [
         {"scene": sizes.scene, "num_anchors": sizes.num_anchors, "column": column, "part": part, "num_bytes": size}
-        for sizes in found
+        for sizes in scene_sizes
         for column, parts in sizes.columns.items()
         for part, size in parts.items()
     ]
-    content = {"protocol": study.name, "scenes": [vars(sizes) for sizes in found]}
+    content = {"protocol": study.name, "scenes": [vars(sizes) for sizes in scene_sizes]}
     texts = {
         "summary": ("summary.csv", to_csv(lines)),
         "markdown": ("tables.md", _markdown(study, (), tables)),
@@ -219,14 +219,14 @@ def _packet_loss_rates(result: StudyResult, store: Store, scene: str) -> dict[st
         One result for each loss rate, by name of the stream.
     """
     # The share of lost packets is higher than that of lost datagrams if a packet takes several datagrams.
-    found = {}
+    rates = {}
     models = list(dict.fromkeys(model for loss in result.study.losses for model in _with_loss_rates(loss.model)))
     for variant, stream in result.scenes[scene].streams.items():
         if not stream.num_packets:
             continue
         opened = store.files.stream(store.root / stream.path)
-        found[variant] = [measure_packet_loss(opened, model, result.study.seeds, "interleaved") for model in models]
-    return found
+        rates[variant] = [measure_packet_loss(opened, model, result.study.seeds, "interleaved") for model in models]
+    return rates
 
 
 def _with_loss_rates(spec: str) -> list[str]:

@@ -53,7 +53,7 @@ class ViewPictures:
 
 def take_pictures(result: StudyResult, store: Store) -> list[ViewPictures]:
     """Reads the images for a report from the store."""
-    found = []
+    pictures = []
     for name, images in result.report_images.items():
         cells = [cell for cell in result.cells if cell.scene == name and images.shows(cell)]
         references = result.scenes[name].references
@@ -65,10 +65,10 @@ def take_pictures(result: StudyResult, store: Store) -> list[ViewPictures]:
             there = {variant: file for variant, file in maps.items() if (store.root / file).is_file()}
             pixels = {variant: store.picture(file) for variant, file in there.items()}
             reference = to_pixels(views.reference(view))
-            found.append(
+            pictures.append(
                 ViewPictures(name, views.cameras.names[view], loss, references.source, reference, shots, pixels)
             )
-    return found
+    return pictures
 
 
 def _shot(result: StudyResult, store: Store, cell: Cell, view: int) -> Shot:

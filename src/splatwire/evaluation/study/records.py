@@ -88,8 +88,8 @@ class Record:
 
     def figure(self, metric: str) -> float | None:
         """Returns the value of a metric by name, or None if the metric was not measured."""
-        found: float | None = self.others[metric] if metric in self.others else getattr(self, metric)
-        return found
+        value: float | None = self.others[metric] if metric in self.others else getattr(self, metric)
+        return value
 
     def row(self) -> dict[str, Any]:
         """Returns the columns of the record by name, one row of a table."""
@@ -103,9 +103,9 @@ class Record:
         Raises:
             TypeError: If a column is missing.
         """
-        known = {item.name for item in fields(Record)} - {"others"}
-        own = {name: value for name, value in row.items() if name in known}
-        return Record(**own, others={name: value for name, value in row.items() if name not in known})
+        field_names = {item.name for item in fields(Record)} - {"others"}
+        own = {name: value for name, value in row.items() if name in field_names}
+        return Record(**own, others={name: value for name, value in row.items() if name not in field_names})
 
 
 RECORD_COLUMNS = {item.name for item in fields(Record)} - {"psnr", "ssim", "lpips"} | set(RECORD_KEY)
@@ -156,8 +156,8 @@ def table_to_bytes(rows: Sequence[Mapping[str, Any]], labels: Sequence[str] = ()
         labels: Names of additional text columns, which precede the columns for the fields of `Record`.
     """
     pq, pyarrow = parquet()
-    known, buffer = {item.name for item in fields(Record)} | set(labels), io.BytesIO()
-    others = [name for name in (rows[0] if rows else {}) if name not in known]
+    columns, buffer = {item.name for item in fields(Record)} | set(labels), io.BytesIO()
+    others = [name for name in (rows[0] if rows else {}) if name not in columns]
     table = pyarrow.Table.from_pylist([dict(row) for row in rows], schema=_schema(pyarrow, labels, others))
     pq.write_table(table, buffer, compression="zstd")
     return buffer.getvalue()

@@ -151,7 +151,7 @@ def _render_missing(
         Digest of cameras, background and images.
     """
     about = store.root / folder / "views.json"
-    if (known := read_json(about)) is None:
+    if (stored := read_json(about)) is None:
         digests = []
         for view, image in enumerate(pictures()):
             buffer = io.BytesIO()
@@ -159,9 +159,9 @@ def _render_missing(
             digests.append(hashlib.sha256(buffer.getvalue()).hexdigest())
             store.write(str(_picture(Path(), folder, view)), buffer.getvalue())
             progress(f"{name}: drawing references", (view + 1) / cameras.num_views)
-        known = {"digest": digest_of(canonical(_camera_content(cameras)), str(background), *digests)}
-        store.write(f"{folder}/views.json", json.dumps(known).encode())  # last: marks the entry as complete
-    return str(known["digest"])
+        stored = {"digest": digest_of(canonical(_camera_content(cameras)), str(background), *digests)}
+        store.write(f"{folder}/views.json", json.dumps(stored).encode())  # last: marks the entry as complete
+    return str(stored["digest"])
 
 
 def _picture(root: Path, folder: str, view: int) -> Path:
@@ -188,9 +188,9 @@ def _cameras_of(entry: SceneEntry, background: Background) -> tuple[Cameras, Dat
 
 def _camera_content(cameras: Cameras) -> dict[str, Any]:
     poses, intrinsics = cameras.viewmats.tolist(), cameras.Ks.tolist()
-    found = {"w": cameras.width, "h": cameras.height, "names": list(cameras.names), "poses": poses, "Ks": intrinsics}
+    content = {"w": cameras.width, "h": cameras.height, "names": list(cameras.names), "poses": poses, "Ks": intrinsics}
     # The default is left out, so that stored references keep their digests.
-    return found if cameras.near_depth == NEAR_DEPTH else found | {"near": cameras.near_depth}
+    return content if cameras.near_depth == NEAR_DEPTH else content | {"near": cameras.near_depth}
 
 
 def digest_of(*texts: str) -> str:

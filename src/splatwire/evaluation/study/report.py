@@ -95,25 +95,25 @@ def _subtitle(result: StudyResult) -> str:
 
 
 def _charts(result: StudyResult, summaries: Sequence[Summary]) -> list[dict[str, str]]:
-    study, found = result.study, []
+    study, charts = result.study, []
     for scene in result.scenes:
         own = [s for s in summaries if s.scene == scene]
         over_losses = losses_chart(own, study.losses)
         if over_losses:
-            found.append({"title": f"{scene}: PSNR against the loss", "svg": over_losses})
+            charts.append({"title": f"{scene}: PSNR against the loss", "svg": over_losses})
         for loss in study.losses if over_losses is None else study.losses[:1]:
             shown = [s for s in own if s.loss in (None, loss)]
             if (drawn := seeds_chart(shown)) is not None:
-                found.append({"title": f"{scene}, {loss.label}: every seed", "svg": drawn})
+                charts.append({"title": f"{scene}, {loss.label}: every seed", "svg": drawn})
             if (drawn := views_chart(shown, _view_names(result, scene))) is not None:
-                found.append({"title": f"{scene}, {loss.label}: every view", "svg": drawn})
+                charts.append({"title": f"{scene}, {loss.label}: every view", "svg": drawn})
     for panel in panels(curves_of(study, summaries)):
         if (drawn := rate_chart(panel)) is not None:
-            found.append({"title": title_of(panel), "svg": drawn})
+            charts.append({"title": title_of(panel), "svg": drawn})
     for loss in study.losses:
         if (drawn := scale_chart(summaries, loss)) is not None:
-            found.append({"title": f"{loss.label}: the size of the scene", "svg": drawn})
-    return found
+            charts.append({"title": f"{loss.label}: the size of the scene", "svg": drawn})
+    return charts
 
 
 def _view_names(result: StudyResult, scene: str) -> list[str]:

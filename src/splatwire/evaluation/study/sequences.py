@@ -44,11 +44,11 @@ def frame_cameras(stream: SceneStream, frames: Path, cameras: Path | None) -> Ca
     if sequence.num_frames != count:
         raise InvalidValueError(f"the sequence has {count} frames, {frames} has {sequence.num_frames}")
     if cameras is not None:
-        found = load_cameras(cameras)
+        cameras_of_frames = load_cameras(cameras)
     else:
-        found = surrounding_cameras(next(iter(sequence.read())).scene(), NUM_VIEWS, VIEW_SIZE)
+        cameras_of_frames = surrounding_cameras(next(iter(sequence.read())).scene(), NUM_VIEWS, VIEW_SIZE)
     width = len(str(count - 1))
-    turns = found.select([frame % found.num_views for frame in range(count)])
+    turns = cameras_of_frames.select([frame % cameras_of_frames.num_views for frame in range(count)])
     return replace(turns, names=tuple(f"frame_{frame:0{width}}" for frame in range(count)))
 
 

@@ -115,7 +115,7 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
         SplatwireError: If a scene cannot be read or encoded.
     """
     with store.locked():
-        found = []
+        scene_sizes = []
         for entry in study.scenes:
             streams = prepare_streams(study, Source(entry, store.files), store, progress)
             columns: dict[str, Mapping[str, int]] = {}
@@ -125,8 +125,8 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
             for row in (row for row in study.rows if row.variant in streams):
                 columns[row.label] = our_parts(streams[row.variant])
                 files[row.label] = sum(streams[row.variant].parts[part] for part in _PACKET_FILES)
-            found.append(SceneSizes(entry.name, next(iter(streams.values())).num_anchors, columns, files))
-        return found
+            scene_sizes.append(SceneSizes(entry.name, next(iter(streams.values())).num_anchors, columns, files))
+        return scene_sizes
 
 
 def our_parts(stream: PreparedStream) -> dict[str, int]:
@@ -173,9 +173,9 @@ def num_network_parameters(scene: AnchorScene) -> int:
     return sum(math.prod(layer.weight.shape) + math.prod(layer.bias.shape) for layer in layers)
 
 
-def size_tables(study: Study, found: Sequence[SceneSizes]) -> list[Table]:
+def size_tables(study: Study, scene_sizes: Sequence[SceneSizes]) -> list[Table]:
     """Returns one table of sizes per scene, and one that compares sizes with published ones (`Study.published`)."""
-    return [_scene_table(study, sizes) for sizes in found] + _published_table(study, found)
+    return [_scene_table(study, sizes) for sizes in scene_sizes] + _published_table(study, scene_sizes)
 
 
 def _scene_table(study: Study, sizes: SceneSizes) -> Table:
@@ -208,19 +208,19 @@ def _percent(value: float | None) -> str:
     return "no native files" if value is None else f"{value:+.2f} %"
 
 
-def _published_table(study: Study, found: Sequence[SceneSizes]) -> list[Table]:
+def _published_table(study: Study, scene_sizes: Sequence[SceneSizes]) -> list[Table]:
     lines = []
     for entry in study.published:
         row: Row = study.row(entry.row)
         published = f"({entry.dataset})"
         if "growth_percent" in entry.values:
-            cells = [_percent(sizes.growth(row.label)) for sizes in found]
+            cells = [_percent(sizes.growth(row.label)) for sizes in scene_sizes]
             said = f"{entry.values['growth_percent']:+.2f} % {published}"
             lines.append((f"{row.label}: everything but weights", said, *cells))
         if "attribute_growth_percent" in entry.values:
             theirs = (f"{entry.values['attribute_growth_percent']:+.2f} % {published}", "")
             for (label, growth), said in zip(_ATTRIBUTE_MEASURES, theirs, strict=True):
-                cells = [_percent(growth(sizes, row.label)) for sizes in found]
+                cells = [_percent(growth(sizes, row.label)) for sizes in scene_sizes]
                 lines.append((f"{row.label}: {label}", said, *cells))
-    columns = ("growth over HAC++ files", "paper", *(sizes.scene for sizes in found))
+    columns = ("growth over HAC++ files", "paper", *(sizes.scene for sizes in scene_sizes))
     return [Table("Growth of the bitstream", columns, tuple(lines))] if lines else []

@@ -270,7 +270,7 @@ class Ordering:
 def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Ordering]:
     """Compares the published order by PSNR with the measured order, for each scene and each pair of methods."""
     # Neighbours in the table come first. Equal published values imply no order and are skipped.
-    found = []
+    ordered = []
     for dataset in dict.fromkeys(entry.dataset for entry in result.study.published):
         values = {
             p.row: p.values["psnr"] for p in result.study.published if p.dataset == dataset and "psnr" in p.values
@@ -287,8 +287,8 @@ def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Orderin
                 pairs = () if b is None else tuple(zip(a.by_seed["psnr"], b.by_seed["psnr"], strict=True))
                 if (ours := Estimate.of([x - y for x, y in pairs])) is not None:
                     published = values[better.key] - values[worse.key]
-                    found.append(Ordering(a.scene, a.loss, better.label, worse.label, dataset, published, ours))
-    return found
+                    ordered.append(Ordering(a.scene, a.loss, better.label, worse.label, dataset, published, ours))
+    return ordered
 
 
 def _pairs(rows: Sequence[Row]) -> list[tuple[Row, Row]]:
@@ -303,12 +303,12 @@ def streams_of(summaries: Sequence[Summary], scene: str) -> dict[str, Summary]:
     If several methods use the same stream, the summary is that of the first.
     """
     # If several rows use the same stream, that of the first.
-    found: dict[str, Summary] = {}
+    streams: dict[str, Summary] = {}
     for s in (s for s in summaries if not s.row.decoded):  # the parts of another codec's bytes are unknown
-        known = any((s.row.variant, s.parts) == (o.row.variant, o.parts) for o in found.values())
-        if s.scene == scene and s.parts and not known:
-            found[s.row.variant if s.row.variant not in found else f"{s.row.variant} for {s.row.label}"] = s
-    return found
+        is_listed = any((s.row.variant, s.parts) == (o.row.variant, o.parts) for o in streams.values())
+        if s.scene == scene and s.parts and not is_listed:
+            streams[s.row.variant if s.row.variant not in streams else f"{s.row.variant} for {s.row.label}"] = s
+    return streams
 
 
 def _over_views(run: list[Record], metric: str) -> float:

@@ -112,8 +112,8 @@ def _result_table(title: str, shown: Sequence[Summary], published: Sequence[Publ
 
 def measured(summaries: Sequence[Summary]) -> list[str]:
     """Returns the names of all metrics that the summaries contain, built-in metrics first."""
-    found = dict.fromkeys(metric for s in summaries for metric in s.figures)
-    return [*(m for m in DEFAULT_METRICS if m in found), *(m for m in found if m not in DEFAULT_METRICS)]
+    metrics = dict.fromkeys(metric for s in summaries for metric in s.figures)
+    return [*(m for m in DEFAULT_METRICS if m in metrics), *(m for m in metrics if m not in DEFAULT_METRICS)]
 
 
 def _best(shown: Sequence[Summary]) -> int | None:
@@ -159,8 +159,8 @@ def _percent(summary: Summary, share: float) -> str:
 def _paper(values: Mapping[str, float] | None) -> str:
     if not values:
         return ""
-    known = [*DEFAULT_METRICS, *(name for name in values if name not in (*DEFAULT_METRICS, *SIZE_METRICS))]
-    return " / ".join(f"{values[m]:.{2 if m == 'psnr' else 3}f}" for m in known if m in values)
+    metrics = [*DEFAULT_METRICS, *(name for name in values if name not in (*DEFAULT_METRICS, *SIZE_METRICS))]
+    return " / ".join(f"{values[m]:.{2 if m == 'psnr' else 3}f}" for m in metrics if m in values)
 
 
 def ordering_table(orderings: Sequence[Ordering]) -> Table | None:

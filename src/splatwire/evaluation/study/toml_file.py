@@ -151,10 +151,10 @@ def _check_keys(
             raise InvalidValueError(f"{location} lacks '{key}'")
 
 
-def _hint(name: str, known: Iterable[str]) -> str:
-    known = list(known)
-    near = difflib.get_close_matches(name, known, 1)
-    return f"; did you mean '{near[0]}'?" if near else f": known are {', '.join(known)}"
+def _hint(name: str, names: Iterable[str]) -> str:
+    names = list(names)
+    near = difflib.get_close_matches(name, names, 1)
+    return f"; did you mean '{near[0]}'?" if near else f": known are {', '.join(names)}"
 
 
 def _header(header: Mapping[str, Any]) -> dict[str, Any]:
@@ -241,16 +241,16 @@ def _decoded_row(location: str, table: dict[str, Any], expand: "_Expander") -> R
         expand: Function that replaces variables in paths.
     """
     _check_keys(location, table, _DECODED_ROW, ("key", "label"))
-    location, found = f"{location} ({table['key']})", []
+    location, rows = f"{location} ({table['key']})", []
     try:
         for inner, values in _tables(table, "decoded"):
             inner = f"{location} {inner}"
             _check_keys(inner, values, _DECODED, ("scene", "source"))
-            found.append(Decoded(values["scene"], expand(inner, values["source"]), values.get("num_bytes")))
-        if not found:
+            rows.append(Decoded(values["scene"], expand(inner, values["source"]), values.get("num_bytes")))
+        if not rows:
             raise InvalidValueError("it has no result: write [[row.decoded]]")
         curve = table.get("curve", "")
-        return Row(table["key"], table["label"], None, lossless=True, decoded=tuple(found), curve=curve)
+        return Row(table["key"], table["label"], None, lossless=True, decoded=tuple(rows), curve=curve)
     except DatasetError:
         raise
     except SplatwireError as error:

@@ -198,7 +198,7 @@ class UnitRunner:
             return
         if not (self.store.root / unit.loss_map(hard)).is_file():
             reference = views.reference(hard)
-            losses = draw_loss_map(arrived.positions, loss_mask.known, views.cameras, hard, reference)
+            losses = draw_loss_map(arrived.positions, loss_mask.fully_received, views.cameras, hard, reference)
             self.store.write(unit.loss_map(hard), png_bytes(losses))
 
     def arrived(self, unit: Unit) -> ReceivedInput:
@@ -210,7 +210,7 @@ class UnitRunner:
             whole = self._decoded(unit, "", stream).scene
             if not isinstance(whole, ReceivedScene) or Anchors not in whole.provides:
                 raise InvalidValueError("only anchors lose one attribute alone: explicit Gaussians do not")
-            eroded = erode(whole, ~arrived.loss_mask.known, Attribute[unit.erode.upper()])
+            eroded = erode(whole, ~arrived.loss_mask.fully_received, Attribute[unit.erode.upper()])
             arrived = dataclasses.replace(arrived, scene=eroded, loss_mask=eroded.loss_mask)
         return arrived
 
@@ -223,12 +223,12 @@ class UnitRunner:
             if unit.stream.elements == PICTURES:
                 return ReceivedInput(None, None, 0, sum(unit.stream.parts.values()), 0.0)
             if sent is None:
-                found = self.store.files.scene_file(self.store.root / unit.stream.path)
-                return ReceivedInput(found.loaded, found.loss_mask, 0, sum(unit.stream.parts.values()), 0.0)
+                scene_file = self.store.files.scene_file(self.store.root / unit.stream.path)
+                return ReceivedInput(scene_file.loaded, scene_file.loss_mask, 0, sum(unit.stream.parts.values()), 0.0)
             started = time.perf_counter()
-            partial = self.decode(sent)
+            received = self.decode(sent)
             seconds = time.perf_counter() - started
-            return ReceivedInput(partial, partial.loss_mask, len(sent.packets), sent.num_bytes, seconds)
+            return ReceivedInput(received, received.loss_mask, len(sent.packets), sent.num_bytes, seconds)
 
         return keep(self._arrived, (unit.stream.digest, mask), _SCENES, decode)
 
@@ -269,8 +269,8 @@ class UnitRunner:
         measured = [name for name in unit.metrics if name not in DEFAULT_METRICS]
         scores["others"] = {name: None if name in LPIPS_SCALED else pictures.measure(name) for name in measured}
         for name in LPIPS_SCALED.keys() & set(unit.metrics) if lpips else ():
-            place = scores if name in scores else scores["others"]
-            place[name] = 0.0 if equal else self._distance(unit, view, pictures, scaled=LPIPS_SCALED[name])
+            target = scores if name in scores else scores["others"]
+            target[name] = 0.0 if equal else self._distance(unit, view, pictures, scaled=LPIPS_SCALED[name])
         return scores
 
     def _distance(self, unit: Unit, view: int, pictures: Compared, *, scaled: bool) -> float:

@@ -21,7 +21,7 @@ REPORT_SECONDS = 0.1
 """Interval of the receiver's reports of its viewpoint and received packets, seconds."""
 TRIPS_BEFORE = 3
 """Number of one-way delays before the first byte is sent: two for the handshake, one for the request."""
-MOST = 0.75
+DRAWABLE_SHARE = 0.75
 """Share of a tile's packets that must be received to draw the tile. The Gaussians of a packet are spread evenly over
 the tile, and lost packets are retransmitted."""
 
@@ -180,8 +180,8 @@ class _Sender:
 def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, received: np.ndarray) -> np.ndarray:
     """Returns the mask of tiles that can be drawn, bool (B).
 
-    A tile can be drawn once at least the share `MOST` of its packets is received. For tiles of the coarsest level of
-    detail, one packet suffices.
+    A tile can be drawn once at least the share `DRAWABLE_SHARE` of its packets is received. For tiles of the coarsest
+    level of detail, one packet suffices.
 
     Args:
         tiles: The B tiles.
@@ -189,5 +189,5 @@ def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, received: np.ndarray) -> n
         received: Mask of received packets, bool (P).
     """
     # One packet suffices for tiles of the coarsest level, because no other level can replace them.
-    there = np.bincount(blocks[received], minlength=tiles.num_tiles)
-    return np.asarray((there >= MOST * tiles.packets) | ((tiles.parents < 0) & (there > 0)))
+    num_received = np.bincount(blocks[received], minlength=tiles.num_tiles)
+    return np.asarray((num_received >= DRAWABLE_SHARE * tiles.packets) | ((tiles.parents < 0) & (num_received > 0)))

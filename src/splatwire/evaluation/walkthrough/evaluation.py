@@ -84,13 +84,13 @@ def score_walk(
     for number, seconds in enumerate(times):
         camera = walk.at(seconds)
         viewpoint = viewpoint_of(camera)
-        here = source.shown(seconds, viewpoint)
-        scenes = (reference, here, source.complete(viewpoint))
+        shown = source.shown(seconds, viewpoint)
+        scenes = (reference, shown, source.complete(viewpoint))
         pictures = [
             np.stack(list(iterate_views(scene, camera, renderer=renderer, background=behind))) for scene in scenes
         ]
         now, later = (float(psnr(picture, pictures[0])[0]) for picture in pictures[1:])
-        moments.append(QualitySample(seconds, now, later, source.bytes_at(seconds), here.num_elements))
+        moments.append(QualitySample(seconds, now, later, source.bytes_at(seconds), shown.num_elements))
         if on_picture:
             on_picture(seconds, pictures[1][0], pictures[0][0])
         if progress:
@@ -108,12 +108,12 @@ def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
         Seconds since the request; None if the last picture is still worse.
     """
     # From then on, the PSNR of each picture is at most `SETTLED_DB` below that of the completely received scene.
-    found = None
+    reached_at = None
     for moment in reversed(moments):
         if moment.psnr < moment.complete_psnr - SETTLED_DB:
             break
-        found = moment.seconds
-    return found
+        reached_at = moment.seconds
+    return reached_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,10 @@ def _replaced_tile(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarra
     splats = explicit_gaussians(scene)
     assert splats is not None  # only explicit Gaussians have levels
     order, means = np.argsort(tile_of, kind="stable"), splats.means.astype(np.float64)
-    found, edges = np.empty(len(order), dtype=np.int64), np.searchsorted(tile_of[order], np.arange(tiles.num_tiles + 1))
+    replaced, edges = (
+        np.empty(len(order), dtype=np.int64),
+        np.searchsorted(tile_of[order], np.arange(tiles.num_tiles + 1)),
+    )
     for tile, (first, end) in enumerate(itertools.pairwise(edges.tolist())):
-        found[order[first:end]] = replaces_tile(tiles, tile, means[order[first:end]])
-    return found
+        replaced[order[first:end]] = replaces_tile(tiles, tile, means[order[first:end]])
+    return replaced

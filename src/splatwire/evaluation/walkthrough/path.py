@@ -36,11 +36,11 @@ class Walk:
         """Returns the camera of a camera path at a given time."""
         # Times outside the path are clamped.
         cameras, last = self.cameras, self.cameras.num_views - 1
-        place = min(max(seconds / self.seconds, 0.0), 1.0) * last
-        before = min(int(place), max(last - 1, 0))
+        position = min(max(seconds / self.seconds, 0.0), 1.0) * last
+        before = min(int(position), max(last - 1, 0))
         if not last:
             return cameras
-        share, pair = place - before, cameras.viewmats[before : before + 2].astype(np.float64)
+        share, pair = position - before, cameras.viewmats[before : before + 2].astype(np.float64)
         turn = Slerp([0, 1], Rotation.from_matrix(pair[:, :3, :3]))(share).as_matrix()
         eyes = [-pose[:3, :3].T @ pose[:3, 3] for pose in pair]
         pose = np.eye(4)

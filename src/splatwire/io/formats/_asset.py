@@ -41,13 +41,13 @@ def metadata_of_asset(asset: object) -> SceneMetadata:
     """Parses the metadata of a glTF or SOG `asset` object."""
     if not isinstance(asset, dict):
         return NO_METADATA
-    given = asset.get("extras")
-    extras = given if isinstance(given, dict) else {}
-    own = extras.get(_OWN)
+    extras_value = asset.get("extras")
+    extras = extras_value if isinstance(extras_value, dict) else {}
+    own_fields = extras.get(_OWN)
     texts = {name: extras[name] for name in _TEXTS if name in extras}
     if not {"author", "license"} & set(texts) and clean_text(asset.get("copyright")):
         texts["license"] = asset["copyright"]
-    return metadata_from_json((own if isinstance(own, dict) else {}) | texts)
+    return metadata_from_json((own_fields if isinstance(own_fields, dict) else {}) | texts)
 
 
 def origin_of_asset(asset: object) -> Origin:

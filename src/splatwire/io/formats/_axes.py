@@ -100,7 +100,7 @@ def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray
     orthogonal = left @ right
     harmonics = harmonic_transform(orthogonal, splats.degree)
     similar = is_similarity(matrix)
-    found = Splats.empty(splats.num_gaussians, splats.degree)
+    transformed = Splats.empty(splats.num_gaussians, splats.degree)
     for begin in range(0, splats.num_gaussians, _ROWS):
         part = splats.run(begin, min(begin + _ROWS, splats.num_gaussians))
         means = part.means.astype(np.float64) @ matrix.T
@@ -119,8 +119,8 @@ def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray
         scales = np.maximum(scales, MIN_SIZE)
         moved = means if translation is None else means + translation
         arrays = (moved, quats, scales, part.opacities, sh)
-        found.fill(begin, Splats(*(np.ascontiguousarray(array, np.float32) for array in arrays)))
-    return found
+        transformed.fill(begin, Splats(*(np.ascontiguousarray(array, np.float32) for array in arrays)))
+    return transformed
 
 
 def quaternion_product(turn: np.ndarray, quats: np.ndarray) -> np.ndarray:

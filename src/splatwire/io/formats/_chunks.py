@@ -88,8 +88,8 @@ def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tupl
     index, filling, begin = [], [], 0
     for number, length in enumerate(lengths):
         missing = 0 if number == len(lengths) - 1 else CHUNK - length
-        own = order[begin : begin + length]
-        index += [own, np.repeat(own[-1:], missing)]
+        members = order[begin : begin + length]
+        index += [members, np.repeat(members[-1:], missing)]
         filling += [np.zeros(length, bool), np.ones(missing, bool)]
         begin += length
     return rows[np.concatenate(index)], np.concatenate(filling)
@@ -107,10 +107,10 @@ def _chunk_lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
     """
     lengths, begin = [], 0
     while begin < len(means):
-        some, limit = means[begin : begin + CHUNK], np.minimum.accumulate(limits[begin : begin + CHUNK])
-        spans = np.maximum.accumulate(some) - np.minimum.accumulate(some)
+        piece, limit = means[begin : begin + CHUNK], np.minimum.accumulate(limits[begin : begin + CHUNK])
+        spans = np.maximum.accumulate(piece) - np.minimum.accumulate(piece)
         beyond = np.flatnonzero(_half_steps(spans) > limit)
-        length = max(1, int(beyond[0])) if len(beyond) else len(some)
+        length = max(1, int(beyond[0])) if len(beyond) else len(piece)
         lengths.append(length)
         begin += length
     return lengths

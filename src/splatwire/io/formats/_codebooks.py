@@ -73,10 +73,10 @@ def _repaired(ordered: np.ndarray, centers: np.ndarray) -> tuple[np.ndarray, boo
     errors = np.where(number > 0, number * (last - first) ** 2, 0)
     empty, worst = np.flatnonzero(number == 0), np.argsort(-errors, kind="stable")
     worst = worst[errors[worst] > 0][: len(empty)]
-    found = centers.copy()
-    found[worst] = first[worst] + (last - first)[worst] / 4
-    found[empty[: len(worst)]] = first[worst] + (last - first)[worst] * 3 / 4
-    return np.sort(found), len(worst) > 0
+    repaired = centers.copy()
+    repaired[worst] = first[worst] + (last - first)[worst] / 4
+    repaired[empty[: len(worst)]] = first[worst] + (last - first)[worst] * 3 / 4
+    return np.sort(repaired), len(worst) > 0
 
 
 def nearest_number(values: np.ndarray, codebook: np.ndarray) -> np.ndarray:
@@ -98,9 +98,9 @@ def vector_palette(vectors: np.ndarray, size: int, seed: int = 0) -> tuple[np.nd
     rng = np.random.default_rng(seed)
     if len(vectors) <= size:
         return vectors.copy(), np.arange(len(vectors))
-    distinct, place = np.unique(vectors, axis=0, return_inverse=True)
+    distinct, index = np.unique(vectors, axis=0, return_inverse=True)
     if len(distinct) <= size:
-        return distinct, place.reshape(-1)
+        return distinct, index.reshape(-1)
     _, branch = _k_means(vectors, min(_BRANCHES, size), rng)
     counts = np.bincount(branch)
     order = np.argsort(branch, kind="stable")

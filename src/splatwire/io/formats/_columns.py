@@ -81,12 +81,12 @@ def build_splats(
     for name, values in named:
         if len(values) != len(means):
             raise DatasetError(f"{path}: {len(values)} Gaussians have a {name}, {len(means)} a position")
-    wide = quats.astype(np.float64)
-    lengths = np.linalg.norm(wide, axis=1, keepdims=True)
+    quats64 = quats.astype(np.float64)
+    lengths = np.linalg.norm(quats64, axis=1, keepdims=True)
     lengths[lengths < _MIN_LENGTH] = np.nan
     return Splats(
         means=_column(means),
-        quats=_column(wide / lengths),
+        quats=_column(quats64 / lengths),
         scales=_column(sizes),
         opacities=_column(np.clip(opacities, 0, 1)),
         sh=_column(sh),
@@ -129,14 +129,14 @@ def concatenate(parts: Sequence[Splats]) -> Splats:
     """Concatenates Gaussians, with spherical harmonics of the highest degree among them."""
     if len(parts) == 1:
         return parts[0]
-    found = Splats.empty(sum(part.num_gaussians for part in parts), max(part.degree for part in parts))
-    at = 0
+    joined = Splats.empty(sum(part.num_gaussians for part in parts), max(part.degree for part in parts))
+    offset = 0
     for part in parts:
         for begin in range(0, part.num_gaussians, ROWS):
             run = part.run(begin, min(begin + ROWS, part.num_gaussians))
-            found.fill(at, of_degree(run, found.degree))
-            at += run.num_gaussians
-    return found
+            joined.fill(offset, of_degree(run, joined.degree))
+            offset += run.num_gaussians
+    return joined
 
 
 def of_degree(splats: Splats, degree: int) -> Splats:
@@ -182,8 +182,12 @@ def _with_rounded_opacities(splats: Splats) -> Splats:
     """Clips opacities that differ from the range 0 to 1 by a rounding error only."""
     opacities = splats.opacities
     outside = (opacities < 0) | (opacities > 1)
-    near = outside & (opacities >= -_OPACITY_ERROR) & (opacities <= 1 + _OPACITY_ERROR)
-    return replace(splats, opacities=np.where(near, opacities.clip(0, 1), opacities)) if near.any() else splats
+    rounding_error = outside & (opacities >= -_OPACITY_ERROR) & (opacities <= 1 + _OPACITY_ERROR)
+    return (
+        replace(splats, opacities=np.where(rounding_error, opacities.clip(0, 1), opacities))
+        if rounding_error.any()
+        else splats
+    )
 
 
 def join(path: Path, batches: Iterable[Splats]) -> Splats:

@@ -14,7 +14,7 @@ from splatwire.files.mmap_array import large_empty
 from splatwire.files.read_limited import open_regular
 
 LOG = logging.getLogger(__name__)
-_MOST_READ = 1 << 30
+_MAX_READ_BYTES = 1 << 30
 """Maximum number of bytes that one call of the system reads."""
 
 
@@ -55,7 +55,7 @@ class FileBytes:
         data, num_read = large_empty((max(stop - start, 0),), np.uint8).data, 0
         self._file.seek(self._start + start)
         while num_read < len(data):
-            count = self._file.readinto(data[num_read : num_read + _MOST_READ])
+            count = self._file.readinto(data[num_read : num_read + _MAX_READ_BYTES])
             if not count:
                 raise DatasetError(f"{self._path}: was truncated while it was read")
             num_read += count
@@ -64,9 +64,9 @@ class FileBytes:
     def part(self, start: int, stop: int) -> "FileBytes":
         """Returns the part from byte `start` to byte `stop` (exclusive), without reading it."""
         start, stop, _ = slice(start, stop).indices(self._size)
-        found = copy.copy(self)  # the file stays open as long as one of them lives
-        found._start, found._size, found._whole = self._start + start, max(stop - start, 0), self
-        return found
+        view = copy.copy(self)  # the file stays open as long as one of them lives
+        view._start, view._size, view._whole = self._start + start, max(stop - start, 0), self
+        return view
 
 
 def is_in_folder_of(path: Path, other: Path) -> bool:
@@ -77,8 +77,10 @@ def is_in_folder_of(path: Path, other: Path) -> bool:
         other: File to which the scene refers; it need not exist.
     """
     # in the cache of the Hugging Face Hub, the files of a scene are links to a folder `blobs`
-    found = Path(os.path.realpath(other))
-    return found.is_relative_to(os.path.realpath(path.parent)) or found.parent == Path(os.path.realpath(path)).parent
+    resolved = Path(os.path.realpath(other))
+    return (
+        resolved.is_relative_to(os.path.realpath(path.parent)) or resolved.parent == Path(os.path.realpath(path)).parent
+    )
 
 
 def warn_of_bytes_outside(path: Path, count: int, where: str = "after its end") -> None:

@@ -47,7 +47,7 @@ def shown_instances(path: Path, document: dict[str, Any]) -> list[Instance]:
         return [Instance(mesh, np.eye(4), None) for mesh in range(len(document.get("meshes", [])))]
     waiting = [(root, np.eye(4)) for root in reversed(_roots(path, document, nodes))]
     seen: set[int] = set()
-    found: list[Instance] = []
+    instances: list[Instance] = []
     while waiting:
         index, above = waiting.pop()
         node = entry(path, nodes, index, "node")
@@ -62,11 +62,11 @@ def shown_instances(path: Path, document: dict[str, Any]) -> list[Instance]:
             if _INSTANCING in node.get("extensions", {}):
                 raise DatasetError(f"{path}: node {index} repeats its mesh by {_INSTANCING}, which is not read")
             entry(path, document.get("meshes", []), node["mesh"], "mesh")
-            found.append(Instance(node["mesh"], matrix, index))
+            instances.append(Instance(node["mesh"], matrix, index))
         waiting += [(child, matrix) for child in reversed(node.get("children", []))]
-    if len(found) > MAX_INSTANCES:
-        raise DatasetError(f"{path}: its nodes show {len(found):,} meshes, at most {MAX_INSTANCES:,} are read")
-    return found
+    if len(instances) > MAX_INSTANCES:
+        raise DatasetError(f"{path}: its nodes show {len(instances):,} meshes, at most {MAX_INSTANCES:,} are read")
+    return instances
 
 
 def entry(path: Path, items: list[Any], index: Any, subject: str) -> Any:

@@ -140,9 +140,9 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
         keyword: First word of the comments with the scene's origin: `ORIGIN` or `OFFSET`. The reader applies the first
             valid one of them. Invalid ones, and those that state another origin, cause a warning.
     """
-    known = tuple(comments)
-    used = stated_origin(keyword, known)
-    for comment in known:
+    all_comments = tuple(comments)
+    used = stated_origin(keyword, all_comments)
+    for comment in all_comments:
         word = comment.split()[:1]
         if word == [keyword]:
             if (stated := stated_origin(keyword, [comment])) is None:
@@ -161,7 +161,7 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
             _warn(path, comment, "a shift of the positions")
         elif (meaning := _unapplied_change(comment)) is not None:
             _warn(path, comment, meaning)
-    axes = list(dict.fromkeys(axis for comment in known if (axis := named_up(comment)) is not None))
+    axes = list(dict.fromkeys(axis for comment in all_comments if (axis := named_up(comment)) is not None))
     if len(axes) > 1:
         LOG.warning("%s: comments name different axes that are up: %s", path, ", ".join(axes))
 
@@ -170,14 +170,14 @@ def warn_of_files_beside(path: Path) -> None:
     """Logs a warning about files next to a PLY that state a shift of its positions (Pix4D, Metashape, DJI Terra)."""
     folder = path.parent
     beside = [folder / name for name in (f"{path.stem}_offset.xyz", "offset.xyz", f"{path.stem}_origin.json")]
-    found = [file.name for file in beside if file.is_file()]
+    file_names = [file.name for file in beside if file.is_file()]
     survey = folder / "metadata.xml"
     if survey.is_file() and b"<SRSOrigin>" in read_at_most(survey, _SURVEY_BYTES, DatasetError):
-        found.append(survey.name)
-    if found:
+        file_names.append(survey.name)
+    if file_names:
         LOG.warning(
             "%s: %s beside it may have a shift of the positions: it is left out, positions are read as they are in "
-            "the file", path, ", ".join(found),
+            "the file", path, ", ".join(file_names),
         )  # fmt: skip
 
 
@@ -259,8 +259,8 @@ def _unapplied_change_in_part(comment: str) -> str | None:
     if values := _numbers_after(words, numbers, _SCALES):
         return None if set(values) == {1.0} else "a scale of the positions"
     if any(word in _UNITS for word in words):
-        place = next(place for place, word in enumerate(words) if word in _UNITS)
-        named = [word for word in words[place + 1 :] if word not in ("is", "in", "per", "unit", "units")]
+        index = next(index for index, word in enumerate(words) if word in _UNITS)
+        named = [word for word in words[index + 1 :] if word not in ("is", "in", "per", "unit", "units")]
         return None if not named or set(named) <= _METRES else "the unit of the positions"
     if _LENGTHS.search(comment):
         return "the unit of the positions"
@@ -309,10 +309,10 @@ def _numbers_after(words: list[str], numbers: list[float | None], keywords: froz
     Returns:
         The numbers; an empty list without such a keyword.
     """
-    for place, word in enumerate(words):
+    for index, word in enumerate(words):
         if word not in keywords:
             continue
-        found = [number for number in numbers[place + 1 :] if number is not None]
-        if any(number is not None for number in numbers[place + 1 : place + 2 + _MAX_BETWEEN]):
-            return found
+        numbers_after = [number for number in numbers[index + 1 :] if number is not None]
+        if any(number is not None for number in numbers[index + 1 : index + 2 + _MAX_BETWEEN]):
+            return numbers_after
     return []

@@ -92,9 +92,9 @@ def read_header(path: Path, source: Iterator[bytes]) -> tuple[PlyHeader, bytes]:
         first = _FIRST_LINE.match(data)
         newline = first[1] if first else b"\n"
         # some programs write spaces at the end of lines
-        mark = re.search(newline + rb"end_header[ \t]*" + newline, data[: _MAX_HEADER_BYTES + _MAX_LINE])
-        if mark and mark.start() <= _MAX_HEADER_BYTES:
-            return _parse(path, data[: mark.start()], newline), data[mark.end() :]
+        end_mark = re.search(newline + rb"end_header[ \t]*" + newline, data[: _MAX_HEADER_BYTES + _MAX_LINE])
+        if end_mark and end_mark.start() <= _MAX_HEADER_BYTES:
+            return _parse(path, data[: end_mark.start()], newline), data[end_mark.end() :]
         if first and len(data) > _MAX_HEADER_BYTES:
             raise DatasetError(
                 f"{path}: the PLY header is longer than {_MAX_HEADER_BYTES:,} bytes: shorten its comments"
@@ -111,13 +111,21 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
         texts = [line.decode("ascii") for line in lines]
     except UnicodeDecodeError as error:
         raise DatasetError(f"{path}: the PLY header is not ASCII text") from error
-    if odd := next((text for text in texts if len(text) > _MAX_LINE or not text.replace("\t", " ").isprintable()), ""):
-        raise DatasetError(f"{path}: {odd[:80]!r} is no line of a PLY header")
+    if bad_line := next(
+        (text for text in texts if len(text) > _MAX_LINE or not text.replace("\t", " ").isprintable()), ""
+    ):
+        raise DatasetError(f"{path}: {bad_line[:80]!r} is no line of a PLY header")
     words = [text.split() for text in texts]
-    form = words[1] if len(words) > 1 else []
-    if words[:1] != [["ply"]] or len(form) != 3 or form[0] != "format" or form[1] not in _ORDERS or form[2] != "1.0":
+    format_words = words[1] if len(words) > 1 else []
+    if (
+        words[:1] != [["ply"]]
+        or len(format_words) != 3
+        or format_words[0] != "format"
+        or format_words[1] not in _ORDERS
+        or format_words[2] != "1.0"
+    ):
         raise DatasetError(is_not(path, "a PLY file of version 1.0", f"it starts with {' / '.join(texts[:2])[:80]!r}"))
-    order = _ORDERS[form[1]]
+    order = _ORDERS[format_words[1]]
     rows, lists = _elements(path, words[2:], order or "<")
     return PlyHeader(order, rows, next(iter(lists), None), comments, next(iter(lists.values()), ()))
 
@@ -175,15 +183,15 @@ def _elements(
             list(elements.values())[-1][1].append((words[2], order + _TYPES[words[1]]))
         else:
             raise DatasetError(f"{path}: expected a property of one number, found {line!r}")
-    found: dict[str, tuple[int, np.dtype]] = {}
+    elements_without_lists: dict[str, tuple[int, np.dtype]] = {}
     for name, (count, fields) in elements.items():
         if name in lists:
             break
         if not 0 < len({field for field, _ in fields}) == len(fields) <= _MAX_PROPERTIES:
-            wanted = f"1 to {_MAX_PROPERTIES}, all different, are allowed"
-            raise DatasetError(f"{path}: element {name} has {len(fields)} properties ({wanted})")
-        found[name] = (count, np.dtype(fields))
-    return found, lists
+            limits = f"1 to {_MAX_PROPERTIES}, all different, are allowed"
+            raise DatasetError(f"{path}: element {name} has {len(fields)} properties ({limits})")
+        elements_without_lists[name] = (count, np.dtype(fields))
+    return elements_without_lists, lists
 
 
 def _element(path: Path, words: list[str]) -> tuple[str, int]:

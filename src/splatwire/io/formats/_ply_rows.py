@@ -31,17 +31,17 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
     Raises:
         DatasetError: If there are fewer or more bytes than the rows have.
     """
-    expected, there = header.num_bytes, 0
+    expected, num_received = header.num_bytes, 0
     data = large_empty((expected,), np.uint8)
-    while there <= expected and (piece := next(source, b"")):
-        data[there : there + len(piece)] = np.frombuffer(piece, np.uint8)[: expected - there]
-        there += len(piece)
-    if there < expected or (there > expected and header.lists is None):
-        raise _wrong_length(path, header, there < expected)
-    elements, at = {}, 0
+    while num_received <= expected and (piece := next(source, b"")):
+        data[num_received : num_received + len(piece)] = np.frombuffer(piece, np.uint8)[: expected - num_received]
+        num_received += len(piece)
+    if num_received < expected or (num_received > expected and header.lists is None):
+        raise _wrong_length(path, header, num_received < expected)
+    elements, offset = {}, 0
     for name, (count, dtype) in header.elements.items():
-        elements[name] = np.frombuffer(data, dtype=dtype, count=count, offset=at)
-        at += count * dtype.itemsize
+        elements[name] = np.frombuffer(data, dtype=dtype, count=count, offset=offset)
+        offset += count * dtype.itemsize
     return elements
 
 
@@ -68,8 +68,8 @@ def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[st
         for start in range(0, count, block):
             stop = min(start + block, count)
             values = numbers.take((stop - start) * len(names)).reshape(-1, len(names))
-            for place, field in enumerate(names):
-                rows[field][start:stop] = _as_type(path, values[:, place], rows.dtype[field], field)
+            for index, field in enumerate(names):
+                rows[field][start:stop] = _as_type(path, values[:, index], rows.dtype[field], field)
         elements[name] = rows if rows.dtype == dtype or _has_more_digits(rows) else rows.astype(dtype)
     if header.lists is None and not numbers.at_end():
         raise _wrong_length(path, header, early=False)
@@ -86,8 +86,8 @@ def _with_wide_axes(dtype: np.dtype) -> np.dtype:
 
 def _has_more_digits(rows: np.ndarray) -> bool:
     """True if the file gives positions with more digits than float32 can represent."""
-    some = rows[:: max(1, -(-len(rows) // _SAMPLE))]
-    values = np.concatenate([some[axis] for axis in _AXES])
+    sample = rows[:: max(1, -(-len(rows) // _SAMPLE))]
+    values = np.concatenate([sample[axis] for axis in _AXES])
     values = values[(np.abs(values) > _FAR) & (np.abs(values) < np.finfo(np.float32).max)]
     narrow = values.astype(np.float32)
     return bool(((narrow != values) & (narrow.astype(str).astype(np.float64) != values)).any())

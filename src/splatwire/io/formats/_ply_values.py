@@ -42,20 +42,20 @@ def warn_of_other_units(vertices: PlyElement) -> None:
     Raises:
         DatasetError: If a property is missing.
     """
-    some = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
-    opacities, scales = some.select_wide(["opacity"])[:, 0], some.columns("scale_", 3).astype(np.float64)
+    sample = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
+    opacities, scales = sample.select_wide(["opacity"])[:, 0], sample.columns("scale_", 3).astype(np.float64)
     opacities, scales = opacities[~np.isnan(opacities)], scales[~np.isnan(scales)]
-    meant = _unit_of_opacities(some, opacities)
+    meant = _unit_of_opacities(sample, opacities)
     positive = bool(scales.size) and scales.min() >= 0
-    several = len(some.rows) >= _MIN_ROWS
-    sizes = positive and (meant is not None or (len(some.rows) > 1 and _look_like_sizes(some, scales, several)))
+    several = len(sample.rows) >= _MIN_ROWS
+    sizes = positive and (meant is not None or (len(sample.rows) > 1 and _look_like_sizes(sample, scales, several)))
     if sizes:
         _warn_of_scales(vertices.path, scales)
     if meant is not None and (several or sizes):
         _warn_of_opacities(vertices.path, opacities, meant)
     if several:
-        _warn_of_colours(vertices.path, some)
-    _warn_of_integers(some)
+        _warn_of_colours(vertices.path, sample)
+    _warn_of_integers(sample)
 
 
 def _warn_of_integers(sample: PlyElement) -> None:

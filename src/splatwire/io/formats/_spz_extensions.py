@@ -31,16 +31,16 @@ def metadata_of_records(extensions: dict[int, bytes]) -> SceneMetadata:
     Args:
         extensions: Content of each extension record by its type.
     """
-    found = NO_METADATA
+    metadata = NO_METADATA
     if _METADATA in extensions:
         try:
-            found = metadata_from_json(json.loads(extensions[_METADATA].decode("utf-8")))
+            metadata = metadata_from_json(json.loads(extensions[_METADATA].decode("utf-8")))
         except (ValueError, RecursionError):
-            found = NO_METADATA
+            metadata = NO_METADATA
     orbit = extensions.get(SAFE_ORBIT, b"")
     if len(orbit) != _ORBIT.size:
-        return found
-    return metadata_from_json({"orbit": list(_ORBIT.unpack(orbit))}).over(found)
+        return metadata
+    return metadata_from_json({"orbit": list(_ORBIT.unpack(orbit))}).over(metadata)
 
 
 def origin_of_records(extensions: dict[int, bytes]) -> Origin:
@@ -120,22 +120,22 @@ def records_by_type(path: Path, records: list[tuple[int, bytes]]) -> dict[int, b
     Raises:
         DatasetError: If a type occurs twice.
     """
-    found: dict[int, bytes] = {}
+    content_by_type: dict[int, bytes] = {}
     for kind, content in records:
-        if kind in found:
+        if kind in content_by_type:
             raise DatasetError(f"{path}: extension 0x{kind:08X} is there twice")
-        found[kind] = content
-    return found
+        content_by_type[kind] = content
+    return content_by_type
 
 
 def _each_record(path: Path, data: bytes | memoryview) -> Iterator[tuple[int, bytes]]:
-    at = 0
+    offset = 0
     if len(data) > MAX_EXTENSION_BYTES:
         raise DatasetError(f"{path}: {len(data):,} bytes of extensions, at most {MAX_EXTENSION_BYTES:,} are read")
-    while any(data[at:]):  # zeros at the end are padding
-        kind, size = _RECORD.unpack_from(data, at) if at + _RECORD.size <= len(data) else (0, len(data))
-        at += _RECORD.size
-        if not kind or size > len(data) - at:
+    while any(data[offset:]):  # zeros at the end are padding
+        kind, size = _RECORD.unpack_from(data, offset) if offset + _RECORD.size <= len(data) else (0, len(data))
+        offset += _RECORD.size
+        if not kind or size > len(data) - offset:
             raise DatasetError(f"{path}: an extension record of {size:,} bytes ends after its {len(data):,} bytes")
-        yield kind, bytes(data[at : at + size])
-        at += size
+        yield kind, bytes(data[offset : offset + size])
+        offset += size

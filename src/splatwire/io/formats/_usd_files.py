@@ -44,21 +44,21 @@ def checked_layers(path: Path, opening: Callable[[Path], None]) -> tuple[list[Sd
     layers, seen, unread = [scene], {scene.identifier}, list[str]()
     for layer in layers:  # grows
         for name, composed in _named_files(layer):
-            found, exists = _resolved_file(path, layer, name, opening)
+            resolved, exists = _resolved_file(path, layer, name, opening)
             if not exists:
-                unread.append(found)
-            if not composed or not exists or found in seen:
+                unread.append(resolved)
+            if not composed or not exists or resolved in seen:
                 continue
-            seen.add(found)
+            seen.add(resolved)
             if len(seen) > MAX_LAYERS:
                 raise DatasetError(f"{path}: is composed of more than {MAX_LAYERS:,} files")
             try:
-                other = Sdf.Layer.FindOrOpen(found)
+                other = Sdf.Layer.FindOrOpen(resolved)
             except Tf.ErrorException:  # such as a format that usd-core does not have
                 other = None
             if other is None:
                 LOG.warning("%s: names %.200s, which cannot be read: parts of the scene may be missing", path, name)
-                unread.append(found)
+                unread.append(resolved)
             else:
                 layers.append(other)
     return layers, unread

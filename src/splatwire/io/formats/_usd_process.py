@@ -95,14 +95,14 @@ def _received(path: Path, source: IO[bytes]) -> Iterator[Any]:
     raise EOFError
 
 
-def _content(found: dict[str, Any], source: IO[bytes]) -> FileContent:
+def _content(message: dict[str, Any], source: IO[bytes]) -> FileContent:
     """Receives the Gaussians of a message from the process that reads an OpenUSD scene.
 
     Args:
-        found: Content of the message: number and degree of the Gaussians, origin and metadata.
+        message: Content of the message: number and degree of the Gaussians, origin and metadata.
         source: Standard output of the process, from which the arrays are read.
     """
-    splats = Splats.empty(found["count"], found["degree"])
+    splats = Splats.empty(message["count"], message["degree"])
     for field in fields(splats):
         rest = memoryview(getattr(splats, field.name).reshape(-1).view(np.uint8))
         while len(rest):
@@ -110,7 +110,7 @@ def _content(found: dict[str, Any], source: IO[bytes]) -> FileContent:
             if not count:
                 raise EOFError
             rest = rest[count:]
-    return FileContent(splats, tuple(found["origin"]), metadata=metadata_from_json(found["metadata"]))
+    return FileContent(splats, tuple(message["origin"]), metadata=metadata_from_json(message["metadata"]))
 
 
 def _exit_reason(status: int, printed: str) -> str:

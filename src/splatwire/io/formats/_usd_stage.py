@@ -81,7 +81,7 @@ def _opened_stage(path: Path, unread: list[str]) -> Usd.Stage:
     """
     printed = UsdUtils.CoalescingDiagnosticDelegate()  # as long as it exists, usd-core prints nothing
     stage = Usd.Stage.Open(str(path))
-    texts = [found.commentary for found in printed.TakeUncoalescedDiagnostics()]
+    texts = [diagnostic.commentary for diagnostic in printed.TakeUncoalescedDiagnostics()]
     for text in dict.fromkeys(text.partition(" (instantiating stage on ")[0] for text in texts):
         if not any(f"@{name}@" in text for name in unread):
             LOG.warning("%s: usd-core: %.300s", path, text)
@@ -186,7 +186,7 @@ class Stage:
             may_be_empty: True if there may be no Gaussian at that time.
         """
         try:
-            found, count, vanished = [], 0, 0
+            parts, count, vanished = [], 0, 0
             for prim in self._prims:  # a file may refer to the same prim any number of times
                 if not _is_visible(prim, time):
                     continue
@@ -195,31 +195,33 @@ class Stage:
                     vanished += 1
                     continue
                 splats = self._splats(prim, time)
-                found.append((splats, placement))
+                parts.append((splats, placement))
                 count += splats.num_gaussians
                 if count:
                     check_count(self._path, count, self._limits.file_bytes)
                 self._limits.add_gaussians(sum(getattr(splats, field.name).nbytes for field in fields(splats)))
         except (Tf.ErrorException, *MALFORMED) as error:
             raise DatasetError(f"{self._path}: {first_line(error)}") from error
-        if not found and not may_be_empty:
+        if not parts and not may_be_empty:
             why = "are scaled to nothing or appear later" if vanished else "appear later"
             raise DatasetError(f"{self._path}: its {len(self._prims):,} prims of the type {PRIM} {why}")
         if vanished and not may_be_empty:
             LOG.warning("%s: %d prims that are scaled to nothing are left out", self._path, vanished)
         if not count and not may_be_empty:
             check_count(self._path, count, self._limits.file_bytes)
-        flips, own = self._axes()
-        if not all(np.isfinite(placement).all() for _, placement in found):
+        flips, own_axes = self._axes()
+        if not all(np.isfinite(placement).all() for _, placement in parts):
             raise DatasetError(f"{self._path}: a transform of its Gaussians is not finite")
-        if any(splats.degree and not is_similarity(placement[:3, :3]) for splats, placement in found):
+        if any(splats.degree and not is_similarity(placement[:3, :3]) for splats, placement in parts):
             LOG.warning(
                 "%s: transforms stretch Gaussians: their shape follows, and their harmonics only turn", self._path
             )
         signs = np.diag(flips)
-        origin = origin_of_placed([(one, signs @ place[:3, :3], signs @ place[:3, 3]) for one, place in found])
-        moved = [_transformed(splats, placement, flips, origin) for splats, placement in found]
-        metadata = metadata_of_asset(own.get("asset"))
+        origin = origin_of_placed(
+            [(one, signs @ part_placement[:3, :3], signs @ part_placement[:3, 3]) for one, part_placement in parts]
+        )
+        moved = [_transformed(splats, placement, flips, origin) for splats, placement in parts]
+        metadata = metadata_of_asset(own_axes.get("asset"))
         if metadata.up is None and flips == KEPT_AXES:
             metadata = SceneMetadata(up=UsdGeom.GetStageUpAxis(self._stage).lower()).over(metadata)
         splats = concatenate(moved) if moved else Splats.empty(0, 0)
@@ -236,13 +238,13 @@ class Stage:
         except (Tf.ErrorException, *MALFORMED) as error:
             raise DatasetError(f"{self._path}: its metadata are damaged: {first_line(error)}") from error
         try:
-            own = json.loads(data) if isinstance(data, str) else {}
+            stored = json.loads(data) if isinstance(data, str) else {}
         except (ValueError, RecursionError):
-            own = {}
-        own = own if isinstance(own, dict) else {}
-        if own.get("flips") in (list(KEPT_AXES), list(SPZ_FLIPS)):
-            return tuple(own["flips"]), own
-        return (SPZ_FLIPS if UsdGeom.GetStageUpAxis(self._stage) == UsdGeom.Tokens.y else KEPT_AXES), own
+            stored = {}
+        stored = stored if isinstance(stored, dict) else {}
+        if stored.get("flips") in (list(KEPT_AXES), list(SPZ_FLIPS)):
+            return tuple(stored["flips"]), stored
+        return (SPZ_FLIPS if UsdGeom.GetStageUpAxis(self._stage) == UsdGeom.Tokens.y else KEPT_AXES), stored
 
     def _placement(self, prim: Usd.Prim, time: Usd.TimeCode) -> np.ndarray:
         """Returns the transform of a prim to world coordinates, float64 (4, 4), for column vectors."""
@@ -310,8 +312,8 @@ def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 def _unknown_attributes(prim: Usd.Prim) -> list[str]:
     """Returns the names of attributes that are ignored although they may change how a prim looks, for a warning."""
     names = [one.GetName() for one in prim.GetAuthoredAttributes() if one.HasAuthoredValue()]
-    known = {*_ARRAYS, *(f"{name}h" for name in _ARRAYS), _DEGREE, *_HARMLESS}
-    unknown = [name for name in names if name not in known and not name.startswith(_HARMLESS_SPACES)]
+    known_names = {*_ARRAYS, *(f"{name}h" for name in _ARRAYS), _DEGREE, *_HARMLESS}
+    unknown = [name for name in names if name not in known_names and not name.startswith(_HARMLESS_SPACES)]
     if str(prim.GetAttribute(_PROJECTION).Get() or _PERSPECTIVE) != _PERSPECTIVE:
         unknown.append(_PROJECTION)
     return unknown
@@ -373,8 +375,8 @@ def first_line(error: BaseException) -> str:
 
 def reason(error: BaseException) -> str:
     """Returns the text of the first error that usd-core reported."""
-    found = re.search(r"^\s*Error in .*? : '(.*)'$", _text_of(error), re.MULTILINE)
-    return found[1] if found else first_line(error)
+    match = re.search(r"^\s*Error in .*? : '(.*)'$", _text_of(error), re.MULTILINE)
+    return match[1] if match else first_line(error)
 
 
 def _text_of(error: BaseException) -> str:

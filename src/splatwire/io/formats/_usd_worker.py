@@ -53,13 +53,13 @@ class _Sender(logging.Handler):
     def send_content(self, content: FileContent) -> None:
         """Writes a message with Gaussians and scene properties to the parent process."""
         splats = content.splats
-        found = {
+        message = {
             "count": splats.num_gaussians,
             "degree": splats.degree,
             "origin": list(content.origin),
             "metadata": metadata_to_json(content.metadata),
         }
-        self.send("content", found, tuple(getattr(splats, field.name) for field in fields(splats)))
+        self.send("content", message, tuple(getattr(splats, field.name) for field in fields(splats)))
         self._limits.restart()
 
     def emit(self, record: logging.LogRecord) -> None:

@@ -99,7 +99,7 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
     harmonics = [((color - 0.5) / np.float32(DC))[:, None]]
     if "sh" in elements:
         harmonics.append(_harmonics(elements["sh"], count))
-    low, high, own, wide = _position_bounds(chunks)
+    low, high, has_bounds, wide = _position_bounds(chunks)
     share = _unpack(positions, _WIDE)
     splats = build_splats(
         path,
@@ -110,17 +110,17 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
         sh=np.concatenate(harmonics, axis=1),
     )
     if not wide:
-        warn_of_rounded_positions(path, splats, own)
+        warn_of_rounded_positions(path, splats, has_bounds)
     warn_of_unclear_antialiasing(path, chunks.comments)
     warn_of_unused_comments(path, chunks.comments, OFFSET)
     offset = stated_origin(OFFSET, chunks.comments) or NO_ORIGIN
-    if offset != NO_ORIGIN and own != NO_ORIGIN:
+    if offset != NO_ORIGIN and has_bounds != NO_ORIGIN:
         LOG.warning(
             "%s: its comment adds the offset (%s) to positions that are already near (%s): it may be of another file",
-            path, describe_origin(offset), describe_origin(own),
+            path, describe_origin(offset), describe_origin(has_bounds),
         )  # fmt: skip
-    origin = check_origin([stated + chosen for stated, chosen in zip(offset, own, strict=True)])
-    metadata = stated_metadata(chunks.comments).moved_origin(NO_ORIGIN, own)
+    origin = check_origin([stated + chosen for stated, chosen in zip(offset, has_bounds, strict=True)])
+    metadata = stated_metadata(chunks.comments).moved_origin(NO_ORIGIN, has_bounds)
     return FileContent(splats, origin, states_antialiasing(chunks.comments), metadata)
 
 
@@ -148,8 +148,8 @@ def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin
         the file are float64.
     """
     names = [[f"{side}_{name}" for name in _BOUNDS[0]] for side in ("min", "max")]
-    low, high = (chunks.select_wide(some) for some in names)
-    wide = all(chunks.rows.dtype[name].itemsize > _FLOAT_BYTES for some in names for name in some)
+    low, high = (chunks.select_wide(names_of_bound) for names_of_bound in names)
+    wide = all(chunks.rows.dtype[name].itemsize > _FLOAT_BYTES for names_of_bound in names for name in names_of_bound)
     origin = choose_origin(np.concatenate([low, high]), double_precision=wide)
     return (low - np.array(origin)).astype(np.float32), (high - np.array(origin)).astype(np.float32), origin, wide
 
@@ -219,16 +219,16 @@ def write_compressed_ply(
 def _order_by_density(splats: Splats, path: Path) -> Splats:
     """Sorts Gaussians into chunks so that dense regions and distant Gaussians do not share a chunk."""
     index, filling = arrange(splats)
-    found = splats.select(index)
+    ordered = splats.select(index)
     if filling.any():
         LOG.info("%s: %s transparent rows keep near and far Gaussians apart", path, f"{int(filling.sum()):,}")
-        found = replace(found, opacities=np.where(filling, np.float32(0), found.opacities))
-    errors = position_errors(found.means.astype(np.float64))
-    unsure = ~filling & (errors > np.median(found.scales, axis=1) / VISIBLE)
+        ordered = replace(ordered, opacities=np.where(filling, np.float32(0), ordered.opacities))
+    errors = position_errors(ordered.means.astype(np.float64))
+    unsure = ~filling & (errors > np.median(ordered.scales, axis=1) / VISIBLE)
     if unsure.any():
         rows = np.flatnonzero(~filling)
         warn_of_errors(path, errors[rows], local_scales(splats, index[rows]))
-    return found
+    return ordered
 
 
 def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
@@ -249,7 +249,9 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
         return splats
     positions, tops = splats.means[first:end].astype(np.float64), np.array([(1 << width) - 1 for width in _WIDE])
     low, high = column.middle - column.reach, column.middle + column.reach
-    spans = [np.ptp(some, axis=0) / tops for some in (positions, positions.clip(low, high), positions[: usual - first])]
+    spans = [
+        np.ptp(variant, axis=0) / tops for variant in (positions, positions.clip(low, high), positions[: usual - first])
+    ]
     whole, clamped, alone = (float(span.max()) for span in spans)
     if whole < _COST * clamped:
         return splats
@@ -271,9 +273,9 @@ def _without_far(splats: Splats, path: Path) -> Splats:
 
     def errors(column: Column) -> np.ndarray:
         means = column.others
-        order, found = morton_order(means), np.empty(len(means))
-        found[order] = position_errors(means[order])
-        return found
+        order, errors_in_order = morton_order(means), np.empty(len(means))
+        errors_in_order[order] = position_errors(means[order])
+        return errors_in_order
 
     column = costly_outliers(splats, errors)
     if column.outside.sum() <= find_outliers(splats.means).outside.sum():
@@ -296,14 +298,14 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
     colours = splats.sh[:, 0].astype(np.float64) * DC
     kept = np.ones(splats.num_gaussians, bool)
     for attribute, values, top in (("scales", logs, (1 << _WIDE[1]) - 1), ("colours", colours, (1 << _BYTES[0]) - 1)):
-        column, near, steps = _costly_values(values, top)
+        column, clipped, steps = _costly_values(values, top)
         if steps[0] < max(_COST * steps[1], _VISIBLE_STEP):
             continue
         warn_of_outliers(path, treatment, attribute, column, (steps[0], steps[2]))
         if treatment == "prune":
             kept &= ~column.outside
         elif treatment == "clamp":
-            splats = _with_values(splats, attribute, column.outside, near)
+            splats = _with_values(splats, attribute, column.outside, clipped)
     return splats if kept.all() else splats.select(kept)
 
 
@@ -321,19 +323,19 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
         * three numbers: the largest quantisation step with outliers unchanged, clipped, and removed. All are 0 if no
           chunk has outliers.
     """
-    found = []
+    candidates = []
     for share in SHARES:
         column = find_outliers(values, share)
-        near = values.clip(column.middle - column.reach, column.middle + column.reach)
+        clipped = values.clip(column.middle - column.reach, column.middle + column.reach)
         alone = np.where(column.outside[:, None], np.nan, values)
         chunks = np.arange(-(-len(values) // CHUNK))
         if share == SHARES[0]:  # few outliers affect no other chunk
             chunks = np.unique(np.flatnonzero(column.outside) // CHUNK)
-        steps = [_largest_span(some, chunks) / top if len(chunks) else 0.0 for some in (values, near, alone)]
-        found.append((column, near, steps))
-        if _largest_span(near, np.arange(-(-len(values) // CHUNK))) / top < _VISIBLE_STEP:
-            return found[-1]
-    return found[0]
+        steps = [_largest_span(variant, chunks) / top if len(chunks) else 0.0 for variant in (values, clipped, alone)]
+        candidates.append((column, clipped, steps))
+        if _largest_span(clipped, np.arange(-(-len(values) // CHUNK))) / top < _VISIBLE_STEP:
+            return candidates[-1]
+    return candidates[0]
 
 
 def _with_values(splats: Splats, attribute: str, rows: np.ndarray, values: np.ndarray) -> Splats:

@@ -106,8 +106,8 @@ def coarse_positions(splats: Splats) -> tuple[float, float, float] | None:
         Three numbers: the share of such Gaussians; their largest distance from the origin, and the largest rounding
         step of their positions, both in world units. None if only few Gaussians are affected.
     """
-    some = slice(None, None, max(1, -(-splats.num_gaussians // _SAMPLE)))
-    distances, sizes = np.abs(splats.means[some]).max(axis=1), splats.scales[some].max(axis=1)
+    sample = slice(None, None, max(1, -(-splats.num_gaussians // _SAMPLE)))
+    distances, sizes = np.abs(splats.means[sample]).max(axis=1), splats.scales[sample].max(axis=1)
     with np.errstate(invalid="ignore"):
         steps = np.spacing(distances.astype(np.float32))
         rounded = np.isfinite(distances) & (sizes > 0) & (steps > _VISIBLE * sizes)
@@ -126,9 +126,9 @@ def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
         splats: The Gaussians, relative to the origin.
         origin: World coordinates of the point that positions are relative to.
     """
-    if (found := coarse_positions(splats)) is None:
+    if (coarse := coarse_positions(splats)) is None:
         return
-    share, farthest, step = found
+    share, farthest, step = coarse
     if choose_origin_of_small(splats.means) != NO_ORIGIN:
         LOG.warning(
             "%s: positions are float32 and up to %.6g from 0, where they have steps of up to %.2g, more than half the "

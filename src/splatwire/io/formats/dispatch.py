@@ -113,10 +113,10 @@ def read_content(path: Path) -> FileContent:
         return content
     rows.log_removed(path, "Gaussians")
     if not bool(rows.kept.any()):
-        found = f"{rows.num_invisible:,} draw nothing, {rows.num_invalid:,} cannot be drawn"
+        counts = f"{rows.num_invisible:,} draw nothing, {rows.num_invalid:,} cannot be drawn"
         fields = ", ".join(invalid_fields(content.splats))
         why = f" (invalid: {fields})" if fields else ""
-        raise DatasetError(f"{path}: none of its {len(rows.kept):,} Gaussians is left: {found}{why}")
+        raise DatasetError(f"{path}: none of its {len(rows.kept):,} Gaussians is left: {counts}{why}")
     return content if rows.complete else replace(content, splats=content.splats.gathered(rows.kept))
 
 
@@ -162,9 +162,9 @@ def read_all_rows(path: Path) -> tuple[FileContent, ElementValidity]:
             form = find_format(file_kind(source))
             if form is None or form.scene_type is not None:
                 raise DatasetError(is_not(path, "a file of explicit Gaussians"))
-            found = _content(form, source)
-            content = found.with_chosen_origin()
-            if found.origin == NO_ORIGIN:
+            content_in_file = _content(form, source)
+            content = content_in_file.with_chosen_origin()
+            if content_in_file.origin == NO_ORIGIN:
                 warn_of_rounded_positions(path, content.splats, content.origin)
             warn_of_distant_sites(path, content.splats, content.origin)
     except OSError as error:
@@ -239,7 +239,11 @@ def format_named(name: str) -> FileFormat:
     """
     form = FORMATS.find(name)
     if form is None or form.write is None or form.scene_type is not None:
-        written = [known.name for known in FORMATS.all().values() if known.write and known.scene_type is None]
+        written = [
+            file_format.name
+            for file_format in FORMATS.all().values()
+            if file_format.write and file_format.scene_type is None
+        ]
         raise UnknownNameError("format of explicit Gaussians", name, written)
     return form
 
@@ -252,8 +256,8 @@ def format_for(path: str | os.PathLike[str]) -> FileFormat:
         UnknownNameError: If no writable format matches.
     """
     name = path_of(path, "a file of Gaussians").name.lower()
-    for known in (FORMATS.registered, FORMATS.all):
-        writable = [form for form in known().values() if form.write is not None]
+    for formats in (FORMATS.registered, FORMATS.all):
+        writable = [form for form in formats().values() if form.write is not None]
         for form in sorted(writable, key=lambda form: len(form.suffix), reverse=True):
             if name.endswith(form.suffix):
                 return form
@@ -372,10 +376,10 @@ def kept_facts(
             "%s: positions are relative to the scene's origin (%s), which %s; PLY and glTF have world coordinates",
             path, describe_origin(origin).replace(" ", ", "), where,
         )  # fmt: skip
-    if (known := metadata.known()) and "metadata" in file_format.keeps:
+    if (stated := metadata.known()) and "metadata" in file_format.keeps:
         facts["metadata"] = metadata
-    elif known:
-        LOG.warning("%s: such files have no place for metadata: %s will be lost", path, ", ".join(known))
+    elif stated:
+        LOG.warning("%s: such files have no place for metadata: %s will be lost", path, ", ".join(stated))
     return facts
 
 

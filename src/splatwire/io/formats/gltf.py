@@ -105,20 +105,20 @@ def _chunks(path: Path, data: FileBytes) -> tuple[dict[str, Any], FileBytes]:
         raise DatasetError(f"{path}: is cut: it has {len(data):,} of {length:,} bytes")
     if version != 2:
         raise DatasetError(f"{path}: glTF of version {version}; version 2 is read")
-    found: dict[bytes, FileBytes] = {}
-    at, num_chunks = _HEADER.size, 0
-    while at + _CHUNK.size <= length:
+    chunks: dict[bytes, FileBytes] = {}
+    offset, num_chunks = _HEADER.size, 0
+    while offset + _CHUNK.size <= length:
         num_chunks += 1
         if num_chunks > _MAX_CHUNKS:
             raise DatasetError(f"{path}: has more than {_MAX_CHUNKS:,} chunks")
-        size, kind = _CHUNK.unpack_from(data[at : at + _CHUNK.size])
-        at += _CHUNK.size
-        if size > length - at:
+        size, kind = _CHUNK.unpack_from(data[offset : offset + _CHUNK.size])
+        offset += _CHUNK.size
+        if size > length - offset:
             raise DatasetError(f"{path}: chunk {kind!r} of {size} bytes ends after the file")
-        found.setdefault(kind, data.part(at, at + size))
-        at += size
-    warn_of_bytes_outside(path, len(data) - at)
-    document = found.get(b"JSON", data.part(0, 0))
+        chunks.setdefault(kind, data.part(offset, offset + size))
+        offset += size
+    warn_of_bytes_outside(path, len(data) - offset)
+    document = chunks.get(b"JSON", data.part(0, 0))
     if len(document) > _MAX_JSON_BYTES:
         raise DatasetError(f"{path}: a JSON chunk of {len(document)} bytes is more than {_MAX_JSON_BYTES}")
     try:
@@ -127,7 +127,7 @@ def _chunks(path: Path, data: FileBytes) -> tuple[dict[str, Any], FileBytes]:
         raise DatasetError(f"{path}: the JSON chunk is no JSON: {error}") from error
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: the JSON chunk is no object")
-    return content, found.get(b"BIN\0", data.part(0, 0))
+    return content, chunks.get(b"BIN\0", data.part(0, 0))
 
 
 def _placement(instance: Instance) -> tuple[np.ndarray, np.ndarray]:
@@ -170,19 +170,24 @@ class _Gltf:
         """Returns the Gaussians of all primitives, repeated for each node that shows them, and the scene's metadata."""
         self._check_version()
         meshes = self._document.get("meshes", [])
-        found = {index: self._primitives(mesh) for index, mesh in enumerate(meshes)}
-        found = {index: primitives for index, primitives in found.items() if primitives}
-        if not found:
+        primitives_by_mesh = {index: self._primitives(mesh) for index, mesh in enumerate(meshes)}
+        primitives_by_mesh = {index: primitives for index, primitives in primitives_by_mesh.items() if primitives}
+        if not primitives_by_mesh:
             raise DatasetError(f"{self._path}: no primitive with {EXTENSION}, which says that points are Gaussians")
-        shown = [instance for instance in self._instances(found) if instance.mesh in found]
-        counts = {index: sum(map(self._count, found[index])) for index in {instance.mesh for instance in shown}}
+        shown = [instance for instance in self._instances(primitives_by_mesh) if instance.mesh in primitives_by_mesh]
+        counts = {
+            index: sum(map(self._count, primitives_by_mesh[index])) for index in {instance.mesh for instance in shown}
+        }
         # Count distinct buffers: two buffer entries may be the same file.
         held = sum({id(data): len(data) for data in self._buffers.values()}.values())
         check_count(self._path, sum(counts[instance.mesh] for instance in shown), held)
-        read = {index: [self._primitive(primitive) for primitive in found[index]] for index in {s.mesh for s in shown}}
+        read = {
+            index: [self._primitive(primitive) for primitive in primitives_by_mesh[index]]
+            for index in {s.mesh for s in shown}
+        }
         origin = origin_of_placed([(part, *_placement(instance)) for instance in shown for part in read[instance.mesh]])
         moved = [self._transformed(part, instance, origin) for instance in shown for part in read[instance.mesh]]
-        primitives = [primitive for index in read for primitive in found[index]]
+        primitives = [primitive for index in read for primitive in primitives_by_mesh[index]]
         antialiased = all(_extras(primitive).get("antialiased") is True for primitive in primitives)
         warn_of_unused_extras(self._path, self._document.get("asset"))
         metadata = metadata_of_asset(self._document.get("asset")).moved_origin(NO_ORIGIN, origin)
@@ -230,8 +235,8 @@ class _Gltf:
         Raises:
             DatasetError: If a primitive is compressed.
         """
-        own = [one for one in mesh.get("primitives", []) if EXTENSION in one.get("extensions", {})]
-        for primitive in own:
+        gaussian_primitives = [one for one in mesh.get("primitives", []) if EXTENSION in one.get("extensions", {})]
+        for primitive in gaussian_primitives:
             settings = primitive["extensions"][EXTENSION]
             if packed := settings.get("extensions"):
                 names = ", ".join(map(str, packed))[:80]
@@ -251,7 +256,7 @@ class _Gltf:
             if ignored:
                 names = ", ".join(ignored)
                 LOG.warning("%s: %s of a primitive of Gaussians are left out: all are points", self._path, names)
-        return own
+        return gaussian_primitives
 
     def _count(self, primitive: dict[str, Any]) -> int:
         """Returns the number of Gaussians of a primitive, and opens the buffers with the Gaussians' attributes.
@@ -278,9 +283,9 @@ class _Gltf:
     def _locate(self, accessor: dict[str, Any]) -> None:
         """Opens the buffers that contain an accessor, that is, one array of a glTF document."""
         sparse = accessor.get("sparse", {})
-        for place in (accessor, sparse.get("indices", {}), sparse.get("values", {})):
-            if "bufferView" in place:
-                view = entry(self._path, self._document["bufferViews"], place["bufferView"], "buffer view")
+        for source in (accessor, sparse.get("indices", {}), sparse.get("values", {})):
+            if "bufferView" in source:
+                view = entry(self._path, self._document["bufferViews"], source["bufferView"], "buffer view")
                 self._buffer(view["buffer"])
 
     def _transformed(self, splats: Splats, instance: Instance, origin: Origin) -> Splats:
@@ -308,20 +313,22 @@ class _Gltf:
         names = [
             f"{EXTENSION}:SH_DEGREE_{band}_COEF_{i}" for band in range(MAX_DEGREE + 1) for i in range(2 * band + 1)
         ]
-        there = [name in attributes for name in names]
-        functions = there.index(False) if False in there else len(there)
-        if any(there[functions:]) or functions not in (1, 4, 9, 16):
-            raise DatasetError(f"{self._path}: {sum(there)} attributes SH_DEGREE_* are not those of a degree of 0 to 3")
+        is_present = [name in attributes for name in names]
+        functions = is_present.index(False) if False in is_present else len(is_present)
+        if any(is_present[functions:]) or functions not in (1, 4, 9, 16):
+            raise DatasetError(
+                f"{self._path}: {sum(is_present)} attributes SH_DEGREE_* are not those of a degree of 0 to 3"
+            )
         if higher := sum(name.startswith(f"{EXTENSION}:SH_DEGREE_") for name in attributes) - functions:
             LOG.warning("%s: %d attributes of harmonics above degree %d are left out", self._path, higher, MAX_DEGREE)
         quats = self._accessor(attributes, f"{EXTENSION}:ROTATION", 4)
         sh = np.empty((len(means), functions, 3), np.float32)
         signs = harmonic_signs(GLTF_FLIPS, int(functions**0.5) - 1)
-        for place, name in enumerate(names[:functions]):
+        for index, name in enumerate(names[:functions]):
             rows = self._accessor(attributes, name, 3)
             if len(rows) != len(means):
                 raise DatasetError(f"{self._path}: {len(rows)} Gaussians have {name}, {len(means)} a position")
-            sh[:, place] = rows * signs[place]
+            sh[:, index] = rows * signs[index]
         opacities = self._accessor(attributes, f"{EXTENSION}:OPACITY", 1)[:, 0]
         warn_of_logits(self._path, opacities, "glTF")
         return build_splats(

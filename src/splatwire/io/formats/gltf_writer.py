@@ -115,13 +115,13 @@ def _columns(splats: Splats) -> dict[str, np.ndarray]:
 def _document(columns: dict[str, np.ndarray]) -> dict[str, Any]:
     views: list[dict[str, int]] = []
     accessors: list[dict[str, object]] = []
-    at = 0
+    offset = 0
     for index, values in enumerate(columns.values()):
-        views.append({"buffer": 0, "byteOffset": at, "byteLength": values.nbytes, "target": _VERTICES})
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": values.nbytes, "target": _VERTICES})
         whole = values.dtype == np.uint8
         about = {"bufferView": index, "componentType": _BYTE if whole else _FLOAT, "count": len(values)}
         accessors.append({**about, "type": _TYPES[values.shape[1]], **({"normalized": True} if whole else {})})
-        at += values.nbytes
+        offset += values.nbytes
     positions = columns["POSITION"]
     accessors[0] |= {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
     attributes = {name: index for index, name in enumerate(columns)}
@@ -133,7 +133,7 @@ def _document(columns: dict[str, np.ndarray]) -> dict[str, Any]:
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [primitive]}],
-        "buffers": [{"byteLength": at}],
+        "buffers": [{"byteLength": offset}],
         "bufferViews": views,
         "accessors": accessors,
     }

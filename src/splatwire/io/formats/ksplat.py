@@ -91,18 +91,18 @@ def read_ksplat(path: Path) -> Splats:
         raise DatasetError(f"{path}: harmonics from {bounds[0]:g} to {bounds[1]:g}: the bounds are swapped or damaged")
     if head[1] != _MINOR:
         LOG.warning("%s: .ksplat of version 0.%d is not known: it is read as version 0.%d", path, head[1], _MINOR)
-    at = _HEADER_BYTES + num_sections * _SECTION_BYTES
-    if at > len(data):
+    offset = _HEADER_BYTES + num_sections * _SECTION_BYTES
+    if offset > len(data):
         raise DatasetError(f"{path}: {num_sections} sections do not fit into {len(data)} bytes")
     parts: list[dict[str, np.ndarray]] = []
     for index in range(num_sections):
         section = _parse_section(path, data, index)
         if section.capacity:
-            part, at = _read_section(path, data, at, section, level, bounds)
+            part, offset = _read_section(path, data, offset, section, level, bounds)
             parts.append(part)
-    if (found := sum(len(part["means"]) for part in parts)) != count:
-        raise DatasetError(f"{path}: the sections have {found} Gaussians, the header says {count}")
-    warn_of_bytes_outside(path, len(data) - at)
+    if (num_read := sum(len(part["means"]) for part in parts)) != count:
+        raise DatasetError(f"{path}: the sections have {num_read} Gaussians, the header says {count}")
+    warn_of_bytes_outside(path, len(data) - offset)
     width = max(part["sh"].shape[1] for part in parts)
     for part in parts:
         part["sh"] = np.pad(part["sh"], ((0, 0), (0, width - part["sh"].shape[1]), (0, 0)))
@@ -110,8 +110,8 @@ def read_ksplat(path: Path) -> Splats:
 
 
 def _parse_section(path: Path, data: FileBytes, index: int) -> _Section:
-    at = _HEADER_BYTES + index * _SECTION_BYTES
-    section = _Section(*_SECTION.unpack_from(data[at : at + _SECTION_BYTES]))
+    offset = _HEADER_BYTES + index * _SECTION_BYTES
+    section = _Section(*_SECTION.unpack_from(data[offset : offset + _SECTION_BYTES]))
     if section.degree > _MAX_DEGREE:
         raise DatasetError(f"{path}: section {index} has harmonics of degree {section.degree}, not 0 to {_MAX_DEGREE}")
     if section.count > section.capacity or section.partial + section.full > max(section.buckets, 0):
@@ -120,10 +120,10 @@ def _parse_section(path: Path, data: FileBytes, index: int) -> _Section:
 
 
 def _read_section(
-    path: Path, data: FileBytes, at: int, section: _Section, compression_level: int, bounds: tuple[float, float]
+    path: Path, data: FileBytes, offset: int, section: _Section, compression_level: int, bounds: tuple[float, float]
 ) -> tuple[dict[str, np.ndarray], int]:
     record = _record(compression_level, section.degree)
-    centers_at = at + 4 * section.partial
+    centers_at = offset + 4 * section.partial
     rows_at = centers_at + section.bucket_bytes * section.buckets
     end = rows_at + record.itemsize * section.capacity
     if end > len(data):
@@ -135,7 +135,7 @@ def _read_section(
         sh = np.concatenate([sh, _harmonics(rows["harmonics"], compression_level, section.degree, bounds)], axis=1)
     means = rows["position"].astype(np.float32)
     if compression_level:
-        means = _from_bucket(path, data, at, centers_at, section, means)
+        means = _from_bucket(path, data, offset, centers_at, section, means)
     columns: dict[str, np.ndarray] = {
         "means": means,
         "sh": sh,
@@ -147,14 +147,14 @@ def _read_section(
 
 
 def _from_bucket(
-    path: Path, data: FileBytes, at: int, centers_at: int, section: _Section, codes: np.ndarray
+    path: Path, data: FileBytes, offset: int, centers_at: int, section: _Section, codes: np.ndarray
 ) -> np.ndarray:
     """Decodes 16-bit positions, which are relative to the centre of a spatial group of Gaussians (bucket).
 
     Args:
         path: The file, for messages.
         data: Content of the file.
-        at: Byte offset of the table of partially filled buckets, with the number of Gaussians in each.
+        offset: Byte offset of the table of partially filled buckets, with the number of Gaussians in each.
         centers_at: Byte offset of the centres of the buckets.
         section: Header of the section.
         codes: 16-bit position codes, (N, 3).
@@ -164,7 +164,7 @@ def _from_bucket(
     """
     if section.bucket_bytes != 12:
         raise DatasetError(f"{path}: bucket centres of {section.bucket_bytes} bytes, 12 are read")
-    sizes = np.frombuffer(data[at : at + 4 * section.partial], "<u4").astype(np.int64)
+    sizes = np.frombuffer(data[offset : offset + 4 * section.partial], "<u4").astype(np.int64)
     in_full = section.full * section.bucket_size
     if in_full + int(sizes.sum()) < section.count:
         raise DatasetError(f"{path}: buckets for {in_full + int(sizes.sum())} of {section.count} Gaussians")

@@ -79,9 +79,9 @@ def check_outliers(name: str) -> Outliers:
     Raises:
         UnknownNameError: If it is another name.
     """
-    for known in get_args(Outliers):
-        if name == known:
-            return known
+    for choice in get_args(Outliers):
+        if name == choice:
+            return choice
     raise UnknownNameError("treatment of outliers", name, get_args(Outliers))
 
 
@@ -121,14 +121,14 @@ def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> C
     Returns:
         Positions of all Gaussians, and a mask of the outliers.
     """
-    known: list[np.ndarray] = []
+    scales_of_all: list[np.ndarray] = []
 
     def is_costly(column: Column) -> bool:
-        inside, found = ~column.outside, errors(column)
-        if not _are_visible(found, np.median(splats.scales[inside], axis=1)):
+        inside, step_errors = ~column.outside, errors(column)
+        if not _are_visible(step_errors, np.median(splats.scales[inside], axis=1)):
             return False
-        known[:] = known or [local_scales(splats, np.arange(splats.num_gaussians))]
-        return _are_visible(found, known[0][inside])
+        scales_of_all[:] = scales_of_all or [local_scales(splats, np.arange(splats.num_gaussians))]
+        return _are_visible(step_errors, scales_of_all[0][inside])
 
     # Tries the shares in ascending order; if none suffices, the smallest one is used.
     first = find_outliers(splats.means)

@@ -115,21 +115,28 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
 
 def warn_of_other_gaussians(elements: dict[str, PlyElement]) -> None:
     """Logs a warning if elements other than `vertex` also have Gaussians, which are not read."""
-    found = [one for one in elements.values() if one.name != "vertex" and {"x", "opacity"} <= set(one.names)]
-    if found:
+    other_elements = [
+        element for element in elements.values() if element.name != "vertex" and {"x", "opacity"} <= set(element.names)
+    ]
+    if other_elements:
         LOG.warning(
             "%s: only the element vertex is read: %s Gaussians of %s are left out",
-            found[0].path, f"{sum(len(one.rows) for one in found):,}", ", ".join(one.name for one in found)[:120],
+            other_elements[0].path, f"{sum(len(element.rows) for element in other_elements):,}",
+            ", ".join(element.name for element in other_elements)[:120],
         )  # fmt: skip
 
 
 def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
     """Logs a warning if a PLY declares linear RGB in the element `color_space`, which the program SHARP writes."""
-    stated = elements.get("color_space")
-    if stated is not None and stated.names and stated.rows[stated.names[0]][:1].tolist() == [_LINEAR_RGB]:
+    color_space = elements.get("color_space")
+    if (
+        color_space is not None
+        and color_space.names
+        and color_space.rows[color_space.names[0]][:1].tolist() == [_LINEAR_RGB]
+    ):
         LOG.warning(
             "%s: element color_space is %d, linear RGB: colours are read as sRGB and may look too dark",
-            stated.path, _LINEAR_RGB,
+            color_space.path, _LINEAR_RGB,
         )  # fmt: skip
 
 
@@ -144,18 +151,18 @@ def _origin(vertices: PlyElement) -> Origin:
     Returns:
         The origin; `NO_ORIGIN` if the comments have none and the Gaussians are near 0.
     """
-    some = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
-    means = some.select_wide(list(_AXES))
+    sample = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
+    means = sample.select_wide(list(_AXES))
     stated = stated_origin(ORIGIN, vertices.comments)
-    if stated is not None and (apart := misses_positions(stated, means)) is None:
+    if stated is not None and (distance := misses_positions(stated, means)) is None:
         return stated
-    wide = any(vertices.rows.dtype[name] != np.float32 for name in _AXES)
-    chosen = choose_origin(means, double_precision=wide)
+    has_doubles = any(vertices.rows.dtype[name] != np.float32 for name in _AXES)
+    chosen = choose_origin(means, double_precision=has_doubles)
     if stated is not None:
         LOG.warning(
             "%s: its comment has the origin (%s), which is %.6g away from the Gaussians: it may be of another file; "
             "positions are read as they are in the file, relative to (%s)",
-            vertices.path, describe_origin(stated), apart, describe_origin(chosen),
+            vertices.path, describe_origin(stated), distance, describe_origin(chosen),
         )  # fmt: skip
     return chosen
 
@@ -191,8 +198,8 @@ def _smoothed(log_scales: np.ndarray, opacities: np.ndarray, sizes: np.ndarray) 
     """
     logs = np.maximum(log_scales.astype(np.float64), -MAX_LOG_SCALE)
     with np.errstate(divide="ignore"):
-        wider = np.logaddexp(2 * logs, 2 * np.log(np.abs(sizes))) / 2
-    return wider.astype(np.float32), (opacities * np.exp((logs - wider).sum(axis=1))).astype(np.float32)
+        smoothed_logs = np.logaddexp(2 * logs, 2 * np.log(np.abs(sizes))) / 2
+    return smoothed_logs.astype(np.float32), (opacities * np.exp((logs - smoothed_logs).sum(axis=1))).astype(np.float32)
 
 
 def _expit(logits: np.ndarray) -> np.ndarray:
@@ -277,8 +284,8 @@ def _header(count: int, degree: int, steps: PlySteps | None, digest: str, remark
     lines = ["ply", "format binary_little_endian 1.0", "comment splatwire" + "." * (_COUNT_DIGITS - len(digits))]
     lines += [] if steps is None else [steps.line(digest[:DIGEST_DIGITS])]
     lines += [f"comment {remark}" for remark in remarks]
-    wide = _AXES if origin != NO_ORIGIN else ()
-    types = {name: "double" if name in wide else "float" for name in property_names(degree)}
+    double_names = _AXES if origin != NO_ORIGIN else ()
+    types = {name: "double" if name in double_names else "float" for name in property_names(degree)}
     lines += [f"element vertex {digits}", *(f"property {kind} {name}" for name, kind in types.items())]
     return ("\n".join(lines) + "\nend_header\n").encode()
 

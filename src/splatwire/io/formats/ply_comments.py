@@ -61,11 +61,11 @@ def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str]) -> None:
         path: The file.
         comments: Text of each comment, without the word `comment`.
     """
-    known = tuple(comments)
-    drawn = "with" if states_antialiasing(known) else "without"
-    if {True, False} <= {_antialiasing_setting(comment) for comment in known}:
+    all_comments = tuple(comments)
+    drawn = "with" if states_antialiasing(all_comments) else "without"
+    if {True, False} <= {_antialiasing_setting(comment) for comment in all_comments}:
         LOG.warning("%s: comments enable and disable antialiasing: the scene is drawn %s it", path, drawn)
-    for comment in known:
+    for comment in all_comments:
         if _ABOUT.search(comment) and _antialiasing_setting(comment) is None:
             LOG.warning("%s: comment %.80r is not understood: the scene is drawn %s antialiasing", path, comment, drawn)
 

@@ -53,11 +53,11 @@ class PlyElement:
         Raises:
             DatasetError: If properties are missing, or not numbered from 0 without a gap.
         """
-        found = self.count_of(prefix)
-        wanted = [f"{prefix}{i}" for i in range(max(found, 1) if count is None else count)]
-        if count is not None and found != count:
-            raise DatasetError(f"{self.path}: {found} properties {prefix}*, expected {count}")
-        return self.select(wanted)
+        num_present = self.count_of(prefix)
+        property_names = [f"{prefix}{i}" for i in range(max(num_present, 1) if count is None else count)]
+        if count is not None and num_present != count:
+            raise DatasetError(f"{self.path}: {num_present} properties {prefix}*, expected {count}")
+        return self.select(property_names)
 
     def count_of(self, prefix: str) -> int:
         """Returns the number of properties whose name is the prefix followed by a number."""
@@ -149,10 +149,10 @@ def _source(path: Path, file: BinaryIO, file_bytes: int) -> tuple[Iterator[bytes
     Returns:
         The bytes in pieces; and an upper limit on their number, with which the counts in the header are compared.
     """
-    packed = file.read(len(XZ_MAGIC)) == XZ_MAGIC
+    is_xz = file.read(len(XZ_MAGIC)) == XZ_MAGIC
     file.seek(0)
-    limit = max(_FREE_BYTES, _MAX_RATIO * file_bytes) if packed else file_bytes
-    return _unpacked(path, file, limit) if packed else _plain(file), limit
+    limit = max(_FREE_BYTES, _MAX_RATIO * file_bytes) if is_xz else file_bytes
+    return _unpacked(path, file, limit) if is_xz else _plain(file), limit
 
 
 def _read_elements(path: Path, file: BinaryIO, file_bytes: int) -> dict[str, PlyElement]:
@@ -183,14 +183,14 @@ def _plain(file: BinaryIO) -> Iterator[bytes]:
 
 def _unpacked(path: Path, file: BinaryIO, limit: int) -> Iterator[bytes]:
     decoder = lzma.LZMADecompressor(format=lzma.FORMAT_XZ, memlimit=_XZ_MEMORY_LIMIT)
-    left = limit
+    num_left = limit
     while not decoder.eof:
         piece = file.read(_CHUNK_BYTES) if decoder.needs_input else b""
         if decoder.needs_input and not piece:
             raise DatasetError(f"{path}: the xz data end early")
-        unpacked = decoder.decompress(piece, max_length=_CHUNK_BYTES)
-        left -= len(unpacked)
-        if left < 0:
+        output = decoder.decompress(piece, max_length=_CHUNK_BYTES)
+        num_left -= len(output)
+        if num_left < 0:
             raise DatasetError(f"{path}: unpacks to more than {limit} bytes, which such an archive cannot need")
-        if unpacked:
-            yield unpacked
+        if output:
+            yield output

@@ -59,18 +59,18 @@ def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
     Args:
         comments: Text of each comment, without the word `comment`.
     """
-    found: dict[str, object] = {}
+    fields: dict[str, object] = {}
     plain: dict[str, object] = {}
     credits: dict[str, object] = {}
     for comment in map(str.strip, comments):
         stated = {name: match for name, line in _LINES.items() if (match := line.fullmatch(comment))}
-        found |= {name: _value(name, match[1].strip()) for name, match in stated.items() if name != "up"}
+        fields |= {name: _value(name, match[1].strip()) for name, match in stated.items() if name != "up"}
         if not stated:
             plain |= _stated_fields(_PLAIN_LINES, comment)
             credits |= _stated_fields(_CREDITS, comment)
         if (up := named_up(comment)) is not None:
-            found["up"] = up
-    return metadata_from_json(credits | plain | found)
+            fields["up"] = up
+    return metadata_from_json(credits | plain | fields)
 
 
 def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:
@@ -131,14 +131,14 @@ def _axis(text: str) -> str | None:
     vector = _numbers(text)
     if vector is None or sorted(map(abs, vector)) != [0, 0, 1]:
         return None
-    place = [abs(value) for value in vector].index(1)
-    return ("-" if vector[place] < 0 else "") + "xyz"[place]
+    index = [abs(value) for value in vector].index(1)
+    return ("-" if vector[index] < 0 else "") + "xyz"[index]
 
 
 def metadata_comments(metadata: SceneMetadata) -> list[str]:
     """Returns one PLY comment per known field of the metadata."""
-    found = metadata_to_json(metadata)
-    return [f"{name}: {_text(value)}" for name, value in found.items()]
+    fields = metadata_to_json(metadata)
+    return [f"{name}: {_text(value)}" for name, value in fields.items()]
 
 
 def _text(value: object) -> str:

@@ -90,6 +90,6 @@ def with_classes(rows: np.ndarray, classes: np.ndarray) -> np.ndarray:
         rows: Properties of the vertices in file order, (N, P).
         classes: Precision class of each Gaussian, uint8 (N).
     """
-    found = rows.copy()
-    found[:, _COLUMN] = classes
-    return found
+    changed = rows.copy()
+    changed[:, _COLUMN] = classes
+    return changed

@@ -63,29 +63,29 @@ def read_sog(path: Path) -> FileContent:
         DatasetError: If something is missing, damaged, or of wrong version or size.
         OSError: If a file cannot be read.
     """
-    with _opened(path) as found:
-        warn_of_bytes_outside(path, found.bytes_outside, "before or after its zip")
-        warn_of_unused_fields(path, {name: found.meta[name] for name in found.meta if name != "asset"})
-        warn_of_unused_extras(path, found.meta.get("asset"))
-        found.warn_of_unknown_fields()
+    with _opened(path) as sog:
+        warn_of_bytes_outside(path, sog.bytes_outside, "before or after its zip")
+        warn_of_unused_fields(path, {name: sog.meta[name] for name in sog.meta if name != "asset"})
+        warn_of_unused_extras(path, sog.meta.get("asset"))
+        sog.warn_of_unknown_fields()
         return FileContent(
-            found.splats(),
-            origin_of_asset(found.meta.get("asset")),
-            antialiased=found.is_antialiased(),
-            metadata=metadata_of_asset(found.meta.get("asset")),
+            sog.splats(),
+            origin_of_asset(sog.meta.get("asset")),
+            antialiased=sog.is_antialiased(),
+            metadata=metadata_of_asset(sog.meta.get("asset")),
         )
 
 
 def is_antialiased(path: Path) -> bool:
     """True if a valid SOG declares that it was trained with antialiasing."""
-    with _opened(path) as found:
-        return found.is_antialiased()
+    with _opened(path) as sog:
+        return sog.is_antialiased()
 
 
 def read_asset(path: Path) -> object:
     """Returns the metadata object `asset` of a valid SOG; None if the SOG has no such object."""
-    with _opened(path) as found:
-        return found.meta.get("asset")
+    with _opened(path) as sog:
+        return sog.meta.get("asset")
 
 
 @contextlib.contextmanager
@@ -98,9 +98,9 @@ def _opened(path: Path) -> "Iterator[_Sog]":
     with open_archive(path, DatasetError) as bundle:
         prefix = _folder_of(path, bundle.sizes)
         names = {name[len(prefix) :]: size for name, size in bundle.sizes.items() if name.startswith(prefix)}
-        found = _Sog(path, names, path.stat().st_size, lambda name: bundle.read(prefix + name, names[name]))
-        found.bytes_outside = bundle.bytes_outside()
-        yield found
+        sog = _Sog(path, names, path.stat().st_size, lambda name: bundle.read(prefix + name, names[name]))
+        sog.bytes_outside = bundle.bytes_outside()
+        yield sog
 
 
 def _folder_of(path: Path, names: Iterable[str]) -> str:
@@ -113,17 +113,19 @@ def _folder_of(path: Path, names: Iterable[str]) -> str:
     Raises:
         DatasetError: If there is no such folder, or several.
     """
-    here = [PurePosixPath(name) for name in names]
+    paths = [PurePosixPath(name) for name in names]
     if SOG_META_NAME in names:
         return ""
-    if any(name.name == SOG_LEVELS_NAME for name in here):
+    if any(name.name == SOG_LEVELS_NAME for name in paths):
         raise DatasetError(f"{path}: an archive of a streamed SOG ({SOG_LEVELS_NAME}): unpack it and name its folder")
-    found = [name.parent for name in here if name.name == SOG_META_NAME and name.parts[0] != "__MACOSX"]
-    if len(found) > 1:
-        raise DatasetError(f"{path}: {len(found)} folders in it have a {SOG_META_NAME}: unpack it and name one of them")
-    if not found:
+    folders = [name.parent for name in paths if name.name == SOG_META_NAME and name.parts[0] != "__MACOSX"]
+    if len(folders) > 1:
+        raise DatasetError(
+            f"{path}: {len(folders)} folders in it have a {SOG_META_NAME}: unpack it and name one of them"
+        )
+    if not folders:
         raise DatasetError(f"{path}: {SOG_META_NAME} is missing")
-    return f"{found[0]}/"
+    return f"{folders[0]}/"
 
 
 class _Sog:
@@ -346,10 +348,10 @@ class _Sog:
 
     def _warn_if_lossy(self, name: str, data: memoryview) -> None:
         """Logs a warning if a WebP image is lossy, because lossy compression makes the stored values wrong."""
-        at = _WEBP_HEADER
-        while at + 8 <= len(data) and bytes(data[at : at + 4]) != _LOSSY:
-            at += 8 + -(-int.from_bytes(data[at + 4 : at + 8], "little") // 2) * 2
-        if at + 8 <= len(data):
+        offset = _WEBP_HEADER
+        while offset + 8 <= len(data) and bytes(data[offset : offset + 4]) != _LOSSY:
+            offset += 8 + -(-int.from_bytes(data[offset + 4 : offset + 8], "little") // 2) * 2
+        if offset + 8 <= len(data):
             LOG.warning(
                 "%s: %.80s is a lossy WebP, and SOG needs lossless ones: its values are not those of the scene; "
                 "images may have been optimised after the export", self._path, name,

@@ -54,9 +54,9 @@ def write_sog(
     """Writes a bundled SOG with the Gaussians in Morton order (arguments as for `write_splats`)."""
     splats = treat_outliers(join(path, parts), path, outliers)
     column = find_outliers(splats.means)
-    found = _position_errors(replace(column, outside=np.zeros(len(column.values), bool)))
-    if visible_errors(found, np.median(splats.scales, axis=1)).any():
-        warn_of_errors(path, found, local_scales(splats, np.arange(splats.num_gaussians)))
+    position_errors = _position_errors(replace(column, outside=np.zeros(len(column.values), bool)))
+    if visible_errors(position_errors, np.median(splats.scales, axis=1)).any():
+        warn_of_errors(path, position_errors, local_scales(splats, np.arange(splats.num_gaussians)))
     files = sog_files(splats.select(spatial_order(column)), antialiased=antialiased, origin=origin, metadata=metadata)
     with atomic_output(path) as unfinished, zipfile.ZipFile(unfinished, "w") as bundle:  # images are compressed already
         for name, data in files.items():

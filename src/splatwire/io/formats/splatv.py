@@ -57,13 +57,14 @@ class MovingSplats(CheckedFields):
         with np.errstate(all="ignore"):  # invalid values become NaN and are reported with the rows
             since = np.float32(time) - records["center"].astype(np.float32)
             powers = np.stack([since, since**2, since**3], axis=1)
-            left = np.exp(-((since / records["width"].astype(np.float32)) ** 2))
+            window = np.exp(-((since / records["width"].astype(np.float32)) ** 2))
             means = records["place"] + np.einsum("np,npc->nc", powers, records["motion"].astype(np.float32))
             quats = records["rotation"].astype(np.float32) + since[:, None] * records["turning"].astype(np.float32)
         color = records["color"].astype(np.float32) / 255
         return build_splats(
             self.path, means=means, quats=quats, scales=records["scale"].astype(np.float32),
-            opacities=np.where(left >= UNSEEN, left, 0) * color[:, 3], sh=(color[:, None, :3] - 0.5) / np.float32(DC),
+            opacities=np.where(window >= UNSEEN, window, 0) * color[:, 3],
+            sh=(color[:, None, :3] - 0.5) / np.float32(DC),
         )  # fmt: skip
 
 
@@ -83,14 +84,14 @@ def read_splatv(path: Path) -> MovingSplats:
         (length,) = struct.unpack("<I", head[4:])
         if length > min(MAX_HEAD_BYTES, size - 8):
             raise DatasetError(f"{path}: a list of {length} bytes in a file of {size}")
-        skipped, found = _gaussian_block(path, file.read(length))
+        skipped, num_bytes = _gaussian_block(path, file.read(length))
         begin = 8 + length + skipped
-        if found % RECORD.itemsize or begin + found > size:
+        if num_bytes % RECORD.itemsize or begin + num_bytes > size:
             raise DatasetError(
-                f"{path}: cut, or not {RECORD.itemsize} bytes a Gaussian: {found} of {size - begin} bytes"
+                f"{path}: cut, or not {RECORD.itemsize} bytes a Gaussian: {num_bytes} of {size - begin} bytes"
             )
         file.seek(begin)
-        records = np.fromfile(file, RECORD, check_count(path, found // RECORD.itemsize, size))
+        records = np.fromfile(file, RECORD, check_count(path, num_bytes // RECORD.itemsize, size))
     used = records.view(np.uint8).reshape(len(records), -1).any(axis=1)  # a texture's last line is padded
     if not used.any():
         raise DatasetError(f"{path}: no Gaussian is in it")

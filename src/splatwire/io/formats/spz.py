@@ -177,23 +177,23 @@ def _unzstd(path: Path, data: FileBytes) -> tuple[_Header, dict[str, np.ndarray]
     if header.version != 4 or len(data) < PLAIN_HEADER_BYTES:
         raise DatasetError(f"{path}: an SPZ header of version {header.version} and {len(data)} bytes, not of version 4")
     (table,) = TABLE_OFFSET.unpack_from(data[HEADER.size : PLAIN_HEADER_BYTES])
-    at = table + header.streams * TABLE_ROW.size
-    if header.streams != len(header.columns) or not PLAIN_HEADER_BYTES <= table <= at <= len(data):
+    offset = table + header.streams * TABLE_ROW.size
+    if header.streams != len(header.columns) or not PLAIN_HEADER_BYTES <= table <= offset <= len(data):
         raise DatasetError(f"{path}: a table of {header.streams} streams at byte {table} is not where it can be")
     if header.flags & EXTENDED:
         records = split_records(path, data[PLAIN_HEADER_BYTES:table])
         header = replace(header, extensions=records_by_type(path, records))
     elif any(data[PLAIN_HEADER_BYTES:table]):
         _log_unread(path, table - PLAIN_HEADER_BYTES)
-    columns, rows = {}, TABLE_ROW.iter_unpack(data[table:at])
+    columns, rows = {}, TABLE_ROW.iter_unpack(data[table:offset])
     for (name, size), (packed, unpacked) in zip(header.columns.items(), rows, strict=True):
         if unpacked != size:
             raise DatasetError(f"{path}: stream {name} is said to be {packed} bytes for {unpacked}, not for {size}")
-        if packed > len(data) - at:
-            raise DatasetError(f"{path}: is cut: stream {name} has {len(data) - at:,} of {packed:,} bytes")
-        columns[name] = _unpack_stream(path, name, data[at : at + packed], size)
-        at += packed
-    warn_of_bytes_outside(path, len(data) - at)
+        if packed > len(data) - offset:
+            raise DatasetError(f"{path}: is cut: stream {name} has {len(data) - offset:,} of {packed:,} bytes")
+        columns[name] = _unpack_stream(path, name, data[offset : offset + packed], size)
+        offset += packed
+    warn_of_bytes_outside(path, len(data) - offset)
     return header, columns
 
 

@@ -53,7 +53,7 @@ _LOG_SCALES = (-10.0, 255 / 16 - 10)
 """Range of the logarithms of scales."""
 _HARMONICS = (-1.0, 127 / 128)
 """Range of the coefficients of harmonics above degree 0."""
-_MOST = (1 << 23) - 1
+_MAX_COORDINATE = (1 << 23) - 1
 """Largest representable coordinate of a position, as a fixed-point integer."""
 _ZSTD_LEVEL = 12
 FULL_BITS, FEWER_BITS = (8, 8), (5, 4)
@@ -121,7 +121,7 @@ def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
         treatment: `clamp` to move outliers towards the others, `prune` to remove them, or `keep`.
     """
     farthest = float(np.abs(splats.means).max(initial=0.0))
-    if farthest <= _MOST / 2**_FRACTION_BITS:
+    if farthest <= _MAX_COORDINATE / 2**_FRACTION_BITS:
         return splats
 
     def errors(column: Column) -> np.ndarray:
@@ -129,7 +129,7 @@ def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
     column = costly_outliers(splats, errors)
     step = _position_step(float(np.abs(column.others).max()))
-    limit = _MOST * step
+    limit = _MAX_COORDINATE * step
     inside = bool((np.abs(column.middle) <= limit).all())
     if farthest > limit and inside:
         beyond = np.flatnonzero(np.abs(column.values).max(axis=1) > limit)
@@ -155,7 +155,7 @@ def _position_step(farthest: float) -> float:
     Returns:
         The step, a power of two. It is not limited, although the format cannot store steps above 1.
     """
-    return 2.0 ** max(-_FRACTION_BITS, math.ceil(math.log2(max(farthest, 1e-30) / _MOST)))
+    return 2.0 ** max(-_FRACTION_BITS, math.ceil(math.log2(max(farthest, 1e-30) / _MAX_COORDINATE)))
 
 
 def _write_gzip(
@@ -194,10 +194,10 @@ def _fraction_bits(splats: Splats, path: Path) -> int:
     largest_error = float(np.median(splats.scales.max(axis=1))) / VISIBLE
     while bits < _MAX_FRACTION_BITS and (0 < farthest * 2**bits < _MIN_STEPS or 2.0**-bits / 2 > largest_error):
         bits += 1
-    while bits and farthest * 2**bits > _MOST:
+    while bits and farthest * 2**bits > _MAX_COORDINATE:
         bits -= 1
-    if farthest * 2**bits > _MOST:
-        raise InvalidValueError(f"a position of {farthest:g} is too far away for SPZ, which ends at {_MOST}")
+    if farthest * 2**bits > _MAX_COORDINATE:
+        raise InvalidValueError(f"a position of {farthest:g} is too far away for SPZ, which ends at {_MAX_COORDINATE}")
     # With fewer bits, other warnings name the steps. Gaussians too small for the finest steps have a warning of their
     # own (`warn_of_scales`): moving the scene would not help.
     if bits >= _FRACTION_BITS and 2.0**-bits / 2 > largest_error >= 2.0**-_MAX_FRACTION_BITS / 2:

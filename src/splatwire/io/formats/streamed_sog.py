@@ -86,8 +86,10 @@ def read_streamed_sog(path: Path) -> FileContent:
 def is_antialiased(path: Path) -> bool:
     """True if at least one SOG file (chunk) of a valid streamed SOG declares antialiasing."""
     index = path / SOG_LEVELS_NAME if path.is_dir() else path
-    here = [chunk for chunk in dict.fromkeys(_chunks(index, read_json(index, DatasetError))) if _is_here(chunk)]
-    return any(sog.is_antialiased(chunk) for chunk in here)
+    chunks_present = [
+        chunk for chunk in dict.fromkeys(_chunks(index, read_json(index, DatasetError))) if _is_here(chunk)
+    ]
+    return any(sog.is_antialiased(chunk) for chunk in chunks_present)
 
 
 def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
@@ -109,8 +111,8 @@ def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
     out = []
     for name in [*names, *([] if environment is None else [environment])]:
         pure = PurePosixPath(name) if isinstance(name, str) and "\0" not in name and len(name) < 256 else None
-        known = pure is not None and (pure.name == SOG_META_NAME or pure.suffix.lower() == _BUNDLE)
-        if pure is None or not known or pure.is_absolute() or ".." in pure.parts:
+        is_known = pure is not None and (pure.name == SOG_META_NAME or pure.suffix.lower() == _BUNDLE)
+        if pure is None or not is_known or pure.is_absolute() or ".." in pure.parts:
             raise DatasetError(
                 f"{index}: {name!r:.60} names no {SOG_META_NAME} of a folder beside it, and no {_BUNDLE} file"
             )
@@ -130,26 +132,26 @@ def _file_of(chunk: Path) -> Path:
     return chunk if chunk.suffix.lower() == _BUNDLE and not chunk.is_dir() else chunk / SOG_META_NAME
 
 
-def _first_of_same(chunks: list[Path], here: list[bool]) -> list[int]:
+def _first_of_same(chunks: list[Path], exist: list[bool]) -> list[int]:
     """Finds chunks of a streamed SOG that are the same file, under different names or links.
 
     Args:
         chunks: Path of each chunk.
-        here: True for each chunk whose file exists.
+        exist: True for each chunk whose file exists.
 
     Returns:
         For each chunk, the index of the first chunk that is the same file; its own index if there is no other, or if
         its file is missing.
     """
     first: dict[tuple[int, int], int] = {}
-    found = []
-    for number, (chunk, exists) in enumerate(zip(chunks, here, strict=True)):
+    first_indices = []
+    for number, (chunk, exists) in enumerate(zip(chunks, exist, strict=True)):
         if not exists:
-            found.append(number)
+            first_indices.append(number)
             continue
         status = _file_of(chunk).stat()
-        found.append(first.setdefault((status.st_dev, status.st_ino), number))
-    return found
+        first_indices.append(first.setdefault((status.st_dev, status.st_ino), number))
+    return first_indices
 
 
 def _bytes_of(chunk: Path) -> int:
@@ -174,8 +176,8 @@ def _finest(
         * Names of missing chunks.
         * Number of leaves whose finest level is missing.
     """
-    here = [_is_here(chunk) for chunk in chunks]
-    same = _first_of_same(chunks, here)
+    exist = [_is_here(chunk) for chunk in chunks]
+    same = _first_of_same(chunks, exist)
     pieces: dict[int, list[Piece]] = {}
     ranges: dict[int, list[Piece]] = {}
     coarser = 0
@@ -184,19 +186,19 @@ def _finest(
         numbered = sorted(((_level(index, name), level) for name, level in levels.items()), key=lambda item: item[0])
         if len(dict(numbered)) < len(numbered):
             raise DatasetError(f"{index}: a leaf of its tree names a level twice: {', '.join(levels)[:80]}")
-        found = [_piece(index, level, named) for _, level in numbered]
-        found = [replace(piece, chunk=same[piece.chunk]) for piece in found if piece.count]
-        for piece in found:
+        leaf_pieces = [_piece(index, level, named) for _, level in numbered]
+        leaf_pieces = [replace(piece, chunk=same[piece.chunk]) for piece in leaf_pieces if piece.count]
+        for piece in leaf_pieces:
             ranges.setdefault(piece.chunk, []).append(piece)
-        best = next((piece for piece in found if here[piece.chunk]), None)
-        coarser += bool(found) and best is not found[0]
+        best = next((piece for piece in leaf_pieces if exist[piece.chunk]), None)
+        coarser += bool(leaf_pieces) and best is not leaf_pieces[0]
         if best is not None:
             pieces.setdefault(best.chunk, []).append(best)
-    if named < len(chunks) and here[named]:
+    if named < len(chunks) and exist[named]:
         if same[named] in ranges:
             raise DatasetError(f"{index}: its environment, {chunks[named].name}, is a chunk of its tree, too")
         pieces[named] = [Piece(named, 0, -1)]
-    return pieces, ranges, [chunks[n].name for n in range(len(chunks)) if not here[n]], coarser
+    return pieces, ranges, [chunks[n].name for n in range(len(chunks)) if not exist[n]], coarser
 
 
 def _leaves(index: Path, tree: Any) -> Iterator[dict[str, Any]]:
@@ -251,7 +253,7 @@ def _read_pieces(
     whole_ones = {n: read_sog(chunks[n]).splats for n, runs in pieces.items() if runs[0].count < 0}
     counts = {n: sum(run.count for run in runs) for n, runs in pieces.items()}
     counts |= {n: part.num_gaussians for n, part in whole_ones.items()}
-    total, at = check_count(index, sum(counts.values()), sum(_bytes_of(chunks[n]) for n in pieces)), 0
+    total, offset = check_count(index, sum(counts.values()), sum(_bytes_of(chunks[n]) for n in pieces)), 0
     joined: Splats | None = None
     for chunk, runs in sorted(pieces.items()):
         part = whole_ones.pop(chunk, None)
@@ -259,10 +261,10 @@ def _read_pieces(
             part, more = _read_chunk(index, chunks[chunk], runs, named[chunk])
             unnamed += more
         if joined is None or part.degree > joined.degree:
-            joined = _with_capacity(joined, at, total, part.degree)
+            joined = _with_capacity(joined, offset, total, part.degree)
         # Missing harmonics are 0, so that chunks of a lower degree are unchanged.
-        joined.fill(at, of_degree(part, joined.degree))
-        at += part.num_gaussians
+        joined.fill(offset, of_degree(part, joined.degree))
+        offset += part.num_gaussians
     assert joined is not None
     if unnamed:
         LOG.warning(
@@ -306,12 +308,12 @@ def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]
     splats = read_sog(folder).splats
     taken = np.zeros(splats.num_gaussians, np.bool_)
     for run in runs:
-        own = slice(run.offset, run.offset + run.count)
-        if own.stop > len(taken) or bool(taken[own].any()):
-            which = f"Gaussians {run.offset:,} to {own.stop:,} of {folder.name}"
+        selection = slice(run.offset, run.offset + run.count)
+        if selection.stop > len(taken) or bool(taken[selection].any()):
+            which = f"Gaussians {run.offset:,} to {selection.stop:,} of {folder.name}"
             raise DatasetError(f"{index}: {which}, which has {len(taken):,}, are not there or belong to two leaves")
-        taken[own] = True
-    known = taken.copy()
+        taken[selection] = True
+    taken_before = taken.copy()
     for run in named:
-        known[run.offset : run.offset + run.count] = True
-    return splats.select(taken), int((~known).sum())
+        taken_before[run.offset : run.offset + run.count] = True
+    return splats.select(taken), int((~taken_before).sum())

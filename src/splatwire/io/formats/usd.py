@@ -138,8 +138,8 @@ class _Writer:
         self._stage = stage = Usd.Stage.CreateInMemory()
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z if metadata.up == "z" else UsdGeom.Tokens.y)
         UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
-        own = {"asset": asset_of(metadata.moved_origin(origin, NO_ORIGIN)), "flips": self._flips}
-        stage.GetRootLayer().customLayerData = {OWN: json.dumps(own)}
+        custom_data = {"asset": asset_of(metadata.moved_origin(origin, NO_ORIGIN)), "flips": self._flips}
+        stage.GetRootLayer().customLayerData = {OWN: json.dumps(custom_data)}
         if metadata.title:
             stage.GetRootLayer().documentation = metadata.title
         root = UsdGeom.Xform.Define(stage, "/Scene")

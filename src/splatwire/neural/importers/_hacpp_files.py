@@ -30,15 +30,15 @@ def newest_iteration(model_dir: Path) -> Path:
         raise DatasetError(is_not(model_dir, "a model folder") + model_nearby(model_dir, HACPP))
     if file_kind(model_dir) is MODEL_3DGS:
         raise DatasetError(is_not(model_dir, "a model folder of HAC++ or Scaffold-GS"))
-    found = {}
+    folders = {}
     for folder in (model_dir / "point_cloud").glob("iteration_*"):
         match = re.fullmatch(r"iteration_(\d{1,9})", folder.name)
         if match and folder.is_dir():
-            found[int(match[1])] = folder
-    if not found:
+            folders[int(match[1])] = folder
+    if not folders:
         hint = model_nearby(model_dir, HACPP)
         raise DatasetError(is_not(model_dir, "a model folder", "it has no point_cloud/iteration_* folder") + hint)
-    return found[max(found)]
+    return folders[max(folders)]
 
 
 def anchor_ply(iteration: Path) -> Path:

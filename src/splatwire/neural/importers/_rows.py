@@ -46,8 +46,8 @@ def anchors_on_grid(
         mask=mask,
     )
     anchors = drawable_anchors(anchors, vertices.path)
-    found = load_voxel_size(model_dir)
-    voxel_size, source = found or (infer_voxel_size(anchors.positions), None)
+    stored_size = load_voxel_size(model_dir)
+    voxel_size, source = stored_size or (infer_voxel_size(anchors.positions), None)
     try:
         positions = voxel_positions(voxel_indices(anchors.positions, voxel_size), voxel_size)
     except InvalidValueError as error:
@@ -69,6 +69,6 @@ def drawable_anchors(anchors: Anchors, path: Path) -> Anchors:
     rows = validity_of_anchors(anchors)
     rows.log_removed(path, "anchors")
     if not bool(rows.kept.any()):
-        found = f"{rows.num_invisible:,} have no offset, {rows.num_invalid:,} cannot be drawn"
-        raise DatasetError(f"{path}: none of its {anchors.num_anchors:,} anchors is left: {found}")
+        counts = f"{rows.num_invisible:,} have no offset, {rows.num_invalid:,} cannot be drawn"
+        raise DatasetError(f"{path}: none of its {anchors.num_anchors:,} anchors is left: {counts}")
     return anchors if rows.complete else anchors.select(rows.kept)

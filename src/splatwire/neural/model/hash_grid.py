@@ -31,9 +31,9 @@ def corner_rows(
     # Points on the border of the level have weight 0, and the other weights add up to 1. Outside the box, all
     # weights are 0.
     inside = ((unit >= 0) & (unit <= 1)).all(dim=1, keepdim=True)
-    place = torch.where(inside, unit, 0.5) * (resolution - 2) + 0.5
-    cell = place.floor()
-    fraction = place - cell
+    position = torch.where(inside, unit, 0.5) * (resolution - 2) + 0.5
+    cell = position.floor()
+    fraction = position - cell
     at = torch.stack([cell, cell + 1], dim=2)
     # the weight of a corner and the sum of all weights are products over the axes: each axis can be normalised
     # separately

@@ -63,8 +63,8 @@ def check_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], prefix: 
         odd = sorted(set(tensors) ^ set(wanted))
         raise BitstreamError(f"{prefix}tensors of the network are missing or unknown: {', '.join(odd[:3])}")
     for name, value in wanted.items():
-        found = tensors[name]
-        if found.shape != value.shape or not found.dtype.is_floating_point:
-            raise BitstreamError(f"{prefix}'{name}' is {found.dtype} {tuple(found.shape)}, not {tuple(value.shape)}")
-        if not bool(found.isfinite().all()):
+        tensor = tensors[name]
+        if tensor.shape != value.shape or not tensor.dtype.is_floating_point:
+            raise BitstreamError(f"{prefix}'{name}' is {tensor.dtype} {tuple(tensor.shape)}, not {tuple(value.shape)}")
+        if not bool(tensor.isfinite().all()):
             raise BitstreamError(f"{prefix}'{name}' of the network is not finite")

@@ -69,7 +69,7 @@ class GsplatRenderer:
         if not gaussians.num_gaussians:
             return _nothing(gaussians, cameras, background)
         means = gaussians.means
-        images, _, found = self._gsplat.rasterization(
+        images, _, info = self._gsplat.rasterization(
             means,
             gaussians.quats,
             gaussians.scales,
@@ -85,7 +85,7 @@ class GsplatRenderer:
             packed=False,
             backgrounds=background.to(means).expand(cameras.num_views, 3),
         )
-        return images, found["means2d"]
+        return images, info["means2d"]
 
 
 def _nothing(

@@ -37,9 +37,9 @@ def gather_mean(state: TrainState, config: TrainConfig) -> None:
     count = state.iteration - start_of_mean(config, state.iteration)
     if count < 1 or not config.averaged:
         return
-    known = [name for name in state.parameters if name in state.means]
-    if known:
-        means, values = ([source[name] for name in known] for source in (state.means, state.parameters))
+    averaged = [name for name in state.parameters if name in state.means]
+    if averaged:
+        means, values = ([source[name] for name in averaged] for source in (state.means, state.parameters))
         torch._foreach_lerp_(means, values, 1 / min(count, config.averaged))
     for name in state.parameters.keys() - state.means.keys():
         state.means[name] = state.parameters[name].detach().clone()

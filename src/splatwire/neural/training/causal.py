@@ -102,10 +102,10 @@ class TrainedCausal:
             state: State of the training.
             index: Indices of the M anchors in the training state.
         """
-        place, layout = self._position_inputs(state)[index], self._model.layout
-        networks, nothing = causal_networks(state.parameters, self._model), place.new_zeros(len(place), 1)
+        inputs, layout = self._position_inputs(state)[index], self._model.layout
+        networks, nothing = causal_networks(state.parameters, self._model), inputs.new_zeros(len(inputs), 1)
         predicted = predict_causal(
-            _functions(networks), self._model, place, nothing.expand(-1, layout.feature_dim),
+            _functions(networks), self._model, inputs, nothing.expand(-1, layout.feature_dim),
             nothing.expand(-1, NUM_SIZES), quantised=lambda name, mean, values: mean, join=torch.cat,
         )  # fmt: skip
         steps = channel_steps(state.parameters["steps"], self._model)[1]
@@ -213,10 +213,10 @@ def anchor_bits(
     logs = values[1] - state.parameters["centres"].detach()
     numbers = [value / step for value, step in zip((values[0], logs, values[2]), steps, strict=True)]
     offset_mask, anchor_mask = masks
-    own, offsets = number_bits_of(
+    anchor_number_bits, offsets = number_bits_of(
         causal_networks(state.parameters, config), config, position_inputs, numbers, offset_mask
     )
-    return (own + offsets.sum(dim=1) + POSITION_BITS) * anchor_mask
+    return (anchor_number_bits + offsets.sum(dim=1) + POSITION_BITS) * anchor_mask
 
 
 def number_bits_of(
@@ -241,10 +241,12 @@ def number_bits_of(
     """
     feature, form, offset = numbers
     predicted = predict_causal(_functions(networks), config, position_inputs, feature, form, join=torch.cat)
-    own = number_bits(torch.cat([feature, form], dim=1), *joined(predicted.feature, predicted.form)).sum(dim=1)
+    anchor_number_bits = number_bits(torch.cat([feature, form], dim=1), *joined(predicted.feature, predicted.form)).sum(
+        dim=1
+    )
     each = number_bits(offset, *predicted.offset).view(len(position_inputs), -1, 3).sum(dim=2)
     one, zero = mask_bits(predicted)
-    return own, offset_mask * (each + one) + (1 - offset_mask) * zero
+    return anchor_number_bits, offset_mask * (each + one) + (1 - offset_mask) * zero
 
 
 def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:

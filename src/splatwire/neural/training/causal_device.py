@@ -95,9 +95,9 @@ class DeviceCausal(TrainedCausal):
         """
         (feature, logs, offsets), (offset_mask, anchor_mask) = numbers, masks
         values = torch.cat([feature, logs - state.parameters["centres"].detach(), offsets], dim=1) / steps
-        place = self._position_inputs(state).index_select(0, index)
+        inputs = self._position_inputs(state).index_select(0, index)
         networks = causal_networks(state.parameters, self._model)
-        return (sample_bits(networks, self._model, place, values, offset_mask) * anchor_mask).sum()
+        return (sample_bits(networks, self._model, inputs, values, offset_mask) * anchor_mask).sum()
 
     @torch.no_grad()
     def estimate_bytes(self, state: TrainState) -> float:
@@ -157,14 +157,14 @@ def sample_bits(
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
     layout, order = config.layout, _output_order(config)
-    own = layout.feature_dim + NUM_SIZES
+    num_own = layout.feature_dim + NUM_SIZES
     position, *others = (networks[name] for name in config.shapes())
     packed = pack_networks(others, order.outputs)
-    inputs, _ = values.split([own, 3 * layout.num_offsets], dim=1)
-    known = torch.cat([run_network(position, position_inputs), inputs * INPUT_UNIT], dim=1)
-    found = packed(known, CHANNEL_SLOPE)
-    mean, spread, exists = found.split([order.numbers, order.numbers, layout.num_offsets], dim=1)
-    first, offsets = _NumberBits.apply(values, mean, spread).split([own, 3 * layout.num_offsets], dim=1)
+    inputs, _ = values.split([num_own, 3 * layout.num_offsets], dim=1)
+    hidden = torch.cat([run_network(position, position_inputs), inputs * INPUT_UNIT], dim=1)
+    outputs = packed(hidden, CHANNEL_SLOPE)
+    mean, spread, exists = outputs.split([order.numbers, order.numbers, layout.num_offsets], dim=1)
+    first, offsets = _NumberBits.apply(values, mean, spread).split([num_own, 3 * layout.num_offsets], dim=1)
     # the mask bit costs softplus(-x) if the offset exists, otherwise softplus(x); the difference is x
     mask_bits = torch.nn.functional.softplus(exists).mul(1 / math.log(2))
     each = offsets.view(len(position_inputs), -1, 3).sum(dim=2).add(exists, alpha=-1 / math.log(2))

@@ -271,10 +271,10 @@ def sample_rate(
     outputs = split_prior_outputs(run_network(state.networks.context_prior, features), config.hacpp)
     steps = adaptive_steps(outputs.step_logits, config.hacpp)
     values = noisy_attributes(state, index, steps.split(1, dim=1), uniform)
-    found = attribute_bits(outputs, state.networks.channel, layout.feature_groups, steps, values)
+    bits = attribute_bits(outputs, state.networks.channel, layout.feature_groups, steps, values)
     offset_mask, anchor_mask = mask
-    offset_bits = (found.offsets.view(-1, layout.num_offsets, 3).sum(dim=2) * offset_mask).sum(dim=1)
-    total = ((found.features.sum(dim=1) + found.scalings.sum(dim=1) + offset_bits) * anchor_mask).sum()
+    offset_bits = (bits.offsets.view(-1, layout.num_offsets, 3).sum(dim=2) * offset_mask).sum(dim=1)
+    total = ((bits.features.sum(dim=1) + bits.scalings.sum(dim=1) + offset_bits) * anchor_mask).sum()
     return SampleBits(total, len(index))
 
 

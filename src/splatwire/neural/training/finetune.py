@@ -129,21 +129,21 @@ def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
 
 def _tensors(parameters: dict[str, Tensor | Mlp]) -> dict[str, Tensor]:
     """Returns all parameters as tensors; a network is represented by its weights and biases."""
-    found: dict[str, Tensor] = {}
+    tensors: dict[str, Tensor] = {}
     for name, value in parameters.items():
         if isinstance(value, Tensor):
-            found[name] = value
+            tensors[name] = value
             continue
         if value.negative_slope != (CHANNEL_SLOPE if name.startswith(("channel.", "causal.")) else 0.0):
             raise InvalidValueError(f"network '{name}' of the scene has another activation than this trainer's")
         for layer in ("hidden", "output"):
             linear = getattr(value, layer)
-            found |= {f"{name}.{layer}.weight": linear.weight, f"{name}.{layer}.bias": linear.bias}
-    return found
+            tensors |= {f"{name}.{layer}.weight": linear.weight, f"{name}.{layer}.bias": linear.bias}
+    return tensors
 
 
 def _check(tensors: dict[str, Tensor], shapes: dict[str, tuple[int, ...]]) -> None:
     for name, shape in shapes.items():
         if name not in tensors or tuple(tensors[name].shape) != shape:
-            found = tuple(tensors[name].shape) if name in tensors else "nothing"
-            raise InvalidValueError(f"'{name}' of the scene is {found}, this trainer has {shape}")
+            actual = tuple(tensors[name].shape) if name in tensors else "nothing"
+            raise InvalidValueError(f"'{name}' of the scene is {actual}, this trainer has {shape}")

@@ -46,9 +46,9 @@ def gather_statistics(
     statistics.opacity_sum.index_add_(0, anchor_index, gaussians.opacities)
     half_size = d_centers.new_tensor([cameras.width / 2, cameras.height / 2])
     drawn = on_image(gaussians, cameras, view)
-    place = (anchor_index * num_offsets + offset_index)[drawn]  # at most one anchor per position
-    statistics.gradient_sum.view(-1)[place] += torch.linalg.vector_norm(d_centers * half_size, dim=1)[drawn]
-    statistics.gradient_count.view(-1)[place] += 1
+    slots = (anchor_index * num_offsets + offset_index)[drawn]  # at most one anchor per position
+    statistics.gradient_sum.view(-1)[slots] += torch.linalg.vector_norm(d_centers * half_size, dim=1)[drawn]
+    statistics.gradient_count.view(-1)[slots] += 1
 
 
 def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, "G"]:

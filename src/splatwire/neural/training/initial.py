@@ -157,13 +157,13 @@ def check_cameras(dataset: Dataset) -> None:
     Raises:
         DatasetError: If there are fewer than two views, a camera is not finite, or all cameras have the same place.
     """
-    cameras, place = dataset.cameras, _folder(dataset)
+    cameras, folder = dataset.cameras, _folder(dataset)
     if cameras.num_views < 2:
-        raise DatasetError(f"{place}: training needs at least 2 views, and there is {cameras.num_views}")
+        raise DatasetError(f"{folder}: training needs at least 2 views, and there is {cameras.num_views}")
     if not (np.isfinite(cameras.viewmats).all() and np.isfinite(cameras.Ks).all()):
-        raise DatasetError(f"{place}: a camera's pose or intrinsics are not finite")
+        raise DatasetError(f"{folder}: a camera's pose or intrinsics are not finite")
     if camera_extent(cameras) < 1e-9:
-        raise DatasetError(f"{place}: all cameras stand at the same place: depth cannot be learnt from them")
+        raise DatasetError(f"{folder}: all cameras stand at the same place: depth cannot be learnt from them")
 
 
 def initial_points(

@@ -58,8 +58,8 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
         for tensor in (mlp.hidden.weight, mlp.hidden.bias, mlp.output.weight, mlp.output.bias)
     ]
     shapes = tuple((mlp.hidden.weight.shape[1], *reversed(mlp.output.weight.shape)) for mlp in networks)
-    source, place, zero = _copy_indices(shapes, order, tensors[0].device)
-    flat = _Packed.apply(source, place, zero, *tensors)
+    source, copies, zero = _copy_indices(shapes, order, tensors[0].device)
+    flat = _Packed.apply(source, copies, zero, *tensors)
     num_inputs = max(inputs for inputs, _, _ in shapes)
     num_hidden, num_outputs = sum(hidden for _, hidden, _ in shapes), len(order)
     sizes = [num_hidden * num_inputs, num_hidden, num_outputs * num_hidden, num_outputs]
@@ -109,9 +109,9 @@ def _copy_indices(
         first, row, output = ends[-1], row + hidden, output + outputs
     chosen = torch.tensor(order)
     source = torch.cat([weight.flatten(), bias, output_weight[chosen].flatten(), output_bias[chosen]])
-    place = torch.empty(numbers + 1, dtype=torch.int64)
-    place[source] = torch.arange(len(source))
-    return source.to(device), place[:-1].to(device), torch.zeros(1, device=device)
+    copies = torch.empty(numbers + 1, dtype=torch.int64)
+    copies[source] = torch.arange(len(source))
+    return source.to(device), copies[:-1].to(device), torch.zeros(1, device=device)
 
 
 class _Packed(torch.autograd.Function):
@@ -120,8 +120,8 @@ class _Packed(torch.autograd.Function):
     # Each weight is used once, so its gradient is copied back by index.
 
     @staticmethod
-    def forward(ctx: Any, source: Tensor, place: Tensor, zero: Tensor, *tensors: Tensor) -> Tensor:
-        ctx.place, ctx.shapes = place, [tensor.shape for tensor in tensors]
+    def forward(ctx: Any, source: Tensor, copies: Tensor, zero: Tensor, *tensors: Tensor) -> Tensor:
+        ctx.place, ctx.shapes = copies, [tensor.shape for tensor in tensors]
         return torch.cat([*(tensor.reshape(-1) for tensor in tensors), zero]).index_select(0, source)
 
     @staticmethod

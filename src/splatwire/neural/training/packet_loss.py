@@ -44,11 +44,11 @@ class Loss:
     """Received anchors of one training iteration with simulated packet loss, and their enlargement by the concealer.
 
     Attributes:
-        known: True for received anchors.
+        received: True for received anchors.
         size_gain: Factor on the sizes of each anchor's Gaussians, computed by the concealer `grow`.
     """
 
-    known: Bool[Tensor, "N"]
+    received: Bool[Tensor, "N"]
     size_gain: Float[Tensor, "N"]
 
     def drawn(self, visible: Int64[Tensor, "M"], seen: Seen) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"]]:
@@ -61,7 +61,7 @@ class Loss:
         Returns:
             Indices, attributes and masks of the selected anchors, and the factor by which their Gaussians are enlarged.
         """
-        kept = self.known[visible]
+        kept = self.received[visible]
         (features, scalings, offsets), masks = seen
         left = features[kept], scalings[kept], offsets[kept]
         return visible[kept], (left, masks[kept]), self.size_gain[visible[kept]]
@@ -184,35 +184,35 @@ class PacketLosses:
         received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
         return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
 
-    def _concealed(self, state: TrainState, known: Bool[Tensor, "N"], *, cut_off: bool = False) -> Loss | None:
+    def _concealed(self, state: TrainState, fully_received: Bool[Tensor, "N"], *, cut_off: bool = False) -> Loss | None:
         """Computes by how much the concealer `grow` enlarges the Gaussians of each received anchor.
 
         Args:
             state: State of the training.
-            known: True for received anchors, in coding order.
+            fully_received: True for received anchors, in coding order.
             cut_off: True if reception ended after the first quality tier (most important anchors).
 
         Returns:
             The received anchors and the factors on their sizes; None if all or no anchors are received.
         """
-        if bool(known.all()) or not bool(known.any()):
+        if bool(fully_received.all()) or not bool(fully_received.any()):
             return None
-        arrived = torch.empty_like(known)
-        arrived[self._order] = known
+        arrived = torch.empty_like(fully_received)
+        arrived[self._order] = fully_received
         gain = torch.ones(state.num_anchors, device=state.device)
         if self._neighbors.shape[1]:
-            received = to_numpy(known)
-            tier_sizes = self._tier_sizes(state, known) if cut_off else None
+            received = to_numpy(fully_received)
+            tier_sizes = self._tier_sizes(state, fully_received) if cut_off else None
             size = tier_sizes
             if size is None:
                 size = np.exp(mean_log_size(self._model.expected_scalings(state, self._order)).astype(np.float64))
             share = lost_share_among(self._neighbors[received], size * ~received, size).astype(np.float32)
-            gain[known] = torch.from_numpy(_GROW.gain(1 - share, received, tier_sizes)).to(gain)
+            gain[fully_received] = torch.from_numpy(_GROW.gain(1 - share, received, tier_sizes)).to(gain)
         gain_of = torch.empty_like(gain)
         gain_of[self._order] = gain
         return Loss(arrived, gain_of)
 
-    def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
+    def _tier_sizes(self, state: TrainState, fully_received: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
         """Estimates two typical sizes, as a receiver does: that of the received anchors and that of the lost anchors.
 
         A receiver knows only typical sizes per importance tier, not the size of a single lost anchor. The received
@@ -220,13 +220,13 @@ class PacketLosses:
 
         Args:
             state: State of the training.
-            known: True for received anchors, in coding order.
+            fully_received: True for received anchors, in coding order.
 
         Returns:
             For each anchor in coding order, the typical size of its tier (received or lost), above 0. The larger of the
             two sizes is 1.
         """
-        tiers = (~known).long().cpu().numpy()
+        tiers = (~fully_received).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()
         gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
         return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
@@ -238,8 +238,8 @@ class PacketLosses:
         order = anchor_order(state.voxels.cpu().numpy(), "morton")
         self._order = torch.from_numpy(order).to(state.device)
         positions = self._cache.positions(state)[self._order]
-        own = np.arange(state.num_anchors)
-        self._neighbors, _ = nearest_others(NeighborTree(positions), positions, own, _GROW.neighbors)
+        all_rows = np.arange(state.num_anchors)
+        self._neighbors, _ = nearest_others(NeighborTree(positions), positions, all_rows, _GROW.neighbors)
         self._voxels = state.voxels
 
 

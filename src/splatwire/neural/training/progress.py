@@ -135,10 +135,10 @@ class RunningMeans:
         ]).cpu().tolist()  # fmt: skip
         means = self.means
         for report, (loss, l1, bits) in zip(self.unread, columns, strict=True):
-            found = {"loss": loss, "l1": l1}
+            losses = {"loss": loss, "l1": l1}
             if report.sample_bits is not None:
-                found["bits"] = bits / max(report.num_sampled, 1)
-            for name, value in found.items():
+                losses["bits"] = bits / max(report.num_sampled, 1)
+            for name, value in losses.items():
                 means[name] = _MEMORY * means.get(name, value) + (1 - _MEMORY) * value
         last, self.unread = self.unread[-1], []
         self.size = None

@@ -149,13 +149,13 @@ def refine_context(
     Raises:
         DivergedError: If the loss is not finite.
     """
-    config, given = config or RefineConfig(), scene
+    config, original = config or RefineConfig(), scene
     if isinstance(scene.coding, CausalCoding):
         return refine_causal(scene, config, progress=progress)
     scene = to_tensors(scene)
     alive = scene.anchors.mask.any(dim=1).nonzero()[:, 0]
     if not config.steps or not len(alive):
-        return given
+        return original
     fixed, outputs = _constant_data(scene, scene.anchors.select(alive))
     units = _typical_outputs(outputs, scene.hacpp.config)
     prior = _ScaledMlp(scene.hacpp.context.prior, units[0])
@@ -171,7 +171,7 @@ def refine_context(
         copied_mlp(prior.mlp()),
         tuple(copied_mlp(part.mlp()) for part in channels),
     )
-    return dataclasses.replace(given, coding=dataclasses.replace(given.hacpp, context=to_arrays(context)))
+    return dataclasses.replace(original, coding=dataclasses.replace(original.hacpp, context=to_arrays(context)))
 
 
 def _loss(
@@ -197,18 +197,18 @@ def _loss(
         run_network(prior.mlp(), interpolate_signs(signs.volume, signs.planes, fixed.corners, index)), fixed.config
     )
     layout = fixed.config.layout
-    found = attribute_bits(
+    bits = attribute_bits(
         outputs, tuple(part.mlp() for part in channels), layout.feature_groups, fixed.steps[index],
         (fixed.values[0][index], fixed.values[1][index], fixed.values[2][index]),
     )  # fmt: skip
     moved = (outputs.step_logits - fixed.logits[index]).square().sum()
-    own = (_existing_bits(found, fixed.mask[index]) + config.step_weight * moved) / len(index)
-    return own + config.grid_weight * signs.bits() / len(fixed.logits)
+    loss_per_anchor = (_existing_bits(bits, fixed.mask[index]) + config.step_weight * moved) / len(index)
+    return loss_per_anchor + config.grid_weight * signs.bits() / len(fixed.logits)
 
 
-def _existing_bits(found: AttributeBits, mask: Float[Tensor, "M K"]) -> Float[Tensor, ""]:
-    offsets = found.offsets.view(len(mask), mask.shape[1], 3).sum(dim=2)
-    return found.features.sum() + found.scalings.sum() + (offsets * mask).sum()
+def _existing_bits(bits: AttributeBits, mask: Float[Tensor, "M K"]) -> Float[Tensor, ""]:
+    offsets = bits.offsets.view(len(mask), mask.shape[1], 3).sum(dim=2)
+    return bits.features.sum() + bits.scalings.sum() + (offsets * mask).sum()
 
 
 @torch.no_grad()

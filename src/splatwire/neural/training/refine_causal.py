@@ -34,24 +34,24 @@ def refine_causal(
     Raises:
         DivergedError: If the loss is not finite.
     """
-    given, scene = scene, to_tensors(scene)
+    original, scene = scene, to_tensors(scene)
     coding = scene.causal
     alive = scene.anchors.mask.any(dim=1)
     if not config.steps or not bool(alive.any()):
-        return given
-    place, values, mask = _constant_data(scene, coding, alive)
+        return original
+    inputs, values, mask = _constant_data(scene, coding, alive)
     networks = {name: _trained(network) for name, network in coding.networks.items()}
     layers = [layer for mlp in networks.values() for layer in (mlp.hidden, mlp.output)]
     parameters = [tensor for layer in layers for tensor in (layer.weight, layer.bias)]
 
     def loss_of(index: Tensor, generator: torch.Generator) -> Tensor:
         noisy = [value[index] + torch.rand(value[index].shape, generator=generator) - 0.5 for value in values]
-        own, offsets = number_bits_of(networks, coding.config, place[index], noisy, mask[index])
-        return (own + offsets.sum(dim=1)).mean()
+        anchor_number_bits, offsets = number_bits_of(networks, coding.config, inputs[index], noisy, mask[index])
+        return (anchor_number_bits + offsets.sum(dim=1)).mean()
 
-    fit_samples([(parameters, config.network_rate)], len(place), config, loss_of, progress)
+    fit_samples([(parameters, config.network_rate)], len(inputs), config, loss_of, progress)
     fitted = {name: copied_mlp(network) for name, network in networks.items()}
-    return dataclasses.replace(given, coding=dataclasses.replace(given.causal, networks=to_arrays(fitted)))
+    return dataclasses.replace(original, coding=dataclasses.replace(original.causal, networks=to_arrays(fitted)))
 
 
 def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:

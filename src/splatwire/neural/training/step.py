@@ -232,8 +232,8 @@ class TrainingStep:
             device_view.gather_statistics(state, visible, spawned, d_centers, self._views, view)
             return
         assert isinstance(spawned, SpawnedGaussians)
-        place = (spawned.gaussians, visible[spawned.anchor_index], spawned.offset_index)
-        gather_statistics(state, visible, place, d_centers, self._cameras, view)
+        slots = (spawned.gaussians, visible[spawned.anchor_index], spawned.offset_index)
+        gather_statistics(state, visible, slots, d_centers, self._cameras, view)
 
     def _update(self, state: TrainState) -> None:
         """Updates every parameter that has a gradient by one step of Adam."""

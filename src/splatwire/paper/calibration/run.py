@@ -69,8 +69,8 @@ def pseudo_graphs(data: CalibrationData, config: CalibrationConfig) -> Iterator[
         config: Number of losses, loss rate and seed.
     """
     rates = [config.drop_rate] * (config.train_masks + config.validation_masks)
-    for known in data.pseudo_losses(rates, config.seed):
-        yield build_graph(data.complete.masked(known), config.settings)
+    for fully_received in data.pseudo_losses(rates, config.seed):
+        yield build_graph(data.complete.masked(fully_received), config.settings)
 
 
 class CalibrationRun:
@@ -157,9 +157,9 @@ class CalibrationRun:
         # The rendering term is a mean over pixels. It is multiplied by the number of queries, because the other
         # terms are sums over the queries.
         config, context = self.config, self.context
-        used, place = part.index.unique(return_inverse=True)
+        used, index_in_used = part.index.unique(return_inverse=True)
         sources = self.network.encode_sources(source_inputs(context, used))
-        raw = self.network(query_inputs(context, part), sources, place)
+        raw = self.network(query_inputs(context, part), sources, index_in_used)
         parts = branches(raw, prior_rows(context[Prior], part.queries), part.interpolated, config.settings)
         truth = context.scene.anchors.select(part.queries)
         loss = weighted_sum(parameter_losses(parts, truth, truth.positions, config.losses), config.losses)
@@ -266,8 +266,8 @@ class CalibrationRun:
 def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: RepairGraph) -> None:
     """Sets the constants that normalise the network's inputs: mean and deviation of each input in a graph."""
     # Mean and standard deviation of each input in a graph.
-    known = graph.index.unique()
-    for name, inputs in (("source", source_inputs(context, known)), ("query", query_inputs(context, graph))):
+    received = graph.index.unique()
+    for name, inputs in (("source", source_inputs(context, received)), ("query", query_inputs(context, graph))):
         spread = inputs.std(dim=0, correction=0)
         mean, spread = rounded_constants(inputs.mean(dim=0), torch.where(spread > 1e-9, spread, 1.0))
         network.get_buffer(f"{name}_mean").copy_(mean)
@@ -304,8 +304,8 @@ def save_checkpoint(run: CalibrationRun, path: Path) -> None:
     """
     tensors = {f"network.{name}": value for name, value in run.network.state_dict().items()}
     tensors |= {f"best.{name}": value for name, value in run.best.items()}
-    for place, state in run.optimiser.state_dict()["state"].items():
-        tensors |= {f"adam.{place}.{name}": torch.as_tensor(value) for name, value in state.items()}
+    for index, state in run.optimiser.state_dict()["state"].items():
+        tensors |= {f"adam.{index}.{name}": torch.as_tensor(value) for name, value in state.items()}
     tensors["generator"] = run.rng.get_state()
     header = {
         "format": CHECKPOINT_FORMAT,
@@ -341,8 +341,8 @@ def restore_checkpoint(run: CalibrationRun, path: Path) -> None:
     try:
         state: dict[int, dict[str, Tensor]] = {}
         for name, value in part("adam.").items():
-            place, key = name.split(".", 1)
-            state.setdefault(int(place), {})[key] = value
+            index, key = name.split(".", 1)
+            state.setdefault(int(index), {})[key] = value
         run.optimiser.load_state_dict({**run.optimiser.state_dict(), "state": state})
         run.rng.set_state(tensors["generator"])
         run.iteration, run.stale = int(header["iteration"]), int(header["stale"])

@@ -65,10 +65,10 @@ def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors |
     """
     context = to_tensors(context)
     filled = to_tensors(interpolator(settings)(context).elements if filled is None else filled)
-    known = context.loss_mask.known
+    fully_received = context.loss_mask.fully_received
     idw = _graph_idw(settings)
-    pieces = list(idw.neighborhoods(context, known))
-    queries = (~known).nonzero()[:, 0]
+    pieces = list(idw.neighborhoods(context, fully_received))
+    queries = (~fully_received).nonzero()[:, 0]
     index = torch.cat([piece[1] for piece in pieces]) if pieces else queries.new_zeros(len(queries), 0)
     given = filled
     if settings.query_input == "idw":

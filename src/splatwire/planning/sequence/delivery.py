@@ -110,9 +110,9 @@ def model_motion_transfer(load: SequenceLoad, protection: Protection, group: int
     """
     importance = load.importance.tolist()
     groups = range(len(load.groups)) if group is None else [group]
-    found = [arrange([load.groups[number]], importance, protection, number) for number in groups]
-    order = tuple(packet for part in found for packet in part.order)
-    return MotionTransfer.of(load, Arranged(order, tuple(one for part in found for one in part.parity_ranges)))
+    arranged = [arrange([load.groups[number]], importance, protection, number) for number in groups]
+    order = tuple(packet for part in arranged for packet in part.order)
+    return MotionTransfer.of(load, Arranged(order, tuple(one for part in arranged for one in part.parity_ranges)))
 
 
 def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed: int) -> set[PacketId]:
@@ -126,5 +126,5 @@ def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed:
     """
     whole = model_motion_transfer(load, protection)
     received = loss.received(len(whole.model.kind), np.random.Generator(np.random.PCG64(seed)))
-    there = whole.received_packets(received[None])[0]
-    return {load.ids[packet] for packet in whole.order[there].tolist()}
+    received_packets = whole.received_packets(received[None])[0]
+    return {load.ids[packet] for packet in whole.order[received_packets].tolist()}

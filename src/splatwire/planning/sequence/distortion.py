@@ -73,15 +73,17 @@ def render_sampled_frames(sequence: SequenceScene, method: TemporalConcealer, ca
         method: Concealer of lost motion.
         cameras: Views to render.
     """
-    found, memory, there = [], None, sequence.tracks.received
+    renders, memory, received = [], None, sequence.tracks.received
     for group, frames in enumerate(sampled_frames(sequence.timeline)):
-        poses, hidden, after = conceal_group(sequence, sequence.motion(group, there), group, there, memory, method)
-        hints = covering_gains(sequence, there, group, poses, hidden) if method.grow else None
+        poses, hidden, after = conceal_group(
+            sequence, sequence.motion(group, received), group, received, memory, method
+        )
+        hints = covering_gains(sequence, received, group, poses, hidden) if method.grow else None
         for index in frames:
             scene = pose_frame(sequence, poses, index, sequence.timeline.frames_of(group)[index], hints).scene
-            found.append(np.stack(list(iterate_views(scene, cameras))))
+            renders.append(np.stack(list(iterate_views(scene, cameras))))
         memory = after()
-    return found
+    return renders
 
 
 def measure_sequence_distortion(
@@ -135,8 +137,8 @@ def _curves(
     """
     begins = np.cumsum([0, *map(len, frames)])
     groups = []
-    for group, some in enumerate(frames):
-        rows = begins[group] + np.arange(FRAMES) % len(some)
+    for group, group_frames in enumerate(frames):
+        rows = begins[group] + np.arange(FRAMES) % len(group_frames)
         groups.append(mse[:, rows].reshape(len(loss_shares[group]), -1))
     order = np.argsort(loss_shares, axis=1, kind="stable")
     sorted_mse = np.take_along_axis(np.array(groups), order[:, :, None], axis=1)
@@ -168,12 +170,17 @@ def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion
     errors = np.array([on_grid(distortion) for distortion in distortions])
     added, factors = errors - errors[:, :, :1], np.ones(len(distortions))
     for _ in range(2):  # second round without the factors of the first
-        usual = np.median([some / factor for some, factor in zip(added, factors, strict=True)], axis=0)
-        known = usual > 0
-        if known.any():
-            factors = np.array([max(float(np.median(some[known] / usual[known])), MIN_FACTOR) for some in added])
+        usual = np.median([errors_added / factor for errors_added, factor in zip(added, factors, strict=True)], axis=0)
+        is_measured = usual > 0
+        if is_measured.any():
+            factors = np.array(
+                [
+                    max(float(np.median(errors_added[is_measured] / usual[is_measured])), MIN_FACTOR)
+                    for errors_added in added
+                ]
+            )
     usual, shares = np.maximum.accumulate(usual, axis=1), np.tile(grid, (len(usual), 1))
     return [
-        SequenceDistortion(shares, some[:, :1] + factor * usual, distortion.frames)
-        for some, factor, distortion in zip(errors, factors, distortions, strict=True)
+        SequenceDistortion(shares, errors_added[:, :1] + factor * usual, distortion.frames)
+        for errors_added, factor, distortion in zip(errors, factors, distortions, strict=True)
     ]

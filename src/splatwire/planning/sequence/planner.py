@@ -99,7 +99,7 @@ def plan_sequence(
         room = budget_bytes - variant.load.num_bytes
         if room >= 0 and all(choices):
             plans += [
-                _plan(variant, number, [some[0] for some in choices]),
+                _plan(variant, number, [choices_of_group[0] for choices_of_group in choices]),
                 _plan(variant, number, _distribute_bytes(choices, room)),
             ]
     if not plans:
@@ -136,18 +136,18 @@ def _efficient_choices(
     longest = len(motion) + len(load.groups[group].keyframes) + int(2.0 * len(motion)) + 1
     rngs = (np.random.Generator(np.random.PCG64([seed, group, trial])) for trial in range(trials))
     traces = np.stack([loss.received(longest, rng) for rng in rngs])
-    found = dict[int, _Choice]()
+    by_bytes = dict[int, _Choice]()
     for pair in pairs:
-        way = model_motion_transfer(load, Protection(motion=(pair,)), group)
-        extra = way.parity_bytes
+        transfer = model_motion_transfer(load, Protection(motion=(pair,)), group)
+        extra = transfer.parity_bytes
         if max_bytes is not None and plain + extra > max_bytes:
             continue
-        importance = load.importance[way.order]
-        lost = ~way.received_packets(traces) @ importance / max(importance.sum(), 1e-30)
+        importance = load.importance[transfer.order]
+        lost = ~transfer.received_packets(traces) @ importance / max(importance.sum(), 1e-30)
         psnr = float(variant.distortion.psnr(group, lost).mean())
-        if extra not in found or psnr > found[extra].psnr:
-            found[extra] = _Choice(pair, extra, psnr, float(lost.mean()), variant.distortion.frames[group])
-    return _hull([found[extra] for extra in sorted(found)])
+        if extra not in by_bytes or psnr > by_bytes[extra].psnr:
+            by_bytes[extra] = _Choice(pair, extra, psnr, float(lost.mean()), variant.distortion.frames[group])
+    return _hull([by_bytes[extra] for extra in sorted(by_bytes)])
 
 
 def _hull(choices: Sequence[_Choice]) -> list[_Choice]:
@@ -176,16 +176,17 @@ def _distribute_bytes(choices: Sequence[Sequence[_Choice]], room: float | int) -
     Returns:
         The chosen amount of parity for each group.
     """
-    at, left = [0] * len(choices), room
+    chosen, bytes_left = [0] * len(choices), room
     steps = [
         (-_slope(a, b) * a.frames, group, n)
-        for group, some in enumerate(choices) for n, (a, b) in enumerate(itertools.pairwise(some))
+        for group, choices_of_group in enumerate(choices)
+        for n, (a, b) in enumerate(itertools.pairwise(choices_of_group))
     ]  # fmt: skip
     for _, group, number in sorted(steps):
         cost = choices[group][number + 1].num_bytes - choices[group][number].num_bytes
-        if at[group] == number and cost <= left:
-            at[group], left = number + 1, left - cost
-    return [some[n] for some, n in zip(choices, at, strict=True)]
+        if chosen[group] == number and cost <= bytes_left:
+            chosen[group], bytes_left = number + 1, bytes_left - cost
+    return [choices_of_group[n] for choices_of_group, n in zip(choices, chosen, strict=True)]
 
 
 def _plan(variant: SequenceVariant, number: int, chosen: Sequence[_Choice]) -> SequencePlan:

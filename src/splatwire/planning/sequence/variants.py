@@ -93,9 +93,9 @@ def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictur
     """
     if len(files) != timeline.num_frames:
         raise InvalidValueError(f"the clip has {timeline.num_frames} frames, its reference has {len(files)}")
-    wanted = [timeline.frames_of(group)[n] for group, some in enumerate(sampled_frames(timeline)) for n in some]
-    found = []
+    wanted = [timeline.frames_of(group)[n] for group, sampled in enumerate(sampled_frames(timeline)) for n in sampled]
+    frames = []
     for frame in read_frames([files[number] for number in wanted]):
         scene = frame.scene()
-        found.append(np.stack(list(iterate_views(scene, cameras))))
-    return found
+        frames.append(np.stack(list(iterate_views(scene, cameras))))
+    return frames

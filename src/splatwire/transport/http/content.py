@@ -139,16 +139,16 @@ class PageContent:
         stream = self._file(name)
         assert isinstance(stream, bytes)
         try:
-            found = await self.downloads.file(stream, self._entity_tag(stream), form, part)
+            download = await self.downloads.file(stream, self._entity_tag(stream), form, part)
         except (SplatwireError, OSError):
             return make_answer("500 Internal Server Error", headers=shared).for_method(request.method)
-        if found is None:
+        if download is None:
             return make_answer("404 Not Found", headers=shared).for_method(request.method)
         file_name = quote(f"{name}.{form}", safe="")
         attachment = f"Content-Disposition: attachment; filename*=UTF-8''{file_name}\r\n"
         headers = shared if part else attachment + shared
         kind = PART_TYPES.get(part.rpartition(".")[2], "application/octet-stream")
-        data, tag = found
+        data, tag = download
         if request.target == f"/{TILESET}":
             data = prefixed_tileset(bytes(data), f"{quote(name, safe='')}/{form}/")
             tag = hashlib.sha256(data).hexdigest()[:16]
@@ -164,12 +164,12 @@ class PageContent:
         """
         if target == f"/{TILESET}":
             listed = self._listed()
-            known = len(listed) == 1 and "3dtiles" in self._download_formats(listed[0])
-            return (listed[0], "3dtiles", TILESET) if known else None
+            is_available = len(listed) == 1 and "3dtiles" in self._download_formats(listed[0])
+            return (listed[0], "3dtiles", TILESET) if is_available else None
         if target.count("/") > 2:
             name, form, part = target[1:].split("/", 2)
-            known = form in FOLDERS and form in self._download_formats(unquote(name))
-            return (unquote(name), form, part) if known else None
+            is_available = form in FOLDERS and form in self._download_formats(unquote(name))
+            return (unquote(name), form, part) if is_available else None
         name, dot, form = unquote(target[1:]).rpartition(".")
         single = form not in FOLDERS and form in self._download_formats(name)
         return (name, form, "") if dot and target == download_path(name, form) and single else None
@@ -209,10 +209,10 @@ class PageContent:
             return self._preflight(request)
         if (refused := self._unauthorized(self._requested_scene(request), request)) is not None:
             return refused
-        found = self._find(request.target, request.query, origin)
-        if found is None:  # pages of other origins may see that a stream is missing
+        resource = self._find(request.target, request.query, origin)
+        if resource is None:  # pages of other origins may see that a stream is missing
             return make_answer("404 Not Found", headers=self._cors_headers(origin))
-        status, kind, body, headers = found
+        status, kind, body, headers = resource
         script = request.target[1:] in FILES
         if isinstance(body, bytes) and (script or request.target.startswith((STREAMS, PRIVATE))):
             packed = script and accepts_gzip(request.headers.get("accept-encoding", ""))
@@ -399,8 +399,10 @@ class PageContent:
         try:
             ipaddress.ip_address(plain.strip("[]"))
         except ValueError:
-            own = {self.host.lower(), socket.gethostname().lower()}
-            return is_loopback(name) or plain in own | ({host_of(self.public_origin)} if self.public_origin else set())
+            own_names = {self.host.lower(), socket.gethostname().lower()}
+            return is_loopback(name) or plain in own_names | (
+                {host_of(self.public_origin)} if self.public_origin else set()
+            )
         return True
 
 
@@ -441,9 +443,9 @@ def served_stream_file(stream: ServedStream) -> bytes:
 
 def _head(stream: ServedStream) -> tuple[Manifest, bytes]:
     """Parses the init segment of a stream, and returns manifest and side information (data that all packets need)."""
-    segments = Segments(stream.head_bytes, stream.symbol_bytes)
+    segments = Segments(stream.init_segment_bytes, stream.symbol_bytes)
     symbols = (symbol for number, segment in enumerate(stream.head) for symbol in segment[: segments.size(number)])
-    manifest, side_info, _ = split_init_segment(b"".join(symbols)[: stream.head_bytes])
+    manifest, side_info, _ = split_init_segment(b"".join(symbols)[: stream.init_segment_bytes])
     return manifest, side_info
 
 

@@ -121,14 +121,14 @@ def _host(text: str) -> str:
 
 def token_of(request: Request) -> str:
     """Returns the access token in the `Authorization` header or the query of a request; empty without one."""
-    found = _BEARER.fullmatch(request.headers.get("authorization", ""))
-    return found[1] if found else token_in(request.query)
+    match = _BEARER.fullmatch(request.headers.get("authorization", ""))
+    return match[1] if match else token_in(request.query)
 
 
 def token_in(query: str) -> str:
     """Returns the access token in a query string; empty without one."""
-    found = _TOKEN.search(query)
-    return found[1] if found else ""
+    match = _TOKEN.search(query)
+    return match[1] if match else ""
 
 
 def accepts_gzip(text: str) -> bool:

@@ -33,19 +33,19 @@ def client_address(peer: Any, head: bytes, proxies: Sequence[IpNetwork]) -> tupl
         head: Head of the HTTP request.
         proxies: Networks of trusted proxies.
     """
-    found = str(peer[0])
+    address = str(peer[0])
     try:
         listed = read_request(head).headers.get("x-forwarded-for", "").split(",")
     except BitstreamError:
-        return (found,)
+        return (address,)
     # Each proxy appends the address of its client. Addresses before the first untrusted one may be forged.
-    while _is_trusted(found, proxies) and listed:
+    while _is_trusted(address, proxies) and listed:
         text = listed.pop().strip()
         try:
-            found = str(ipaddress.ip_address(text))
+            address = str(ipaddress.ip_address(text))
         except ValueError:
             break
-    return (found,)
+    return (address,)
 
 
 def _is_trusted(address: str, proxies: Sequence[IpNetwork]) -> bool:

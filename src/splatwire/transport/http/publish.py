@@ -149,10 +149,10 @@ def _link_preview(name: str, url: str | None, page: str, picture: str | None) ->
     """
     if url is None:
         return ""
-    found = {"og:title": name, "og:type": "website", "og:url": f"{url}/{quote(page)}"}
+    tags = {"og:title": name, "og:type": "website", "og:url": f"{url}/{quote(page)}"}
     if picture is not None:
-        found |= {"og:image": f"{url}/{quote(picture)}", "twitter:card": "summary_large_image"}
-    return "".join(f'<meta property="{key}" content="{html.escape(value)}">\n' for key, value in found.items())
+        tags |= {"og:image": f"{url}/{quote(picture)}", "twitter:card": "summary_large_image"}
+    return "".join(f'<meta property="{key}" content="{html.escape(value)}">\n' for key, value in tags.items())
 
 
 def _header_rules(engine: str) -> dict[str, dict[str, str]]:

@@ -25,8 +25,8 @@ def scene_list(scenes: Mapping[str, Mapping[str, str]], current: str, address: C
     for name, attributes in scenes.items():
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
         seen = f'<splat-wire-preview aria-hidden="true" {words}></splat-wire-preview>' if "data" in attributes else ""
-        here = ' aria-current="page"' if name == current else ""
-        items.append(f'<li><a href="{html.escape(address(name))}"{here}>{seen}{html.escape(name)}</a></li>')
+        aria_current = ' aria-current="page"' if name == current else ""
+        items.append(f'<li><a href="{html.escape(address(name))}"{aria_current}>{seen}{html.escape(name)}</a></li>')
     return f'<nav aria-label="scenes"><ul>{"".join(items)}</ul></nav>'
 
 
@@ -50,8 +50,8 @@ def start_attributes(side_info: bytes, codec: str) -> dict[str, str]:
     """
     sections = split_sections(side_info, codec)[1]
     viewpoint, up = sections.get("viewpoint", b""), sections.get("up", b"")
-    found = {"viewpoint": viewpoint_attribute(viewpoint)} if len(viewpoint) == 36 else {}
-    return found | ({"up": up.decode()} if re.fullmatch(rb"-?[xyz]", up) else {})
+    attributes = {"viewpoint": viewpoint_attribute(viewpoint)} if len(viewpoint) == 36 else {}
+    return attributes | ({"up": up.decode()} if re.fullmatch(rb"-?[xyz]", up) else {})
 
 
 def viewpoint_attribute(section: bytes) -> str:

@@ -302,9 +302,9 @@ async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) ->
     writer.write_eof()
     with suppress(TimeoutError):
         async with asyncio.timeout(LINGER_S):
-            left = LINGER_BYTES
-            while left > 0 and (data := await reader.read(CHUNK_BYTES)):
-                left -= len(data)
+            remaining = LINGER_BYTES
+            while remaining > 0 and (data := await reader.read(CHUNK_BYTES)):
+                remaining -= len(data)
 
 
 async def _wait_for_pacer(pacer: Pacer) -> None:

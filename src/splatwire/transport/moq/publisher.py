@@ -26,7 +26,7 @@ KEPT_US = 3600 * 1_000_000
 """Age up to which relays still forward the content of a track, microseconds."""
 FOREMOST = 255
 """Priority of the track with manifest and side information; the tracks of packets have lower priorities, descending."""
-CONNECT_S = 10.0
+CONNECT_TIMEOUT_S = 10.0
 NO_SUCH_TRACK = 404
 
 
@@ -83,15 +83,15 @@ async def session(address: Address, trust: RelayTrust, **client_options: Any) ->
         InvalidValueError: If no session can be opened.
     """
     moq = need_moq()
-    place, _, name = address.name.rpartition("/")
+    namespace, _, name = address.name.rpartition("/")
     host = f"[{address.host}]" if ":" in address.host else address.host
     client = moq.Client(
-        f"https://{host}:{address.port}/{place}", tls_verify=not trust.insecure, websocket_enabled=False,
+        f"https://{host}:{address.port}/{namespace}", tls_verify=not trust.insecure, websocket_enabled=False,
         tls_fingerprints=[trust.fingerprint] if trust.fingerprint else None, reconnect=bool(client_options),
         tls_roots=[str(trust.authority)] if trust.authority else None, **client_options,
     )  # fmt: skip
     try:
-        async with asyncio.timeout(CONNECT_S):
+        async with asyncio.timeout(CONNECT_TIMEOUT_S):
             await client.__aenter__()
     except (moq.Error, TimeoutError) as error:
         raise InvalidValueError(f"no session with the relay {host}:{address.port}: {error or 'no answer'}") from error

@@ -17,7 +17,7 @@ from splatwire.bitstream.view import cut_of
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.address import Address
 from splatwire.transport.moq.publisher import (
-    CONNECT_S,
+    CONNECT_TIMEOUT_S,
     FOREMOST,
     HEAD,
     KEPT_US,
@@ -280,7 +280,7 @@ async def receive_relayed(
     async def attempt() -> str:
         async with session(address, trust) as (client, name):
             try:
-                async with asyncio.timeout(CONNECT_S):
+                async with asyncio.timeout(CONNECT_TIMEOUT_S):
                     broadcast = await client.announced_broadcast(name).available()
             except TimeoutError as error:
                 raise BrokenOffError(f"the relay has no broadcast '{name}'") from error

@@ -66,9 +66,9 @@ def choose_eviction(connections: Mapping[Network, int], newcomer: Network) -> Ne
         The network; None if the new connection is refused.
     """
     for depth in range(1, len(newcomer) + 1):
-        found = _largest_holder(connections, newcomer[: depth - 1], depth)
-        if found is not None and found[1] > _places(connections, newcomer[:depth]) + 1:
-            return largest_holder(connections, found[0])
+        largest = _largest_holder(connections, newcomer[: depth - 1], depth)
+        if largest is not None and largest[1] > _places(connections, newcomer[:depth]) + 1:
+            return largest_holder(connections, largest[0])
     return None
 
 
@@ -83,9 +83,9 @@ def largest_holder(connections: Mapping[Network, int], prefix: Network = ()) -> 
         prefix: Prefixes that the network must start with; empty for any network.
     """
     while prefix not in connections:
-        found = _largest_holder(connections, prefix, len(prefix) + 1)
-        assert found is not None
-        prefix = found[0]
+        largest = _largest_holder(connections, prefix, len(prefix) + 1)
+        assert largest is not None
+        prefix = largest[0]
     return prefix
 
 
@@ -153,9 +153,9 @@ class ConnectionSlots:
 
     def leave(self, network: Network, connection: asyncio.WriteTransport) -> None:
         """Removes a connection that has ended from the count, so that another one may take its place."""
-        left = [other for other in self._connections.pop(network, []) if other is not connection]
-        if left:
-            self._connections[network] = left
+        remaining = [other for other in self._connections.pop(network, []) if other is not connection]
+        if remaining:
+            self._connections[network] = remaining
 
 
 @dataclass(slots=True)

@@ -47,20 +47,21 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
         Message about what is invalid or too large, or None if the sizes are accepted.
     """
     w = welcome
-    total = w.object_bytes + w.num_packets * w.packet_bytes
-    covered = sum(some.num_packets for some in w.parity_ranges)
+    total = w.init_segment_bytes + w.num_packets * w.packet_bytes
+    covered = sum(parity_range.num_packets for parity_range in w.parity_ranges)
     groups_fit = all(
-        some.groups <= some.num_packets
-        and -(-some.num_packets // max(some.groups, 1)) <= (fec.MAX_SYMBOLS if some.groups else some.num_packets + 1)
-        and some.repair <= fec.MAX_REPAIR
-        for some in w.parity_ranges
+        parity_range.groups <= parity_range.num_packets
+        and -(-parity_range.num_packets // max(parity_range.groups, 1))
+        <= (fec.MAX_SYMBOLS if parity_range.groups else parity_range.num_packets + 1)
+        and parity_range.repair <= fec.MAX_REPAIR
+        for parity_range in w.parity_ranges
     )
     checks = (
-        (0 < w.object_bytes <= limits.head_bytes, f"side information of {w.object_bytes} bytes"),
+        (0 < w.init_segment_bytes <= limits.head_bytes, f"side information of {w.init_segment_bytes} bytes"),
         (w.num_packets <= limits.packets, f"{w.num_packets} packets"),
         (total <= limits.stream_bytes, f"a stream of {total} bytes"),
         (w.packet_bytes <= MAX_PACKET_BYTES, f"packets of {w.packet_bytes} bytes"),
-        (w.bundled <= w.num_packets, f"{w.bundled} of {w.num_packets} packets within the side information"),
+        (w.num_bundled <= w.num_packets, f"{w.num_bundled} of {w.num_packets} packets within the side information"),
         (
             MIN_SYMBOL_BYTES <= w.symbol_bytes <= MAX_DATAGRAM and w.symbol_bytes % fec.ALIGNMENT == 0,
             f"symbols of {w.symbol_bytes} bytes",
@@ -78,7 +79,7 @@ class InitSegmentCollector:
     """
 
     def __init__(self, welcome: Welcome) -> None:
-        self._segments = Segments(welcome.object_bytes, welcome.symbol_bytes)
+        self._segments = Segments(welcome.init_segment_bytes, welcome.symbol_bytes)
         self._digest = welcome.digest
         self._symbols: list[dict[int, bytes]] = [{} for _ in range(self._segments.num_segments)]
         self._pieces: list[bytes | None] = [None] * self._segments.num_segments
@@ -114,13 +115,13 @@ class InitSegmentCollector:
         if useless or len(frame.payload) != self._segments.symbol_bytes:
             return None
         symbols[frame.symbol] = frame.payload
-        found = fec.recover(symbols, size, self._segments.symbol_bytes) if len(symbols) >= size else None
-        if found is None:
+        segment_data = fec.recover(symbols, size, self._segments.symbol_bytes) if len(symbols) >= size else None
+        if segment_data is None:
             if len(symbols) > size + SPARE_SYMBOLS:  # improbable for valid symbols: at least one is corrupt
                 self._restart(frame.segment)
             return None
         span = self._segments.span(frame.segment)
-        self._pieces[frame.segment] = b"".join(found)[: span.stop - span.start]
+        self._pieces[frame.segment] = b"".join(segment_data)[: span.stop - span.start]
         symbols.clear()
         return self._whole()
 
@@ -163,8 +164,8 @@ def read_init_segment(data: bytes, welcome: Welcome) -> tuple[Manifest, bytes, t
     check_side_info(manifest, side_info, "the side information that was sent")
     if (manifest.stream_id, manifest.num_packets) != (welcome.stream_id, welcome.num_packets):
         raise BitstreamError("the manifest that was sent is that of another stream")
-    if len(bundled) != welcome.bundled:
-        raise BitstreamError(f"{len(bundled)} packets are bundled with the side information, not {welcome.bundled}")
+    if len(bundled) != welcome.num_bundled:
+        raise BitstreamError(f"{len(bundled)} packets are bundled with the side information, not {welcome.num_bundled}")
     return manifest, side_info, bundled
 
 
@@ -295,9 +296,9 @@ class PacketCollector:
             Index of the first packet in the mask, and the mask, least significant bit first.
         """
         for first in range(0, len(self._is_received), 8 * MAX_HELD_BYTES):
-            some = np.frombuffer(self._is_received[first : first + 8 * MAX_HELD_BYTES], np.uint8)
-            if some.any():
-                yield first, np.packbits(some, bitorder="little").tobytes()
+            bits = np.frombuffer(self._is_received[first : first + 8 * MAX_HELD_BYTES], np.uint8)
+            if bits.any():
+                yield first, np.packbits(bits, bitorder="little").tobytes()
 
     def _take(self, index: int, data: bytes) -> Packet | None:
         """Validates and stores a received packet.
@@ -349,11 +350,11 @@ class PacketCollector:
         if not repair or len(members) == group.size or len(members) + len(repair) < group.size:
             return []
         symbols = {n: fec.framed([packet.data], self._symbol_bytes) for n, packet in members.items()}
-        found = fec.recover({**symbols, **repair}, group.size, self._symbol_bytes)
-        if found is None:
+        source_symbols = fec.recover({**symbols, **repair}, group.size, self._symbol_bytes)
+        if source_symbols is None:
             return []
         out = []
-        for n, symbol in enumerate(found):
+        for n, symbol in enumerate(source_symbols):
             if n not in members:
                 index = group.packet_of(n)
                 packet = self._take(index, fec.unframed(symbol))

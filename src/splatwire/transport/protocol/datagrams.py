@@ -98,12 +98,12 @@ class Welcome(NamedTuple):
         nonce: Number that identifies the client's connection attempt.
         session: Id of the transfer, contained in all its datagrams.
         stream_id: Id of the stream, contained in every packet.
-        object_bytes: Size of the init segment in bytes: manifest, side information and bundled packets.
+        init_segment_bytes: Size of the init segment in bytes: manifest, side information and bundled packets.
         digest: SHA-256 of the init segment.
         symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
         num_packets: Number of packets of the complete stream; for a live stream, of the packets so far.
         packet_bytes: Maximum size of a packet in bytes.
-        bundled: Number of packets at the start of the sending order that are bundled in the init segment.
+        num_bundled: Number of packets at the start of the sending order that are bundled in the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         preview: Preview to show until the scene is decoded; empty without a preview.
         is_live: True for a live stream.
@@ -113,12 +113,12 @@ class Welcome(NamedTuple):
     nonce: int
     session: int
     stream_id: int
-    object_bytes: int
+    init_segment_bytes: int
     digest: bytes
     symbol_bytes: int
     num_packets: int
     packet_bytes: int
-    bundled: int
+    num_bundled: int
     parity_ranges: tuple[ParityRange, ...]
     preview: bytes = b""
     is_live: bool = False
@@ -212,14 +212,14 @@ class Have(NamedTuple):
     Attributes:
         nonce: Number that identifies the client's connection attempt.
         stream_id: Id of the stream that the packets belong to.
-        head: 1 if the client has manifest and side information, else 0.
+        has_init_segment: 1 if the client has manifest and side information, else 0.
         first: Index in sending order of the first packet in the mask, a multiple of 8.
         held: Bit mask of received packets from index `first` on, least significant bit first.
     """
 
     nonce: int
     stream_id: int
-    head: int
+    has_init_segment: int
     first: int
     held: bytes
 

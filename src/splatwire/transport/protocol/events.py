@@ -1,5 +1,6 @@
 """Events that a receiver reports to its caller during a transfer."""
 
+import warnings
 from dataclasses import dataclass
 
 from splatwire.bitstream import Manifest, Packet, PacketIntake, SceneStream
@@ -12,15 +13,21 @@ class Welcomed:
 
     Attributes:
         num_packets: Number of packets of the complete stream.
-        head_bytes: Size of the init segment in bytes: manifest, side information and bundled packets.
+        init_segment_bytes: Size of the init segment in bytes: manifest, side information and bundled packets.
         preview: Preview to show until the scene can be decoded; empty without a preview.
         is_live: True for a live stream; this event is then repeated whenever the stream has grown.
     """
 
     num_packets: int
-    head_bytes: int
+    init_segment_bytes: int
     preview: bytes = b""
     is_live: bool = False
+
+    @property
+    def head_bytes(self) -> int:
+        """Deprecated name of `init_segment_bytes`."""
+        warnings.warn("Welcomed.head_bytes is deprecated, use init_segment_bytes", DeprecationWarning, stacklevel=2)
+        return self.init_segment_bytes
 
     @staticmethod
     def of(frame: Welcome) -> "Welcomed":
@@ -29,7 +36,7 @@ class Welcomed:
         Args:
             frame: The response, with the sizes of the stream.
         """
-        return Welcomed(frame.num_packets, frame.object_bytes, frame.preview, frame.is_live)
+        return Welcomed(frame.num_packets, frame.init_segment_bytes, frame.preview, frame.is_live)
 
 
 @dataclass(frozen=True)

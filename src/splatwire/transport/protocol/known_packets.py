@@ -10,7 +10,7 @@ class KnownPackets:
 
     def __init__(self) -> None:
         self._packets = bytearray()
-        self._head = False
+        self._has_init_segment = False
 
     def take(self, frame: Have, stream: ServedStream) -> int:
         """Records which packets a client already has, and returns the number of bytes that therefore need not be sent.
@@ -22,8 +22,8 @@ class KnownPackets:
         count, at = len(stream.packets), frame.first // 8
         if frame.stream_id != stream.stream_id or stream.is_live or frame.first >= count:
             return 0
-        size = stream.head_bytes if frame.head and not self._head else 0
-        self._head = self._head or bool(frame.head)
+        size = stream.init_segment_bytes if frame.has_init_segment and not self._has_init_segment else 0
+        self._has_init_segment = self._has_init_segment or bool(frame.has_init_segment)
         end = min(at + len(frame.held), -(-count // 8))
         self._packets.extend(bytes(max(end - len(self._packets), 0)))
         for byte in range(at, end):
@@ -41,5 +41,5 @@ class KnownPackets:
             symbol: Index of the packet in sending order; ignored for other kinds.
         """
         if kind != DATA:
-            return self._head and kind != WELCOME
+            return self._has_init_segment and kind != WELCOME
         return symbol // 8 < len(self._packets) and bool(self._packets[symbol // 8] >> symbol % 8 & 1)

@@ -49,23 +49,23 @@ def split_init_segment(data: bytes) -> tuple[Manifest, bytes, tuple[bytes, ...]]
         BitstreamError: If the data are not an init segment.
     """
     if len(data) < _HEAD.size:
-        raise BitstreamError("the head object is cut")
+        raise BitstreamError("the init segment is cut")
     (size,) = _HEAD.unpack_from(data)
     if size > MAX_MANIFEST_BYTES or _HEAD.size + size > len(data):
-        raise BitstreamError(f"the head object's manifest cannot have {size} bytes")
+        raise BitstreamError(f"the init segment's manifest cannot have {size} bytes")
     manifest = manifest_from_bytes(data[_HEAD.size : _HEAD.size + size])
     end = _HEAD.size + size + manifest.side_info_bytes
     return manifest, data[_HEAD.size + size : end], _carried(data[end:])
 
 
 def _carried(data: bytes) -> tuple[bytes, ...]:
-    packets, at = [], 0
-    while at < len(data):
-        size = _CARRIED.unpack_from(data, at)[0] if at + _CARRIED.size <= len(data) else len(data)
-        at += _CARRIED.size + size
-        if at > len(data):
-            raise BitstreamError("the head object ends within a packet")
-        packets.append(data[at - size : at])
+    packets, offset = [], 0
+    while offset < len(data):
+        size = _CARRIED.unpack_from(data, offset)[0] if offset + _CARRIED.size <= len(data) else len(data)
+        offset += _CARRIED.size + size
+        if offset > len(data):
+            raise BitstreamError("the init segment ends within a packet")
+        packets.append(data[offset - size : offset])
     return tuple(packets)
 
 
@@ -146,18 +146,23 @@ class GroupFinder:
     def __init__(self, parity_ranges: Sequence[ParityRange]) -> None:
         # groups are computed from the runs at each call: a table of all groups would need much memory
         self._ranges = tuple(parity_ranges)
-        self.num_groups = sum(some.groups for some in self._ranges)
+        self.num_groups = sum(parity_range.groups for parity_range in self._ranges)
 
     def group(self, number: int) -> Group:
         """Returns the parity group with the given index, 0 to `num_groups - 1`."""
         first = 0
-        for some in self._ranges:
-            if number < some.groups:
+        for parity_range in self._ranges:
+            if number < parity_range.groups:
                 break
-            first, number = first + some.num_packets, number - some.groups
+            first, number = first + parity_range.num_packets, number - parity_range.groups
         else:
             raise IndexError("there is no such parity group")
-        return Group(first + number, some.groups, -(-(some.num_packets - number) // some.groups), some.repair)
+        return Group(
+            first + number,
+            parity_range.groups,
+            -(-(parity_range.num_packets - number) // parity_range.groups),
+            parity_range.repair,
+        )
 
     def find(self, index: int) -> tuple[int, int] | None:
         """Finds the parity group of a packet.
@@ -169,11 +174,11 @@ class GroupFinder:
             Index of the parity group, and index of the packet in the group; None for a packet without parity.
         """
         first = group = 0
-        for some in self._ranges:
-            if index < first + some.num_packets:
-                if not some.groups or not some.repair:
+        for parity_range in self._ranges:
+            if index < first + parity_range.num_packets:
+                if not parity_range.groups or not parity_range.repair:
                     return None
-                symbol, offset = divmod(index - first, some.groups)
+                symbol, offset = divmod(index - first, parity_range.groups)
                 return group + offset, symbol
-            first, group = first + some.num_packets, group + some.groups
+            first, group = first + parity_range.num_packets, group + parity_range.groups
         return None

@@ -15,7 +15,7 @@ from splatwire.transport.protocol.send_schedule import build_send_schedule
 from splatwire.transport.protocol.served_stream import (
     MAX_PACKET_BYTES,
     ServedStream,
-    head_symbols,
+    encode_init_segment,
     parity_symbols,
     side_symbol_bytes,
 )
@@ -68,10 +68,10 @@ class LiveSession:
         self._protection, self._importance = protection, importance
         self._packets: list[bytes] = []
         self._persistent = bytearray()
-        self._newest = self._groups = self._codes = 0
+        self._newest = self._groups = self._num_parity_groups = 0
         self._parity_ranges: tuple[ParityRange, ...] = ()
         self._parity: tuple[tuple[bytes, ...], ...] = ()
-        self._fresh: tuple[tuple[int, int, int], ...] = ()
+        self._group_schedule: tuple[tuple[int, int, int], ...] = ()
 
     def add(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> LiveState:
         """Adds a group of pictures and returns the new state of the stream.
@@ -91,8 +91,8 @@ class LiveSession:
                 self._packets[index] = b""
         self._newest = len(self._packets)
         ordered = sorted(packets, key=lambda packet: not plan.persistent(packet.id.block))
-        found = self._arranged(ordered, manifest)
-        for packet in (ordered[number] for number in found.order):
+        arranged = self._arranged(ordered, manifest)
+        for packet in (ordered[number] for number in arranged.order):
             named = make_packet(packet.id, packet.num_elements, packet.payload, manifest.stream_id)
             if len(named.data) > MAX_PACKET_BYTES:
                 raise InvalidValueError(f"a packet of {len(named.data)} bytes fits no datagram")
@@ -100,7 +100,7 @@ class LiveSession:
             self._persistent.append(plan.persistent(packet.id.block))
         if len(self._packets) != manifest.num_packets:
             raise InvalidValueError(f"{len(self._packets)} packets, and the manifest says {manifest.num_packets}")
-        self._protect(found.parity_ranges)
+        self._protect(arranged.parity_ranges)
         return self._state(manifest, side_info, more=True)
 
     def end(self, manifest: Manifest, side_info: bytes) -> LiveState:
@@ -116,7 +116,7 @@ class LiveSession:
         plan, (share, repair) = manifest.plan, self._protection.motion_of(self._groups)
         importance = self._importance(ordered) if self._importance and repair and share < 1 else None
         persistent = [plan.persistent(packet.id.block) for packet in ordered]
-        kinds = ([n for n, lasts in enumerate(persistent) if lasts is kind] for kind in (True, False))
+        kinds = ([n for n, is_persistent in enumerate(persistent) if is_persistent is kind] for kind in (True, False))
         group = GroupPackets(*map(tuple, kinds))
         self._groups += 1
         return arrange([group], importance, self._protection, self._groups - 1)
@@ -124,26 +124,32 @@ class LiveSession:
     def _protect(self, ranges: tuple[ParityRange, ...]) -> None:
         """Computes the repair symbols and the sending order of the newest group of pictures."""
         # The repair symbols of earlier groups of pictures are dropped.
-        before, newest = max(self._codes, -(-self._newest // MAX_SYMBOLS)), self._packets[self._newest :]
-        past = (ParityRange(self._newest, before, 0),) if self._newest else ()
-        before = before if past else 0
+        num_earlier, newest = (
+            max(self._num_parity_groups, -(-self._newest // MAX_SYMBOLS)),
+            self._packets[self._newest :],
+        )
+        earlier_ranges = (ParityRange(self._newest, num_earlier, 0),) if self._newest else ()
+        num_earlier = num_earlier if earlier_ranges else 0
         parity = parity_symbols(newest, ranges, symbol_bytes_for(MAX_PACKET_BYTES))
         items = build_send_schedule(
             [], ranges, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(newest)]
         )
         firsts = {DATA: self._newest, PARITY: 0}
-        self._parity_ranges, self._parity = (*past, *ranges), (*((),) * before, *parity)
-        self._fresh = tuple((kind, group + before * (kind == PARITY), n + firsts[kind]) for kind, group, n in items)
-        self._codes = before + len(parity)
+        self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_earlier, *parity)
+        self._group_schedule = tuple(
+            (kind, group + num_earlier * (kind == PARITY), n + firsts[kind]) for kind, group, n in items
+        )
+        self._num_parity_groups = num_earlier + len(parity)
 
     def _state(self, manifest: Manifest, side_info: bytes, *, more: bool) -> LiveState:
         data = init_segment(manifest, side_info)
         symbol_bytes = side_symbol_bytes(len(data))
-        head, scheduled = head_symbols(data, symbol_bytes, self._protection)
+        init_symbols, scheduled = encode_init_segment(data, symbol_bytes, self._protection)
         side = [(SIDE, segment, symbol) for segment, count in enumerate(scheduled) for symbol in range(count)]
         keyframes = ((DATA, 0, n) for n in range(self._newest) if self._persistent[n])
         return LiveState(
-            manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, tuple(self._packets),
-            MAX_PACKET_BYTES, 0, self._parity_ranges or (ParityRange(0, 0, 0),), self._parity,
-            (*side, *keyframes, *self._fresh), is_live=more, persistent=bytes(self._persistent), newest=self._newest,
+            manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols,
+            tuple(self._packets), MAX_PACKET_BYTES, 0, self._parity_ranges or (ParityRange(0, 0, 0),), self._parity,
+            (*side, *keyframes, *self._group_schedule), is_live=more, persistent=bytes(self._persistent),
+            newest=self._newest,
         )  # fmt: skip

@@ -45,11 +45,11 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
         plan: Packet plan of the manifest: mapping between elements and packets.
     """
     groups = [GroupPackets((), ())] * (len(plan.spans) // 2)
-    found: list[tuple[list[int], list[int]]] = [([], []) for _ in groups]
+    packets_by_kind: list[tuple[list[int], list[int]]] = [([], []) for _ in groups]
     for number, packet in enumerate(packets):
         tier = plan.tier_of(packet.id.block)
-        found[tier // 2][tier % 2].append(number)
-    return [GroupPackets(tuple(keyframes), tuple(motion)) for keyframes, motion in found]
+        packets_by_kind[tier // 2][tier % 2].append(number)
+    return [GroupPackets(tuple(keyframes), tuple(motion)) for keyframes, motion in packets_by_kind]
 
 
 def arrange(

@@ -7,12 +7,12 @@ from splatwire.transport.protocol.datagrams import MAX_NACKS
 
 # Several modules limit requests and retransmissions. Limits of a receiver:
 #
-# * interval between feedback datagrams: `receiver.FEEDBACK_S`;
+# * interval between feedback datagrams: `receiver.FEEDBACK_INTERVAL_S`;
 # * interval between NACKs for a packet: `NACK_INTERVAL_S`;
 # * number of NACKs per packet of a live stream, and per sequence number: `MAX_NACK_ATTEMPTS`;
 # * number of missing sequence numbers that are stored: `gap_tracker.MAX_GAPS`;
 # * number of NACKs per feedback datagram: `datagrams.MAX_NACKS`;
-# * number of later packets after which a packet counts as missing: `receiver.REORDER`;
+# * number of later packets after which a packet counts as missing: `receiver.REORDER_THRESHOLD`;
 # * number of successive `End` datagrams without a new packet, after which the receiver gives up:
 #   `receiver.MAX_FRUITLESS_ENDS`.
 #

@@ -25,7 +25,7 @@ class ReceiveState:
         self.finished: Finished | None = None
         self.num_datagrams = self.num_rejected = self.num_bytes = 0
         self._welcome: Welcome | None = None
-        self._head: InitSegmentCollector | None = None
+        self._init_segment: InitSegmentCollector | None = None
         self._collector: PacketCollector | None = None
         self._manifest: Manifest | None = None
         self._side_info = b""
@@ -42,7 +42,7 @@ class ReceiveState:
         """
         if discard or self._collector is None:
             self._missed_before, self._joined_at = self.num_missed, welcome.num_packets if welcome.is_live else 0
-        self._welcome, self._head = welcome, InitSegmentCollector(welcome)
+        self._welcome, self._init_segment = welcome, InitSegmentCollector(welcome)
         self._grew = welcome.is_live or (self._grew and not discard)
         if discard or self._collector is None:
             self._collector, self._manifest, self._side_info = PacketCollector(welcome), None, b""
@@ -138,13 +138,13 @@ class ReceiveState:
         if self._welcome is None or self._collector is None:
             return ""
         packets = f"{self._collector.num_packets} of {self._welcome.num_packets} packets arrived"
-        if self._head is None:
+        if self._init_segment is None:
             return packets
-        missing, total = self._head.num_missing, self._head.num_symbols
+        missing, total = self._init_segment.num_missing, self._init_segment.num_symbols
         return f"of the side information at least {missing} of {total} pieces are missing; {packets}"
 
 
 def _order_parameters(welcome: Welcome) -> tuple[object, ...]:
     """Returns the parameters of a stream that determine the sending order of its packets."""
-    sizes = welcome.object_bytes, welcome.symbol_bytes, welcome.num_packets, welcome.bundled
+    sizes = welcome.init_segment_bytes, welcome.symbol_bytes, welcome.num_packets, welcome.num_bundled
     return *sizes, welcome.parity_ranges, welcome.is_live, welcome.viewable

@@ -45,7 +45,7 @@ from splatwire.transport.protocol.receive_state import ReceiveState
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
 from splatwire.transport.protocol.wire import MAX_DATAGRAM, decode, encode
 
-CONNECT_S = 10.0
+CONNECT_TIMEOUT_S = 10.0
 """Time after which an unanswered handshake fails, seconds."""
 RECONNECT_AFTER_S = 3.0
 """Silence after which the client repeats the handshake, seconds: the client's or the server's address may have
@@ -53,18 +53,18 @@ changed.
 """
 MAX_FRUITLESS_TRANSFERS = 5
 """Maximum number of consecutive transfers without new packets before the client gives up."""
-HAVE_TIMES, HAVE_S = 3, 0.3
+NUM_HAVE_REPEATS, HAVE_INTERVAL_S = 3, 0.3
 """Number of repetitions, and interval in seconds, of the list of received packets that a client sends when it resumes a
 transfer. Repetition covers losses.
 """
 MISSING_STREAM = 1
 """Index in `datagrams.REFUSALS` of the refusal that the requested stream does not exist."""
-ATTEMPT_S = 4.0
+ATTEMPT_TIMEOUT_S = 4.0
 """Time after which a connection attempt gets a new nonce, seconds: a server starts only one transfer per nonce."""
-SMALL_PATH = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
-FEEDBACK_S = 0.02
+SMALL_MTU = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
+FEEDBACK_INTERVAL_S = 0.02
 """Interval between feedback datagrams, which contain the NACKs, seconds."""
-REORDER = 48
+REORDER_THRESHOLD = 48
 """Reordering threshold: packets this far behind the furthest received one count as lost."""
 MAX_SEQUENCE_JUMP = 1 << 17
 """Maximum increase of the sequence number from one datagram to the next; with a larger increase, the datagram is forged
@@ -72,14 +72,14 @@ and rejected.
 """
 GRACE_S = 0.15
 """Time that the receiver waits for late packets after the server has sent everything, seconds."""
-SOON_S = 2.0
+FAST_RETRY_PERIOD_S = 2.0
 """Time from the first request for an announced stream in which requests follow each other fast, seconds."""
-BYES = 3
-VIEW_S, VIEW_AGAIN_S, TWICE = 0.1, 1.0, 2
+NUM_BYES = 3
+VIEW_INTERVAL_S, VIEW_REPEAT_S, NUM_IMMEDIATE_VIEWS = 0.1, 1.0, 2
 """Interval at which a new viewpoint is sent to the server, later interval for an unchanged viewpoint (both in seconds),
 and number of datagrams at the short interval. Repetition covers losses.
 """
-MOVED_S = 2.0
+VIEW_CORRECTION_S = 2.0
 """Time after the viewpoint was corrected by the stream's origin, seconds, in which an `End` datagram may still refer to
 the uncorrected viewpoint.
 """
@@ -266,7 +266,7 @@ class Receiver(ReceiveState):
         """
         if reason == NOT_YET:
             self._connecting_since = now
-            attempt.on_refusal(now, RETRY_S if now - self._began < SOON_S else WAIT_S)
+            attempt.on_refusal(now, RETRY_S if now - self._began < FAST_RETRY_PERIOD_S else WAIT_S)
             return [], []
         self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
         if self._welcome is None or reason in (MISSING_STREAM, OTHER_VERSION, NEEDS_TOKEN):
@@ -277,19 +277,19 @@ class Receiver(ReceiveState):
     def _on_welcome(self, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes the server's acceptance of a request: starts or resumes a transfer."""
         before, events = self._welcome, list[Event]()
-        known = 0 if self._collector is None else self._collector.num_packets
+        num_held = 0 if self._collector is None else self._collector.num_packets
         if before is None:
             self._begin(frame, discard=True)
         else:
-            self._fruitless_transfers = self._fruitless_transfers + 1 if known == self._before else 0
+            self._fruitless_transfers = self._fruitless_transfers + 1 if num_held == self._before else 0
             if self._fruitless_transfers > MAX_FRUITLESS_TRANSFERS:
                 return self._finish("the server fell silent again and again")
-            kept = self._resume(before, frame)
-            if not kept and before.is_live and (stream := self.stream()) is not None:
+            is_resumed = self._resume(before, frame)
+            if not is_resumed and before.is_live and (stream := self.stream()) is not None:
                 events.append(StreamReplaced(stream))
-            if not kept:
+            if not is_resumed:
                 self._begin(frame, discard=True)
-            events.append(Resumed(kept))
+            events.append(Resumed(is_resumed))
         assert self._attempt is not None
         self._nonce, self._attempt, self._refusal = self._attempt.nonce, None, ""
         self._before = 0 if self._collector is None else self._collector.num_packets
@@ -298,7 +298,7 @@ class Receiver(ReceiveState):
             self._list_held(now)
         if frame.is_live:
             self._nack_tracker.max_attempts = MAX_NACK_ATTEMPTS
-        self._heard_at, self._feedback_at = now, now + FEEDBACK_S
+        self._heard_at, self._feedback_at = now, now + FEEDBACK_INTERVAL_S
         out = [] if before is None else [encode(Bye(before.session))]
         out += [*self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)]
         return out, [*events, Welcomed.of(frame)]
@@ -321,17 +321,17 @@ class Receiver(ReceiveState):
         """
         if not self._have_left or now < self._have_at:
             return []
-        self._have_left, self._have_at = self._have_left - 1, now + HAVE_S
+        self._have_left, self._have_at = self._have_left - 1, now + HAVE_INTERVAL_S
         return self._have_frames
 
     def _list_held(self, now: float) -> None:
         """Prepares the datagrams that list the packets which this client has from an earlier transfer."""
         assert self._welcome is not None
         assert self._collector is not None
-        nonce, stream_id, head = self._nonce, self._welcome.stream_id, int(self._head is None)
+        nonce, stream_id, has_init_segment = self._nonce, self._welcome.stream_id, int(self._init_segment is None)
         held = [] if self._welcome.is_live else list(self._collector.received_masks())
-        self._have_frames = [encode(Have(nonce, stream_id, head, first, bits)) for first, bits in held]
-        self._have_left, self._have_at = HAVE_TIMES, now
+        self._have_frames = [encode(Have(nonce, stream_id, has_init_segment, first, bits)) for first, bits in held]
+        self._have_left, self._have_at = NUM_HAVE_REPEATS, now
 
     def _on_further_welcome(self, before: Welcome, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes new sizes of a live stream, or the start of the next stream, during a transfer."""
@@ -345,17 +345,17 @@ class Receiver(ReceiveState):
             return [], []
         if problem := check_welcome(frame, self.options.limits):
             return self._finish(problem)
-        left = [StreamReplaced(stream)] if follows and (stream := self.stream()) else []
+        events = [StreamReplaced(stream)] if follows and (stream := self.stream()) else []
         self._begin(frame, discard=follows)
         if follows:
             self._stream_before, self._nack_tracker = before.stream_id, NackTracker()
         self._nack_tracker.max_attempts, self._ended_at = MAX_NACK_ATTEMPTS, None
         self._progress_at, self._fruitless_ends = now, 0  # the live stream may have paused before it ended
-        return [self._feedback(now)], [*left, Welcomed.of(frame)]
+        return [self._feedback(now)], [*events, Welcomed.of(frame)]
 
     def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
-        known = self._welcome is not None and frame.session == self._welcome.session
-        if not known or self._collector is None or frame.sequence > self._largest + MAX_SEQUENCE_JUMP:
+        is_valid = self._welcome is not None and frame.session == self._welcome.session
+        if not is_valid or self._collector is None or frame.sequence > self._largest + MAX_SEQUENCE_JUMP:
             self.num_rejected += 1
             return [], []
         assert self._welcome is not None
@@ -373,8 +373,8 @@ class Receiver(ReceiveState):
             case Data() if not self._is_for_next_state(frame):
                 repaired = self._collector.num_repaired
                 new = self._collector.add(frame)
-                back = self._collector.num_repaired - repaired
-                events += [PacketArrived(packet, n >= len(new) - back) for n, packet in enumerate(new)]
+                num_repaired_now = self._collector.num_repaired - repaired
+                events += [PacketArrived(packet, n >= len(new) - num_repaired_now) for n, packet in enumerate(new)]
             case Side():
                 events += self._side(frame)
             case Parity():
@@ -385,22 +385,22 @@ class Receiver(ReceiveState):
         if not isinstance(frame, End):
             self._fruitless_ends = 0
             self._ended_at = None if self._viewing else self._ended_at
-        progress = self._collector.num_packets, self._head.num_missing if self._head else 0
+        progress = self._collector.num_packets, self._init_segment.num_missing if self._init_segment else 0
         if progress != self._progress:
             self._progress, self._progress_at = progress, now
         if self.finished:
-            return [encode(Bye(self._welcome.session))] * BYES, [*events, self.finished]
-        everything = self._head is None and self._collector.num_packets == self._welcome.num_packets
-        if everything and not self._welcome.is_live:
-            out, over = self._finish("complete")
-            return out, [*events, *over]
+            return [encode(Bye(self._welcome.session))] * NUM_BYES, [*events, self.finished]
+        is_complete = self._init_segment is None and self._collector.num_packets == self._welcome.num_packets
+        if is_complete and not self._welcome.is_live:
+            out, finish_events = self._finish("complete")
+            return out, [*events, *finish_events]
         return [], events
 
     def _side(self, frame: Side) -> list[Event]:
         assert self._welcome is not None
-        if self._head is None or self._collector is None:
+        if self._init_segment is None or self._collector is None:
             return []
-        data = self._head.add(frame)
+        data = self._init_segment.add(frame)
         if data is None:
             return []
         try:
@@ -409,7 +409,7 @@ class Receiver(ReceiveState):
         except BitstreamError as error:
             self.finished = Finished(str(error), False)
             return []
-        self._head = None
+        self._init_segment = None
         intake, new = self._collector.open(self._manifest, bundled)
         arrived = SideInfoArrived(self._manifest, self._side_info, intake)
         return [arrived, *(PacketArrived(packet, False) for packet in new)]
@@ -431,18 +431,18 @@ class Receiver(ReceiveState):
         if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
             return "deadline"
         if self._welcome is None:
-            late = now - self._connecting_since > CONNECT_S
-            return f"no answer: nothing seems to serve there, or {SMALL_PATH}" if late else None
+            late = now - self._connecting_since > CONNECT_TIMEOUT_S
+            return f"no answer: nothing seems to serve there, or {SMALL_MTU}" if late else None
         if now - self._heard_at > max(self.options.silence_s, self.options.reconnect_s):
             return f"the server fell silent{f', then: {self._refusal}' if self._refusal else ''}"
         unlimited = self._welcome.is_live or self.options.keep_open
         if not unlimited and self._heard_at - self._progress_at > MAX_FRUITLESS_S:
             return "the server sends nothing new"
         if self._fruitless_ends >= MAX_FRUITLESS_ENDS and self._is_cut_off:
-            return f"only small datagrams arrive: {SMALL_PATH}"
+            return f"only small datagrams arrive: {SMALL_MTU}"
         ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.is_live
         if self._viewing:
-            ended = ended and now - self._moved_at > MOVED_S  # it may be the `End` of the previous view
+            ended = ended and now - self._moved_at > VIEW_CORRECTION_S  # it may be the `End` of the previous view
             seen = ended and self._manifest is not None and not (self._gaps and self.options.nack)
             return "seen" if seen and not self.options.keep_open else None
         if (
@@ -455,7 +455,7 @@ class Receiver(ReceiveState):
 
     def _finish(self, reason: str) -> tuple[list[bytes], list[Event]]:
         self.finished = Finished(reason, self._manifest is not None)
-        out = [encode(Bye(self._welcome.session))] * BYES if self._welcome else []
+        out = [encode(Bye(self._welcome.session))] * NUM_BYES if self._welcome else []
         return out, [self.finished]
 
     def _is_silent(self, now: float) -> bool:
@@ -466,7 +466,7 @@ class Receiver(ReceiveState):
             return False
         if self._attempt is None:
             return self.options.reconnect_s > 0
-        return not self._reliable and now - self._attempt.began_at > ATTEMPT_S
+        return not self._reliable and now - self._attempt.began_at > ATTEMPT_TIMEOUT_S
 
     @property
     def _is_cut_off(self) -> bool:
@@ -478,8 +478,8 @@ class Receiver(ReceiveState):
     def _feedback(self, now: float) -> bytes:
         assert self._welcome is not None
         idle = self._viewing and self._ended_at is not None and not self._gaps and now - self._ended_at > IDLE_S
-        self._feedback_at = now + (IDLE_S / 2 if idle else FEEDBACK_S)
-        missing = self._head.num_missing if self._head else 0
+        self._feedback_at = now + (IDLE_S / 2 if idle else FEEDBACK_INTERVAL_S)
+        missing = self._init_segment.num_missing if self._init_segment else 0
         nacks = self._nacks(now) if self.options.nack else ((), ())
         time_us = int(self._largest_at * 1e6) & 0xFFFFFFFF
         largest, received = max(self._largest, 0), min(self._received, self._largest + 1)
@@ -494,7 +494,7 @@ class Receiver(ReceiveState):
         """Returns a list with the viewpoint datagram, empty if it is not due."""
         if self._view is None or self._welcome is None or not self._welcome.viewable:
             return []
-        if now - self._view_at < (VIEW_S if self._view_repeats < TWICE else VIEW_AGAIN_S):
+        if now - self._view_at < (VIEW_INTERVAL_S if self._view_repeats < NUM_IMMEDIATE_VIEWS else VIEW_REPEAT_S):
             return []
         self._view_at, self._view_repeats = now, self._view_repeats + 1
         return [encode(self._view._replace(session=self._welcome.session))]
@@ -505,9 +505,13 @@ class Receiver(ReceiveState):
         if self._collector is None:
             return (), ()
         if self._viewing:
-            return (), tuple(self._gaps.due(self._largest + 1 - (REORDER if self._ended_at is None else 0), now))
-        start = self._welcome.bundled if self._manifest is None else 0  # bundled packets arrive with the init segment
-        stop = self._collector.highest + 1 - REORDER
+            return (), tuple(
+                self._gaps.due(self._largest + 1 - (REORDER_THRESHOLD if self._ended_at is None else 0), now)
+            )
+        start = (
+            self._welcome.num_bundled if self._manifest is None else 0
+        )  # bundled packets arrive with the init segment
+        stop = self._collector.highest + 1 - REORDER_THRESHOLD
         if self._ended_at is not None:
             stop = self._welcome.num_packets
         missing = self._collector.missing(max(start, self._nack_tracker.exhausted), max(stop, 0))

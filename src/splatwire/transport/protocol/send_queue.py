@@ -41,15 +41,15 @@ class ViewUpdateBudget:
     def __init__(self) -> None:
         self._free_at = 0.0
 
-    def take(self, now: float, last: float | None, tiles: int) -> float:
+    def take(self, now: float, last_update: float | None, tiles: int) -> float:
         """Reserves processing time for a client's viewpoint, and returns the time at which to process it, seconds.
 
         Args:
             now: Time, seconds.
-            last: Time at which the client's previous viewpoint was processed, seconds; None for the first.
+            last_update: Time at which the client's previous viewpoint was processed, seconds; None for the first.
             tiles: Number of tiles of the scene.
         """
-        at = max(self._free_at, now if last is None else max(now, last + VIEW_INTERVAL_S))
+        at = max(self._free_at, now if last_update is None else max(now, last_update + VIEW_INTERVAL_S))
         self._free_at = at + VIEW_UPDATE_COST_S + tiles * TILE_COST_S
         return at
 
@@ -83,8 +83,8 @@ class SentLog:
             number: Sequence number of the lost datagram.
             sequence: Sequence number of the next datagram to send; the log covers only the last datagrams before it.
         """
-        known = self._indices is not None and sequence - MAX_LOGGED_DATAGRAMS <= number < sequence
-        return self._indices[number % MAX_LOGGED_DATAGRAMS] - 1 if known and self._indices is not None else -1
+        is_logged = self._indices is not None and sequence - MAX_LOGGED_DATAGRAMS <= number < sequence
+        return self._indices[number % MAX_LOGGED_DATAGRAMS] - 1 if is_logged and self._indices is not None else -1
 
     def discard(self, number: int | None) -> None:
         """Removes a lost datagram from the log, so that the server ignores further NACKs for this datagram.
@@ -104,15 +104,15 @@ class SendQueue:
         reliable: True if the init segment is sent on a reliable (QUIC) stream.
 
     Attributes:
-        is_head_sent: True if the datagram last taken from the queue is the last one of the init segment.
+        is_init_segment_sent: True if the datagram last taken from the queue is the last one of the init segment.
         viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
     """
 
     def __init__(self, stream: ServedStream, reliable: bool) -> None:
         self._stream = stream
         self._schedule = stream.reliable_schedule if reliable else stream.send_schedule
-        self._next, self._next_packet = 0, stream.bundled
-        self.is_head_sent = False
+        self._next, self._next_packet = 0, stream.num_bundled
+        self.is_init_segment_sent = False
         self._queued_tiles: np.ndarray | None = None
         self._tile_queue: deque[int] = deque()
         self._packet_queue: deque[int] = deque()
@@ -138,9 +138,9 @@ class SendQueue:
             item = self._schedule.datagrams[self._next]
             self._next += 1
             self._next_packet = item[2] + 1 if item[0] == DATA else self._next_packet
-            self.is_head_sent = self._next == self._schedule.head_end
+            self.is_init_segment_sent = self._next == self._schedule.init_segment_end
             return item
-        self.is_head_sent = False
+        self.is_init_segment_sent = False
         if not self._packet_queue:
             tile = self._tile_queue.popleft()
             self._begin(tile)
@@ -181,21 +181,23 @@ class SendQueue:
         self._queued_tiles[tile] = True
         self._packet_queue.extend(range(max(first, self._next_packet) if if_begun else first, end))
 
-    def update(self, stream: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
+    def update(self, stream: ServedStream, reliable: bool, welcome: Item, num_known: int) -> None:
         """Updates the send queue after a live stream has grown, or after another stream has replaced it.
 
         Args:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
             welcome: Queue item of the datagram that declares the new sizes of the stream.
-            known: Number of packets that the live stream had before. Later packets are added to those that still wait
-                in the queue. 0 for another stream: its packets replace the whole queue.
+            num_known: Number of packets that the live stream had before. Later packets are added to those that still
+                wait in the queue. 0 for another stream: its packets replace the whole queue.
         """
         self._stream = stream
         source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams
-        head = [item for item in source if item[0] == SIDE]
-        left = [item for item in self._schedule.datagrams[self._next :] if known and stream.is_still_useful(*item)]
-        new = [] if known == len(stream.packets) else [
-            item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= known)
+        init_items = [item for item in source if item[0] == SIDE]
+        remaining = [
+            item for item in self._schedule.datagrams[self._next :] if num_known and stream.is_still_useful(*item)
+        ]
+        new = [] if num_known == len(stream.packets) else [
+            item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= num_known)
         ]  # fmt: skip
-        self._schedule, self._next = stream.schedule_of((welcome, *head, welcome, *left, welcome, *new)), 0
+        self._schedule, self._next = stream.schedule_of((welcome, *init_items, welcome, *remaining, welcome, *new)), 0

@@ -8,53 +8,55 @@ from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
 
 
 def build_send_schedule(
-    head: Sequence[int],
+    segment_symbols: Sequence[int],
     parity_ranges: Sequence[ParityRange],
     parity: Sequence[int],
     protection: Protection,
-    present: Sequence[int] = (),
+    tier_packets: Sequence[int] = (),
 ) -> tuple[tuple[int, int, int], ...]:
     """Returns the sending order of all datagrams of a stream: symbols of the init segment, packets, repair symbols.
 
     Args:
-        head: Number of symbols to send of each source block (separately encoded part) of the init segment.
+        segment_symbols: Number of symbols to send of each source block (separately encoded part) of the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Number of repair symbols of each parity group.
         protection: Redundancy.
-        present: Number of packets of each importance tier that are sent as datagrams, not bundled in the init segment.
-            Empty if no packets are bundled; all packets then count as one tier.
+        tier_packets: Number of packets of each importance tier that are sent as datagrams, not bundled in the init
+            segment. Empty if no packets are bundled; all packets then count as one tier.
 
     Returns:
         Three integers for each datagram, as in `SendSchedule.datagrams`.
     """
-    num_packets = sum(some.num_packets for some in parity_ranges)
-    head_items = sorted(((n / size, k, n) for k, size in enumerate(head) for n in range(size)))
-    due = [((n + 0.5) / len(head_items) * protection.side_lead, SIDE, k, i) for n, (_, k, i) in enumerate(head_items)]
-    bundled = num_packets - sum(present or [num_packets])
-    times = [0.0] * bundled + _packet_times(present or [num_packets], protection.tier_spread)
-    due += [(times[n], DATA, 0, n) for n in range(bundled, num_packets)]
+    num_packets = sum(parity_range.num_packets for parity_range in parity_ranges)
+    init_symbols = sorted(((n / size, k, n) for k, size in enumerate(segment_symbols) for n in range(size)))
+    due = [
+        ((n + 0.5) / len(init_symbols) * protection.side_lead, SIDE, k, i) for n, (_, k, i) in enumerate(init_symbols)
+    ]
+    num_bundled = num_packets - sum(tier_packets or [num_packets])
+    times = [0.0] * num_bundled + _packet_times(tier_packets or [num_packets], protection.tier_spread)
+    due += [(times[n], DATA, 0, n) for n in range(num_bundled, num_packets)]
     first = group = 0
-    for some in parity_ranges:
-        groups = range(group, group + some.groups)
+    for parity_range in parity_ranges:
+        groups = range(group, group + parity_range.groups)
         items = sorted((n / parity[k], k, n) for k in groups for n in range(parity[k]))
-        last = first + some.num_packets
+        last = first + parity_range.num_packets
         if items:
-            start, end = sum(times[first:last]) / some.num_packets, max(times[first:last])
-            long = max(end, protection.parity_until) - start
-            due += [(start + (n + 0.5) / len(items) * long, PARITY, k, i) for n, (_, k, i) in enumerate(items)]
-        first, group = last, group + some.groups
+            start, end = sum(times[first:last]) / parity_range.num_packets, max(times[first:last])
+            duration = max(end, protection.parity_until) - start
+            due += [(start + (n + 0.5) / len(items) * duration, PARITY, k, i) for n, (_, k, i) in enumerate(items)]
+        first, group = last, group + parity_range.groups
     return tuple((kind, group, symbol) for _, kind, group, symbol in sorted(due))
 
 
-def _packet_times(present: Sequence[int], tier_overlap: float | int) -> list[float]:
+def _packet_times(tier_packets: Sequence[int], tier_overlap: float | int) -> list[float]:
     """Returns the time at which each packet is sent, as a fraction of the whole transfer, 0 to 1.
 
     Args:
-        present: Number of packets to send of each importance tier, most important tier first.
+        tier_packets: Number of packets to send of each importance tier, most important tier first.
         tier_overlap: Overlap of the tiers in time: 0 sends them one after another, 1 mixes them evenly.
     """
-    num_packets, first, times = max(sum(present), 1), 0, list[float]()
-    for size in present:
+    num_packets, first, times = max(sum(tier_packets), 1), 0, list[float]()
+    for size in tier_packets:
         start, stop = first / num_packets, (first + size) / num_packets
         start, stop = (1 - tier_overlap) * start, (1 - tier_overlap) * stop + tier_overlap
         times += [start + (n + 0.5) / size * (stop - start) for n in range(size)]

@@ -256,8 +256,8 @@ class Server:
         """
         self.num_failed += 1
         frames = traceback.extract_tb(error.__traceback__)
-        place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
-        LOG.error("a transfer was ended by an error of the server: %s%s", " ".join(repr(error).split()), place)
+        source_line = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+        LOG.error("a transfer was ended by an error of the server: %s%s", " ".join(repr(error).split()), source_line)
         self.forget(address, "failed")
         if self._on_failure is not None:
             self._on_failure(address)
@@ -343,7 +343,9 @@ class Server:
                 next(key for key, other in reversed(self._networks.items()) if other == full), "displaced"
             )
         session = self._new_session(key[0])
-        self._transfers[key] = ServerTransfer(stream, session, self._limits, now, reliable_head=reliable, nonce=key[1])
+        self._transfers[key] = ServerTransfer(
+            stream, session, self._limits, now, reliable_init_segment=reliable, nonce=key[1]
+        )
         self._sessions[(key[0], session)], self._networks[key] = key, network
         starts.record(network, key[1], now)
         self.num_served += 1

@@ -56,12 +56,12 @@ class SendSchedule(NamedTuple):
             * `SIDE` (a symbol of the init segment): index of the source block (part of the init segment that is coded
               separately), and index of the symbol in the source block.
             * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
-        head_end: Number of datagrams up to the end of the init segment.
+        init_segment_end: Number of datagrams up to the end of the init segment.
         opening_end: Number of datagrams that are sent before the order depends on the viewpoint; 0 without tiles.
     """
 
     datagrams: Sequence[tuple[int, int, int]]
-    head_end: int
+    init_segment_end: int
     opening_end: int
 
 
@@ -71,14 +71,14 @@ class ServedStream:
 
     Attributes:
         stream_id: Id of the stream, contained in every packet.
-        head_bytes: Size of the init segment (manifest, side information, bundled packets) in bytes.
-        head_digest: SHA-256 of the init segment.
+        init_segment_bytes: Size of the init segment (manifest, side information, bundled packets) in bytes.
+        init_segment_digest: SHA-256 of the init segment.
         symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
         head: For each source block (separately encoded part) of the init segment, its source symbols and repair
             symbols. Some of the repair symbols are only sent on request.
         packets: Packets in sending order.
         packet_bytes: Maximum size of a packet in bytes.
-        bundled: Number of packets at the start of the sending order that are bundled in the init segment.
+        num_bundled: Number of packets at the start of the sending order that are bundled in the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Repair symbols of each parity group (packets that share repair symbols).
         schedule: Datagrams in sending order, as in `SendSchedule.datagrams`.
@@ -91,13 +91,13 @@ class ServedStream:
     """
 
     stream_id: int
-    head_bytes: int
-    head_digest: bytes
+    init_segment_bytes: int
+    init_segment_digest: bytes
     symbol_bytes: int
-    head: tuple[tuple[bytes, ...], ...]
+    init_symbols: tuple[tuple[bytes, ...], ...]
     packets: tuple[bytes, ...]
     packet_bytes: int
-    bundled: int
+    num_bundled: int
     parity_ranges: tuple[ParityRange, ...]
     parity: tuple[tuple[bytes, ...], ...]
     schedule: tuple[tuple[int, int, int], ...]
@@ -116,9 +116,9 @@ class ServedStream:
     @functools.cached_property
     def reliable_schedule(self) -> SendSchedule:
         """Sending order for QUIC clients, which receive the init segment first, on a reliable stream."""
-        segments = Segments(self.head_bytes, self.symbol_bytes)
-        head = (item for item in self.schedule if item[0] == SIDE and item[2] < segments.size(item[1]))
-        return self.schedule_of((*head, *(item for item in self.schedule if item[0] != SIDE)))
+        segments = Segments(self.init_segment_bytes, self.symbol_bytes)
+        init_items = (item for item in self.schedule if item[0] == SIDE and item[2] < segments.size(item[1]))
+        return self.schedule_of((*init_items, *(item for item in self.schedule if item[0] != SIDE)))
 
     def schedule_of(self, datagrams: Sequence[tuple[int, int, int]]) -> SendSchedule:
         """Builds a schedule from datagrams in sending order.
@@ -126,13 +126,13 @@ class ServedStream:
         Args:
             datagrams: Three integers for each datagram, as in `SendSchedule.datagrams`.
         """
-        last_of_head = last_of_opening = -1
+        last_of_init_segment = last_of_opening = -1
         for number, item in enumerate(datagrams):
             if item[0] == SIDE:
-                last_of_head = number
+                last_of_init_segment = number
             if self.tiles is not None and self.in_opening(item):
                 last_of_opening = number
-        return SendSchedule(datagrams, last_of_head + 1, last_of_opening + 1)
+        return SendSchedule(datagrams, last_of_init_segment + 1, last_of_opening + 1)
 
     def in_opening(self, item: tuple[int, int, int]) -> bool:
         """True if a datagram belongs to the start of a transfer, which is the same for every viewpoint.
@@ -202,14 +202,14 @@ class ServedStream:
 
         Keys: `side`, `side_protection`, `packets`, `packet_protection`. Headers of UDP and IP do not count.
         """
-        segments = Segments(self.head_bytes, self.symbol_bytes)
+        segments = Segments(self.init_segment_bytes, self.symbol_bytes)
         per_symbol, source = self.symbol_bytes + SIDE_OVERHEAD, segments.num_symbols
         repair = sum(1 for kind, _, _ in self.schedule if kind == SIDE) - source
         parity = sum(len(symbol) + PARITY_OVERHEAD for group in self.parity for symbol in group)
         return {
             "side": source * per_symbol,
             "side_protection": repair * per_symbol,
-            "packets": sum(DATA_OVERHEAD + len(packet) for packet in self.packets[self.bundled :]),
+            "packets": sum(DATA_OVERHEAD + len(packet) for packet in self.packets[self.num_bundled :]),
             "packet_protection": parity,
         }
 
@@ -248,18 +248,18 @@ def make_served_stream(
         raise InvalidValueError(
             f"a packet of {largest} bytes fits no datagram (at most {MAX_PACKET_BYTES}): encode with --preset datagram"
         )
-    bundled = num_bundled_packets(len(packets), protection)
-    data = init_segment(manifest, stream.side_info, packets[:bundled])
+    num_bundled = num_bundled_packets(len(packets), protection)
+    data = init_segment(manifest, stream.side_info, packets[:num_bundled])
     symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(len(data))
-    head, scheduled = head_symbols(data, symbol_bytes, protection)
+    init_symbols, scheduled = encode_init_segment(data, symbol_bytes, protection)
     members = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
     timing = replace(protection, parity_until=0.0) if protection.motion else protection
     parity = parity_symbols(packets, ranges, symbol_bytes_for(largest))
     per_tier = packets_in_tiers(members, protection)
     schedule = build_send_schedule(scheduled, ranges, [*map(len, parity)], timing, per_tier)
     served = ServedStream(
-        manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, bundled,
-        ranges, parity, schedule,
+        manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols, packets, largest,
+        num_bundled, ranges, parity, schedule,
         preview, protection.resend, round(protection.resend_until * len(packets)),
     )  # fmt: skip
     return served if tiles is None else _with_view_order(served, tiles)
@@ -268,7 +268,7 @@ def make_served_stream(
 def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
     """Prepares a stream with levels of detail for sending in an order that depends on the client's viewpoint."""
     count = max(1, int(np.searchsorted(np.cumsum(tiles.sizes), OPENING_BYTES, "right")))
-    last = max(int(tiles.first_packets[count]), stream.bundled)
+    last = max(int(tiles.first_packets[count]), stream.num_bundled)
     stream = replace(stream, opening_packets=last)
     first = tuple(filter(stream.in_opening, stream.schedule))
     rest = tuple(item for item in stream.schedule if not stream.in_opening(item))
@@ -295,8 +295,8 @@ def _packets_in_order(
     if not stream.manifest.schema.timed or protection.tier_repair or protection.tier_spread:
         raise InvalidValueError("parity for the motion of groups of frames is for a clip, and excludes that for tiers")
     costs = None if importance is None else [importance.get(packet.id, 0.0) for packet in ordered]
-    found = arrange(group_packets(ordered, plan), costs, protection)
-    return [ordered[number] for number in found.order], found.parity_ranges
+    arranged = arrange(group_packets(ordered, plan), costs, protection)
+    return [ordered[number] for number in arranged.order], arranged.parity_ranges
 
 
 def side_symbol_bytes(num_bytes: int) -> int:
@@ -305,7 +305,7 @@ def side_symbol_bytes(num_bytes: int) -> int:
     return min(max(finer, MIN_DEFAULT_SYMBOL_BYTES), SIDE_SYMBOL_BYTES)
 
 
-def head_symbols(
+def encode_init_segment(
     data: bytes, symbol_bytes: int, protection: Protection
 ) -> tuple[tuple[tuple[bytes, ...], ...], list[int]]:
     """Encodes an init segment into source and repair symbols.
@@ -321,16 +321,16 @@ def head_symbols(
         a reserve.
     """
     segments = Segments(len(data), symbol_bytes)
-    out, scheduled = [], []
+    symbols, scheduled = [], []
     for segment in range(segments.num_segments):
         piece = data[segments.span(segment)]
         size = segments.size(segment)
         repair = min(round(protection.side_repair * size), MAX_REPAIR)
         wanted = repair > 0 or protection.limits_retransmission
-        whole = min(repair + math.ceil(RESERVE_SHARE * size), MAX_REPAIR) if wanted else 0
-        out.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, whole)))
+        num_repair = min(repair + math.ceil(RESERVE_SHARE * size), MAX_REPAIR) if wanted else 0
+        symbols.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, num_repair)))
         scheduled.append(size + repair)
-    return tuple(out), scheduled
+    return tuple(symbols), scheduled
 
 
 def parity_symbols(

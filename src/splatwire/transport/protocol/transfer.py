@@ -38,7 +38,7 @@ MAX_WELCOMES = 50
 """Maximum number of responses that accept a request (welcome): as many as a client's requests before it gives up."""
 RETRANSMIT_INTERVAL_S = 0.05
 """Minimum interval between retransmissions of a packet, seconds; at least one round-trip time."""
-HEAD_RESERVE_FACTOR = 1.3
+INIT_RESERVE_FACTOR = 1.3
 """Factor on the bytes reserved to retransmit missing init segment symbols: some retransmissions are lost too."""
 SPARE_BYTES = 100_000
 """Number of bytes that may be sent to a client beyond `ServerLimits.max_sent_ratio`."""
@@ -58,36 +58,36 @@ class ServerTransfer:
         session: Id of the transfer.
         limits: Limits on the transfer, such as the maximum rate.
         now: Time, seconds.
-        reliable_head: True if the init segment is sent on a reliable (QUIC) stream.
+        reliable_init_segment: True if the init segment is sent on a reliable (QUIC) stream.
         nonce: Random number of the client's connection attempt.
     """
 
     @checked
     def __init__(
-        self, stream: ServedStream, session: int, limits: ServerLimits, now: float, *, reliable_head: bool = False,
-        nonce: int = 0,
+        self, stream: ServedStream, session: int, limits: ServerLimits, now: float, *,
+        reliable_init_segment: bool = False, nonce: int = 0,
     ) -> None:  # fmt: skip
         self.stream = stream
         self.session, self.nonce = session, nonce
         self.began_at = self.heard_at = now
         self.bytes_sent = 0
-        self.control = RateControl(limits.start_rate, limits.rate, bounded=reliable_head)
+        self.control = RateControl(limits.start_rate, limits.rate, bounded=reliable_init_segment)
         self._limits = limits
-        self._reliable_head = reliable_head
-        self._queue = SendQueue(stream, reliable_head)
+        self._reliable_init_segment = reliable_init_segment
+        self._queue = SendQueue(stream, reliable_init_segment)
         self._pacer = Pacer(limits.fixed_rate or self.control.rate)
         self._feedback_tracker = FeedbackTracker()
         self._sent_log = SentLog(stream.tiles is not None)
         self._view: View | None = None
         self._view_due_at: float | None = None
-        self._has_feedback, self._reported, self._opening = reliable_head, False, False
+        self._has_feedback, self._reported, self._opening = reliable_init_segment, False, False
         self._retransmissions: deque[tuple[int, int, int]] = deque()
         self._retransmitted_at: dict[tuple[int, int, int], float] = {}
         self._queued: set[tuple[int, int, int]] = set()
         self._known_packets = KnownPackets()
-        self._num_head_retransmissions = self._retransmitted_bytes = 0
-        self._head_cursor = stream.proactive_symbols
-        self._head_sent_at: float | None = None
+        self._num_init_retransmissions = self._retransmitted_bytes = 0
+        self._init_symbol_cursor = stream.proactive_symbols
+        self._init_segment_sent_at: float | None = None
         self._end_at, self._ends = 0.0, 0
         self._welcomed_at, self._welcomes = -WELCOME_INTERVAL_S, 0
         self._max_bytes = SPARE_BYTES
@@ -95,10 +95,26 @@ class ServerTransfer:
 
     def welcome(self) -> bytes:
         """Returns the datagram that accepts the client's request and declares the sizes of the stream."""
-        p = self.stream
-        head = (self.nonce, self.session, p.stream_id, p.head_bytes, p.head_digest, p.symbol_bytes)
+        stream = self.stream
+        sizes = (
+            self.nonce,
+            self.session,
+            stream.stream_id,
+            stream.init_segment_bytes,
+            stream.init_segment_digest,
+            stream.symbol_bytes,
+        )
         return encode(
-            Welcome(*head, len(p.packets), p.packet_bytes, p.bundled, p.parity_ranges, p.preview, p.is_live, p.viewable)
+            Welcome(
+                *sizes,
+                len(stream.packets),
+                stream.packet_bytes,
+                stream.num_bundled,
+                stream.parity_ranges,
+                stream.preview,
+                stream.is_live,
+                stream.viewable,
+            )
         )
 
     def update(self, stream: ServedStream) -> None:
@@ -108,26 +124,32 @@ class ServerTransfer:
             stream: New state of the prepared live stream, or another prepared stream.
         """
         old, self.stream = self.stream, stream
-        known, retransmissions = len(old.packets), self._retransmissions
+        num_known, retransmissions = len(old.packets), self._retransmissions
         if stream.stream_id != old.stream_id:
-            self._queue, known, retransmissions = SendQueue(stream, self._reliable_head), 0, deque()
+            self._queue, num_known, retransmissions = SendQueue(stream, self._reliable_init_segment), 0, deque()
             self._known_packets, self._retransmitted_at = KnownPackets(), {}
             self._max_bytes = self.bytes_sent + SPARE_BYTES
-        self._queue.update(stream, self._reliable_head, (WELCOME, 0, 0), known)
+        self._queue.update(stream, self._reliable_init_segment, (WELCOME, 0, 0), num_known)
         self._retransmissions = deque(
             item for item in retransmissions if item[0] == DATA and stream.may_retransmit(item[2])
         )
         self._queued = set(self._retransmissions)
-        self._num_head_retransmissions, self._head_sent_at, self._head_cursor = 0, None, stream.proactive_symbols
-        self._raise_byte_limit(known)
+        self._num_init_retransmissions, self._init_segment_sent_at, self._init_symbol_cursor = (
+            0,
+            None,
+            stream.proactive_symbols,
+        )
+        self._raise_byte_limit(num_known)
 
-    def _raise_byte_limit(self, known: int) -> None:
+    def _raise_byte_limit(self, num_known: int) -> None:
         """Raises the maximum number of bytes for this client, because a live stream has grown.
 
         Args:
-            known: Number of packets of the stream before the growth.
+            num_known: Number of packets of the stream before the growth.
         """
-        known_bytes = sum(DATA_OVERHEAD + len(packet) for packet in self.stream.packets[self.stream.bundled : known])
+        known_bytes = sum(
+            DATA_OVERHEAD + len(packet) for packet in self.stream.packets[self.stream.num_bundled : num_known]
+        )
         self._max_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
 
     def exclude_known(self, frame: Have) -> None:
@@ -141,8 +163,8 @@ class ServerTransfer:
         """
         while self._queue:
             item = self._queue.pop()
-            if self._queue.is_head_sent:
-                self._head_sent_at = now
+            if self._queue.is_init_segment_sent:
+                self._init_segment_sent_at = now
             if not self._known_packets.has(item[0], item[2]):
                 return item
         return None
@@ -190,8 +212,8 @@ class ServerTransfer:
         if self._view is not None and self._view_due_at is not None and self._view_due_at <= now:
             self._queue.set_viewpoint(viewpoint_of(self._view), self._view.budget, now)
             self._view_due_at, self._ends = None, 0
-        at = self.next_at()
-        if at is None or at > now:
+        due_at = self.next_at()
+        if due_at is None or due_at > now:
             return None
         if now > self.heard_at + FEEDBACK_TIMEOUT_S:
             self._has_feedback = self._opening = False
@@ -200,8 +222,8 @@ class ServerTransfer:
         if self._retransmissions:
             item = self._retransmissions.popleft()
             self._on_retransmitted(item, now)
-        elif (found := self._take_next(now)) is not None:
-            item = found
+        elif (next_item := self._take_next(now)) is not None:
+            item = next_item
         else:
             waits = self._queue.has_viewpoint and self._ends > NUM_FREQUENT_ENDS
             self._end_at, self._ends = now + (SLOW_END_INTERVAL_S if waits else END_INTERVAL_S), self._ends + 1
@@ -211,7 +233,9 @@ class ServerTransfer:
             item = (WELCOME, 0, 0)
         if item[0] == WELCOME:
             return self._record_sent(self.welcome(), now, counted=False)
-        return self._record_sent(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
+        return self._record_sent(
+            self._datagram(*item), now, counted=not (self._reliable_init_segment and item[0] == SIDE)
+        )
 
     def on_viewpoint(self, view: View, budget: ViewUpdateBudget, now: float) -> None:
         """Schedules the processing of a client's viewpoint; an older viewpoint that is still waiting is dropped.
@@ -254,8 +278,8 @@ class ServerTransfer:
             now: Time, seconds.
         """
         if item[0] == SIDE:
-            self._num_head_retransmissions -= 1
-            self._head_sent_at = now if self._num_head_retransmissions == 0 else None
+            self._num_init_retransmissions -= 1
+            self._init_segment_sent_at = now if self._num_init_retransmissions == 0 else None
         else:
             self._queued.discard(item)
             self._retransmitted_at[item] = now
@@ -264,7 +288,7 @@ class ServerTransfer:
         self._sent_log.record(self._feedback_tracker.sequence, symbol if kind == DATA else -1)
         if kind == DATA:
             return encode_data(self.session, self._feedback_tracker.sequence, symbol, self.stream.packets[symbol])
-        source = self.stream.head if kind == SIDE else self.stream.parity
+        source = self.stream.init_symbols if kind == SIDE else self.stream.parity
         return encode_symbol(kind, self.session, self._feedback_tracker.sequence, group, symbol, source[group][symbol])
 
     def _record_sent(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
@@ -280,13 +304,13 @@ class ServerTransfer:
         """Queues the retransmissions that the client requests, within the stream's limit on their bytes."""
         wait = max(RETRANSMIT_INTERVAL_S, 1.25 * (self.control.round_trip or 0.0))
         symbol_bytes = self.stream.symbol_bytes + SIDE_OVERHEAD
-        missing = 0 if self._reliable_head else min(frame.side_missing, sum(map(len, self.stream.head)))
-        if missing and self._head_sent_at is not None and now - self._head_sent_at >= wait:
-            items = self._further_head_symbols(missing)
-            self._head_sent_at, self._num_head_retransmissions = None, len(items)
+        missing = 0 if self._reliable_init_segment else min(frame.side_missing, sum(map(len, self.stream.init_symbols)))
+        if missing and self._init_segment_sent_at is not None and now - self._init_segment_sent_at >= wait:
+            items = self._further_init_symbols(missing)
+            self._init_segment_sent_at, self._num_init_retransmissions = None, len(items)
             self._retransmitted_bytes += len(items) * symbol_bytes
             self._retransmissions.extendleft(items)
-        left = self.stream.resend_bytes - self._retransmitted_bytes - HEAD_RESERVE_FACTOR * missing * symbol_bytes
+        bytes_left = self.stream.resend_bytes - self._retransmitted_bytes - INIT_RESERVE_FACTOR * missing * symbol_bytes
         for index, number in self._requested(frame):
             item = (DATA, 0, index)
             if index < 0 or not self.stream.may_retransmit(index):
@@ -297,9 +321,9 @@ class ServerTransfer:
             if now - self._retransmitted_at.get(item, -1e9) < wait:
                 continue
             size = len(self.stream.packets[index]) + DATA_OVERHEAD
-            if size > left:
+            if size > bytes_left:
                 break
-            left -= size
+            bytes_left -= size
             self._retransmitted_bytes += size
             self._queued.add(item)
             self._retransmissions.append(item)
@@ -320,7 +344,7 @@ class ServerTransfer:
         for number in frame.lost_sequences:
             yield self._sent_log.packet_index(number, self._feedback_tracker.sequence), number
 
-    def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
+    def _further_init_symbols(self, missing: int) -> list[tuple[int, int, int]]:
         """Chooses further symbols of the init segment for a client that cannot decode it yet.
 
         Args:
@@ -329,13 +353,15 @@ class ServerTransfer:
         Returns:
             The symbols, as in `SendSchedule.datagrams`; more than are missing, because some will be lost.
         """
-        head = self.stream.head
-        longest = max(map(len, head))
+        init_symbols = self.stream.init_symbols
+        longest = max(map(len, init_symbols))
         # About 50 % more than are missing, because some will be lost; one more if retransmission is limited.
         count = min(missing + 1 if self.stream.counts_bytes else missing + missing // 2 + 2, 512)
         items: list[tuple[int, int, int]] = []
         while len(items) < count:
-            symbol = self._head_cursor % longest
-            items += [(SIDE, segment, symbol) for segment in range(len(head)) if symbol < len(head[segment])]
-            self._head_cursor += 1
+            symbol = self._init_symbol_cursor % longest
+            items += [
+                (SIDE, segment, symbol) for segment in range(len(init_symbols)) if symbol < len(init_symbols[segment])
+            ]
+            self._init_symbol_cursor += 1
         return items

@@ -124,17 +124,17 @@ def encode(frame: Frame) -> bytes:
             return _closed(_CHALLENGE.pack(VERSION << 4 | CHALLENGE, *frame))
         case Request():
             name = frame.name.encode()
-            head = _REQUEST.pack(VERSION << 4 | REQUEST, frame.nonce, frame.token, len(name))
-            return _closed(head + name + frame.scene_token.encode())
+            prefix = _REQUEST.pack(VERSION << 4 | REQUEST, frame.nonce, frame.token, len(name))
+            return _closed(prefix + name + frame.scene_token.encode())
         case Welcome():
             flags = LIVE * frame.is_live | VIEWABLE * frame.viewable
-            head = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:9], flags, len(frame.parity_ranges))
-            ranges = b"".join(_PARITY_RANGE.pack(*some) for some in frame.parity_ranges)
-            return _closed(head + ranges + _SIZE.pack(len(frame.preview)) + frame.preview)
+            prefix = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:9], flags, len(frame.parity_ranges))
+            ranges = b"".join(_PARITY_RANGE.pack(*parity_range) for parity_range in frame.parity_ranges)
+            return _closed(prefix + ranges + _SIZE.pack(len(frame.preview)) + frame.preview)
         case Feedback():
-            asked = (*frame.nacks, *frame.lost_sequences)
-            head = _FEEDBACK.pack(VERSION << 4 | FEEDBACK, *frame[:5], len(frame.nacks), len(frame.lost_sequences))
-            return _closed(head + struct.pack(f"<{len(asked)}I", *asked))
+            requested = (*frame.nacks, *frame.lost_sequences)
+            prefix = _FEEDBACK.pack(VERSION << 4 | FEEDBACK, *frame[:5], len(frame.nacks), len(frame.lost_sequences))
+            return _closed(prefix + struct.pack(f"<{len(requested)}I", *requested))
         case Bye():
             return _closed(_BYE.pack(VERSION << 4 | BYE, *frame))
         case View():
@@ -252,7 +252,7 @@ def _welcome(body: bytes) -> Welcome:
         raise BitstreamError("a welcome of inconsistent size")
     if flags & ~(LIVE | VIEWABLE):
         raise BitstreamError(f"a welcome with the unknown flags {flags:#x}")
-    ranges = tuple(ParityRange(*some) for some in _PARITY_RANGE.iter_unpack(body[_WELCOME.size : end]))
+    ranges = tuple(ParityRange(*values) for values in _PARITY_RANGE.iter_unpack(body[_WELCOME.size : end]))
     return Welcome._make([*fields[1:], ranges, body[end + _SIZE.size :], bool(flags & LIVE), bool(flags & VIEWABLE)])
 
 
@@ -266,11 +266,11 @@ def _feedback(body: bytes) -> Feedback:
 
 
 def _have(body: bytes) -> Have:
-    _, nonce, stream_id, head, first = _HAVE.unpack_from(body)
+    _, nonce, stream_id, has_init_segment, first = _HAVE.unpack_from(body)
     held = body[_HAVE.size :]
-    if head > 1 or first % 8 or len(held) > MAX_HELD_BYTES:
+    if has_init_segment > 1 or first % 8 or len(held) > MAX_HELD_BYTES:
         raise BitstreamError("an inconsistent list of received packets")
-    return Have(nonce, stream_id, head, first, held)
+    return Have(nonce, stream_id, has_init_segment, first, held)
 
 
 def _symbol(body: bytes) -> tuple[Any, ...]:

@@ -15,7 +15,7 @@ from aioquic.quic.packet import QuicErrorCode
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.address import Address
 from splatwire.transport.protocol.events import Event
-from splatwire.transport.protocol.receiver import SMALL_PATH, Receiver
+from splatwire.transport.protocol.receiver import SMALL_MTU, Receiver
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
 from splatwire.transport.quic.certificate import check_authority, check_fingerprint, fingerprint
 from splatwire.transport.quic.common import (
@@ -217,8 +217,8 @@ class _Client(QuicConnectionProtocol):
         """Ends the transfer if the server's certificate does not have the accepted fingerprint."""
         shown = self._quic.tls._peer_certificate  # aioquic has no public accessor
         if self._trust.fingerprint is not None and (shown is None or fingerprint(shown) != self._trust.fingerprint):
-            found = "none" if shown is None else fingerprint(shown)
-            self.stop(f"the server's certificate has another fingerprint: {found}")
+            actual = "none" if shown is None else fingerprint(shown)
+            self.stop(f"the server's certificate has another fingerprint: {actual}")
             self.close(REFUSED, "certificate")
             return
         self._established = True
@@ -295,7 +295,7 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
     """
     reason = event.reason_phrase or hex(event.error_code)
     if not established and event.error_code == QuicErrorCode.INTERNAL_ERROR and "timeout" in reason.lower():
-        return f"no answer: nothing seems to serve QUIC there, or {SMALL_PATH}"
+        return f"no answer: nothing seems to serve QUIC there, or {SMALL_MTU}"
     if event.error_code in UNTRUSTED:
         return (
             f"the server's certificate is not trusted: {reason}. Trust it with --fingerprint (which the server "

@@ -74,6 +74,6 @@ async def open_quic_server(
     )
     facts["page"] = opened.url if public is None else f"{public}/"
     if origins:  # the viewer page opens sessions, too
-        own = (public or f"http://localhost:{opened.port}", opened.url.rstrip("/"))
-        server.limits = replace(server.limits, origins=(*origins, *own))
+        own_urls = (public or f"http://localhost:{opened.port}", opened.url.rstrip("/"))
+        server.limits = replace(server.limits, origins=(*origins, *own_urls))
     return RunningServer(server, facts, opened)

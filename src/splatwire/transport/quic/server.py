@@ -203,8 +203,8 @@ class QuicServer(SocketServer):
         held = self.networks - Counter([] if newcomer is None else [network])
         full = choose_eviction(held, network)
         # The newest connection of the network that has the most.
-        some = (other for other in reversed(self.connections) if other.network == full)
-        return next((other for other in some if other is not newcomer), None)
+        candidates = (other for other in reversed(self.connections) if other.network == full)
+        return next((other for other in candidates if other is not newcomer), None)
 
 
 class _LimitedEndpoint(AioquicServer):

@@ -63,7 +63,7 @@ class Session:
         copied, quic = on_stream(data) and self._copies > 0, self.connection.quic
         if on_stream(data):
             if kind_of(data) == WELCOME and isinstance(frame := decode(data), Welcome):  # a long head follows
-                self._most_unacknowledged = max(self._most_unacknowledged, WINDOW_BYTES + 2 * frame.object_bytes)
+                self._most_unacknowledged = max(self._most_unacknowledged, WINDOW_BYTES + 2 * frame.init_segment_bytes)
             self._on_stream(stream_frame(data))
         if copied or not on_stream(data):
             self._copies -= copied

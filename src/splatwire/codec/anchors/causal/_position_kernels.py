@@ -218,14 +218,14 @@ def decode_position(data, end, state, code, unknown, chances):
             break
         decode_advance(data, end, state, stop, (ONE << CHANCE_BITS) - stop, CHANCE_BITS)
         level += 1
-    known = (code >> unknown) << unknown
+    high_bits = (code >> unknown) << unknown
     if level == triples:
-        return known
+        return high_bits
     left = unknown - 3 * level
     low = min(left, 3)
     rest = decode_bits(data, end, state, left - low)
     value = decode_below(data, end, state, (ONE << low) - 1) if low > 1 else ZERO
-    return known | (((rest << low) | (value + 1)) << (3 * level))
+    return high_bits | (((rest << low) | (value + 1)) << (3 * level))
 
 
 @njit(borrows=True, error_model="numpy")

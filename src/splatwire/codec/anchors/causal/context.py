@@ -54,12 +54,12 @@ def stages(config: CausalConfig) -> tuple[Stage, ...]:
 
     The order is: feature groups, scale of the offsets, base sizes, offsets.
     """
-    found, first = [], 0
+    feature_stages, first = [], 0
     for group, size in enumerate(config.layout.feature_groups):
-        found.append(Stage(f"feature{group}", first, size))
+        feature_stages.append(Stage(f"feature{group}", first, size))
         first += size
     return (
-        *found,
+        *feature_stages,
         Stage("form", first, 1, config.layout.num_offsets),
         Stage("size", first + 1, 3),
         Stage("offset", first + 4, 3 * config.layout.num_offsets),
@@ -118,12 +118,12 @@ class Chain:
             groups use these outputs.
     """
 
-    def __init__(self, context: CodingContext, place: np.ndarray) -> None:
+    def __init__(self, context: CodingContext, normalised_positions: np.ndarray) -> None:
         config = context.config
         self._context = context
-        self._known = np.empty((len(place), config.context_dim + config.layout.feature_dim + 4))
-        self.place = np.empty((len(place), config.context_dim))
-        _network_kernels.narrow(place, self.place)
+        self._known = np.empty((len(normalised_positions), config.context_dim + config.layout.feature_dim + 4))
+        self.place = np.empty((len(normalised_positions), config.context_dim))
+        _network_kernels.narrow(normalised_positions, self.place)
         self._known[:, : config.context_dim] = self.place
 
     def outputs(self) -> Iterator[tuple[Stage, np.ndarray]]:

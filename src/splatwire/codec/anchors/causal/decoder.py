@@ -102,8 +102,8 @@ class CausalDecoder(AnchorDecoder):
         Args:
             ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
         """
-        place, means, spreads = predict_from_positions(self._context, self._info.positions.known.select(ranks).voxels)
-        self._place[ranks] = place * 2.0**-ACTIVATION_BITS
+        voxels, means, spreads = predict_from_positions(self._context, self._info.positions.known.select(ranks).voxels)
+        self._place[ranks] = voxels * 2.0**-ACTIVATION_BITS
         deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))
         for name, values in self._attributes(means).items():
             self._means[name][ranks] = values
@@ -133,9 +133,9 @@ class CausalDecoder(AnchorDecoder):
             rows: Result of `decode` for these packets.
         """
         ranks = run.ranks
-        place, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)
+        voxels, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask
-        self._positions[ranks] = self._positions_of(place + self._info.positions.known.origin)
+        self._positions[ranks] = self._positions_of(voxels + self._info.positions.known.origin)
         for name, values in self._attributes(numbers).items():
             self._values[name][ranks] = values
 
@@ -166,10 +166,10 @@ class CausalDecoder(AnchorDecoder):
             background=BACKGROUND.read(info.sections),
             metadata=read_metadata(info.sections),
         )
-        left = concealer_sections(info.sections)
+        sections = concealer_sections(info.sections)
         guessed = ExpectedPlaces(self._guessed)
         records = (self._prior(), info.config.layout, guessed, *self._records)
-        return ReceivedScene(scene, LossMask(self._received), left, records)
+        return ReceivedScene(scene, LossMask(self._received), sections, records)
 
     def _coding(self) -> CausalCoding:
         info, unit = self._info, math.log(2) * 2.0**-LOG_BITS

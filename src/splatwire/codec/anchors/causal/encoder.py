@@ -132,9 +132,9 @@ class CausalEncoder:
     """
 
     def __init__(self, scene: AnchorScene, info: SideInfo, voxels: np.ndarray) -> None:
-        anchors, groups, known = scene.anchors, info.config.layout.feature_groups, info.positions.known
+        anchors, groups, positions = scene.anchors, info.config.layout.feature_groups, info.positions.known
         self._context = CodingContext.of(info)
-        self._known_positions = replace(known, codes=morton_encode(voxels - known.origin))
+        self._known_positions = replace(positions, codes=morton_encode(voxels - positions.origin))
         self._octaves = float(info.log_steps[0]) * 2.0**-LOG_BITS
         self._masks = anchors.mask.astype(np.uint8)
         logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOGS]) * 2.0**LOG_BITS - info.centres
@@ -163,10 +163,10 @@ class CausalEncoder:
             counts: Number of anchors of each group, int64 (groups).
             packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
-        found = self._quantised(ranks)
+        quantised = self._quantised(ranks)
         if packet_bytes is not None:
-            counts = cut_packets(self._context, found, counts, packet_bytes)
-        return CodedPackets(counts, encode_packets(self._context, found, counts), (found.rows(),))
+            counts = cut_packets(self._context, quantised, counts, packet_bytes)
+        return CodedPackets(counts, encode_packets(self._context, quantised, counts), (quantised.rows(),))
 
     def _quantised(self, ranks: np.ndarray) -> Quantised:
         positions = self._known_positions.select(ranks)

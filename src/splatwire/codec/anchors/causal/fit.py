@@ -91,8 +91,10 @@ def _sampled(
     groups = coding.config.layout.feature_groups
     step = np.repeat(coding.steps[: len(groups)], groups)
     form = (np.log(scalings[:, [0, 3, 4, 5]]) - coding.centres) / coding.steps[len(groups) :][[0, 1, 1, 1]]
-    place = position_inputs(((voxels - coding.middle) / coding.spread).astype(np.float32))
-    predict_causal({name: watched(name) for name in coding.networks}, coding.config, place, features / step, form)
+    position_features = position_inputs(((voxels - coding.middle) / coding.spread).astype(np.float32))
+    predict_causal(
+        {name: watched(name) for name in coding.networks}, coding.config, position_features, features / step, form
+    )
     return inputs, outputs
 
 

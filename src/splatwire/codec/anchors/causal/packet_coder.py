@@ -77,12 +77,12 @@ def quantise(
     """
     # Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
     values = values.copy()
-    found, chain = _empty(context, positions, masks), context.start(positions.voxels)
+    quantised, chain = _empty(context, positions, masks), context.start(positions.voxels)
     coded = np.repeat(masks.astype(bool), 3, axis=1)
     for stage, outputs in chain.outputs():
         columns, means = _columns(stage), outputs[:, stage.masks : stage.masks + stage.size]
         if stage.masks:
-            found.logits[:] = outputs[:, : stage.masks]
+            quantised.logits[:] = outputs[:, : stage.masks]
         symbols = np.rint(values[:, columns] - means * 2.0**-16).astype(np.int32)
         if stage is context.stages[-1]:
             symbols *= coded
@@ -94,9 +94,9 @@ def quantise(
             values[:, _columns(context.stages[-1])] *= np.exp2(lost * octaves)
         if stage is context.stages[-1]:
             numbers *= coded
-        found.symbols[:, columns], found.numbers[:, columns] = symbols, numbers
-        found.scales[:, columns] = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
-    return found
+        quantised.symbols[:, columns], quantised.numbers[:, columns] = symbols, numbers
+        quantised.scales[:, columns] = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
+    return quantised
 
 
 def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndarray) -> list[bytes]:
@@ -122,17 +122,17 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
     return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
 
 
-def anchor_bits(context: CodingContext, found: Quantised) -> np.ndarray:
+def anchor_bits(context: CodingContext, quantised: Quantised) -> np.ndarray:
     """Estimates how many bits each of n anchors takes in a packet, float64 (n).
 
     Args:
         context: The stream's networks and constants.
-        found: The quantised anchors, with their predictions.
+        quantised: The quantised anchors, with their predictions.
     """
-    bits = np.empty(len(found.masks))
+    bits = np.empty(len(quantised.masks))
     kernels.anchor_bits(
-        found.positions.codes, found.positions.unknown, context.chances, found.masks, found.logits, found.symbols,
-        found.scales, context.stages[-1].first, weight_table(), *tables(), bits,
+        quantised.positions.codes, quantised.positions.unknown, context.chances, quantised.masks, quantised.logits,
+        quantised.symbols, quantised.scales, context.stages[-1].first, weight_table(), *tables(), bits,
     )  # fmt: skip
     return bits
 

@@ -76,15 +76,15 @@ def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
     origin = origin_of(voxels)
     codes = np.sort(morton_encode(voxels - origin))
     tree = _encode_tree(codes, origin, leaf)
-    known = _decode_tree(tree, len(voxels), leaf)
-    triples, lowest = lowest_triples(codes, known.unknown)
+    shared = _decode_tree(tree, len(voxels), leaf)
+    triples, lowest = lowest_triples(codes, shared.unknown)
     rows, writer = int(triples.max(initial=0)), ByteWriter()
     writer.u8(leaf)
     writer.u8(rows)
     for row in range(1, rows + 1):
         counts = np.bincount(lowest[triples == row], minlength=row + 1)
-        left = counts[::-1].cumsum()[::-1]
-        for stops, reached in zip(counts[:row].tolist(), left.tolist(), strict=False):
+        num_left = counts[::-1].cumsum()[::-1]
+        for stops, reached in zip(counts[:row].tolist(), num_left.tolist(), strict=False):
             writer.u8(min(max(round(CHANCES * (stops + 0.5) / (reached + 1)), 1), CHANCES - 1))
     return read_positions(writer.bytes() + tree, len(voxels))
 
@@ -155,8 +155,8 @@ def read_positions(section: bytes, num_anchors: int) -> SharedPositions:
     chances = np.zeros((rows + 1, rows + 1), dtype=np.int64)
     for row in range(1, rows + 1):
         chances[row, :row] = np.frombuffer(reader.take(row), dtype=np.uint8)
-    known = _decode_tree(reader.rest(), num_anchors, leaf)
-    missing = int((known.unknown.max(initial=0) + 2) // 3)
+    shared = _decode_tree(reader.rest(), num_anchors, leaf)
+    missing = int((shared.unknown.max(initial=0) + 2) // 3)
     if missing > rows or not chances[np.tril_indices(rows + 1, -1)].all():
         raise BitstreamError(f"positions: no chances for {missing} triples of bits among {rows} rows")
-    return SharedPositions(section, known, chances)
+    return SharedPositions(section, shared, chances)

@@ -98,10 +98,10 @@ def read_side_info(data: bytes, num_anchors: int) -> SideInfo:
     info = _read_header(header, read_positions(section, num_anchors))
     config = info.config
     shapes = [(name, *shape) for name, shape in config.shapes().items()]
-    found = read_networks(networks, shapes)
+    parsed = read_networks(networks, shapes)
     return replace(
         info,
-        networks={name: network for (name, *_), network in zip(shapes, found, strict=True)},
+        networks={name: network for (name, *_), network in zip(shapes, parsed, strict=True)},
         heads=read_heads(render, config.layout),
         sections=sections,
     )

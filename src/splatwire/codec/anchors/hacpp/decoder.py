@@ -180,11 +180,11 @@ class SeparatedDecoder(HacppDecoder):
             steps, int64 (n, 3), and the mask of received attributes.
         """
         empty = Symbols.of_rows(np.empty((0, self.row_bytes // 4), np.int32), self._layout).rows()
-        found: list[SymbolRows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
+        rows: list[SymbolRows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
         for ranks, payloads in _payloads_by_group(run):
             decoded = decode_parts(self._context, self._room.outputs[ranks], self._masks[ranks], payloads)
-            found.append((decoded.symbols.rows(), decoded.factors, decoded.received))
-        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+            rows.append((decoded.symbols.rows(), decoded.factors, decoded.received))
+        return tuple(np.concatenate(parts) for parts in zip(*rows, strict=True))
 
     def store(self, run: Run, rows: SymbolRows) -> None:
         """Dequantises received attributes of anchors, and writes them and their mask to the arrays of the scene.

@@ -85,12 +85,12 @@ def relocate(state: GaussianState, num_gaussians: int, dead_opacity: float) -> N
     for name, values in parameters.items():
         values[targets.to(device)] = values[sources.to(device)]
         state.parameters[name] = values.requires_grad_()
-    fresh = torch.cat([targets, split]).to(device)
+    new_rows = torch.cat([targets, split]).to(device)
     for moments in state.moments.values():
         for part in ("first", "second"):
             old = getattr(moments, part)
             rows = torch.cat([old, old.new_zeros(added, *old.shape[1:])])
-            rows[fresh] = 0
+            rows[new_rows] = 0
             setattr(moments, part, rows)
 
 
