@@ -44,6 +44,32 @@ def test_every_verb_has_help_and_json(run, words):
     assert "--json" in outcome.out
 
 
+@pytest.mark.parametrize(
+    ("words", "usage"),
+    [
+        (("apply",), "[-h] STREAM UPDATE -o STR"),
+        (("export",), "[OPTIONS] FORMAT SCENE"),
+        (("import",), "{hacpp,scaffold,splats} MODEL -o STR"),
+        (("pack",), "[-h] SOURCE [SOURCE ...] -o STR"),
+        (("serve",), "[OPTIONS] [STREAM ...]"),
+        (("view",), "[OPTIONS] [STREAM]"),
+    ],
+)
+def test_help_names_positional_arguments(run, words, usage):
+    assert usage in run(*words, "--help").out.splitlines()[0]
+
+
+def test_help_of_a_negative_flag_describes_the_flag(run):
+    assert not re.search(r"--no-\w+[^-]*\(default: True\)", run("view", "--help").out)
+    assert "Do not open the page in a browser" in run("view", "--help").out
+
+
+def test_an_option_before_the_verb_is_refused_with_an_example(run):
+    outcome = run("--verbose", "encode")
+    assert outcome.status == 2
+    assert "unknown option --verbose: the verb comes first" in outcome.err
+
+
 @pytest.mark.parametrize("words", COMMANDS)
 def test_help_fits_a_narrow_terminal(run, words, monkeypatch):
     """Numbers are not broken at a comma, lines are filled, and no default is shown as None."""

@@ -29,6 +29,14 @@ def test_compilation_is_reported_at_once_and_every_few_seconds(clock, capsys):
     assert not capsys.readouterr().err
 
 
+def test_one_compiled_kernel_is_no_plural(clock, capsys):
+    with _startup_progress.startup_messages("decode"):
+        for second in (0, 9):
+            clock[0] = 100.0 + second
+            LOG.info("compiling kernel_%d", second)
+    assert capsys.readouterr().err.splitlines()[1] == "1 kernel compiled after 9 s, compiling kernel_9"
+
+
 def test_waits_for_another_process_are_reported_but_are_no_compilations(clock, capsys):
     with _startup_progress.startup_messages("decode"):
         for second in range(8):

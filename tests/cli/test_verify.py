@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from explicit import ball_of_gaussians
 from splatwire.bitstream import make_packet, packet_from_bytes, read_stream, write_stream
+from splatwire.io.formats import write_splats
 
 DAMAGES = ("flipped", "cut", "cut within a size", "longer", "foreign packet", "empty packet")
 
@@ -110,3 +112,11 @@ def test_verify_finds_impossible_side_information_with_a_correct_digest(run, tmp
     done = run("verify", tmp_path / "a.swz")
     assert (done.status, run("decode", tmp_path / "a.swz", "-o", tmp_path / "a.ply").status) == (3, 2)
     assert "not ok" in done.out
+
+
+def test_verify_names_a_file_of_another_format_once(run, tmp_path):
+    write_splats([ball_of_gaussians()], tmp_path / "cloud.ply")
+    done = run("verify", tmp_path / "cloud.ply")
+    assert done.status == 3
+    assert "cloud.ply: not ok: not a splatwire stream; it" in done.out
+    assert "a 3DGS PLY: `encode` makes a stream of it" in done.out

@@ -160,7 +160,7 @@ def test_non_scene_files_name_their_reader(tmp_path: Path) -> None:
 
 def test_specific_readers_name_the_general_function(zoo: Path) -> None:
     """The message names Python functions and verbs of the command line."""
-    with pytest.raises(BitstreamError, match=r"spz\.spz.*an SPZ file.*`open_scene` reads it in Python"):
+    with pytest.raises(BitstreamError, match=r"spz\.spz.*an SPZ file: `encode` makes a stream of it.*`open_scene`"):
         splatwire.read_stream(zoo / "spz.spz")
-    with pytest.raises(BitstreamError, match=r"spz\.spz.*an SPZ file.*`open_scene` reads it in Python"):
+    with pytest.raises(BitstreamError, match=r"spz\.spz.*an SPZ file: `encode` makes a stream of it.*`open_scene`"):
         load_scene_file(zoo / "spz.spz")

@@ -5,15 +5,21 @@ import functools
 import inspect
 import typing
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any
 
 import docstring_parser
 import tyro
 
+_NAMES = {"kind": "FORMAT", "model_dir": "MODEL"}
+"""Names of positional arguments in help texts, by field, if they differ from the field's name in capitals."""
+
 
 @functools.cache
 def set_help_texts(settings: type) -> None:
     """Sets the help text of each command-line option from the docstring of its field.
+
+    A positional argument is shown by the name of its field in capitals, such as STREAM, or `STREAM [STREAM ...]`.
 
     Args:
         settings: A dataclass with a docstring for each field.
@@ -28,7 +34,8 @@ def set_help_texts(settings: type) -> None:
             for part in nested:
                 set_help_texts(part)
             if not nested and (text := texts.get(name)):
-                helped = tyro.conf.arg(help=" ".join(text.split()), help_behavior_hint=_default)
+                shown = _shown_positional(name, kinds[name], optional=hasattr(owner, name))
+                helped = tyro.conf.arg(help=" ".join(text.split()), help_behavior_hint=_default, metavar=shown)
                 owner.__annotations__[name] = Annotated[kinds[name], helped]
 
 
@@ -40,5 +47,26 @@ def _dataclasses_in(kind: Any) -> Iterator[type]:
             yield from _dataclasses_in(part)
 
 
+def _shown_positional(name: str, kind: Any, *, optional: bool) -> str | None:
+    """Returns how help texts show a positional argument; None for options, and for arguments with a list of choices.
+
+    Args:
+        name: Name of the field.
+        kind: Type of the field, with its annotations.
+        optional: True if the argument may be absent.
+    """
+    base, *marks = typing.get_args(kind) or (kind,)
+    if not any(mark in marks for mark in typing.get_args(tyro.conf.Positional[str])[1:]):
+        return None
+    word = _NAMES.get(name, name.upper())
+    if base in (str, Path):
+        return f"[{word}]" if optional else word
+    if typing.get_origin(base) in (tuple, list):
+        word = word.removesuffix("S")
+        return f"[{word} ...]" if optional else f"{word} [{word} ...]"
+    return None
+
+
 def _default(value: str) -> str:
-    return "" if value in ("None", "") else f"(default: {value})"
+    # True is the default of a flag that is shown as `--no-NAME`, so that it would contradict the name.
+    return "" if value in ("None", "", "''", "True") else f"(default: {value})"

@@ -111,6 +111,8 @@ def convert(chosen: Conversion, command: Convert) -> None:
             suffix = format_named(chosen.form).suffix
             options: dict[str, Any] = {"accept_damage": command.accept_damage, "json": command.json}
             _run_decode.run(Decode(source, chosen.output, format=suffix.removeprefix("."), **options))
+        elif sequence_format_for(f"x.{chosen.form}") is not None and chosen.form not in _writable():
+            raise InvalidValueError(f"{chosen.source} is a still scene; .{chosen.form} files are for clips")
         elif is_sequence(path):
             _convert_frames(path, chosen, as_json=command.json)
         else:
@@ -214,9 +216,11 @@ def _form_of_name(output: str) -> str:
     try:
         form = sequence_format_for(output)
         return format_for(output).name if form is None else form.name
-    except UnknownNameError as error:
-        text = f"{output}: its suffix names no format to write: {error}, {STREAM}; or give --to FORMAT"
-        raise InvalidValueError(text) from None
+    except UnknownNameError:
+        suffixes = ", ".join(f".{name}" for name in sorted([*_writable(), STREAM]))
+        raise InvalidValueError(
+            f"{output}: its suffix names no format to write; known are {suffixes}; or give --to FORMAT"
+        ) from None
 
 
 def _convert_inputs(command: Convert, format_name: str) -> None:

@@ -43,7 +43,7 @@ def _check(command: Verify, name: str) -> dict[str, Any]:
 
 def _print_facts(name: str, facts: dict[str, Any]) -> None:
     if "num_expected" not in facts:
-        print(f"{name}: not ok: {facts['problems'][0]}")
+        print(f"{name}: not ok: {facts['problems'][0].removeprefix(f'{name}: ')}")
         return
     kinds = [kind for kind in ("missing", "corrupt", "foreign", "duplicate") if facts[f"num_{kind}"]]
     state = "ok" if facts["ok"] else "incomplete" if facts["intact"] else "damaged"

@@ -61,7 +61,8 @@ class StartupProgress(logging.Handler):
             print("compiling kernels, once on this machine", file=sys.stderr, flush=True)
         elif now - self._printed_at > _INTERVAL_S:
             self._printed_at = now
-            done = f"{self._kernels} kernels compiled after {now - self._began:.0f} s"
+            kernels = "1 kernel" if self._kernels == 1 else f"{self._kernels} kernels"
+            done = f"{kernels} compiled after {now - self._began:.0f} s"
             print(f"{done}, {record.getMessage()}", file=sys.stderr, flush=True)
         self._kernels += 1
 

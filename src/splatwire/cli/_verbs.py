@@ -152,7 +152,9 @@ def overview() -> str:
 
 
 def unknown_verb(name: str) -> str:
-    """Returns the error message for an unknown subcommand, with the names of similar ones."""
+    """Returns the error message for an unknown subcommand or option, with the names of similar subcommands."""
+    if name.startswith("-"):
+        return f"unknown option {name}: the verb comes first, as in `splatwire encode --help`"
     similar = difflib.get_close_matches(name, VERBS, n=3)
     hint = f"did you mean {' or '.join(similar)}?" if similar else f"the verbs are {', '.join(VERBS)}"
     return f"'{name}' is no verb: {hint} (`splatwire --help` describes them)"

@@ -24,7 +24,7 @@ class Compare:
     renderer: str = "cpu"
     """Renderer: cpu, reference or gsplat."""
     background: BackgroundOption = None
-    """RGB from 0 to 1 behind all pictures; the background of the reference where absent."""
+    """Background colour of all pictures, RGB from 0 to 1. Default: that of the reference."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder for an HTML report with pictures and difference pictures."""
     json: JsonFlag = False

@@ -21,7 +21,7 @@ class View:
     port: int = 8080
     """Port of the page; 0 lets the system choose."""
     open: bool = True
-    """Open the page in this machine's browser."""
+    """Do not open the page in a browser; its address is printed."""
     trust: TrustOptions = field(default_factory=TrustOptions)
     json: JsonFlag = False
     """Print one JSON object, with the address of the page, when it is ready."""

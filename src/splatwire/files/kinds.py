@@ -51,8 +51,10 @@ class Kind:
         return f"{self.description}: {self.use}" if self.use else self.description
 
 
-_VERBS = "`inspect`, `encode`, `render`, `export` and `evaluate`"
-_EXPLICIT = f"`open_scene` reads it in Python, {_VERBS}, `import splats` and `train --init` in a shell"
+_EXPLICIT = (
+    "`encode` makes a stream of it; `inspect`, `render`, `export`, `evaluate`, `import splats` and `train --init` read "
+    "it, in Python `open_scene`"
+)
 NOTHING = Kind("nothing", "no such file or folder")
 EMPTY = Kind("empty", "an empty file")
 DEVICE = Kind("device", "a device, pipe or socket")
@@ -60,15 +62,19 @@ UNREADABLE = Kind("unreadable", "a file that cannot be read")
 STREAM = Kind(
     "stream",
     "a stream of splatwire",
-    "`read_stream` reads it in Python, `inspect`, `decode`, `transmit`, `serve` and `view` in a shell",
+    "`inspect`, `decode`, `transmit`, `serve` and `view` read it, in Python `read_stream`",
 )
 STREAM_GLB = Kind("stream glb", "a glTF file with a stream of splatwire", STREAM.use)
 STREAM_FOLDER = Kind("stream folder", "a stream of splatwire as a folder", STREAM.use)
-SCENE = Kind("scene", "a scene file of splatwire", f"`open_scene` reads it in Python, {_VERBS} in a shell")
+SCENE = Kind(
+    "scene",
+    "a scene file of splatwire",
+    "`encode` makes a stream of it; `inspect`, `render`, `export` and `evaluate` read it, in Python `open_scene`",
+)
 PARTIAL = Kind(
     "partial scene",
     "a decoded scene with gaps",
-    "`open_scene` with a concealer reads it in Python, `render`, `export` and `evaluate` in a shell",
+    "`render`, `export` and `evaluate` read it, in Python `open_scene` with a concealer",
 )
 CHECKPOINT = Kind("checkpoint", "the checkpoint of a training run", "`train --resume` goes on from it")
 TENSORS = Kind("safetensors", "a safetensors file that is neither scene nor checkpoint")
