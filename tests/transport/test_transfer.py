@@ -215,6 +215,7 @@ def test_unreachable_server_ends_the_transfer():
     result = transfer(PROGRAM, up=Link(lambda: True))
     assert not result.receiver.finished.ok
     assert "no answer" in result.receiver.finished.reason
+    assert "quic://" in result.receiver.finished.reason
     assert result.datagrams_down == 0
 
 

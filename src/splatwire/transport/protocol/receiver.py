@@ -431,8 +431,10 @@ class Receiver(ReceiveState):
         if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
             return "deadline"
         if self._welcome is None:
-            late = now - self._connecting_since > CONNECT_TIMEOUT_S
-            return f"no answer: nothing seems to serve there, or {SMALL_MTU}" if late else None
+            if now - self._connecting_since <= CONNECT_TIMEOUT_S:
+                return None
+            quic = "`serve` with --page or --quic has a quic:// address"
+            return f"no answer: nothing seems to serve UDP there ({quic}), or {SMALL_MTU}"
         if now - self._heard_at > max(self.options.silence_s, self.options.reconnect_s):
             return f"the server fell silent{f', then: {self._refusal}' if self._refusal else ''}"
         unlimited = self._welcome.is_live or self.options.keep_open

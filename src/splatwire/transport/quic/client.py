@@ -295,7 +295,8 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
     """
     reason = event.reason_phrase or hex(event.error_code)
     if not established and event.error_code == QuicErrorCode.INTERNAL_ERROR and "timeout" in reason.lower():
-        return f"no answer: nothing seems to serve QUIC there, or {SMALL_MTU}"
+        udp = "`serve` without --page and --quic has a udp:// address"
+        return f"no answer: nothing seems to serve QUIC there ({udp}), or {SMALL_MTU}"
     if event.error_code in UNTRUSTED:
         return (
             f"the server's certificate is not trusted: {reason}. Trust it with --fingerprint (which the server "
