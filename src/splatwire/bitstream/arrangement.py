@@ -120,12 +120,18 @@ def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Pack
 
 
 def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
-    """Yields the received packets of a plan with grouping `hashed` in order, and the gaps between them.
+    """Divides the elements (anchors or Gaussians) of a stream into received packets and the gaps between them.
 
-    Packets of this grouping are filled up to a size limit, so the number of lost packets in a gap is unknown.
+    It is for plans with the grouping `hashed`, in which packets are filled up to a size limit. The number of lost
+    packets in a gap is therefore unknown.
+
+    Args:
+        plan: Packet plan of the stream, with the grouping `hashed`.
+        arrived: Received packets, by id.
 
     Yields:
-        Number of elements of a packet, and the packet; or number of missing elements, and None for a gap.
+        Pairs that cover all elements in plan order. For a received packet: its number of elements, and the packet. For
+        a gap: the number of missing elements, and None.
 
     Raises:
         InvalidValueError: If two packets contain the same element.

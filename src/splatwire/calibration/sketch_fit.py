@@ -56,22 +56,25 @@ class SketchFit(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class SketchMaterial:
-    """Data of a scene from which the anchors with a coarse copy, and the precision of each copy, are chosen.
+    """Data for choosing the anchors that get a coarse copy in the side information, and the precision of each copy.
 
-    M anchors may get a copy (candidates). A cost is a squared error in the rendered pictures.
+    Only M of the scene's N anchors, the candidates, may get a copy. A cost is a squared error in rendered pictures.
 
     Attributes:
-        candidates: Indices of the candidates, ascending, int64 (M).
-        channels: Features of the candidates, and logarithms of scalings relative to their prediction, float64 (M, D).
-        mean: Mean of the channels over the most important anchors, float64 (D).
-        forward: Decorrelating transform of the channels to coefficients, by descending variance, float64 (D, D).
+        candidates: Indices of the candidates in the scene, ascending, int64 (M).
+        channels: D channels of each candidate: its features, then the logarithms of its scalings relative to their
+            prediction, float64 (M, D).
+        mean: Mean of each channel over the most important anchors, float64 (D).
+        forward: Matrix that transforms the channels to D uncorrelated coefficients, sorted by descending variance,
+            float64 (D, D).
         backward: Inverse of `forward`, float64 (D, D).
         spread: Standard deviation of each coefficient, float64 (D).
-        weight: Cost of an error of 1 in a coefficient of each candidate, float64 (M).
-        offset_weight: Cost of an error of 1 in a coordinate of each offset, float64 (M, K).
-        removal: Cost if the candidate is lost, float64 (M).
-        offset_removal: Cost if only one of the candidate's Gaussians is lost, for each of them, float64 (M, K).
-        offsets: Offsets of the candidates, relative to where a receiver draws a lost anchor, float64 (M, 3 K).
+        weight: For each candidate, cost of an error of 1 in any one of its coefficients, float64 (M).
+        offset_weight: For each candidate and offset, cost of an error of 1 in one coordinate, float64 (M, K).
+        removal: For each candidate, cost if it is lost and has no copy, float64 (M).
+        offset_removal: For each candidate and offset, cost if only the Gaussian of this offset is lost, float64 (M, K).
+        offsets: K offsets of each candidate, relative to the position at which a receiver draws its copy, in units of
+            its first three scalings, float64 (M, 3 K).
         mask: Mask of the offsets that exist, bool (M, K).
         num_anchors: Number of anchors of the scene, N.
     """

@@ -36,16 +36,19 @@ _CLOSE = 0.98
 
 @dataclass(frozen=True, eq=False)
 class GaussianSketch:
-    """Sketch: coarse copies of a scene's most important Gaussians, drawn in place of lost Gaussians.
+    """Sketch: coarse copies of a scene's most important Gaussians, drawn if the Gaussians themselves are lost.
+
+    A receiver also enlarges received Gaussians, to cover lost ones that have no copy. A neural network may correct the
+    enlargement.
 
     Attributes:
         splats: All Gaussians of the stream, in coding order.
         indices: Indices in `splats` of the Gaussians that have a copy, int64.
         info: The stream's side information.
-        growth: Parameters with which a receiver enlarges received Gaussians: exponents for size and opacity, then the
-            weight of the neural network that corrects the enlargement, 0 (no correction) to 1.
+        growth: Three parameters of the enlargement: exponent for the size, exponent for the opacity, and weight of the
+            network's correction, 0 (no correction) to 1.
         growths: Pairs of exponents (size, opacity) that the calibration tries, the default first.
-        trusts: Weights of the correcting network that the calibration tries, 0 to 1, the default first.
+        trusts: Weights of the network's correction that the calibration tries, the default first.
     """
 
     splats: Splats

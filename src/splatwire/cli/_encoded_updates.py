@@ -15,7 +15,15 @@ from splatwire.types import Cameras
 
 
 def encode_update_of(command: Encode, scene: Any, cameras: Cameras | None) -> None:
-    """Encodes the changes of a scene relative to the stream `--update`, and prints their size."""
+    """Runs `splatwire encode --update`: writes a stream with the changes of a scene relative to an existing stream.
+
+    Prints the numbers of kept, removed and new Gaussians, and the size of the written stream.
+
+    Args:
+        command: Options of the command: `update` is the existing stream, `output` the file to write.
+        scene: The changed scene.
+        cameras: Cameras of the images in which the precision of the Gaussians is measured; None to generate cameras.
+    """
     assert command.update is not None
     if command.scene == command.update == STANDARD:
         raise InvalidValueError("the scene and the stream to update cannot both be standard input")

@@ -67,11 +67,13 @@ def _protection(command: Live) -> Protection:
 
 
 async def _serve(command: Live, options: SequenceOptions, protection: Protection) -> int | None:
-    """Encodes and serves the frames of a clip, until SIGINT or SIGTERM or until the last frame.
+    """Encodes and serves the frames of a clip until the last frame was sent, or until SIGINT or SIGTERM.
+
+    After a signal, the encoder gets a few seconds to end.
 
     Returns:
-        None if the encoder has ended. Otherwise an exit status: the encoder still runs after the signal, and the
-        process should exit at once.
+        None if the encoder has ended. Otherwise the exit status with which the caller must end the process at once,
+        because the encoder's thread still runs: 0 if it is compiling kernels, `EXIT_STUCK` otherwise.
     """
     loop, warn = asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:
@@ -121,7 +123,7 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits for the end of the encoder after a stop request, and returns why the waiting ended.
+    """Waits for the encoder to end after a stop request, but no longer once the encoder compiles kernels.
 
     Args:
         encoding: The running encoder.

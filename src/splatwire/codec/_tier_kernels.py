@@ -23,10 +23,10 @@ def tier_context(tier, count, recent):
 
     Args:
         tier: Index of the tier, 0 for the most important.
-        count: Share of the preceding anchors that are in this tier or a more important one, as a decaying average in
+        count: Share of the preceding anchors that are in this tier or a more important one: a decaying average, in
             units of 2**-16.
-        recent: Two bits, 0 to 3. Each is for one of the last two anchors, and is 1 if that anchor is in this tier or a
-            more important one.
+        recent: Two bits for the last two anchors, 0 to 3: a bit is 1 if the anchor is in this tier or a more important
+            one. Bit 0 is for the last anchor.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4
@@ -39,15 +39,18 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def add_to_statistics(counts, recents, tier, important):
-    """Updates the statistics that select the contexts of an importance tier, after an anchor was coded.
+    """Adds an anchor that was just coded to the statistics of one importance tier.
+
+    The statistics select the adaptive models for the next anchors (see `tier_context`). An anchor is at least as
+    important as a tier if it is in this tier or in a more important one.
 
     Args:
-        counts: For each tier, share of the anchors that are in this tier or a more important one, as a decaying average
-            in units of 2**-16. Changed in place.
-        recents: For each tier, two bits for the last two anchors: 1 if the anchor is in this tier or a more important
-            one. Changed in place.
-        tier: Index of the tier whose statistics are updated.
-        important: True if the anchor is in this tier or in a more important one.
+        counts: For each tier, share of the coded anchors that are at least as important as the tier: a decaying
+            average, in units of 2**-16. Entry `tier` is changed in place.
+        recents: For each tier, two bits for the last two anchors, 0 to 3: a bit is 1 if the anchor is at least as
+            important as the tier. Bit 0 is for the last anchor. Entry `tier` is changed in place.
+        tier: Index of the tier, 0 for the most important.
+        important: True if the anchor is at least as important as the tier.
     """
     counts[tier] += ((65535 if important else 0) - counts[tier]) >> 3
     recents[tier] = (2 * recents[tier] + (1 if important else 0)) & 3

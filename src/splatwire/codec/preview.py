@@ -106,10 +106,10 @@ class PreviewFrame:
         )
 
     def values(self, codes: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Dequantises the numbers that describe the G Gaussians of a preview.
+        """Dequantises the ten numbers that describe each of the G Gaussians of a preview.
 
         Args:
-            codes: Quantised numbers of each Gaussian, whole numbers as in `Preview.levels`.
+            codes: Quantised numbers of each Gaussian, integers as in `Preview.levels`.
 
         Returns:
             Ten numbers for each Gaussian: position, compressed by asinh (3); `log(size / spread)` of
@@ -119,23 +119,30 @@ class PreviewFrame:
         return low + codes * step
 
     def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Quantises the ten numbers of each Gaussian without rounding; the inverse of the method `values`.
+        """Quantises the ten numbers that describe each of G Gaussians, but does not round the results to integers.
 
-        Results are clipped to the range of the coded integers.
+        This is the inverse of the method `values`. Results are clipped to the range of the coded integers.
+
+        Args:
+            values: Ten numbers for each Gaussian, as returned by `values`.
         """
         low, step = self.scale()
         return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MAX_LEVELS))
 
     def gaussians(self, values: Float[np.ndarray, "G 10"]) -> Gaussians:
-        """Converts the ten numbers of each Gaussian (see `values`) to Gaussians."""
+        """Converts the ten numbers that describe each of G Gaussians, as returned by `values`, to Gaussians."""
         positions = (np.array(self.middle) + self.spread * np.sinh(values[:, :3])).astype(np.float32)
         upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0], values.dtype), (len(values), 1))
         return Gaussians(positions, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])
 
     def scale(self) -> tuple[Float[np.ndarray, "10"], Float[np.ndarray, "10"]]:
-        """Returns the offsets and the quantisation steps of the ten numbers that describe a Gaussian, (10) each.
+        """Returns the offset and the quantisation step of each of the ten numbers that describe a Gaussian.
 
-        A quantised integer q represents the number `offset + q * step`.
+        The numbers are: position, compressed by asinh (3); `log(size / spread)` of each axis (3); red, green, blue
+        (3); opacity (1). A quantised integer q represents the number `offset + q * step`.
+
+        Returns:
+            Offsets, and quantisation steps.
         """
         half = 0.5 / (1 << BITS[9])
         low = [*self.low[:3], *self.low[3:] * 3, 0.0, 0.0, 0.0, half]

@@ -24,9 +24,9 @@ def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
     width and focal length in pixels), then two unused distances.
 
     Args:
-        path: Path of the file; photos are in `images` next to it.
-        images: Image folder to use instead of `images` (e.g. `images_2`); the focal length is scaled to the size of its
-            images.
+        path: Path of the file; the folder with the photos is next to it.
+        images: Name of the folder with the photos, such as `images_2`; None for the folder `images`. The focal length
+            is scaled to the size of its photos.
 
     Raises:
         DatasetError: If the file is damaged, a pose is not rigid, or the numbers of poses and photos differ.

@@ -139,8 +139,8 @@ def open_dataset(
     Args:
         path: The folder.
         split: Split to read, one of `SPLITS`.
-        images: Image folder to use instead of `images` (e.g. `images_4`); intrinsics are scaled to the size of its
-            images.
+        images: Folder of photos to read instead of the folder `images`, such as `images_4`. Intrinsics are scaled to
+            the size of its photos. None to read the photos that the dataset names.
         max_width: Wider photos are reduced to this width, as in the training of HAC++; None for no limit.
         test_views: Choice of test views, one of `TEST_VIEWS`: every eighth, or the first 31. None for the default of
             the layout.
@@ -248,16 +248,20 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
 def _transforms_views(
     path: Path, split: str, images: str | None, test_views: str | None
 ) -> tuple[list[TransformsView], Path, Path | None]:
-    """Reads the views of a split of a dataset with a BungeeNeRF, Blender or nerfstudio layout.
+    """Reads the views (photos with cameras) of one split of a dataset with BungeeNeRF, Blender or nerfstudio layout.
 
     Args:
         path: Folder of the dataset.
-        split: `train`, `test` or `all`.
-        images: Image folder to use instead of `images`, or None.
-        test_views: Rule that selects the test views; None for the default rule of the layout.
+        split: Split to read: `train`, `test`, or `all` for both.
+        images: Folder that replaces `images` in the paths of the photos, such as `images_4`; None to keep the paths.
+        test_views: Rule that selects the test views, one of `TEST_VIEWS`; None for the default rule of the layout.
 
     Returns:
-        The views; the file that lists them; and the point cloud that this file names, or None if it names none.
+        Three items:
+
+        * Views of the split.
+        * Path of the JSON file that lists the views; of the first one if the views are listed in two files.
+        * Path of the point cloud that the JSON files name; None if they name none.
     """
     if (path / bungee.FILE).is_file():
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"
@@ -322,13 +326,13 @@ def _warn_of_copies(
     split: str,
     tests: Sequence[ColmapView | TransformsView],
 ) -> None:
-    """Logs a warning about test photos that are copies of training photos, unless the training split is opened.
+    """Logs a warning if test photos are copies of training photos; does nothing if `split` is `train`.
 
     Args:
         source: File or folder with the list of views, for messages.
         views: Views of all splits.
         photos: Photo of each view; None if the file is missing.
-        split: Name of the split that is opened.
+        split: Split that the caller reads: `train`, `test` or `all`.
         tests: Views of the test split.
     """
     if split != "train":
@@ -337,17 +341,18 @@ def _warn_of_copies(
 
 
 def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: str) -> None:
-    """Checks that no photo is listed in both `transforms_train.json` and `transforms_test.json`.
+    """Checks that each photo is listed once in the two files `transforms_train.json` and `transforms_test.json`.
 
-    Logs a warning if a test photo is a copy of a training photo, unless the training split is opened.
+    Also compares the bytes of the photos, unless `split` is `train`: logs a warning if a test photo is a copy of a
+    training photo.
 
     Args:
-        halves: Path of the transforms file of each split, with the keys `train` and `test`.
-        images: Image folder that replaces `images`, or None.
-        split: Name of the split that is opened.
+        halves: Paths of the two files, with the keys `train` and `test`.
+        images: Folder that replaces `images` in the paths of the photos, such as `images_4`; None to keep the paths.
+        split: Split that the caller reads: `train`, `test` or `all`.
 
     Raises:
-        DatasetError: If a photo is in both.
+        DatasetError: If a photo is listed twice, so that it could be used for training and for testing.
     """
     listed = [(file, name, photo) for file in halves.values() for name, photo in listed_photos(file, images).items()]
     names = [f"{name} of {file.name}" for file, name, _ in listed]

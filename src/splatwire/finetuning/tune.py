@@ -127,8 +127,8 @@ def tuned_gaussians(
         pictures: The pictures and their cameras, relative to the origin of the scene.
         options: The options.
         progress: Called after each iteration.
-        classes: Precision class (set of quantisation steps) of each Gaussian, 0 for the finest and negative for coarser
-            ones; None to measure them.
+        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+            negative for coarser ones; None to measure the classes.
 
     Returns:
         The Gaussians before rounding, and their quantisation steps.
@@ -215,16 +215,19 @@ def picture_gradients(
     mask: Bool[np.ndarray, "H W"] | None = None,
     scale: float | None = None,
 ) -> tuple[float, Gradients]:
-    """Returns the mean squared error of a rendered view against a reference, and the gradients of this error.
+    """Renders one view, and returns its mean squared error against a reference picture and the gradients of the error.
 
     Args:
         scene: The Gaussians.
         cameras: The cameras, relative to the origin of the scene.
-        view: Index of the camera.
+        view: Index of the camera of this view.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Divisor of the gradients, raised to `MIN_SCALE` if it is smaller. None to divide by the mean squared
-            error.
+        scale: Number by which the gradients are divided; None for the mean squared error of this view. The divisor is
+            never below `MIN_SCALE`.
+
+    Returns:
+        Mean squared error, not divided; and its gradients with respect to the attributes of the Gaussians, divided.
     """
     # The rendering is clamped to [0, 1] before the comparison, as in `render_scene`. The error is the mean over all
     # pixels of the view, also with a mask. Small Gaussians of antialiased scenes are drawn with reduced opacity;

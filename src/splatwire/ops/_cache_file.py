@@ -40,12 +40,12 @@ class CacheFile(IndexDataCacheFile):
         super().__init__(plain._cache_path, self._stem, source_stamp)
 
     def save(self, key: Any, data: Any) -> None:
-        """Stores the machine code of a signature.
+        """Stores the machine code of the kernel that was compiled for one signature (types of the arguments).
 
         An error of the file system is only logged, because the kernel also works without a cache.
 
         Args:
-            key: Identifies the signature and the processor.
+            key: Key in the index file of the cache, which identifies the signature and the processor.
             data: The code, which can be pickled.
         """
         packed = self._dump(data)
@@ -64,10 +64,10 @@ class CacheFile(IndexDataCacheFile):
             self._remove_all_but({self._index_name, *names.values()})
 
     def load(self, key: Any) -> Any:
-        """Returns the machine code of a signature; None if it is not cached.
+        """Returns the kernel's machine code for one signature (types of the arguments); None if it is not cached.
 
         Args:
-            key: Identifies the signature and the processor.
+            key: Key in the index file of the cache, which identifies the signature and the processor.
         """
         name = self._load_index().get(key)
         if name is None or self._data(name) is None:

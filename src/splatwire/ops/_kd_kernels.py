@@ -10,12 +10,15 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True)
 @no_type_check
 def split_runs(points, bounds, order):
-    """Sorts points into the leaves of a k-d tree; the number of points of each leaf is given.
+    """Sorts points so that those of each leaf of a k-d tree are adjacent; the sizes of the leaves are given.
+
+    Only the points `order[bounds[0]:bounds[-1]]` are sorted.
 
     Args:
-        points: Coordinates, float (N, 3).
-        bounds: Leaf i gets the positions `bounds[i]` to `bounds[i + 1]` (exclusive) of the sorted order, int64.
-        order: Indices of the points in their present order, reordered in place.
+        points: Coordinates of all points, float (N, 3).
+        bounds: Boundaries of the leaves, ascending, int64 (leaves + 1). Leaf i gets the points
+            `order[bounds[i]:bounds[i + 1]]`.
+        order: Rows of `points` in the present order of the points, int64 (N); reordered in place.
     """
     stack = [(np.int64(0), np.int64(len(bounds) - 1))]
     while len(stack):

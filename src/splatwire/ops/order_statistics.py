@@ -62,6 +62,13 @@ def quantiles(pieces: Pieces, count: int, probabilities: Sequence[float]) -> np.
 
 
 def _numbers(keys: np.ndarray) -> np.ndarray:
-    """Converts sortable integers, as in `count_digits`, back to the floating-point numbers they encode, float64."""
+    """Converts unsigned integers to the floating-point numbers that they represent, as float64.
+
+    The integers are the bits of float32 or float64 numbers, changed so that integers and numbers sort in the same
+    order: of a positive number, the sign bit was inverted; of a negative number, all bits.
+
+    Args:
+        keys: The integers, uint32 or uint64.
+    """
     top = keys.dtype.type(1 << (8 * keys.dtype.itemsize - 1))
     return np.where(keys & top, keys ^ top, ~keys).view(f"f{keys.dtype.itemsize}").astype(np.float64)

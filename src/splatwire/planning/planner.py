@@ -177,17 +177,20 @@ def check_request(
 
 @checked
 def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed: int) -> np.ndarray:
-    """Draws the datagram losses of the transfers that a planner simulates.
+    """Draws at random which datagrams are lost in each transfer that a planner simulates.
+
+    All variants of the stream are simulated with the same losses, so that they can be compared.
 
     Args:
         variants: Variants of the stream.
         loss: Loss model of the channel, in datagrams.
         trials: Number of simulated transfers.
-        seed: Seed of the losses.
+        seed: Random seed.
 
     Returns:
-        Masks of received datagrams, bool (trials, n), for all variants. n is enough for each variant with its repair
-        symbols; a variant with fewer datagrams uses the first ones.
+        Mask of received datagrams for each transfer, bool (trials, n): column i is for the i-th datagram sent. The
+        number n is large enough for the largest variant with its repair symbols; a variant that needs fewer datagrams
+        uses the first columns.
     """
     if not len(variants):
         raise InvalidValueError("variants: there is none to simulate")

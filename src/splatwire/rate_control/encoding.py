@@ -251,7 +251,8 @@ class _Plan:
         views: Views in which the effect of removing each Gaussian is measured.
         search: Pictures of the source with which streams are compared during the search for a quantisation level.
         held_out: Pictures of the source for the reported PSNR.
-        classes: Precision class (set of quantisation steps) of each Gaussian, 0 for the finest, negative for coarser.
+        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+            negative for coarser ones.
         curve: Image error as a function of the share of Gaussians kept; None without pruning.
         scene: The Gaussians to prune and encode: those of `source`, or fine-tuned ones.
         precision: Additional precision of each attribute (`Quality.precision`).

@@ -182,12 +182,16 @@ class PruningCurve:
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, quality_level: float) -> float:
-        """Returns the share of Gaussians to keep that balances pruning and quantisation at a quantisation level.
+        """Returns the best share of Gaussians to keep if the kept ones are encoded with a given quantisation level.
 
-        With this share, saving a byte by pruning costs the same error as saving it by coarser quantisation.
+        Two ways to save a byte are compared: pruning more Gaussians, and coarser quantisation. At the best share, both
+        add about the same error.
 
         Args:
-            quality_level: Quantisation level (`Quality.level`).
+            quality_level: Quantisation level (`Quality.level`), the setting of all quantisation steps.
+
+        Returns:
+            The share, above 0 and at most 1.
         """
         # The share never decreases with the level.
         quantised = 10 ** (-(QUANTISED_PSNR + OCTAVE_DB * (LEVELS - QUANTISED_LEVEL)) / 10)

@@ -106,7 +106,8 @@ def tuned_to_pictures(
 
     Args:
         pruned: The Gaussians to fine-tune.
-        classes: Precision class of each Gaussian, 0 for the finest.
+        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+            negative for coarser ones.
         pictures: Pictures of the complete scene.
         quality: Quality setting, which determines the quantisation steps.
         packetization: Way to split the stream into packets, for simulating the packet losses of `tuning.loss`.

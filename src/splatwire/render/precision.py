@@ -108,10 +108,11 @@ def precision_classes(
 
     Args:
         splats: The Gaussians.
-        cameras: Cameras of the images; None for views around the Gaussians.
+        cameras: Cameras of the images; None to generate cameras around the Gaussians.
         probes: Number of back-propagations per view; more give a more precise estimate.
         seed: Random seed.
-        part: Maximum number of Gaussians that are measured together, if no cameras are given.
+        part: Maximum number of Gaussians that are measured at a time. A larger scene is divided into spatial parts of
+            this size. Ignored if `cameras` is given.
 
     Returns:
         Class of each Gaussian, int8 (N). The quantisation steps of class c - 1 are twice as large as those of class c.
@@ -162,13 +163,14 @@ def measure_gaussians(
 
     Args:
         scene: Gaussians that can be drawn.
-        cameras: Cameras of the images; None for generated views around the scene, of the whole scene, and close to its
-            surfaces.
-        framing: Cameras that show the whole scene, given together with `cameras`; None for no such views.
-        closeups: Cameras close to the surfaces of the scene, given together with `cameras`; they only add to the errors
-            after removal. None for no such views.
+        cameras: Cameras of the images in which both quantities are measured. None to generate cameras around the scene,
+            cameras that show the whole scene, and cameras close to its surfaces.
+        framing: Additional cameras that show the whole scene; None for none. Ignored if `cameras` is None.
+        closeups: Additional cameras close to the surfaces of the scene; None for none. Their images increase the image
+            errors, but do not change the precision classes. Ignored if `cameras` is None.
         seed: Random seed.
-        part: Maximum number of Gaussians that are measured together, if no cameras are given.
+        part: Maximum number of Gaussians that are measured at a time. A larger scene is divided into spatial parts of
+            this size. Ignored if `cameras` is given.
     """
     # Both results are estimated from gradients of the same rendered views.
     splats = scene.splats

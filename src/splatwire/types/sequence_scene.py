@@ -64,8 +64,8 @@ class GroupMotion:
     Attributes:
         tracks: Indices of the received tracks that exist in the group, ascending, int64 (n).
         moving: Mask of the tracks that move, bool (n).
-        begins: First frame of each track, from the start of the group, int64 (n).
-        ends: Frame after the last frame of each track, from the start of the group, int64 (n).
+        begins: Index of the first frame of each track in the group, counted from the start of the group, int64 (n).
+        ends: Index of the frame after its last frame in the group, counted from the start of the group, int64 (n).
         at: Function that decodes the changes of the tracks in a frame of the group, float32 (n, C). The channels are:
             position (world units); rotation vector of length `4 * tan(angle / 4)`; natural logarithms of scales
             (largest first) and opacity; degree 0 of the spherical harmonics.
@@ -93,11 +93,12 @@ class Tracks:
     Attributes:
         splats: State of each track in its first frame (its keyframe Gaussian).
         born: Index of the group of pictures in which each track begins, int64 (T).
-        received: Mask of received tracks, bool (T).
+        received: Mask of tracks whose keyframe Gaussian was received, bool (T).
         blocks: Index of the block of the stream that contains each keyframe Gaussian, int64 (T).
-        rounding: Quantisation step of the positions of each track, world units, float32 (T); 0 for lost ones.
-        begins: First frame of each track, from the start of the group in which it begins, int64 (T); 0 if unknown.
-        ends: Frame of the sequence after the last frame of each track, int64 (T); the number of frames if unknown.
+        rounding: Quantisation step of the positions of each track, world units, float32 (T); 0 for lost tracks.
+        begins: Index of the first frame of each track, counted from the start of group `born`, int64 (T); 0 if unknown.
+        ends: Index of the frame after the last frame of each track, counted from the start of the sequence, int64 (T);
+            the number of frames of the sequence if unknown.
     """
 
     splats: Splats

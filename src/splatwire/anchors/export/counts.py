@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 @dataclass
 class FitCounts:
-    """Numbers of Gaussians that a conversion to explicit Gaussians wrote or omitted; updated during the conversion.
+    """Numbers of Gaussians in a conversion of an anchor scene to explicit Gaussians; updated during the conversion.
+
+    Each existing offset of an anchor can become one Gaussian.
 
     Attributes:
-        possible: Number of Gaussians that the scene can have.
-        unseen: Number of Gaussians omitted because they are invisible in all views.
-        faint: Number of Gaussians omitted because their mean opacity is below 1/255.
-        written: Number of fitted Gaussians.
+        possible: Number of Gaussians that the anchors can have in total.
+        unseen: Number of Gaussians that were left out because no view shows them.
+        faint: Number of Gaussians that were left out because their mean opacity is below 1/255.
+        written: Number of Gaussians in the result.
     """
 
     possible: int = 0

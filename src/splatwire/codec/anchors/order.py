@@ -256,10 +256,12 @@ class AnchorDecoder:
         raise NotImplementedError
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts the attributes of anchors from the side information alone, for the case that their packets are lost.
+        """Predicts the attributes of n anchors from the side information, and stores the predictions in this object.
+
+        Concealers use the predictions of the anchors whose packets are lost.
 
         Args:
-            ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
+            ranks: Indices of n anchors of the scene (whose anchors are in coding order), int64 (n).
         """
         raise NotImplementedError
 

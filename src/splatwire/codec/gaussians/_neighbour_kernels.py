@@ -96,7 +96,17 @@ def find_neighbours(near, i, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _find_narrow(near, i):
-    """Finds the nearest neighbours of Gaussian `i`; fast version for coordinates of at most `NARROW_BITS` bits."""
+    """Finds the nearest neighbours of a Gaussian among the preceding `WINDOW` Gaussians of its packet.
+
+    Fast version of the search, for grid cells whose coordinates have at most `NARROW_BITS` bits.
+
+    Args:
+        near: Working arrays of the packet; indices and weights of the neighbours are written.
+        i: Index of the Gaussian in the packet.
+
+    Returns:
+        Number of neighbours found, at most `NUM_NEIGHBOURS`.
+    """
     # The nearest neighbours are the Gaussians with the smallest keys (see `Near`). The distances are exact.
     #
     # The window is divided into eight groups. At least six keys do not exceed the sixth smallest of the groups' minima,
@@ -146,14 +156,16 @@ def _find_narrow(near, i):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_wide(near, i):
-    """Finds the nearest neighbours of Gaussian `i` among those before it; slow version for coordinates of any size.
+    """Finds the nearest neighbours of a Gaussian among the preceding `WINDOW` Gaussians of its packet.
+
+    Slow version of the search, for grid cells with coordinates of any size.
 
     Args:
-        near: Working arrays of the packet (`Near`); indices and weights of the neighbours are written.
+        near: Working arrays of the packet; indices and weights of the neighbours are written.
         i: Index of the Gaussian in the packet.
 
     Returns:
-        Number of neighbours found.
+        Number of neighbours found, at most `NUM_NEIGHBOURS`.
     """
     cells, neighbours, far = near.cells, near.indices, near.weights
     count = 0

@@ -46,19 +46,25 @@ from splatwire.ops.compiled import njit
 def round_rows(positions, logs, axes, colours, precision_classes, bases, unit, coarsest, thinness, harmonics, rows):
     """Quantises n Gaussians to the integers that a decoder would obtain, without encoding them.
 
+    Positions are multiples of a small distance, the spacing of the position lattice.
+
     Args:
         positions: Positions in lattice spacings, int64 (n, 3).
-        logs: Logarithms of opacity and scales, in fixed point, int64 (n, 4).
+        logs: log2 of the opacity, then of the scales relative to the scene's size, largest first, in fixed point with
+            `BITS` fractional bits, int64 (n, 4).
         axes: Principal axes, float64 (n, 3, 3).
-        colours: Base colours (Y Co Cg), in fixed point, int64 (n, 3).
-        precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
-        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        colours: Base colours as Y Co Cg, in fixed point with `BITS` fractional bits, int64 (n, 3).
+        precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n); 0 is the
+            coarsest.
+        bases: `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0, in fixed
+            point with `STEP_BITS` fractional bits, int64 (9).
+        unit: `-log2` of the lattice spacing, as a share of the scene's size.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
-        thinness: Table for decoding the ratio of two scales, from `thinness_table`.
-        harmonics: Transformed harmonics, int32 (n, harmonics); rounded in place.
-        rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns), with positions relative to
-            the origin of the lattice.
+        thinness: Table that decodes the ratio of the second to the third scale, from `thinness_table`.
+        harmonics: Spherical harmonics after the transform that decorrelates them, int32 (n, harmonics); replaced by the
+            rounded values.
+        rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns); columns as in `layout`.
+            Positions are in lattice spacings from the origin of the lattice.
     """
     axis = np.zeros(3, np.int64)
     for i in range(len(rows)):

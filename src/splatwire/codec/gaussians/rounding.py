@@ -23,8 +23,8 @@ def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> 
     Args:
         splats: The Gaussians, at least one.
         quality: Quality setting.
-        classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
-            coarser; None for the finest.
+        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+            negative for coarser ones; None for the finest steps.
     """
     plan = PacketPlan(PRESETS["paper"], splats.num_gaussians)
     source = SourceScene.of(splats, plan, classes, None, quality)

@@ -130,14 +130,15 @@ class SourceScene:
 
         Args:
             splats: The Gaussians.
-            plan: Packet plan with the size of each block.
-            classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
-                coarser; None for the finest.
-            tiers: Importance tier of each Gaussian, 0 for the most important; None for one tier.
+            plan: Packet plan with the number of Gaussians in each block.
+            classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+                negative for coarser ones. None for the finest steps for all. Ignored if `coding` is given.
+            tiers: Importance tier of each Gaussian, 0 for the most important; None to treat all as equally important.
             quality: Quality setting; ignored if `coding` is given.
             coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.
-            sorted_already: True if the Gaussians are in block order.
-            max_unit: Upper limit of the attribute `unit` of the result (resolution of positions).
+            sorted_already: True if `splats` is sorted by block already, so that the order is kept.
+            max_unit: Upper limit of the chosen `unit`; positions are multiples of `2 ** (size_log - unit)` world units.
+                Ignored if `coding` is given.
         """
         if coding is not None:
             size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
@@ -249,7 +250,7 @@ class SourceScene:
         return all(a.dtype == np.float32 and a.flags.c_contiguous and a.flags.writeable for a in arrays)
 
     def _arranged_positions(self, block: int, info: SideInfo) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
-        """Returns lattice positions of a block's Gaussians, and the order in which packets are filled.
+        """Returns the positions of a block's n Gaussians as integers, and the order of the Gaussians in packets.
 
         Args:
             block: Index of the spatial block.
@@ -258,12 +259,11 @@ class SourceScene:
         Returns:
             Four items:
 
-            * Positions relative to the corner of the block's bounding box, int64 (n, 3). The n Gaussians of the block
-              are in the order of `members(block)`.
-            * Morton codes of these positions, int64 (n).
+            * Positions relative to the corner of the block's bounding box, in spacings of the position lattice, int64
+              (n, 3). Rows are in the order of `members(block)`.
+            * Morton code of each row, int64 (n).
             * log2 of the cell size of the coarse position grid, in lattice spacings.
-            * Order in which packets are filled, int64 (n): entry i is the row, in the first array, of the i-th Gaussian
-              in this order.
+            * Rows in the order in which their Gaussians are put into packets, int64 (n).
         """
         members, bits = self.order[self.members(block)], int(info.boxes.bits[block])
         positions, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
@@ -331,8 +331,8 @@ def coded_classes(classes: np.ndarray | None, count: int, finest_class: int) -> 
     """Converts precision classes from the numbering of encoder options to that of the bitstream.
 
     Args:
-        classes: Precision class of each Gaussian (its set of quantisation steps), (N): 0 for the finest, negative for
-            coarser classes. None selects the finest class for all Gaussians.
+        classes: Precision class of each Gaussian, which selects its quantisation steps, (N): 0 for the finest steps,
+            negative for coarser ones. None for the finest steps for all Gaussians.
         count: Number of Gaussians, N.
         finest_class: Number of the finest precision class in the bitstream, where 0 is the coarsest.
 

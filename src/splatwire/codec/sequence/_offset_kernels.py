@@ -13,19 +13,23 @@ _COLOURS = NUM_CHANNELS - 3
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, out):
-    """Evaluates the motion polynomials of n tracks (Gaussians over time) in one frame.
+    """Evaluates the motion polynomials of n tracks (Gaussians over time) in one frame of a group of F frames.
+
+    A change of a channel is the sum of its coefficients, each times a basis polynomial. There are F polynomials, with
+    degrees 0 to F - 1.
 
     Args:
-        coefficients: Polynomial coefficients of the moving tracks of all packets, one after another, float32.
-        starts: Index of each track's first coefficient, int64 (n); -1 for a track that does not move.
-        packets: Index of each track's packet, int64 (n).
-        orders: For each packet and channel, number of coefficients that may differ from 0, int64 (packets, channels).
-        widths: For each packet, number of coefficients that the array `coefficients` stores per channel, int64
-            (packets).
-        weights: Value of each basis polynomial in this frame, float64 (F), for a group of F frames.
-        factors: Factor from fixed point to floats, by channel, float64 (channels).
+        coefficients: Coefficients of the moving tracks of all packets in one flat array, float32. A track has
+            `widths[packet]` coefficients for its first channel, then as many for the next channel, and so on.
+        starts: Index in `coefficients` of each track's first coefficient, int64 (n); -1 for a track that does not move.
+        packets: Index of the packet that contains each track, int64 (n); any index for a track that does not move.
+        orders: For each packet and channel, number of coefficients to use; the others are 0, int64 (packets, channels).
+        widths: For each packet, number of coefficients per channel in `coefficients`, int64 (packets).
+        weights: Value of each basis polynomial in this frame, float64 (F).
+        factors: For each channel, factor from its fixed-point unit to floating point, float64 (channels).
         colours: Matrix from Y Co Cg to red, green, blue, float64 (3, 3).
-        out: Output: changes of the tracks relative to their keyframe Gaussians, float32 (n, channels).
+        out: Output: change of each track relative to its keyframe Gaussian, float32 (n, channels); 0 for a track that
+            does not move.
     """
     values = np.zeros(NUM_CHANNELS)
     # `tests/reference/trajectories.py` is an equivalent implementation in plain Python.

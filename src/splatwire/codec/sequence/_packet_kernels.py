@@ -56,7 +56,7 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
     Coefficients of higher degrees are less than half a quantisation step in all tracks of the packet.
 
     Args:
-        targets: Motion coefficients before quantisation, float64 (N, channels, frames).
+        targets: Motion coefficients before quantisation, float64 (N, channels, degrees); as many degrees as frames.
         rows: Index in `targets` of each track, int64 (n).
         states: `STILL` or `MOVING` for each track, int64 (n).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
@@ -79,12 +79,16 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _trim(quantised, orders):
-    """Reduces the number of motion coefficients of a packet: omits high degrees that are 0 in all of its tracks.
+    """Reduces the number of motion coefficients to code in a packet, if those of the highest degrees are all 0.
+
+    The motion of a track (a Gaussian over time) has a polynomial for each channel. All channels of a kind (position,
+    rotation, scale, opacity, colour) have equally many coded coefficients, those of the lowest degrees.
 
     Args:
-        quantised: Residuals of the polynomial coefficients in quantisation steps, int32 (n, channels, frames).
-        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
-            coded per channel, int64 (kinds); reduced in place.
+        quantised: Quantised prediction residuals of the coefficients of the packet's n tracks, in quantisation steps,
+            int32 (n, channels, degrees).
+        orders: For each kind of channel, number of coefficients to code per channel, int64 (kinds). Reduced in place
+            until the coefficient of the highest degree is not 0 in at least one track and channel, or none is left.
     """
     for kind in range(NUM_KINDS):
         while orders[kind]:

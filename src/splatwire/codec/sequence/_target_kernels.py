@@ -15,20 +15,23 @@ _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _relative_rotations(quats, base, begin, end, last, largest, values):
-    """Computes the rotation of a track relative to its keyframe Gaussian, in a range of frames.
+    """Computes the rotation of one track (a Gaussian over time) relative to its keyframe Gaussian, in each frame.
+
+    The frames `begin` to `end - 1` of a group of F frames are added; earlier calls have added the frames before.
 
     Args:
-        quats: Rotation of the track in each frame, as quaternions.
-        base: Rotation of the keyframe Gaussian, as a quaternion.
-        begin: First frame.
-        end: End of the frames (exclusive).
-        last: Relative rotation in the frame before `begin`, as a quaternion; replaced by the relative rotation in frame
-            `end - 1`.
-        largest: Largest relative rotation in the frames before `begin`, as the tangent of a quarter of the angle.
-        values: Output: rotation vectors in these frames.
+        quats: Orientation of the track in each frame of the group, as quaternions, (F, 4).
+        base: Orientation of the keyframe Gaussian, as a quaternion, (4).
+        begin: First frame to add.
+        end: End of the frames to add (exclusive).
+        last: Relative rotation in the frame before `begin`, as a unit quaternion, (4). Replaced by the relative
+            rotation in frame `end - 1`.
+        largest: tan(angle / 4) of the largest relative rotation in the frames before `begin`.
+        values: Motion of the track, (channels, F). Rows 3 to 5 of the added frames are overwritten with rotation
+            vectors in fixed point, of length proportional to tan(angle / 4).
 
     Returns:
-        Largest relative rotation in the frames before `end`, as the tangent of a quarter of the angle.
+        tan(angle / 4) of the largest relative rotation in the frames before `end`.
     """
     length, b0, b1, b2, b3 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
     # The sign of each quaternion is chosen so that the rotation continues that of the preceding frame.
@@ -69,16 +72,20 @@ def _relative_rotations(quats, base, begin, end, last, largest, values):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
-    """Computes logarithms of a track's scales and opacity relative to its keyframe Gaussian, in a range of frames.
+    """Computes how the scales and the opacity of one track (a Gaussian over time) change in each frame.
+
+    A change is log2 of the ratio to the value of the track's keyframe Gaussian. The frames `begin` to `end - 1` of a
+    group of F frames are added.
 
     Args:
-        scales: Scales of the track in each frame, (F, 3).
-        opacities: Opacity of the track in each frame, (F).
+        scales: Scales of the track in each frame of the group, (F, 3).
+        opacities: Opacity of the track in each frame of the group, (F).
         base: Scales of the keyframe Gaussian, (3).
         opacity: Opacity of the keyframe Gaussian.
-        begin: First frame.
-        end: End of the frames (exclusive).
-        values: Output: logarithms in these frames.
+        begin: First frame to add.
+        end: End of the frames to add (exclusive).
+        values: Motion of the track, (channels, F). Rows 6 to 9 of the added frames are overwritten with the changes of
+            the three scales (largest scale of the keyframe Gaussian first) and of the opacity, in fixed point.
     """
     # Equal values give exactly 0 without computing a logarithm.
     # Axes are sorted by decreasing scale of the keyframe Gaussian.
@@ -142,8 +149,8 @@ def fit_motion(trajectories, keyframes, keyframe_indices, unit, luma, table, beg
         targets: Polynomial coefficients, float64 (n, channels, frames), zero before the first call; changed in place.
         largest: Output: largest magnitude of each channel's coefficients, float64 (n, channels), written with the last
             frame.
-        turns: Largest rotation angle of each track so far, as the tangent of a quarter of the angle, float64 (n); zero
-            before the first call, changed in place.
+        turns: tan(angle / 4) of the largest rotation of each track so far, relative to its keyframe Gaussian, float64
+            (n); zero before the first call, changed in place.
         last: Rotation of each track in the last added frame, as a quaternion, float64 (n, 4); the identity before the
             first call, changed in place.
     """
@@ -176,16 +183,20 @@ def fit_motion(trajectories, keyframes, keyframe_indices, unit, luma, table, beg
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def find_moving(largest, rotations, shifts, track_indices, limits, too_far, moving):
-    """Finds the tracks that move, and the tracks that move too far to be coded relative to their keyframe Gaussian.
+    """Finds which of n tracks (Gaussians over time) move in a group of frames, and which move too far.
+
+    A track that moves too far cannot be coded relative to its keyframe Gaussian, and needs a new one. A track moves if
+    one of its coefficients is large enough to be coded.
 
     Args:
-        largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
-        rotations: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
-        shifts: log2 of the quantisation steps of motion of all T tracks, int64 (T, channels).
-        track_indices: Index into `shifts` of each of the n tracks, int64 (n).
+        largest: Largest absolute motion coefficient of each track in each channel, in the fixed-point unit of motion,
+            float64 (n, channels).
+        rotations: tan(angle / 4) of the largest rotation of each track relative to its keyframe Gaussian, float64 (n).
+        shifts: log2 of the quantisation step of each channel's motion, for all T tracks, int64 (T, channels).
+        track_indices: Row in `shifts` of each of the n tracks, int64 (n).
         limits: Thresholds, float64 (4), from `fitting.LIMITS`.
-        too_far: Output: mask of tracks with too large motion, bool (n).
-        moving: Output: mask of moving tracks, bool (n).
+        too_far: Output: mask of tracks that move too far, bool (n).
+        moving: Output: mask of tracks that move, bool (n).
     """
     for i in range(len(track_indices)):
         track_shifts, is_too_far, is_moving = shifts[track_indices[i]], rotations[i] > limits[2], False

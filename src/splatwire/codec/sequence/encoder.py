@@ -114,8 +114,8 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group.
-            classes: Precision class of each track (its set of quantisation steps), 0 for the finest and negative for
-                coarser; None for a default.
+            classes: Precision class of each track, which selects its quantisation steps: 0 for the finest steps,
+                negative for coarser ones; None for a default.
             cut: True if another scene begins in the group.
 
         Returns:

@@ -113,16 +113,20 @@ def fit(
 def motion_masks(
     largest: np.ndarray, rotations: np.ndarray, shifts: np.ndarray, track_indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Finds the tracks that move, and the tracks that move too far to be coded relative to their keyframe Gaussian.
+    """Finds which of n tracks (Gaussians over time) move in a group of frames, and which move too far.
+
+    A track that moves too far cannot be coded relative to its keyframe Gaussian, and needs a new one. A track moves if
+    one of its coefficients is large enough to be coded.
 
     Args:
-        largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
-        rotations: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
-        shifts: log2 of the quantisation steps of motion of all known tracks, int64 (T, channels).
-        track_indices: Index into `shifts` of each track, int64 (n).
+        largest: Largest absolute motion coefficient of each track in each channel, in the fixed-point unit of motion,
+            float64 (n, channels).
+        rotations: tan(angle / 4) of the largest rotation of each track relative to its keyframe Gaussian, float64 (n).
+        shifts: log2 of the quantisation step of each channel's motion, for all T known tracks, int64 (T, channels).
+        track_indices: Row in `shifts` of each of the n tracks, int64 (n).
 
     Returns:
-        Mask of tracks with too large motion, and mask of moving tracks, bool (n) each.
+        Mask of the tracks that move too far, bool (n); and mask of the tracks that move, bool (n).
     """
     far, moving = np.zeros((2, len(track_indices)), bool)
     kernels.find_moving(largest, rotations, shifts, track_indices, LIMITS, far, moving)

@@ -153,8 +153,8 @@ class KeyframeEncoder:
 
         Args:
             splats: The Gaussians, at least one; each must have a visible effect.
-            classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
-                coarser; None for a default.
+            classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+                negative for coarser ones; None for a default.
             group: Index of the group of frames.
             cut: True if another scene begins in the group.
 
@@ -228,8 +228,8 @@ class KeyframeEncoder:
 
         Args:
             splats: The Gaussians.
-            classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
-                coarser; None for the finest.
+            classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+                negative for coarser ones; None for the finest steps.
             plan: Packet plan of the Gaussians.
             coding: Quantisation parameters; None to choose them.
             template: Side information with probability tables to use; None to fit new tables.
@@ -246,8 +246,8 @@ class KeyframeEncoder:
 
         Args:
             splats: The Gaussians to encode.
-            classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
-                coarser; None to use `median_class` for all.
+            classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+                negative for coarser ones; None to use `median_class` for all.
             info: Side information of the shot.
             median_class: Median precision class of the shot's first Gaussians, in the numbering of the bitstream (0 is
                 the coarsest).

@@ -176,11 +176,12 @@ class Offsets:
         """Returns a function that evaluates the motion of some tracks in a frame.
 
         Args:
-            rows: Index of each track among the moving tracks of all packets, int64 (n); -1 for one that does not move.
+            rows: Index of each of n tracks in the list of moving tracks of all packets, int64 (n); -1 for a track that
+                does not move.
 
         Returns:
-            Function of the frame (relative to the group). It returns the offsets of the tracks from their keyframe
-            Gaussians, float32 (n, channels).
+            Function whose argument is the index of a frame in the group. It returns the changes of the tracks relative
+            to their keyframe Gaussians, float32 (n, channels).
         """
         counts = [len(packet.coefficients) for packet in self.moves]
         widths = np.array([packet.coefficients.shape[2] for packet in self.moves], np.int64)

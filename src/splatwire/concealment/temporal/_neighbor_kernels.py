@@ -99,21 +99,25 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def interpolate(index, weights, closeness, contrasts, contrast, values, has_shapes, has_colours, scratch, out):
-    """Estimates the motion of n tracks from the motion of their k neighbours (see `Neighbors`).
+    """Estimates the motion of n tracks (Gaussians over time) in one frame, each from the motion of k neighbours.
+
+    Motion has 13 channels: changes of position (3), rotation (3), logarithms of scales and opacity (4) and colour (3).
+    The estimate is the weighted mean of the neighbours' motion, with two exceptions. Scales and opacity do not leave
+    the range of the neighbours. To the mean change of colour, a slope (-1 to 1) times the track's colour difference is
+    added: in a change of lighting, bright surfaces change more than dark ones.
 
     Args:
-        index: Neighbours of each track, as rows of `values`, int32 (n, k).
+        index: Row in `values` of each neighbour of each track, int32 (n, k).
         weights: Weight of each neighbour for all channels except colour, float32 (n, k).
-        closeness: Weight of each neighbour for the mean colour change, float32 (n, k).
-        contrasts: Weights with which the slope is computed from the neighbours' colour changes, float32 (n, k, 3). The
-            slope is the change of colour per difference in colour.
-        contrast: Difference of each track's colour from the mean colour of its neighbours, float32 (n, 3). The slope
-            times this difference is added to the mean colour change.
-        values: Values of the tracks that serve as neighbours, float32 (m, 13).
-        has_shapes: True if a scale or opacity in `values` is not 0.
-        has_colours: True if a colour in `values` is not 0.
+        closeness: Weight of each neighbour for the mean change of colour, float32 (n, k).
+        contrasts: Weights of the neighbours' changes of colour for the slope, which is their weighted sum over
+            neighbours and colour channels, float32 (n, k, 3).
+        contrast: Colour difference: colour of each track minus the mean colour of its neighbours, float32 (n, 3).
+        values: Motion of the m tracks that serve as neighbours, float32 (m, 13).
+        has_shapes: True if a scale or opacity channel in `values` is not 0.
+        has_colours: True if a colour channel in `values` is not 0.
         scratch: Temporary memory, float32 (3).
-        out: Output: float32 (n, 13), initially 0.
+        out: Output: motion of the tracks, float32 (n, 13); zeros before the call.
     """
     last = _CHANNELS if has_colours else _FIRST_COLOUR if has_shapes else _FIRST_SHAPE
     for n in range(len(index)):

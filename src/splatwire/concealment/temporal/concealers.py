@@ -57,10 +57,11 @@ class ConcealedMotion:
 
 @runtime_checkable
 class TemporalConcealer(Protocol):
-    """Interface of a loss concealer of sequences: a function with a name that estimates lost motion.
+    """Interface of a concealer for sequences: a named function that estimates motion whose packets were lost.
 
     Attributes:
-        grow: True if received Gaussians are enlarged around lost keyframe Gaussians and around hidden tracks.
+        grow: True if received Gaussians are enlarged to cover missing ones near them. Missing are Gaussians whose
+            keyframe packet was lost, and tracks (Gaussians over time) that the concealer does not draw.
     """
 
     grow: bool
@@ -70,7 +71,7 @@ class TemporalConcealer(Protocol):
         """Name of the concealer, as passed to `temporal_concealer`."""
 
     def __call__(self, lost: LostMotion, /) -> ConcealedMotion:
-        """Estimates the motion of the lost tracks in one group of pictures; no estimate may be NaN."""
+        """Estimates the motion of the tracks whose motion in one group of pictures was lost; NaN is an error."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,8 @@ class MotionConcealer:
         smooth: True for a quadratic fit of the neighbours' motion; False for their mean, weighted by inverse squared
             distance.
         momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.
-        grow: True if received Gaussians are enlarged around lost keyframe Gaussians and around hidden tracks.
+        grow: True if received Gaussians are enlarged to cover missing ones near them. Missing are Gaussians whose
+            keyframe packet was lost, and tracks (Gaussians over time) that the concealer does not draw.
 
     Raises:
         InvalidValueError: If a number is out of range.

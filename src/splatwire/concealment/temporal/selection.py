@@ -48,7 +48,7 @@ def select(
         before: Concealment state at the end of the previous group of pictures.
         candidates: Estimators of lost motion, at least one. The first is used if too few tracks were received to
             measure errors.
-        grow: True if received Gaussians are enlarged around hidden tracks.
+        grow: True if received Gaussians are enlarged to cover hidden tracks; hiding then costs less.
 
     Returns:
         For each track, the index of its estimator in `candidates`, or `len(candidates)` to hide the track; int64 (n).
@@ -82,7 +82,8 @@ def _errors(
 ) -> list[np.ndarray]:
     """Measures the error of several estimators of lost motion on tracks whose true motion is known.
 
-    The error of a track is the squared difference of colour and opacity, times its area.
+    The error of a track is the squared difference of colour and opacity at its positions in a few frames, times the
+    squared scale and the opacity of its Gaussian.
 
     Args:
         sequence: The sequence.
@@ -127,14 +128,15 @@ def _errors(
 
 
 class _LocalColour(NamedTuple):
-    """Colour and opacity that surrounding Gaussians produce at t points, as sums over these Gaussians.
+    """Colour and opacity that the Gaussians around a point produce there, for t points.
 
-    The weight of a Gaussian is its opacity times its falloff at the point.
+    Each Gaussian has a weight: its opacity, times the value of its bell curve at the point.
 
     Attributes:
-        points: Positions, (t, 3).
-        density: Sum of the weights, (t).
-        colour: Weighted sum of the colours, (t, 4). A fourth channel represents opacity.
+        points: Positions of the points, (t, 3).
+        density: For each point, sum of the weights of the Gaussians around it, (t).
+        colour: For each point, weighted sum of the Gaussians' colours, (t, 4): red, green, blue, and a fourth channel
+            that is `OPACITY_ERROR` for every Gaussian, so that differences of opacity count as errors.
     """
 
     points: np.ndarray
@@ -164,7 +166,7 @@ class _Field:
         """Computes the colour and opacity that received Gaussians, except the tested ones, produce at given points.
 
         Args:
-            points: One point for each tested track, (t, 3).
+            points: Positions of the points, one for each tested track, (t, 3).
             tested: Tracks whose motion is estimated for a test as if it were lost, as indices into the received tracks,
                 int64 (t).
         """
@@ -179,16 +181,21 @@ class _Field:
     def error(
         self, background: "_LocalColour", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]
     ) -> np.ndarray:
-        """Computes the error in one frame if tracks are drawn in an estimated state instead of the true one.
+        """Computes the visible error of each of t tracks in one frame, if its estimated state is drawn.
+
+        A track is one Gaussian over time. The error is measured at one point per track: colour and opacity there with
+        the estimated state are compared with colour and opacity there with the true state.
 
         Args:
-            background: Colour and opacity of the other Gaussians at the tracks' positions.
-            tested: The tracks, as indices into the received tracks, int64 (t).
-            states: Two states of the tracks: the true one, then the estimated one. A state consists of positions, (t,
-                3), and the mask of the tracks that exist, bool (t).
+            background: Points at which the error is measured, one per track, with the colour and opacity of the other
+                Gaussians there.
+            tested: The t tracks, as indices into the received tracks, int64 (t).
+            states: True state and estimated state of the tracks, in this order. Each state has two arrays: positions,
+                (t, 3), and the mask of the tracks that exist in the frame, bool (t).
 
         Returns:
-            Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).
+            For each track, squared difference of colour and opacity, times the squared scale and the opacity of the
+            track's Gaussian, float64 (t).
         """
         points, density, colour = background
         square, opacities, shown = self._square[tested], self._opacities[tested], []

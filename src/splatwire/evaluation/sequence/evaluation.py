@@ -30,7 +30,7 @@ class SequenceRow:
         concealer: Name of the concealer of lost motion.
         loss: Loss model; None for the complete stream.
         seed: Seed of the loss.
-        loss_label: Label of the loss in reports, such as `bernoulli:0.2`; empty for the complete stream.
+        loss_label: Label of the loss model in reports, such as `bernoulli:0.2`; empty for the complete stream.
     """
 
     concealer: str

@@ -1,4 +1,4 @@
-"""Evaluations (studies) that compare methods on the same scenes and losses.
+"""Evaluations (studies) that compare methods on the same scenes under the same losses of packets.
 
 Each combination of scene, method, loss and seed is an independent task. Its result is stored, so an interrupted
 evaluation can be resumed.

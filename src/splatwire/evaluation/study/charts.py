@@ -29,7 +29,7 @@ def seeds_chart(shown: Sequence[Summary]) -> str | None:
     """Draws the PSNR of every method: one dot per seed, with mean and confidence interval.
 
     Args:
-        shown: Results of the methods on one scene with one packet loss.
+        shown: Results of the methods on one scene with one loss model (simulated loss of packets or datagrams).
 
     Returns:
         The chart as SVG text, or None if no method has a PSNR.
@@ -57,14 +57,15 @@ def seeds_chart(shown: Sequence[Summary]) -> str | None:
 
 @rc_context(STYLE)
 def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
-    """Draws the PSNR of every view for every method, as mean and range over seeds.
+    """Draws a line chart of PSNR by view, with one line per method: mean over the seeds, and range as a shaded band.
 
     Args:
-        shown: Results of the methods on one scene with one packet loss.
-        views: Names of the views.
+        shown: Results of the methods on one scene with one loss model (simulated loss of packets or datagrams).
+            Methods without a PSNR of the single views are left out.
+        views: Names of the views, in the order of the results.
 
     Returns:
-        The chart as SVG text, or None if no method has a PSNR for each view.
+        The chart as SVG text, or None if all methods are left out.
     """
     rows = [s for s in shown if s.figures.get("psnr") is not None and s.by_view]
     if not rows:
@@ -84,14 +85,17 @@ def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
 
 @rc_context(STYLE)
 def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None:
-    """Draws PSNR against the loss rate, one line per method; lost packets and lost datagrams have separate panels.
+    """Draws PSNR against the loss rate, one line per method.
+
+    Loss models that lose packets and loss models that lose datagrams have separate panels. A panel needs at least two
+    loss models.
 
     Args:
         shown: Results of the methods on one scene.
-        losses: Packet losses of the evaluation.
+        losses: Loss models of the evaluation.
 
     Returns:
-        The chart as SVG text, or None if there are fewer than two losses of packets and fewer than two of datagrams.
+        The chart as SVG text, or None if no panel has enough loss models.
     """
     units = [unit for unit in ("pak", "datagram") if sum(loss.unit == unit for loss in losses) > 1]
     if not units:
@@ -123,7 +127,7 @@ def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
 
     Args:
         summaries: Results of the methods on all scenes.
-        loss: Packet loss whose results are drawn.
+        loss: Loss model whose results are drawn.
 
     Returns:
         The chart as SVG text, or None if there are results for fewer than three scenes.
@@ -149,7 +153,7 @@ def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
 
 @rc_context(STYLE)
 def rate_chart(panel: Sequence[Curve]) -> str | None:
-    """Draws rate-distortion curves of one scene with one packet loss: PSNR against size.
+    """Draws rate-distortion curves of one scene with one loss model: PSNR against size.
 
     Args:
         panel: The curves; curves without points are left out.

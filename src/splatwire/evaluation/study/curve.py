@@ -33,7 +33,7 @@ def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: 
     """Evaluates a few methods at other loss rates, for a chart of PSNR against the loss rate.
 
     Args:
-        result: Results of an evaluation of one scene under one loss.
+        result: Results of an evaluation of one scene under one loss model.
         store: Store of the evaluation.
         engine: Engine that executes the tasks.
         progress: Called with the name of the current task and its finished share, 0 to 1.
@@ -68,7 +68,7 @@ def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows
 
     Args:
         result: Results of the evaluation.
-        summaries: Statistics of the results, one for each method and loss.
+        summaries: Statistics of the results, one for each method and loss model.
 
     Returns:
         The methods. None if no PSNR was measured, if the evaluation has no baseline, or if the baseline is the best

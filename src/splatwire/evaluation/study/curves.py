@@ -1,4 +1,4 @@
-"""Rate-distortion curves of an evaluation, one per codec, scene and loss."""
+"""Rate-distortion curves of an evaluation, one per codec, scene and loss model."""
 
 import csv
 import io
@@ -17,8 +17,9 @@ class Curve:
 
     Attributes:
         name: Name of the codec or setting.
-        scene: The scene, or description of the mean over scenes.
-        loss: Label of the loss; empty if nothing is lost.
+        scene: Name of the scene, or description of the mean over scenes.
+        loss: Label of the loss model (packets or datagrams lost in transfer), such as `bernoulli:0.1 per pak`; empty
+            for results without loss.
         rows: Result at each rate, ascending by bytes.
     """
 
@@ -35,7 +36,14 @@ class Curve:
 
 
 def curves_of(study: Study, summaries: Sequence[Summary]) -> list[Curve]:
-    """Returns all rate-distortion curves, grouped by scene and loss, in the order of the evaluation's definition."""
+    """Returns all rate-distortion curves, sorted by scene, then by loss model, then by codec.
+
+    Scenes are in the order of `summaries`, and codecs in the order of the study's rows.
+
+    Args:
+        study: Definition of the evaluation.
+        summaries: Results of the evaluation; those that belong to no curve are skipped.
+    """
     groups: dict[tuple[str, str, str], list[Summary]] = {}
     for s in summaries:
         if s.row.curve:
@@ -50,13 +58,17 @@ def curves_of(study: Study, summaries: Sequence[Summary]) -> list[Curve]:
 
 
 def panels(curves: Sequence[Curve]) -> list[list[Curve]]:
-    """Groups curves by scene and loss, for one chart each."""
+    """Groups rate-distortion curves into charts: one group for each pair of scene and loss model."""
     cases = dict.fromkeys((curve.scene, curve.loss) for curve in curves)
     return [[curve for curve in curves if (curve.scene, curve.loss) == case] for case in cases]
 
 
 def title_of(panel: Sequence[Curve]) -> str:
-    """Returns the headline of curves of one scene and loss."""
+    """Returns the headline of a chart: name of its scene, label of its loss model (if any), and the chart's topic.
+
+    Args:
+        panel: Rate-distortion curves of the chart, at least one; all have the same scene and loss model.
+    """
     first = panel[0]
     return f"{first.scene}{f', {first.loss}' if first.loss else ''}: rate and distortion"
 
@@ -65,7 +77,7 @@ def bd_table(panel: Sequence[Curve]) -> Table | None:
     """Returns a table with BD-rate and BD-PSNR of each curve against the first curve; None for a single curve.
 
     Args:
-        panel: Rate-distortion curves of one scene and loss.
+        panel: Rate-distortion curves with the same scene and loss model.
     """
     if len(panel) < 2:
         return None

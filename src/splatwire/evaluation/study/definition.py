@@ -1,4 +1,4 @@
-"""Definition of an evaluation: scenes, methods (table rows), losses and seeds, as frozen data."""
+"""Definition of an evaluation: scenes, methods (table rows), loss models and seeds, as frozen data."""
 
 import dataclasses
 import json
@@ -32,24 +32,28 @@ WEIGHTS = "{weights}"
 
 @dataclass(frozen=True)
 class SceneEntry:
-    """One scene and the views of its evaluation.
+    """One scene of an evaluation, with the views and the reference images with which its renders are compared.
 
     Attributes:
-        name: Display name.
-        source: A stream, a scene file, or a folder of the official HAC++ code, depending on `kind`.
-        kind: `stream`, `scene` or `model`.
-        photos: Dataset folder with test photos as references; None to compare with renders.
-        cameras: Cameras file for renders; None for the views of `photos`, or views around the scene.
-        reference: Scene or frames that are rendered as references; None for the photos, or for the scene itself without
-            photos.
-        dataset: Name of the group of scenes that are averaged in the results.
-        images: Name of the image folder within the dataset.
-        split: Split of the dataset to read, such as `test`.
+        name: Name of the scene in reports.
+        source: File or folder with the scene, of the given `kind`.
+        kind: `stream` for a stream, `scene` for a scene file, `model` for a folder of the official HAC++ code.
+        photos: Dataset folder that gives the views and, unless `reference` is given, photos as reference images. None
+            for references that are rendered.
+        cameras: Cameras file that gives the views; ignored if `photos` is given. None without `photos` to generate
+            views around the scene.
+        reference: Scene or frames whose renders are the reference images, also if `photos` is given. None for the
+            photos or, if `photos` is None, for renders of the scene itself.
+        dataset: Name of the group of scenes over which results are averaged.
+        images: Folder of photos to read instead of the folder `images` of the dataset, such as `images_4`; None to read
+            the photos that the dataset names.
+        split: Split of the dataset to read: `train`, `test` or `all`.
         test_views: Rule that selects the test views of the dataset; None for the default rule of its layout.
-        max_width: Maximum width of photos, pixels; None for no limit.
-        weights: GNN weights calibrated for this scene.
-        sections: Stream with the additional side information that some methods need; None to use `source`.
-        background: RGB of the background; None for the training background of the scene.
+        max_width: Width to which wider photos are reduced, pixels; None for no limit.
+        weights: Network weights for methods that conceal losses with a GNN, calibrated for this scene; None for none.
+        sections: Stream of the scene that also has the additional side information that some methods need. It is
+            evaluated instead of `source`. None to use `source`.
+        background: RGB of the background; None for the background with which the scene was trained.
     """
 
     name: str
@@ -155,7 +159,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Loss:
-    """Loss model of the channel.
+    """Model of the packets or datagrams that a channel loses.
 
     Attributes:
         model: Specification for `splatwire.channel.loss_text`.
@@ -179,7 +183,7 @@ class Loss:
 
     @property
     def label(self) -> str:
-        """One-line description of the loss for reports."""
+        """One-line description of the loss model for reports, such as `bernoulli:0.1 per pak`."""
         if self.model == "none":
             return "no loss"
         order = "" if self.send_order == "interleaved" else f", {self.send_order} order"
@@ -212,7 +216,7 @@ class Study:
         rows: Rows of the result table (methods), in order.
         losses: Loss models.
         seeds: Seeds; one transmission per seed.
-        kind: `losses` for image quality under losses, `sizes` for a comparison of bytes only.
+        kind: `losses` for image quality under packet losses, `sizes` for a comparison of bytes only.
         notes: Paragraphs for the report.
         baseline: Key of the row with which the other rows are compared under the same losses.
         published: Published results for comparison.

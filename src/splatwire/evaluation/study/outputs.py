@@ -121,7 +121,7 @@ def _tables(
     Args:
         result: Results of the evaluation.
         store: Store of the evaluation.
-        summaries: Statistics for each scene, method and loss.
+        summaries: Statistics for each scene, method and loss model.
         everything: The same statistics; if there are several scenes, followed by the means over scenes.
     """
     names = list(result.scenes)

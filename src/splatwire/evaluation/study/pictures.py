@@ -35,7 +35,7 @@ class ViewPictures:
     Attributes:
         scene: Name of the scene.
         view: Name of the view.
-        loss: Description of the loss and the seed.
+        loss: Description of the loss model and the seed.
         source: Kind of the reference image, `photos` or `renders`.
         reference: RGB, uint8, (H, W, 3).
         shots: One image per method.

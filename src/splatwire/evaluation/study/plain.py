@@ -1,4 +1,4 @@
-"""Simple evaluations: one scene and one loss, with one table row per concealer."""
+"""Simple evaluations: one scene and one loss model, with one table row per concealer."""
 
 import statistics
 from collections.abc import Iterable
@@ -38,7 +38,7 @@ def concealment_rows(
 
 
 def plain_content(result: StudyResult) -> dict[str, Any]:
-    """Converts the results of an evaluation of one scene under one loss to JSON values."""
+    """Converts the results of an evaluation of one scene under one loss model to JSON values."""
     study, (scene,), loss = result.study, result.scenes.values(), result.study.losses[0]
     rows = [_row(result, summary) for summary in summarize(result)]
     streams = {_stream_name(row): scene.streams[row.variant] for row in reversed(study.rows)}

@@ -31,10 +31,10 @@ def run_plain_study(
     links: Mapping[str, str] | None = None,
     files: InputFiles | None = None,
 ) -> tuple[StudyResult, dict[str, Any]]:
-    """Evaluates one scene under one loss in the current process, and writes a report with a loss curve if requested.
+    """Evaluates one scene under one loss model in the current process; writes a report with a loss curve if requested.
 
     Args:
-        study: The evaluation: one scene and one loss.
+        study: The evaluation: one scene and one loss model.
         output: Folder of the report; None for no report.
         progress: Called with the name of the current task and its finished share, 0 to 1.
         decode: Decoder of received streams; None for the decoder of the codec.

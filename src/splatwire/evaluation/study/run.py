@@ -26,7 +26,7 @@ LPIPS_OF_MASKED = "both pictures black outside the masks, mean over the whole pi
 
 @dataclass(frozen=True)
 class ReportImages:
-    """Selection of a scene's pictures in a report: one packet loss, and some views.
+    """Selection of a scene's pictures in a report: one loss model, and some views.
 
     Attributes:
         loss: Loss model; None to show images without loss only.
@@ -50,9 +50,9 @@ class StudyResult:
     Attributes:
         study: The definition.
         scenes: The prepared scenes, by name.
-        cells: All combinations of row, loss and seed, with their tasks.
+        cells: All combinations of row, loss model and seed, with their tasks.
         records: Scores of every task by its key, views in order.
-        report_images: Selection of the images that the report shows (loss, seed and views), by name of the scene.
+        report_images: Selection of the images that the report shows (loss model, seed and views), by name of the scene.
         skipped: Reasons for everything that was not evaluated.
         skipped_rows: Keys of the rows that were not evaluated, by name of the scene.
         num_computed: Number of tasks computed in this run.
@@ -176,7 +176,7 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Returns one task for each scene and loss, by which the views of the report are chosen.
+    """Returns one task for each scene and loss model, by which the views of the report are chosen.
 
     The report shows the views with the lowest PSNR in these tasks. Each task is that of the baseline or, without a
     baseline, that of the first method with losses.
@@ -206,7 +206,8 @@ def _choose_images(study: Study, store: Store, image_tasks: Sequence[Cell]) -> R
     Args:
         study: Definition of the evaluation, with the number of views to show.
         store: Store with the results of the tasks.
-        image_tasks: One finished task of the scene for each loss, from `_hardest_view_tasks`; their PSNR is compared.
+        image_tasks: One finished task of the scene for each loss model, from `_hardest_view_tasks`. The PSNR of these
+            tasks is compared.
     """
     # The views with the lowest PSNR of this task are chosen, to show the effect of losses.
 

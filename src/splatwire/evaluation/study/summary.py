@@ -50,7 +50,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Summary:
-    """Statistics of one table row: one method on a scene, or on average over scenes, under one loss.
+    """Statistics of one table row: one method on a scene, or on average over scenes, under one loss model.
 
     Attributes:
         scene: Name of the scene, or description of the mean over scenes.
@@ -108,7 +108,7 @@ class Summary:
 
 
 def summarize(result: StudyResult) -> list[Summary]:
-    """Computes the statistics of every scene, method and loss, in the order of the evaluation's definition."""
+    """Computes the statistics of every scene, method and loss model, in the order of the evaluation's definition."""
     groups: dict[tuple[str, str, Loss | None], list[list[Record]]] = {}
     for cell in result.cells:
         groups.setdefault((cell.scene, cell.row.key, cell.loss), []).append(result.records[cell.unit.key])
@@ -177,7 +177,7 @@ def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Sum
 
 
 def _means(summaries: Sequence[Summary], description: str, baseline: str | None) -> list[Summary]:
-    """Averages the results of each method and loss over all scenes; methods that lack a scene are omitted.
+    """Averages the results of each method and loss model over all scenes; methods that lack a scene are omitted.
 
     Args:
         summaries: Statistics per scene and method.
@@ -185,7 +185,7 @@ def _means(summaries: Sequence[Summary], description: str, baseline: str | None)
         baseline: Key of the table row of the baseline; None without a baseline.
 
     Returns:
-        One mean for each method and loss; empty for a single scene.
+        One mean for each method and loss model; empty for a single scene.
     """
     # Methods that were not evaluated on every scene are left out.
     scenes = {s.scene for s in summaries}

@@ -258,7 +258,7 @@ def seconds_table(scene: str, summaries: Sequence[Summary]) -> Table:
 
 
 def summary_csv(summaries: Sequence[Summary]) -> str:
-    """Formats summaries as CSV, one line per scene, method and loss."""
+    """Formats summaries as CSV, one line per scene, method and loss model."""
     lines: list[dict[str, Any]] = []
     for s in summaries:
         line: dict[str, Any] = {"scene": s.scene, "dataset": s.dataset, "row": s.row.key, "label": s.row.label}
@@ -279,7 +279,7 @@ def summary_csv(summaries: Sequence[Summary]) -> str:
 
 
 def leaderboard_csv(summaries: Sequence[Summary]) -> str:
-    """Formats results as CSV with the columns of published 3DGS leaderboards, one line per method and loss."""
+    """Formats results as CSV with the columns of published 3DGS leaderboards, one line per method and loss model."""
     # The column LPIPS has the metric `lpips_unscaled`, which published tables use.
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")

@@ -130,7 +130,7 @@ class Cell:
 
 
 def list_cells(study: Study, scenes: Mapping[str, PreparedScene], *, lpips_digest: str) -> list[Cell]:
-    """Lists all combinations of scene, method, loss and seed of an evaluation, with their tasks.
+    """Lists all combinations of scene, method, loss model and seed of an evaluation, with their tasks.
 
     Args:
         study: The evaluation.

@@ -34,7 +34,7 @@ class Link:
         rate: Bits per second, above 0.
         delay: One-way delay, seconds.
         loss: Loss model of datagrams.
-        seed: Seed of the losses.
+        seed: Random seed of the simulated losses of datagrams.
 
     Raises:
         InvalidValueError: If the rate is not above 0, or the delay is negative.

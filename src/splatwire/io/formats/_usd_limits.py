@@ -58,9 +58,14 @@ class Limits:
         return _FREE_BYTES + _BYTES_PER_BYTE * binary + _BYTES_PER_CHARACTER * self._characters
 
     def add_file(self, file: Path) -> None:
-        """Raises the limits of this process according to the size of a file, before the file is read.
+        """Raises the limits on memory and time of the current process, before it reads a file.
+
+        The limits grow with the size of the file.
 
         A file that was passed before is ignored.
+
+        Args:
+            file: Path of the file; a path without a readable file is ignored.
         """
         name = os.path.realpath(file)
         if name in self._files or not os.path.isfile(name):
@@ -78,7 +83,7 @@ class Limits:
         self._set()
 
     def add_gaussians(self, size: int) -> None:
-        """Raises this process's limits on memory and processor time, after more Gaussians were read.
+        """Raises the limits on memory and time of the current process, after it has read more Gaussians.
 
         Args:
             size: Size of these Gaussians in bytes.
@@ -88,18 +93,22 @@ class Limits:
         self._set()
 
     def restart(self) -> None:
-        """Restarts the time limits of this process, for example before it reads the next frame."""
+        """Starts the limits on processor time and wall-clock time of the current process again from zero.
+
+        It is called at the start, and before each further frame is read. Gaussians that were passed to `add_gaussians`
+        before no longer extend the time.
+        """
         self._gaussians = 0
         self._since, self._since_clock = time.process_time(), time.monotonic()
         self._set()
 
     def pause(self) -> None:
-        """Pauses the limit on the wall-clock time of this process, until `resume`."""
+        """Suspends the limit on the wall-clock time of the current process, until `resume` is called."""
         faulthandler.cancel_dump_traceback_later()
         self._paused = time.monotonic()
 
     def resume(self) -> None:
-        """Continues the limit on the wall-clock time of this process after `pause`."""
+        """Restores the limit on the wall-clock time of the current process; time since `pause` does not count."""
         self._since_clock += time.monotonic() - self._paused
         self._set()
 
@@ -116,7 +125,7 @@ class Limits:
 
 
 def _limit(kind: int, value: int) -> None:
-    """Sets the soft limit of a resource of this process, at most the hard limit.
+    """Sets the soft limit of a resource of the current process, to at most its hard limit.
 
     Args:
         kind: The resource, such as `resource.RLIMIT_AS`.

@@ -89,15 +89,16 @@ def _opened_stage(path: Path, unread: list[str]) -> Usd.Stage:
 
 
 class Stage:
-    """An opened OpenUSD stage with its visible prims that contain Gaussians.
+    """An opened OpenUSD scene (stage), with its visible prims that contain Gaussians.
 
     Args:
-        path: The scene.
-        limits: Limits of this process, which grow with the files and Gaussians of the scene.
+        path: Path of the scene file.
+        limits: Limits on the memory and time of the current process. They are raised by the size of each file of the
+            scene before it is read, and by the size of the Gaussians that are read.
 
     Raises:
-        DatasetError: If usd-core cannot open the file, no Gaussians are visible, or a point instancer repeats
-            Gaussians.
+        DatasetError: If usd-core cannot open the file, no prim with Gaussians is visible, or a point instancer draws
+            such a prim repeatedly, which is not supported.
     """
 
     def __init__(self, path: Path, limits: Limits) -> None:

@@ -29,7 +29,12 @@ _NO_MEMORY = "std::bad_alloc"
 
 
 class _Sender(logging.Handler):
-    """Writer of messages and log records from the process that reads an OpenUSD scene to its parent process."""
+    """Sends results and log records to the parent process; used in the child process that reads an OpenUSD scene.
+
+    Args:
+        sink: Output that the parent process reads.
+        limits: Limits on the memory and time of the current process; their wall clock is suspended during writing.
+    """
 
     def __init__(self, sink: BinaryIO, limits: Limits) -> None:
         super().__init__()
@@ -51,7 +56,7 @@ class _Sender(logging.Handler):
         self._limits.resume()
 
     def send_content(self, content: FileContent) -> None:
-        """Writes a message with Gaussians and scene properties to the parent process."""
+        """Writes a message with Gaussians and scene properties to the parent process, then restarts the time limits."""
         splats = content.splats
         message = {
             "count": splats.num_gaussians,
@@ -72,7 +77,7 @@ def answers(task: str, path: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
     Args:
         task: Content to read: `SCENE`, `FRAMES` or `TIMES`.
         path: The scene.
-        limits: Limits on the memory and time of this process.
+        limits: Limits on the memory and time of the current process.
 
     Yields:
         Keys and values of messages: `content` with a FileContent, or `frames` with the result of `Stage.frames`.

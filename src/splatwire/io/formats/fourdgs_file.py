@@ -169,7 +169,7 @@ class _ConstantIntervals:
     """Collects the frames of a sequence as Gaussians that are constant over a time interval, for a `.4dgs` file.
 
     Consecutive frames with the same number of Gaussians have the same Gaussian in each row. An interval ends when a
-    value of the Gaussian changes.
+    value of the Gaussian or the number of Gaussians changes.
 
     Attributes:
         num_frames: Number of frames so far.
@@ -197,10 +197,13 @@ class _ConstantIntervals:
         self._open, self.num_frames = splats, self.num_frames + 1
 
     def end_all(self) -> tuple[Splats, np.ndarray, np.ndarray]:
-        """Ends all intervals after the last frame, and returns one Gaussian per interval.
+        """Ends the intervals that are still open, and returns all intervals; called after the last frame.
+
+        An interval is a time during which one Gaussian of the sequence does not change.
 
         Returns:
-            The Gaussians of all N intervals; start times and end times of the intervals, seconds, float64 (N) each.
+            Three items: the Gaussian of each of the N intervals; the start of each interval, float64 (N); and its end,
+            float64 (N). Times are seconds from the first frame.
         """
         if self._open is not None:
             self._end_intervals(np.ones(self._open.num_gaussians, bool))

@@ -182,9 +182,12 @@ class RefineConfig:
         batch: Number of anchors per Adam step.
         network_rate: Initial learning rate of the networks.
         grid_rate: Initial learning rate of the hash grid.
-        latent: Initial magnitude of the hash grid's real numbers.
-        step_weight: Penalty in bits per squared change of a quantisation step's logit.
-        grid_weight: Weight of a bit of the hash grid relative to a bit of the anchors.
+        latent: Initial absolute value of the real numbers that are trained in place of the hash grid's signs.
+        step_weight: Penalty on changes of the quantisation steps that the network predicts: bits added to an anchor's
+            cost if the output (logit) for one of its steps differs by 1 from before the refinement. The penalty grows
+            with the square of the difference.
+        grid_weight: Weight in the training loss of a bit of the encoded hash grid; a bit of the encoded anchors has
+            weight 1.
         seed: Seed of the random choice of anchors.
     """
 

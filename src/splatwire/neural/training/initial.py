@@ -169,18 +169,18 @@ def check_cameras(dataset: Dataset) -> None:
 def initial_points(
     dataset: Dataset, random_points: int, generator: torch.Generator
 ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"] | None]:
-    """Returns the initial points of a training: the points of the dataset, or random points if the dataset has none.
+    """Returns the P points from which a training starts: points of the dataset, or random points if it has none.
 
     Args:
-        dataset: Training views and points.
+        dataset: Training views, and the points of a reconstruction if the dataset has one.
         random_points: Maximum number of random points.
-        generator: Random generator, on the CPU.
+        generator: Random generator for random points, on the CPU.
 
     Returns:
-        Positions, float64; and colours, RGB in [0, 1]. For random points, None replaces the colours.
+        Positions of the points, float64; and their colours, RGB in [0, 1], or None for random points.
 
     Raises:
-        DatasetError: If the dataset has fewer than four usable points.
+        DatasetError: If the dataset has points, but fewer than four of them have finite positions.
     """
     if dataset.points is not None and dataset.points.num_points:
         points, colors = torch.as_tensor(dataset.points.positions).double(), torch.as_tensor(dataset.points.colors)

@@ -32,7 +32,14 @@ class Photo:
 
 
 def prepare_photo(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None = None) -> Photo:
-    """Precomputes the terms of `photometric_loss` that depend only on the photo; compiled, on the CPU."""
+    """Prepares a photo for `photometric_loss`: precomputes the blurred values and blurred squares that SSIM needs.
+
+    The result can be used for any number of rendered pictures. Nothing is precomputed for a photo with a mask.
+
+    Args:
+        image: The photo, RGB in [0, 1], on the CPU.
+        mask: True for pixels that are compared; None if all pixels are compared.
+    """
     if mask is not None:
         return Photo(image, None, mask)
     pixels = image.contiguous().numpy()

@@ -20,14 +20,17 @@ EPSILON = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """Estimates of one continuous attribute of lost anchors (queries) by the network and by the interpolation.
+    """Two estimates of one attribute (feature, scaling or offset) of Q lost anchors: by a GNN and by interpolation.
+
+    The GNN outputs a residual for each of the D values of the attribute. The residual is relative to a baseline: the
+    mean that the hash grid predicts, or the interpolated value.
 
     Attributes:
-        predicted: Estimate of the network, `b + c * residual`, with the baseline b and the confidence c.
-        interpolated: Estimate of the interpolation.
-        confidence: Confidence in the network's estimate, `c = exp(-alpha z)`, 0 to 1; alpha is `GnnSettings.sharpness`,
-            and z is the mean absolute residual in prior standard deviations.
-        prior: Distribution of the attribute predicted by the hash grid.
+        predicted: Estimate of the GNN: baseline plus `confidence` times residual.
+        interpolated: Estimate by interpolation from neighbours.
+        confidence: Confidence in the estimate of the GNN, 0 to 1. It is `exp(-alpha * z)`: z is the mean absolute
+            residual in standard deviations of `prior`, and alpha is `GnnSettings.sharpness`.
+        prior: Mean and standard deviation that the hash grid predicts for each value.
     """
 
     predicted: Float[Tensor, "Q D"]
@@ -48,13 +51,13 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """Two estimates of the attributes of lost anchors (queries): one by the network and one by the interpolation.
+    """Two estimates of the attributes of Q lost anchors: one by a GNN and one by interpolation from neighbours.
 
     Attributes:
         feature: Estimates of the features.
         scaling: Estimates of the scalings.
         offset: Estimates of the offsets.
-        mask_logit: Network's logits of the offset masks; positive if an offset exists.
+        mask_logit: Logits of the GNN for each of the K offsets of an anchor; the offset exists if it is 0 or more.
     """
 
     feature: Branch

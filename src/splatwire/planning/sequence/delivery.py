@@ -122,7 +122,7 @@ def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed:
         load: Sizes and importance of the sequence's packets.
         protection: Share of parity for the motion of each group.
         loss: Loss model, in datagrams.
-        seed: Seed of the losses.
+        seed: Random seed of the simulated losses of datagrams.
     """
     whole = model_motion_transfer(load, protection)
     received = loss.received(len(whole.model.kind), np.random.Generator(np.random.PCG64(seed)))

@@ -99,7 +99,7 @@ def measure_sequence_distortion(
         cameras: Views to render.
         references: Reference renderings of the frames.
         floor: Mean squared error of the references themselves, which is added to the measured errors.
-        seed: Seed of the losses.
+        seed: Random seed of the simulated losses.
         progress: Called with the completed fraction.
     """
     rng = np.random.default_rng(seed)

@@ -53,7 +53,7 @@ def sequence_variants(
         reference: Folder of the original frames; None to compare with the largest sequence.
         concealer: Name of the receiver's concealer; None for the default.
         views: Number of views; None for the default.
-        seed: Seed of the losses.
+        seed: Random seed of the simulated losses.
         progress: Called with the finished share, 0 to 1.
 
     Raises:

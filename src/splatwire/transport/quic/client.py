@@ -129,7 +129,11 @@ async def receive_quic(
 
 
 class _Client(QuicConnectionProtocol):
-    """Connects a receiver with an aioquic connection: passes datagrams, frames and time."""
+    """QUIC connection of a client (aioquic), which drives a `Receiver` of the transport protocol.
+
+    Messages from the server and the current time are passed to the receiver. Messages that the receiver returns are
+    sent to the server, in QUIC datagrams or on the stream of the session.
+    """
 
     def __init__(
         self, quic: QuicConnection, receiver: Receiver, trust: Trust, on_event: Callable[[Event], Any] | None,
@@ -242,7 +246,7 @@ class _Client(QuicConnectionProtocol):
         self._finish()
 
     def _tick(self) -> None:
-        """Polls the receiver, sends its datagrams, and sets a timer for the next poll."""
+        """Polls the receiver, sends the messages that it returns, and sets a timer for the next poll."""
         self._alarm = None
         try:
             self._act(*self._receiver.poll(self._loop.time()))

@@ -97,10 +97,12 @@ class CausalDecoder(AnchorDecoder):
         self._positions = self._guessed.copy()
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts the attributes of anchors from their positions alone, and stores means and standard deviations.
+        """Predicts the attributes of n anchors from their positions alone, and stores the predictions in this object.
+
+        A prediction is a mean and a standard deviation for each value.
 
         Args:
-            ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
+            ranks: Indices of n anchors of the scene (whose anchors are in coding order), int64 (n).
         """
         voxels, means, spreads = predict_from_positions(self._context, self._info.positions.known.select(ranks).voxels)
         self._place[ranks] = voxels * 2.0**-ACTIVATION_BITS

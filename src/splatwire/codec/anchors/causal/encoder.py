@@ -87,16 +87,18 @@ def _check_common(packetization: Packetization) -> None:
 
 
 def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPositions:
-    """Divides the bits of the anchors' positions between the side information and the packets.
+    """Chooses how many bits of the anchors' positions are in the side information; the other bits are in packets.
+
+    The side information gets as many bits as possible, but no more than about a fixed share of all bytes of the stream.
 
     Args:
-        info: Side information with nearly all position bits. If these take too many bytes, low bits are moved to the
-            packets.
-        voxels: Positions of the anchors, voxels, int64 (N, 3).
-        packet_bytes: Expected bytes of all packets.
+        info: Side information with as many position bits as possible.
+        voxels: Positions of the N anchors as indices of voxels, int64 (N, 3).
+        packet_bytes: Expected size of all packets together, bytes.
 
     Returns:
-        The high bits for the side information, and the probabilities for coding the low bits in packets.
+        Section of the side information with the high bits of the positions, and probabilities for coding the low bits
+        in packets.
     """
     # Side information delays the first picture, so its share of all bytes is limited to about `MAX_SIDE_INFO_SHARE`.
     # The limit of anchors per leaf takes precedence.

@@ -91,7 +91,8 @@ def store_symbols(
         arrays: Destination.
         ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
         symbols: Quantised attributes of the anchors.
-        factors: Factors on the quantisation steps of the anchors' feature, scaling and offset, int64 (n, 3).
+        factors: Factors by which the base quantisation steps of feature, scaling and offset are multiplied, in fixed
+            point with `FACTOR_BITS` fractional bits, int64 (n, 3).
         context: The stream's networks and constants.
         received: Mask of received attributes, bool (n, 4); True for all.
     """

@@ -66,7 +66,8 @@ class Predictions:
 
     Attributes:
         outputs: Outputs of the prior network, int32 (n, outputs).
-        factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
+        factors: Factors by which the base quantisation steps of feature, scaling and offset are multiplied, in fixed
+            point with `FACTOR_BITS` fractional bits, int64 (n, 3).
         feature: First of the two normal distributions of each feature, as two arrays (n, F): means in quantisation
             steps with 12 fractional bits, int32; and indices of the standard deviations in the coder's table, int16.
         scaling: The same two arrays for the scalings, (n, 6).
@@ -227,7 +228,8 @@ def decode_packets(
             starts from it.
 
     Returns:
-        Symbols of the anchors; and factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
+        Symbols of the anchors; and the factors by which the base quantisation steps of feature, scaling and offset are
+        multiplied, in fixed point with `FACTOR_BITS` fractional bits, int64 (n, 3).
     """
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)

@@ -110,10 +110,10 @@ class HacppDecoder(AnchorDecoder):
         self._arrays = DecodedArrays.empty(self._info)
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts the attributes of anchors from the hash grid, and stores the predictions.
+        """Predicts the attributes of n anchors from the hash grid, and stores the predictions in this object.
 
         Args:
-            ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
+            ranks: Indices of n anchors of the scene (whose anchors are in coding order), int64 (n).
         """
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
@@ -121,8 +121,12 @@ class HacppDecoder(AnchorDecoder):
     def decode(self, run: Run) -> SymbolRows:
         """Decodes packets of anchors to integers: offset masks and quantised attributes.
 
+        Args:
+            run: The received packets.
+
         Returns:
-            One array with a row for each anchor, packet by packet (`Symbols.rows`).
+            One array with a row for each of the n anchors, packet by packet, int32 (n, symbols); columns as in
+            `Symbols.rows`.
         """
         ranks = run.ranks
         if self._arrays is None:
@@ -173,11 +177,18 @@ class SeparatedDecoder(HacppDecoder):
         self._room.mask[:], self._room.received[:, Attribute.MASK] = self._masks, True
 
     def decode(self, run: Run) -> SymbolRows:
-        """Decodes the received packets of a block.
+        """Decodes the received packets of one spatial block.
+
+        Args:
+            run: The packets. Each contains one attribute, or some feature channels, of a group of anchors.
 
         Returns:
-            Three arrays with a row for each anchor: quantised attributes (`Symbols.rows`), factors on the quantisation
-            steps, int64 (n, 3), and the mask of received attributes.
+            Three arrays with a row for each of the n anchors that have a received packet, group by group:
+
+            * Quantised attributes, int32 (n, symbols), columns as in `Symbols.rows`; 0 where not decoded.
+            * Factors by which the base quantisation steps of feature, scaling and offset are multiplied, in fixed point
+              with `FACTOR_BITS` fractional bits, int64 (n, 3).
+            * Mask of the received attributes, bool (n, attributes).
         """
         empty = Symbols.of_rows(np.empty((0, self.row_bytes // 4), np.int32), self._layout).rows()
         rows: list[SymbolRows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
@@ -191,7 +202,8 @@ class SeparatedDecoder(HacppDecoder):
 
         Args:
             run: The decoded packets.
-            rows: Result of `decode` for these packets: quantised attributes, step factors, and mask.
+            rows: Result of `decode` for these packets: quantised attributes, factors on the quantisation steps, and
+                mask of received attributes.
         """
         symbols, factors, received = rows
         ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _payloads_by_group(run))])
