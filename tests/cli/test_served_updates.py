@@ -123,6 +123,23 @@ def test_a_version_that_a_scene_reaches_twice_offers_its_newest_update(tmp_path:
     assert stream_from_bytes(served_stream_file(served))[0] == read_stream(place / "5.swz")[0]
 
 
+def test_updates_that_no_scene_can_take_are_reported_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    base = encode_splats(some_splats(), DATAGRAM)
+    updates, folder, place = edits(base), folder_of(tmp_path, base), tmp_path / "updates"
+    place.mkdir()
+    for number, update in enumerate(updates[1:]):
+        write_stream(update, place / f"{number}.swz")
+    for now in (0.0, 1.0):
+        assert folder.poll(now) == {}
+    assert not caplog.records
+    for now in (PATIENCE_S, 2 * PATIENCE_S):
+        assert folder.poll(now) == {}
+    (record,) = caplog.records
+    assert "updates wait" in record.getMessage()
+    write_stream(updates[0], place / "first.swz")
+    assert list(folder.poll(100.0)) == ["room"]
+
+
 def test_removed_files_are_forgotten(tmp_path: Path) -> None:
     base = encode_splats(some_splats(), DATAGRAM)
     updates, folder, place = edits(base), folder_of(tmp_path, base), tmp_path / "updates"

@@ -78,6 +78,7 @@ class UpdateFolder:
         self._seen: dict[Path, tuple[Signature, float]] = {}
         self._read: dict[Path, Signature] = {}
         self._waiting: dict[Path, str] = {}
+        self._reported: dict[Path, Signature] = {}
         self.updates: dict[str, ServedStream | None] = {}
         for chain in chains.values():
             self.updates |= dict.fromkeys(chain.offers())
@@ -91,7 +92,8 @@ class UpdateFolder:
         Returns:
             The changed scenes, prepared for sending, by name.
         """
-        self._read_new(time.monotonic() if now is None else now)
+        now = time.monotonic() if now is None else now
+        self._read_new(now)
         changed: dict[str, UpdateChain] = {}
         while next_update := self._next():
             names, path = next_update
@@ -108,10 +110,22 @@ class UpdateFolder:
             for name, chain in chains.items():
                 elements, size = chain.scene.manifest.num_elements, chain.updates[-1].num_bytes
                 log_event(LOG, logging.INFO, "updated", stream=name, file=str(path), elements=elements, bytes=size)
+        self._report_waiting(now)
         if changed:
             offers = {key: one for chain in self._chains.values() for key, one in chain.offers().items()}
             self.updates = self._offered.prepared(offers)
         return {name: self._prepare(chain.scene) for name, chain in changed.items()}
+
+    def _report_waiting(self, now: float) -> None:
+        """Logs updates that have waited for some time, once: they may be for another scene or an earlier version."""
+        old = {path: self._seen[path] for path in self._waiting if now - self._seen[path][1] >= PATIENCE_S}
+        found = [path for path, (signature, _) in old.items() if self._reported.get(path) != signature]
+        self._reported |= {path: old[path][0] for path in found}
+        if found:
+            log_event(
+                LOG, logging.WARNING, "updates wait", file=str(found[0]), files=len(found),
+                reason="no served scene has the version that they change",
+            )  # fmt: skip
 
     def _next(self) -> tuple[list[str], Path] | None:
         """Finds an update file that can be applied now.
@@ -142,7 +156,7 @@ class UpdateFolder:
     def _read_new(self, now: float) -> None:
         """Reads update files in the folder that are new or have changed."""
         present = sorted(self._folder.glob("*.swz"))
-        for paths in (self._seen, self._read, self._waiting):
+        for paths in (self._seen, self._read, self._waiting, self._reported):
             _forget_removed(paths, set(present))
         for path in present:
             try:
