@@ -191,6 +191,7 @@ def test_a_long_header_is_refused_with_its_limit(tmp_path: Path) -> None:
         ("global_shift 451234 5411876 118", "may be a shift of the positions"),
         ("Global Shift: -451234 -5411876 0", "may be a shift of the positions"),
         ("shift_x 451234", "may be a shift of the positions"),
+        ("offsetZ: 1", "may be a shift of the positions"),
         ("offset: [451234, 5411876, 118]", "may be a shift of the positions"),
     ],
 )

@@ -61,6 +61,8 @@ _SHIFTS = frozenset(
         "matrix",
     )
 )
+_ALONG_AXIS = re.compile(r"(?:shift|offset|translat(?:e|ion)|origin|cent(?:er|re))[-_ ]?[xyz]\b", re.I)
+"""Pattern of the names of shifts along one axis."""
 _SYSTEMS = re.compile(r"\b(?:epsg|crs|srs|wkt|proj4?|utm[-_ ]?zone|wgs[-_ ]?84|geo[-_ ]?ref\w*|projcs|geogcs)\b", re.I)
 _POINTS = re.compile(r"\b(?:ref(?:erence)?|base|local|world|geo)[-_ ]?(?:point|position|pos|coord\w*)\b", re.I)
 _POSES = re.compile(
@@ -250,7 +252,8 @@ def _unapplied_change_in_part(comment: str) -> str | None:
     if _SYSTEMS.search(comment):
         return "the coordinate reference system of the positions"
     if values := _numbers_after(words, numbers, _SHIFTS):
-        return None if _is_identity(values) else "a shift of the positions"
+        moves = values == [1.0] and _ALONG_AXIS.search(comment)  # else 1 may say that positions were normalised
+        return None if _is_identity(values) and not moves else "a shift of the positions"
     if pose := _POSES.search(comment):
         values = [float(word) for word in re.split(r"[^-+.\de]+", pose["values"].lower()) if word]
         return None if _is_identity(values) else "a shift of the positions"
