@@ -1,4 +1,5 @@
 import dataclasses
+import errno
 import json
 import struct
 
@@ -6,8 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
+from splatwire.anchors import tensor_file
 from splatwire.anchors.scene_file import load_partial, load_scene, save_partial, save_scene
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.types import TierSizes
@@ -252,3 +255,14 @@ def test_damage_is_one_error_or_a_finite_scene(data, tiny_scene, tmp_path):
     assert all(np.isfinite(value).all() for _, value in leaves(scene) if isinstance(value, np.ndarray))
     layout, anchors = scene.coding.config.layout, scene.anchors
     assert (anchors.features.shape[1], anchors.mask.shape[1]) == (layout.feature_dim, layout.num_offsets)
+
+
+def test_a_full_disk_is_an_error_of_the_system_that_names_the_file(tmp_path, monkeypatch):
+    def full(*arguments: object, **options: object) -> None:
+        raise SafetensorError("Error while serializing: I/O error: No space left on device (os error 28)")
+
+    monkeypatch.setattr(tensor_file, "save_file", full)
+    with pytest.raises(OSError, match="No space left on device") as failed:
+        tensor_file.write_tensors({"a": np.zeros(3)}, {}, tmp_path / "a.scene")
+    assert (failed.value.errno, failed.value.filename) == (errno.ENOSPC, str(tmp_path / "a.scene"))
+    assert not list(tmp_path.iterdir())

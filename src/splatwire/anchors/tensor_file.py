@@ -1,6 +1,8 @@
 """Tensors with a JSON header in one safetensors file, written atomically."""
 
 import json
+import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,8 @@ from splatwire.files.atomic_write import atomic_output
 from splatwire.files.kinds import is_not
 from splatwire.files.read_limited import open_regular
 from splatwire.ops.arrays import to_numpy
+
+_SYSTEM_ERROR = re.compile(r"\(os error ([0-9]+)\)")
 
 
 def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path) -> None:
@@ -36,8 +40,15 @@ def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path
             # one metadata entry only, because safetensors does not keep the order of several
             save_file(plain, unfinished, metadata={"splatwire": json.dumps(header, sort_keys=True)})
         except SafetensorError as error:
-            raise OSError(f"{path}: cannot be written: {error}") from error
+            raise _system_error(error, path) from error
         unfinished.chmod(permissions)
+
+
+def _system_error(error: SafetensorError, path: Path) -> OSError:
+    """Returns the error of the system that safetensors reports as text, such as a full disk, with the file's path."""
+    if (found := _SYSTEM_ERROR.search(str(error))) is None:
+        return OSError(f"{path}: cannot be written: {error}")
+    return OSError(int(found[1]), os.strerror(int(found[1])), str(path))
 
 
 def read_tensors(path: Path, format_name: str, version: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
