@@ -156,15 +156,15 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
 
 
 def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
-    """Returns the offsets to store in coarse copies, for all anchors.
+    """Returns the offsets that a coarse copy of each anchor would contain.
 
-    They are relative to the position at which a receiver draws the copy of a lost anchor.
+    Offsets are relative to the position at which a receiver draws the copy of a lost anchor.
 
     Args:
         complete: The complete scene.
 
     Returns:
-        Offsets of all N anchors, float64 (N, 3 K), divided by the first three scalings of their anchor.
+        K offsets of each of the N anchors, in units of the first three scalings of the anchor, float64 (N, 3 K).
     """
     # In streams whose packets contain the exact positions of anchors, a receiver draws the copy of a lost anchor at
     # a predicted position (`ExpectedPlaces`). The offsets are then relative to this position.

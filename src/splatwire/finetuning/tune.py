@@ -73,7 +73,7 @@ class TunedGaussians:
 
     Attributes:
         scene: The Gaussians before rounding, without quantisation steps.
-        coding: The quantisation steps with which they were fine-tuned.
+        coding: The quantisation steps with which the Gaussians were fine-tuned.
     """
 
     scene: SplatScene
@@ -256,7 +256,7 @@ class _Adam:
     """The Adam optimiser, with learning rates that differ between Gaussians.
 
     Args:
-        sizes: For each Gaussian, factor on the learning rates of all its parameters.
+        sizes: For each Gaussian, factor by which the learning rates of all its parameters are multiplied.
     """
 
     def __init__(self, sizes: Float[np.ndarray, "N"]) -> None:

@@ -81,13 +81,13 @@ class Lpips:
     def __call__(
         self, images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], *, scaled: bool = True
     ) -> Float[np.ndarray, "C"]:
-        """Computes the LPIPS distance between each picture and its reference picture.
+        """Computes the LPIPS distance between the picture and the reference picture of each of C views.
 
         The distance of equal pictures is 0.
 
         Args:
-            images: RGB in [0, 1], at least 64 pixels on each side.
-            references: RGB in [0, 1].
+            images: Pictures of the C views, RGB in [0, 1], at least 64 pixels on each side.
+            references: Reference pictures of the same views, RGB in [0, 1].
             scaled: True to scale images to [-1, 1], the range of the network's training. False to pass [0, 1], as 3DGS
                 does.
         """
@@ -98,10 +98,12 @@ class Lpips:
     def features(
         self, images: Float[Any, "C H W 3"], *, scaled: bool = True
     ) -> tuple[Float[np.ndarray, "C D h w"], ...]:
-        """Returns the normalised features of each stage of the network, for `distance`.
+        """Returns the features of C pictures from each stage of the network, normalised at every position.
+
+        The method `distance` compares the features of two sets of pictures.
 
         Args:
-            images: RGB in [0, 1].
+            images: The C pictures, RGB in [0, 1].
             scaled: True to scale images to [-1, 1], the range of the network's training. False to pass [0, 1], as 3DGS
                 does.
         """
@@ -121,7 +123,12 @@ class Lpips:
         return outputs
 
     def distance(self, first: tuple[np.ndarray, ...], second: tuple[np.ndarray, ...]) -> Float[np.ndarray, "C"]:
-        """Returns the LPIPS distance of each pair of images, given the results of `features` for both sets."""
+        """Returns the LPIPS distance of each of C pairs of pictures, from their features.
+
+        Args:
+            first: Result of the method `features` for the first picture of each pair.
+            second: Result of the method `features` for the second picture of each pair.
+        """
         total = np.zeros(len(first[0]), np.float32)
         for a, b, weight in zip(first, second, self.linear, strict=True):
             total += np.einsum("cdhw,d->chw", (a - b) ** 2, weight).mean(axis=(1, 2))

@@ -18,7 +18,7 @@ def black_outside(images: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"]) -> F
     """Sets pixels outside the masks to black, for metrics that compare neighbourhoods of pixels (SSIM, LPIPS).
 
     Args:
-        images: RGB in [0, 1].
+        images: Pictures of C views, RGB in [0, 1].
         masks: True for pixels that are evaluated.
     """
     pictures = array_of(images, "images", ("C", "H", "W", 3))
@@ -27,7 +27,7 @@ def black_outside(images: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"]) -> F
 
 
 def image_pair(images: Any, references: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Converts two sets of pictures to arrays of the same shape (C, H, W, 3).
+    """Converts the pictures and the reference pictures of C views to arrays of the same shape (C, H, W, 3).
 
     Raises:
         InvalidValueError: If the pictures have different sizes, or values above 1, such as those of 8-bit pictures.
@@ -56,10 +56,10 @@ def _unit_range(images: np.ndarray, name: str) -> np.ndarray:
 def mean_inside(
     values: Float[np.ndarray, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
 ) -> Float[np.ndarray, "C"]:
-    """Computes the mean of each view over all channels of the evaluated pixels.
+    """Computes for each of C views the mean of values over the evaluated pixels and their channels.
 
     Args:
-        values: Value per pixel and channel.
+        values: Value per view, pixel and channel.
         masks: True for pixels that are evaluated; None for all.
 
     Raises:

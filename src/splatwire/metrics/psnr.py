@@ -21,11 +21,11 @@ def decibels(mse: Float[Any, "*shape"]) -> Float[np.ndarray, "*shape"]:
 def psnr(
     images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
 ) -> Float[np.ndarray, "C"]:
-    """Computes the PSNR of each view over all pixels and channels, as in published tables.
+    """Computes the PSNR of each of C views over all pixels and channels, as in published tables.
 
     Args:
-        images: RGB in [0, 1].
-        references: RGB in [0, 1].
+        images: Pictures of the C views, RGB in [0, 1].
+        references: Reference pictures of the same views, RGB in [0, 1].
         masks: True for pixels that are evaluated; None for all.
 
     Returns:

@@ -18,11 +18,11 @@ _C1, _C2 = 0.01**2, 0.03**2
 def ssim(
     images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
 ) -> Float[np.ndarray, "C"]:
-    """Computes the mean SSIM of each view.
+    """Computes the mean SSIM of each of C views, over all pixels and channels.
 
     Args:
-        images: RGB in [0, 1].
-        references: RGB in [0, 1].
+        images: Pictures of the C views, RGB in [0, 1].
+        references: Reference pictures of the same views, RGB in [0, 1].
         masks: True for pixels that count; None for all.
 
     Returns:
@@ -38,16 +38,17 @@ def ssim(
 
 
 def ssim_map(images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -> Float[np.ndarray, "C H W 3"]:
-    """Computes SSIM at every pixel and channel.
+    """Computes SSIM at every pixel and channel of C views.
 
-    Gaussian window of 11x11 and sigma 1.5, population variances, zero padding as in 3DGS.
+    As in 3DGS, the window is a Gaussian of 11x11 pixels with sigma 1.5, variances are population variances, and
+    pixels outside the picture are 0.
 
     Args:
-        images: RGB in [0, 1].
-        references: RGB in [0, 1].
+        images: Pictures of the C views, RGB in [0, 1].
+        references: Reference pictures of the same views, RGB in [0, 1].
 
     Returns:
-        SSIM per pixel and channel.
+        SSIM per view, pixel and channel.
     """
     x, y = to_numpy(images), to_numpy(references)
     mean_x, mean_y, xx, yy, xy = (_blur(moment) for moment in (x, y, x * x, y * y, x * y))

@@ -108,7 +108,7 @@ def plan_protection(
             multiplied by the sending rate.
         trials: Number of transfers to simulate for each setting of redundancy.
         rendered_trials: Number of simulated transfers to render for the best settings.
-        seed: Seed of the simulated losses.
+        seed: Random seed of the simulated losses.
         max_protection: Maximum bytes of redundancy as a fraction of all bytes, 0 to 1.
         head_target: Minimum fraction of transfers in which the side information must arrive.
         progress: Called with the completed fraction.
@@ -202,7 +202,7 @@ def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, tri
 def _predict_plan(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
-    """Returns a plan with given redundancy and the picture quality that the distortion model predicts for it.
+    """Creates a plan with given redundancy, and predicts its picture quality with the variant's distortion model.
 
     Args:
         variant: Variant of the stream.
@@ -253,7 +253,7 @@ class _EvaluatedPlan:
 
     Attributes:
         plan: The plan, with quality and losses measured in transfers that were not used for the choice.
-        partly: Fraction of the transfers in which some packets arrive and others do not.
+        partly: Fraction of the transfers in which the side information arrives, but not all packets do.
         error: Standard error of the PSNR, decibels.
         plain: True if the plan is a simple baseline.
     """
@@ -267,7 +267,15 @@ class _EvaluatedPlan:
 def _evaluate_plan(
     variant: StreamVariant, plan: ScenePlan, traces: np.ndarray, budget_bytes: float | int, rendered_trials: int
 ) -> _EvaluatedPlan:
-    """Measures the quality of a plan in simulated transfers that were not used to choose the plan."""
+    """Measures the quality of a plan in simulated transfers that were not used to choose the plan.
+
+    Args:
+        variant: Variant of the stream that the plan uses.
+        plan: The plan.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
+        budget_bytes: Maximum bytes sent, datagram headers included.
+        rendered_trials: Number of transfers whose pictures are rendered; the distortion model predicts the others.
+    """
     arrival = arrival_within(
         model_transfer(variant.load, plan.protection), traces, variant.budget_after_preview(budget_bytes)
     )
@@ -283,7 +291,7 @@ class ExpectedResult:
     Attributes:
         psnr: Mean PSNR, decibels.
         lost: Mean lost fraction of each importance tier.
-        partly: Fraction of the transfers in which some packets arrive and others do not.
+        partly: Fraction of the transfers in which the side information arrives, but not all packets do.
         error: Standard error of `psnr`, decibels.
     """
 

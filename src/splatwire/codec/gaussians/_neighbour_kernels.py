@@ -88,7 +88,7 @@ def find_neighbours(near, i, bits):
         bits: Number of bits of a coordinate of a grid cell.
 
     Returns:
-        Number of neighbours found.
+        Number of neighbours found, at most `NUM_NEIGHBOURS`.
     """
     return _find_narrow(near, i) if bits <= NARROW_BITS else _find_wide(near, i)
 
@@ -189,18 +189,19 @@ def _find_wide(near, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def predict(near, count, defaults):
-    """Predicts the attributes of a Gaussian as weighted means over neighbours.
+    """Predicts the attributes of a Gaussian as weighted means over the neighbours that `find_neighbours` found.
 
-    The means, and the mean deviations of the neighbours from them, are written to `near`.
+    The means are written to `near.means`. The mean deviations of the neighbours from them are written to
+    `near.deviations`.
 
     Args:
-        near: Working arrays of the packet (`Near`).
+        near: Working arrays of the packet (`Near`), with the neighbours of the Gaussian.
         count: Number of neighbours.
         defaults: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
 
     Returns:
-        Context of the entropy coder for the Gaussian's precision class: 0 without neighbours, otherwise 1 plus the mean
-        precision class of the neighbours.
+        Context of the entropy coder for the Gaussian's precision class: 0 without neighbours, otherwise 1 plus twice
+        the mean precision class of the neighbours, rounded.
     """
     indices, weights, values, means, deviations = near.indices, near.weights, near.values, near.means, near.deviations
     if count == 0:
@@ -261,12 +262,16 @@ def remember(near, row, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def deviation_context(count, deviation, shift):
-    """Returns the entropy coder's context for a residual, from the neighbours' deviation in quantisation steps.
+    """Returns the index of the entropy coder's context for the residual of one attribute of a Gaussian.
 
     Args:
-        count: Number of neighbours.
+        count: Number of the Gaussian's neighbours.
         deviation: Mean distance of the neighbours' values from the prediction.
-        shift: log2 of the quantisation step.
+        shift: log2 of the quantisation step, in the unit of `deviation`.
+
+    Returns:
+        0 without neighbours, 1 for one or two neighbours. Otherwise 2 or more, growing with the deviation in
+        quantisation steps, and less than `SPREADS`.
     """
     if count < 3:
         return 0 if count == 0 else 1

@@ -73,8 +73,8 @@ class Milestones:
         iterations: Total number of iterations.
         noise_start: Start of uniform noise, which simulates the quantisation of attributes with fixed steps.
         growth_pause_end: End of a pause in which no anchors are added or removed; the pause begins at `noise_start`.
-        context_start: Start of the context phase: the context model determines the quantisation steps, and the loss
-            includes the rate.
+        context_start: Start of the context phase: the context model determines the quantisation steps, and the
+            training loss includes the rate.
         statistics_start: Start of gathering gradients and opacities, which decide where anchors are added and removed.
         growth_start: Start of adding and removing anchors.
         growth_end: End of adding and removing anchors.
@@ -114,9 +114,9 @@ class GrowthRules:
     """Rules for adding and removing anchors.
 
     Attributes:
-        gradient_threshold: An anchor is added near a Gaussian if the gradient of the loss with respect to its 2D centre
-            is at least this long on average. Unit: 1 / half of the image size. The threshold doubles from each grid to
-            the next finer one.
+        gradient_threshold: An anchor is added near a Gaussian if the gradient of the training loss with respect to its
+            2D centre is at least this long on average. Unit: 1 / half of the image size. The threshold doubles from
+            each grid to the next finer one.
         seen_share: An anchor is examined for removal once more than `seen_share * Milestones.growth_interval` views
             have seen it since its last examination. This may take several intervals.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged
@@ -148,7 +148,7 @@ class GrowthRules:
 
 @dataclass(frozen=True)
 class LossWeights:
-    """Weights of the terms of the loss.
+    """Weights of the terms of the training loss.
 
     Attributes:
         dssim: Weight of 1 - SSIM; the weight of the mean absolute error is 1 - `dssim`.
@@ -253,7 +253,7 @@ class TrainConfig(CheckedFields):
         milestones: Schedule of the training.
         rates: Learning rates.
         growth: Rules for adding and removing anchors.
-        weights: Weights of the terms of the loss.
+        weights: Weights of the terms of the training loss.
         refine: Settings for the refinement of the context model at the end.
         losses: Settings for simulated packet loss.
         averaged: Number of last iterations over which parameters are averaged (`splatwire.neural.training.averaging`);

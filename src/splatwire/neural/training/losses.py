@@ -51,7 +51,7 @@ def prepare_photo(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | Non
 def photometric_loss(
     image: Float[Tensor, "H W 3"], photo: Photo, dssim: float
 ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
-    """Computes the loss of a rendered picture on the CPU, compiled; differentiable in the picture.
+    """Computes the training loss of a rendered picture on the CPU, compiled; differentiable in the picture.
 
     Args:
         image: The picture, RGB, not clamped.
