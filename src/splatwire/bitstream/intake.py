@@ -75,7 +75,7 @@ class PacketIntake:
         self._lock = threading.Lock()
         self._plan = manifest.plan
         self._packets: dict[PacketId, Packet] = {}
-        self._firsts: dict[int, list[int]] = {}
+        self._first_elements: dict[int, list[int]] = {}
         self._counts = {"corrupt": 0, "foreign": 0, "duplicate": 0}
         self._problems: list[str] = []
 
@@ -179,7 +179,7 @@ class PacketIntake:
             raise CorruptPacketError(
                 packet.id.filename, f"it has {packet.num_bytes} bytes, more than a packet may have"
             )
-        firsts = self._firsts.setdefault(packet.id.block, [])
+        firsts = self._first_elements.setdefault(packet.id.block, [])
         index, first = bisect.bisect_left(firsts, packet.id.lane), packet.id.lane
         previous = self._packets[PacketId(packet.id.block, firsts[index - 1])] if index else None
         if index < len(firsts) and firsts[index] == first:

@@ -17,7 +17,7 @@ class Arrivals:
     Attributes:
         manifest: The stream's manifest.
         lock: Held while packets are added. Hold it to read a consistent state.
-        num_taken: Number of elements in all accepted packets.
+        num_accepted: Number of elements in all accepted packets.
         num_bytes: Bytes of side information and accepted packets.
     """
 
@@ -25,18 +25,18 @@ class Arrivals:
         self.lock = threading.RLock()
         self.manifest, self._side_info = manifest, side_info
         self._intake = intake or PacketIntake(manifest)
-        self._taken: set[PacketId] = set()
-        self.num_taken, self.num_bytes = 0, len(side_info)
+        self._accepted: set[PacketId] = set()
+        self.num_accepted, self.num_bytes = 0, len(side_info)
 
     @property
     def num_packets(self) -> int:
         """Number of accepted packets."""
-        return len(self._taken)
+        return len(self._accepted)
 
     @property
     def has_every_packet(self) -> bool:
         """True if every packet of the stream has been accepted."""
-        return len(self._taken) == self.manifest.num_packets
+        return len(self._accepted) == self.manifest.num_packets
 
     @property
     def report(self) -> ReadReport:
@@ -53,13 +53,13 @@ class Arrivals:
     def take(self, packets: Iterable[Packet]) -> list[Packet]:
         """Adds received packets; returns the added ones, without invalid packets and duplicates."""
         with self.lock:
-            return [packet for packet in packets if self._takes(packet)]
+            return [packet for packet in packets if self._accept(packet)]
 
-    def _takes(self, packet: Packet) -> bool:
-        passed = self._intake.has(packet) and packet.id not in self._taken
+    def _accept(self, packet: Packet) -> bool:
+        passed = self._intake.has(packet) and packet.id not in self._accepted
         if not passed and self._intake.take(packet, "transfer") is None:
             return False
-        self._taken.add(packet.id)
-        self.num_taken += packet.num_elements
+        self._accepted.add(packet.id)
+        self.num_accepted += packet.num_elements
         self.num_bytes += packet.num_bytes
         return True

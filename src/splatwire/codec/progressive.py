@@ -147,9 +147,9 @@ class ProgressiveDecoder(Arrivals):
         """
         # One call with several packets is cheaper than several calls.
         taken, new_indices = self.take(packets), [np.empty(0, dtype=np.int64)]
-        stored_bytes = 0 if self._decoder.redecode_on_demand else self.num_taken * (self._decoder.row_bytes + 8)
+        stored_bytes = 0 if self._decoder.redecode_on_demand else self.num_accepted * (self._decoder.row_bytes + 8)
         working = self._decoder.working_bytes(taken)
-        activity = f"decoding {self.num_taken:,} {self.manifest.elements} that arrived"
+        activity = f"decoding {self.num_accepted:,} {self.manifest.elements} that arrived"
         threads = threads_within(stored_bytes, working, self.num_bytes, activity, self._threads)
         runs = list(runs_of(self._decoder, self.manifest, taken))
         with allocating(self._activity):

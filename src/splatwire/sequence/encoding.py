@@ -65,17 +65,17 @@ class SequenceEncoder:
         live: bool = False,
     ) -> None:  # fmt: skip
         self._options, self._classes, self._live = options, classes or precision_classes, live
-        self._tracker, self._frames = Tracker(options.order), GroupBuilder(options.group_frames)
-        self._ended: tuple[TrackedFrame, TrackedFrame] | None = None
-        self._last: Splats | None = None
+        self._tracker, self._group_builder = Tracker(options.order), GroupBuilder(options.group_frames)
+        self._last_group_ends: tuple[TrackedFrame, TrackedFrame] | None = None
+        self._last_splats: Splats | None = None
         self._degree: int | None = None
-        self._groups, self._warned = 0, False
+        self._num_groups, self._warned = 0, False
         self._warned_kinds: set[str] = set()
         self._sections: dict[str, bytes] = {}
         self._num_frames = self._first_frame = 0
         self._extent: BoundingSphere | None = None
-        self._known: tuple[np.ndarray, np.ndarray] | None = None
-        self._newest = -1
+        self._known_classes: tuple[np.ndarray, np.ndarray] | None = None
+        self._newest_key = -1
         self._writer = self._new_writer()
 
     def _new_writer(self) -> TracksEncoder:
@@ -95,7 +95,7 @@ class SequenceEncoder:
 
         The new encoder matches the Gaussians of its first frame with those of the last frame of this encoder.
         """
-        assert not self._frames
+        assert not self._group_builder
         self._finish_deferred_work()
         other = SequenceEncoder(self._options, self._classes, live=self._live)
         other._tracker, other._degree, other._warned = self._tracker, self._degree, self._warned
@@ -105,9 +105,11 @@ class SequenceEncoder:
         number.unsigned(self._num_frames)
         other._sections = {**self._sections, FIRST_FRAME: number.bytes()}
         old_keys = self._tracker.renumber()
-        if self._known is not None:
-            _, new_keys, rows = np.intersect1d(old_keys, self._known[0], assume_unique=True, return_indices=True)
-            other._known = new_keys, self._known[1][rows]
+        if self._known_classes is not None:
+            _, new_keys, rows = np.intersect1d(
+                old_keys, self._known_classes[0], assume_unique=True, return_indices=True
+            )
+            other._known_classes = new_keys, self._known_classes[1][rows]
         return other
 
     def restarted(self, first_frame: int) -> "SequenceEncoder":
@@ -153,14 +155,14 @@ class SequenceEncoder:
         moved, checked_frame = checked_frame.origin != origin, checked_frame.relative_to(origin)
         self._warn_of_other_frame(checked_frame, moved=moved)
         self._degree = checked_frame.splats.degree
-        self._last = checked_frame.splats
-        self._frames.add(self._tracker.add(checked_frame))
+        self._last_splats = checked_frame.splats
+        self._group_builder.add(self._tracker.add(checked_frame))
         self._num_frames += 1
-        if len(self._frames) == self._options.group_frames:
+        if len(self._group_builder) == self._options.group_frames:
             return self._flush()
         # By the middle of a group, receivers have the previous one.
-        if self._live and 2 * len(self._frames) > self._options.group_frames:
-            self._writer.add_frames(*self._frames.so_far())
+        if self._live and 2 * len(self._group_builder) > self._options.group_frames:
+            self._writer.add_frames(*self._group_builder.so_far())
         self._finish_deferred_work()
         return []
 
@@ -198,7 +200,7 @@ class SequenceEncoder:
         """
         self.flush()
         self._finish_deferred_work()
-        if not self._groups:
+        if not self._num_groups:
             raise InvalidValueError("a clip has one frame at least")
         extent = self._extent  # unknown for a live sequence
         where = {EXTENT_SECTION: extent_section(extent.middle, extent.radius)} if extent and extent.radius > 0 else {}
@@ -222,31 +224,35 @@ class SequenceEncoder:
 
     def flush(self) -> list[Packet]:
         """Encodes the frames of the incomplete last group of pictures, and returns the packets of this group."""
-        return self._flush() if self._frames else []
+        return self._flush() if self._group_builder else []
 
     def _flush(self) -> list[Packet]:
-        group, frames = self._collect_tracks(), self._frames.frames
-        self._ended = frames[0], frames[-1]
-        new = group.keys > self._newest
-        self._newest = max(self._newest, int(group.keys[-1]) if len(group.keys) else -1)
+        group, frames = self._collect_tracks(), self._group_builder.frames
+        self._last_group_ends = frames[0], frames[-1]
+        new = group.keys > self._newest_key
+        self._newest_key = max(self._newest_key, int(group.keys[-1]) if len(group.keys) else -1)
         cuts = _scene_cuts(group, frames, new)
         classes = self._precision(group, cuts, new)
         unrelated = len(frames) > 1 and len(frames[0].keys) > 0 and len(cuts) > MIN_CUT_SHARE * len(frames)
-        first, smooth, self._groups = not self._groups, self._live and self._frames.smooth, self._groups + 1
+        first, smooth, self._num_groups = (
+            not self._num_groups,
+            self._live and self._group_builder.smooth,
+            self._num_groups + 1,
+        )
         if first and unrelated and not self._live:
             assert classes is not None
             return self._encode_single_frames(group, frames, cuts, classes)
-        self._frames = GroupBuilder(self._options.group_frames, smooth=smooth)
+        self._group_builder = GroupBuilder(self._options.group_frames, smooth=smooth)
         return self._writer.add(group, classes, cut=bool(cuts) and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
         """Joins the Gaussians of the current group of pictures to tracks, each of which is one Gaussian over time."""
-        if len(self._frames) < self._options.group_frames:
-            return self._frames.group()
+        if len(self._group_builder) < self._options.group_frames:
+            return self._group_builder.group()
         # The analysis of the motion runs in parallel with the extrapolation of partial tracks.
         with ThreadPoolExecutor(1) as pool:
-            analysis = pool.submit(self._writer.add_frames, *self._frames.so_far())
-            group = self._frames.group()
+            analysis = pool.submit(self._writer.add_frames, *self._group_builder.so_far())
+            group = self._group_builder.group()
             analysis.result()
         return group
 
@@ -265,7 +271,7 @@ class SequenceEncoder:
             Packets of the first frames.
         """
         self._options = replace(self._options, group_frames=1)
-        self._writer, self._frames = self._new_writer(), GroupBuilder(1)
+        self._writer, self._group_builder = self._new_writer(), GroupBuilder(1)
         LOG.warning(
             "%d of the first %d frames show another scene than the one before: each frame is a group", len(cuts),
             len(frames),
@@ -292,27 +298,29 @@ class SequenceEncoder:
         Returns:
             Precision class of each track. None without a scene cut, and in all groups of a live sequence but the first.
         """
-        if not cuts or (self._live and self._groups):  # too slow for a live sequence
+        if not cuts or (self._live and self._num_groups):  # too slow for a live sequence
             return None
         classes = self._median_classes(len(group.keys))
-        if not self._groups and self._known is not None:
-            _, tracks, rows = np.intersect1d(group.keys, self._known[0], assume_unique=True, return_indices=True)
+        if not self._num_groups and self._known_classes is not None:
+            _, tracks, rows = np.intersect1d(
+                group.keys, self._known_classes[0], assume_unique=True, return_indices=True
+            )
             if len(tracks) >= MIN_CLASSIFIED_SHARE * len(group.keys):
-                classes[tracks] = self._known[1][rows]
+                classes[tracks] = self._known_classes[1][rows]
                 return classes
         scene = np.where(new, np.searchsorted(cuts, group.begins, side="right") - 1, -1)
         for number in range(len(cuts)):
             members = np.flatnonzero(scene == number)
             first = group.first(members)
             classes[members] = self._classes(first)
-            if not number and not self._groups and not self._first_frame:
+            if not number and not self._num_groups and not self._first_frame:
                 up = self._options.up
                 if up != "auto":
                     self._sections.pop(UP_SECTION, None)
                     self._sections |= up_sections(up)
                 elif not {UP_SECTION, VIEWPOINT} & set(self._sections):  # unless the frames state it
                     self._sections |= up_sections(estimate_up_axis(SplatScene(first)))
-        self._known = group.keys, classes
+        self._known_classes = group.keys, classes
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
@@ -324,21 +332,21 @@ class SequenceEncoder:
         Returns:
             The same class for each track, int8 (count); 0 if no class is known yet.
         """
-        return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
+        return np.full(count, int(np.median(self._known_classes[1])) if self._known_classes else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
         """Does the work on the last group that its packets do not need: scene extent, check for changing colours.
 
         This work follows after the packets were returned, which shortens the delay of a live sequence.
         """
-        sphere = None if self._last is None else bounding_sphere(self._last)
+        sphere = None if self._last_splats is None else bounding_sphere(self._last_splats)
         self._extent = self._extent.union(sphere) if self._extent and sphere else self._extent or sphere
-        self._last = None
+        self._last_splats = None
         self._warn_of_changing_harmonics()
 
     def _warn_of_changing_harmonics(self) -> None:
         """Logs a warning once if view-dependent colours change over time, because such changes are not coded."""
-        (first, last), self._ended = self._ended or (None, None), None
+        (first, last), self._last_group_ends = self._last_group_ends or (None, None), None
         if first is None or last is None or self._warned or not self._degree:
             return
         _, in_first, in_last = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)

@@ -41,11 +41,11 @@ class LiveDecoder:
         self._manifest: Manifest | None = None
         self._side_info = b""
         self._decoder: TracksDecoder | None = None
-        self._blocks: dict[int, list[Packet]] = {}
+        self._packets_by_block: dict[int, list[Packet]] = {}
         self._new_keyframe_blocks: set[int] = set()
         self._num_received: dict[int, int] = {}
-        self._next = self._first_frame = 0
-        self._memory: ConcealmentState | None = None
+        self._next_group = self._first_frame = 0
+        self._concealment_state: ConcealmentState | None = None
         self._num_bytes = 0
 
     def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[SequenceFrame]:
@@ -60,7 +60,7 @@ class LiveDecoder:
             yield from self.finish()
             self._begin()
         if self._manifest is None:
-            self._next = len(manifest.tiers) // 2 - 1
+            self._next_group = len(manifest.tiers) // 2 - 1
         elif manifest.tiers[: len(self._manifest.tiers)] != self._manifest.tiers:
             raise BitstreamError("a further manifest of the live clip contradicts the previous one")
         self._manifest, self._side_info = manifest, side_info
@@ -82,9 +82,9 @@ class LiveDecoder:
             self._num_bytes += packet.num_bytes
             block = packet.id.block
             group = plan.tier_of(block) // 2
-            if group < self._next and not plan.persistent(block):
+            if group < self._next_group and not plan.persistent(block):
                 continue
-            self._blocks.setdefault(block, []).append(packet)
+            self._packets_by_block.setdefault(block, []).append(packet)
             self._num_received[group] = self._num_received.get(group, 0) + packet.num_elements
             if plan.persistent(block):
                 self._new_keyframe_blocks.add(block)
@@ -105,14 +105,14 @@ class LiveDecoder:
     def _complete(self) -> Iterator[SequenceFrame]:
         """Yields the frames of the next group of pictures if all its packets have arrived; else nothing."""
         assert self._manifest is not None
-        tiers = self._manifest.tiers[2 * self._next : 2 * self._next + 2]
-        if tiers and self._num_received.get(self._next, 0) == sum(tier.num_elements for tier in tiers):
-            yield from self._frames_before(self._next + 1)
+        tiers = self._manifest.tiers[2 * self._next_group : 2 * self._next_group + 2]
+        if tiers and self._num_received.get(self._next_group, 0) == sum(tier.num_elements for tier in tiers):
+            yield from self._frames_before(self._next_group + 1)
 
     def _frames_before(self, end: int) -> Iterator[SequenceFrame]:
         """Yields the frames of all groups of pictures with an index below `end` that were not yet output."""
-        while self._next < end:
-            group, self._next = self._next, self._next + 1
+        while self._next_group < end:
+            group, self._next_group = self._next_group, self._next_group + 1
             yield from self._group(group)
 
     def _current_decoder(self) -> TracksDecoder:
@@ -137,10 +137,12 @@ class LiveDecoder:
         with allocating(f"decoding {self._manifest.num_elements:,} tracks"):
             self._store(opened, self._manifest, group)
             sequence = opened.scene().scene
-            frames, after = decode_group(sequence, group, sequence.tracks.received, self._memory, self._method)
+            frames, after = decode_group(
+                sequence, group, sequence.tracks.received, self._concealment_state, self._method
+            )
             for frame in frames:
                 yield replace(frame, number=frame.number + self._first_frame)
-            self._memory = after()
+            self._concealment_state = after()
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
         """Passes the received keyframe packets and motion packets of a group of pictures to a decoder.
@@ -152,10 +154,12 @@ class LiveDecoder:
         """
         self._store_keyframes(decoder, manifest, complete_only=False)
         plan, motion = manifest.plan, 2 * group + 1
-        for block in [block for block in self._blocks if not plan.persistent(block) and plan.tier_of(block) < motion]:
-            del self._blocks[block]
-        for block in [block for block in self._blocks if plan.tier_of(block) == motion]:
-            decoder.hold(block, tuple(sorted(self._blocks[block], key=lambda packet: packet.id)))
+        for block in [
+            block for block in self._packets_by_block if not plan.persistent(block) and plan.tier_of(block) < motion
+        ]:
+            del self._packets_by_block[block]
+        for block in [block for block in self._packets_by_block if plan.tier_of(block) == motion]:
+            decoder.hold(block, tuple(sorted(self._packets_by_block[block], key=lambda packet: packet.id)))
         self._num_received = {number: count for number, count in self._num_received.items() if number > group}
 
     def _store_keyframes(self, decoder: TracksDecoder, manifest: Manifest, *, complete_only: bool) -> None:
@@ -168,14 +172,15 @@ class LiveDecoder:
                 all packets have arrived. False to decode incomplete blocks, too.
         """
         num_received = {
-            block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._new_keyframe_blocks
+            block: sum(packet.num_elements for packet in self._packets_by_block[block])
+            for block in self._new_keyframe_blocks
         }
         keyframes = {
             block
             for block, count in num_received.items()
             if not complete_only or count == manifest.plan.block_elements(block)
         }
-        packets = itertools.chain.from_iterable(self._blocks[block] for block in sorted(keyframes))
+        packets = itertools.chain.from_iterable(self._packets_by_block[block] for block in sorted(keyframes))
         for run in runs_of(decoder, manifest, packets):
             decoder.store(run, decoder.decode(run))
         self._new_keyframe_blocks -= keyframes

@@ -36,7 +36,7 @@ class LiveEncoder:
     ) -> None:  # fmt: skip
         self._options, self._new_id, self._protection = options, new_id, protection
         self._period_groups = period_groups
-        self._begin(SequenceEncoder(options, live=True))
+        self._begin_period(SequenceEncoder(options, live=True))
         self.num_frames = self._num_served = 0
 
     def push(self, frame: Frame | Splats) -> LiveState | None:
@@ -47,8 +47,10 @@ class LiveEncoder:
         """
         checked_frame = frame if isinstance(frame, Frame) else Frame.of(frame)
         begins = not self.num_frames % self._options.group_frames
-        if begins and self._full and checked_frame.drawn.any():  # the first frame of a period must not be empty
-            self._begin(self.encoder.new_period())
+        if (
+            begins and self._is_period_full and checked_frame.drawn.any()
+        ):  # the first frame of a period must not be empty
+            self._begin_period(self.encoder.new_period())
         packets = self.encoder.push(checked_frame)
         self.num_frames += 1
         if self.num_frames % self._options.group_frames:
@@ -60,7 +62,7 @@ class LiveEncoder:
     def restart(self) -> None:
         """Drops the frames of the incomplete group of pictures. The next frame starts a new, independent stream."""
         self.num_frames = self._num_served
-        self._begin(self.encoder.restarted(self.num_frames))
+        self._begin_period(self.encoder.restarted(self.num_frames))
 
     def end(self) -> list[LiveState]:
         """Ends the live sequence; encodes the frames that are left, and returns the last updates of the stream."""
@@ -70,15 +72,15 @@ class LiveEncoder:
         return [*rest, self._session.end(*self.encoder.so_far(self._stream_id))]
 
     @property
-    def _full(self) -> bool:
-        return self._groups >= self._period_groups or self._num_bytes > PERIOD_BYTES
+    def _is_period_full(self) -> bool:
+        return self._num_groups >= self._period_groups or self._num_bytes > PERIOD_BYTES
 
-    def _begin(self, encoder: SequenceEncoder) -> None:
+    def _begin_period(self, encoder: SequenceEncoder) -> None:
         self.encoder, self._stream_id = encoder, self._new_id()
         self._session = LiveSession(self._protection, encoder.importance)
-        self._groups = self._num_bytes = 0
+        self._num_groups = self._num_bytes = 0
 
     def _add(self, packets: list[Packet]) -> LiveState:
-        self._groups += 1
+        self._num_groups += 1
         self._num_bytes += sum(packet.num_bytes for packet in packets)
         return self._session.add(*self.encoder.so_far(self._stream_id), packets)

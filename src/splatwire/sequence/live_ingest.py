@@ -77,8 +77,8 @@ class LiveIngest:
         self._rate = float(options.rate)
         self._queue: deque[Path] = deque()
         self._drop_policy, self._unreadable = DropPolicy(self._rate, options.group_frames), UnreadableFrame()
-        self._kind: tuple[int, bool] | None = None
-        self._num_others, self._reason = 0, ""
+        self._frame_kind: tuple[int, bool] | None = None
+        self._num_of_other_kind, self._reason = 0, ""
         self.num_skipped = self.num_dropped = 0
 
     @property
@@ -168,20 +168,22 @@ class LiveIngest:
         if count and not _has_valid_rows(frame):
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")
             return None
-        if self._kind in (None, kind):
-            self._kind, self._num_others = kind, 0
+        if self._frame_kind in (None, kind):
+            self._frame_kind, self._num_of_other_kind = kind, 0
             return frame
-        assert self._kind is not None
-        self._num_others += 1
-        if self._num_others < NUM_FRAMES_TO_ADOPT:
-            self._skip(f"{path} has {_frame_properties(kind)}, frames before have {_frame_properties(self._kind)}")
+        assert self._frame_kind is not None
+        self._num_of_other_kind += 1
+        if self._num_of_other_kind < NUM_FRAMES_TO_ADOPT:
+            self._skip(
+                f"{path} has {_frame_properties(kind)}, frames before have {_frame_properties(self._frame_kind)}"
+            )
             return None
         self._warn(
             f"{path}: {NUM_FRAMES_TO_ADOPT} frames in a row have {_frame_properties(kind)}: the stream continues with "
             "these frames"
         )
         self._encoder.restart()
-        self._kind, self._num_others = kind, 0
+        self._frame_kind, self._num_of_other_kind = kind, 0
         return frame
 
     def _push(self, frame: Frame) -> bool:

@@ -237,9 +237,9 @@ class _Client:
         self, connection: socket.socket, receiver: Receiver, on_event: Callable[[Event], Any] | None, tap: Tap | None
     ) -> None:
         self._socket, self._receiver, self._on_event, self._tap = connection, receiver, on_event, tap
-        self._here, self._there = connection.getsockname()[:2], connection.getpeername()[:2]
+        self._local_address, self._server_address = connection.getsockname()[:2], connection.getpeername()[:2]
         self._loop = asyncio.get_running_loop()
-        self._over = self._loop.create_future()
+        self._finished = self._loop.create_future()
         self._timer: asyncio.TimerHandle | None = None
         self._is_unusable = False
 
@@ -247,20 +247,20 @@ class _Client:
         self._loop.add_reader(self._socket, self._readable)
         try:
             self._tick()
-            await self._over
+            await self._finished
         finally:
             self._loop.remove_reader(self._socket)
             if self._timer:
                 self._timer.cancel()
             try:
-                self._act(*self._receiver.stop())
+                self._send_and_report(*self._receiver.stop())
             finally:
                 self._socket.close()
         return self._receiver
 
     def stop(self) -> None:
         """Ends the transfer because the caller's `stop` future is done."""
-        self._act(*self._receiver.stop())
+        self._send_and_report(*self._receiver.stop())
         self._tick()
 
     def _readable(self) -> None:
@@ -272,13 +272,13 @@ class _Client:
                     break
                 except ConnectionRefusedError:
                     if self._receiver.welcome is None:
-                        self._act(*self._receiver.stop("nothing listens there"))
+                        self._send_and_report(*self._receiver.stop("nothing listens there"))
                     break
                 except OSError:
                     break
                 if self._tap:
-                    self._tap(self._there, self._here, data)
-                self._act(*self._receiver.receive(data, self._loop.time()))
+                    self._tap(self._server_address, self._local_address, data)
+                self._send_and_report(*self._receiver.receive(data, self._loop.time()))
             self._tick()
         except Exception as error:  # raised by the caller's callback: re-raised in `receive_udp`
             self._fail(error)
@@ -291,12 +291,12 @@ class _Client:
         datagrams, events = self._receiver.poll(self._loop.time())
         if self._is_unusable or any(isinstance(event, Interrupted) for event in events):
             self._replace_socket()
-        self._act(datagrams, events)
+        self._send_and_report(datagrams, events)
         due_at = self._receiver.next_at()
         if due_at is not None:
             self._timer = self._loop.call_at(due_at, self._alarm)
-        elif not self._over.done():
-            self._over.set_result(None)
+        elif not self._finished.done():
+            self._finished.set_result(None)
 
     def _replace_socket(self) -> None:
         """Opens a new socket, because the local address of this machine may have changed."""
@@ -304,7 +304,7 @@ class _Client:
             replacement = connected_socket(self._socket.family, self._socket.getpeername())
             self._loop.remove_reader(self._socket)
             self._socket.close()
-            self._socket, self._here, self._is_unusable = replacement, replacement.getsockname()[:2], False
+            self._socket, self._local_address, self._is_unusable = replacement, replacement.getsockname()[:2], False
             self._loop.add_reader(replacement, self._readable)
 
     def _alarm(self) -> None:
@@ -314,13 +314,13 @@ class _Client:
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
-        if not self._over.done():
-            self._over.set_exception(error)
+        if not self._finished.done():
+            self._finished.set_exception(error)
 
-    def _act(self, datagrams: list[bytes], events: list[Event]) -> None:
+    def _send_and_report(self, datagrams: list[bytes], events: list[Event]) -> None:
         for data in datagrams:
             if self._tap:
-                self._tap(self._here, self._there, data)
+                self._tap(self._local_address, self._server_address, data)
             try:
                 self._socket.send(data)
             except OSError as error:  # a datagram that cannot be sent counts as lost

@@ -58,7 +58,7 @@ def test_selected_columns_are_the_columns_of_these_names(types, names, step):
     some = PlyElement(Path("a.ply"), "vertex", rows[::step])
     expected = np.float32([[row[name] for name in names] for row in some.rows])
     assert np.array_equal(some.select(names), expected)
-    assert np.array_equal(some.select_wide(names), expected.astype(np.float64))
+    assert np.array_equal(some.select_float64(names), expected.astype(np.float64))
 
 
 BAD = {

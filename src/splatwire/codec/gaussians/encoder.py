@@ -122,7 +122,7 @@ def fit_side_info(
         return SideInfo(*fields, template.bit_zero, template.scales, sections)
     unfitted, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
 
-    blocks = scene.some_blocks()
+    blocks = scene.sample_blocks()
     packets_per_block = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, MIN_FITTED, MAX_FITTED) / len(blocks)
 
     def count(block: int) -> tuple[np.ndarray, np.ndarray]:
@@ -145,7 +145,7 @@ def scene_transform(scene: SourceScene) -> np.ndarray:
     """Fits the decorrelating transform of spherical harmonics to a sample of the scene, int64 (K, K)."""
     if not scene.splats.degree:
         return np.zeros((0, 0), dtype=np.int64)
-    blocks = scene.some_blocks()
+    blocks = scene.sample_blocks()
     sample = np.concatenate([np.arange(scene.edges[b], scene.edges[b + 1]) for b in blocks])
     sample = sample[:: -(-len(sample) // (FITTED_PACKET * MIN_FITTED))]
     return fit_transform(to_harmonics(scene.pick(sample)), 2.0 ** scene.classes_at(sample))
@@ -209,7 +209,7 @@ class GaussianEncoder:
 
     def __init__(self, scene: SourceScene, plan: PacketPlan, info: SideInfo) -> None:
         self._scene, self._plan, self._info, p = scene, plan, info, plan.packetization
-        self._most = p.packet_bytes - HEADER_BYTES if p.hashed else 0
+        self._max_payload_bytes = p.packet_bytes - HEADER_BYTES if p.hashed else 0
         self._sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
 
     def runs(self) -> Iterator[int]:
@@ -223,7 +223,7 @@ class GaussianEncoder:
             run: Index of the block.
         """
         source = self._scene.arranged(run, self._info)
-        coded = encode_block(source, self._info, run, self._sizes[run], self._most)
+        coded = encode_block(source, self._info, run, self._sizes[run], self._max_payload_bytes)
         return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))
 
     def ranked(self, run: int, counts: np.ndarray) -> np.ndarray:

@@ -175,7 +175,7 @@ class SourceScene:
         """Number of blocks, B."""
         return len(self.edges) - 1
 
-    def some_blocks(self) -> list[int]:
+    def sample_blocks(self) -> list[int]:
         """Returns the indices of a sample of blocks, used by an encoder to fit probability tables."""
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 

@@ -145,7 +145,7 @@ def of_degree(splats: Splats, degree: int) -> Splats:
     return splats if not missing else replace(splats, sh=np.pad(splats.sh, ((0, 0), (0, missing), (0, 0))))
 
 
-def filled(path: Path, batches: Iterable[Splats]) -> Iterator[Splats]:
+def checked_batches(path: Path, batches: Iterable[Splats]) -> Iterator[Splats]:
     """Yields the non-empty batches of Gaussians, after checking their values and normalising their quaternions.
 
     Args:
@@ -200,7 +200,7 @@ def join(path: Path, batches: Iterable[Splats]) -> Splats:
     Raises:
         InvalidValueError: If there is no Gaussian, degrees differ, or a value is invalid.
     """
-    pieces = list(filled(path, batches))
+    pieces = list(checked_batches(path, batches))
     return Splats(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Splats)})
 
 

@@ -43,7 +43,7 @@ def warn_of_other_units(vertices: PlyElement) -> None:
         DatasetError: If a property is missing.
     """
     sample = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
-    opacities, scales = sample.select_wide(["opacity"])[:, 0], sample.columns("scale_", 3).astype(np.float64)
+    opacities, scales = sample.select_float64(["opacity"])[:, 0], sample.columns("scale_", 3).astype(np.float64)
     opacities, scales = opacities[~np.isnan(opacities)], scales[~np.isnan(scales)]
     meant = _unit_of_opacities(sample, opacities)
     positive = bool(scales.size) and scales.min() >= 0
@@ -102,7 +102,7 @@ def _extent(sample: PlyElement) -> float:
     Args:
         sample: A sample of the vertices.
     """
-    means = sample.select_wide(["x", "y", "z"])
+    means = sample.select_float64(["x", "y", "z"])
     means = means[np.isfinite(means).all(axis=1)]
     if not len(means):
         return 0.0

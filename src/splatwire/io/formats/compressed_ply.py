@@ -134,7 +134,7 @@ def _check_bounds(chunks: PlyElement) -> None:
         sides = [[f"{side}_{name}" for name in names] for side in ("min", "max")]
         if names == _CHANNELS and not set(sides[0] + sides[1]) & set(chunks.names):
             continue
-        low, high = (chunks.select_wide(side) for side in sides)
+        low, high = (chunks.select_float64(side) for side in sides)
         if (wrong := (low > high).any(axis=0)).any():
             name = names[int(wrong.argmax())]
             raise DatasetError(f"{chunks.path}: a number of min_{name} is above that of max_{name}")
@@ -148,7 +148,7 @@ def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin
         the file are float64.
     """
     names = [[f"{side}_{name}" for name in _BOUNDS[0]] for side in ("min", "max")]
-    low, high = (chunks.select_wide(names_of_bound) for names_of_bound in names)
+    low, high = (chunks.select_float64(names_of_bound) for names_of_bound in names)
     wide = all(chunks.rows.dtype[name].itemsize > _FLOAT_BYTES for names_of_bound in names for name in names_of_bound)
     origin = choose_origin(np.concatenate([low, high]), double_precision=wide)
     return (low - np.array(origin)).astype(np.float32), (high - np.array(origin)).astype(np.float32), origin, wide

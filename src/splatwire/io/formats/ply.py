@@ -17,7 +17,7 @@ import numpy as np
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.atomic_write import atomic_output
-from splatwire.io.formats._columns import MAX_LOG_SCALE, build_splats, check_count, filled
+from splatwire.io.formats._columns import MAX_LOG_SCALE, build_splats, check_count, checked_batches
 from splatwire.io.formats._placement import warn_of_unused_comments
 from splatwire.io.formats._ply_values import warn_of_other_units
 from splatwire.io.formats.content import FileContent, warn_of_rounded_positions
@@ -106,7 +106,9 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
     warn_of_other_units(vertices)
     splats, origin = Splats.empty(len(vertices.rows), degree), _origin(vertices)
     for begin in range(0, len(vertices.rows), ROWS):
-        splats.fill(begin, _some(replace(vertices, rows=vertices.rows[begin : begin + ROWS]), num_rest, origin))
+        splats.fill(
+            begin, _splats_of_rows(replace(vertices, rows=vertices.rows[begin : begin + ROWS]), num_rest, origin)
+        )
     if min(vertices.rows.dtype[name].itemsize for name in _AXES) <= _FLOAT_BYTES:
         warn_of_rounded_positions(path, splats, origin)
     metadata = stated_metadata(vertices.comments).moved_origin(NO_ORIGIN, origin)
@@ -152,7 +154,7 @@ def _origin(vertices: PlyElement) -> Origin:
         The origin; `NO_ORIGIN` if the comments have none and the Gaussians are near 0.
     """
     sample = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
-    means = sample.select_wide(list(_AXES))
+    means = sample.select_float64(list(_AXES))
     stated = stated_origin(ORIGIN, vertices.comments)
     if stated is not None and (distance := misses_positions(stated, means)) is None:
         return stated
@@ -167,17 +169,17 @@ def _origin(vertices: PlyElement) -> Origin:
     return chosen
 
 
-def _some(vertices: PlyElement, num_rest: int, origin: Origin) -> Splats:
+def _splats_of_rows(vertices: PlyElement, num_rest: int, origin: Origin) -> Splats:
     harmonics = [vertices.columns("f_dc_", 3)[:, None]]
     if num_rest:
         rest = vertices.columns("f_rest_", num_rest)
         harmonics.append(rest.reshape(len(rest), 3, -1).transpose(0, 2, 1)[:, : num_functions(MAX_DEGREE) - 1])
     log_scales, opacities = vertices.columns("scale_", 3), _expit(vertices.select(["opacity"])[:, 0])
     if filters := [name for name in vertices.names if _FILTER.fullmatch(name)]:
-        log_scales, opacities = _smoothed(log_scales, opacities, vertices.select_wide(filters[:1]))
+        log_scales, opacities = _smoothed(log_scales, opacities, vertices.select_float64(filters[:1]))
     return build_splats(
         vertices.path,
-        means=vertices.select_wide(list(_AXES)) - np.array(origin),
+        means=vertices.select_float64(list(_AXES)) - np.array(origin),
         quats=vertices.columns("rot_", 4),
         log_scales=log_scales,
         opacities=opacities,
@@ -223,7 +225,7 @@ def write_ply(
     remarks = antialiasing_comments(antialiased) + origin_comments(ORIGIN, origin)
     remarks += metadata_comments(metadata.moved_origin(origin, NO_ORIGIN))
     with atomic_output(path) as unfinished, unfinished.open("wb") as file:
-        for part in filled(path, parts):
+        for part in checked_batches(path, parts):
             if not count:
                 degree = part.degree
                 file.write(_header(0, degree, steps, digest.hexdigest(), remarks, origin))

@@ -71,7 +71,7 @@ class PlyElement:
         """
         return self._select(names, np.float32)
 
-    def select_wide(self, names: list[str]) -> np.ndarray:
+    def select_float64(self, names: list[str]) -> np.ndarray:
         """Returns the named properties of all N rows, one column per name, float64 (N, len(names)).
 
         Raises:

@@ -9,7 +9,7 @@ import numpy as np
 from splatwire.errors import DatasetError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.files.read_limited import open_regular
-from splatwire.io.formats._columns import build_splats, check_count, filled, rounded_bytes
+from splatwire.io.formats._columns import build_splats, check_count, checked_batches, rounded_bytes
 from splatwire.io.formats.outliers import warn_of_clipped
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.splats import Splats
@@ -74,7 +74,7 @@ def write_splat(parts: Iterable[Splats], path: Path) -> int:
     """
     count, degree, colours = 0, 0, []
     with atomic_output(path) as unfinished, unfinished.open("wb") as file:
-        for part in filled(path, parts):
+        for part in checked_batches(path, parts):
             file.write(_records(part).tobytes())
             count, degree = count + part.num_gaussians, part.degree
             colours.append((0.5 + DC * part.sh[:, 0]).max(axis=1).clip(min=0))  # renderers clip at 0, too

@@ -68,7 +68,7 @@ class LiveSession:
         self._protection, self._importance = protection, importance
         self._packets: list[bytes] = []
         self._persistent = bytearray()
-        self._newest = self._groups = self._num_parity_groups = 0
+        self._first_of_group = self._num_groups = self._num_parity_groups = 0
         self._parity_ranges: tuple[ParityRange, ...] = ()
         self._parity: tuple[tuple[bytes, ...], ...] = ()
         self._group_schedule: tuple[tuple[int, int, int], ...] = ()
@@ -86,10 +86,10 @@ class LiveSession:
             BackendUnavailableError: If parity is requested and the package `raptorq` is not installed.
         """
         plan = manifest.plan
-        for index in range(self._newest, len(self._packets)):
+        for index in range(self._first_of_group, len(self._packets)):
             if not self._persistent[index]:
                 self._packets[index] = b""
-        self._newest = len(self._packets)
+        self._first_of_group = len(self._packets)
         ordered = sorted(packets, key=lambda packet: not plan.persistent(packet.id.block))
         arranged = self._arranged(ordered, manifest)
         for packet in (ordered[number] for number in arranged.order):
@@ -113,28 +113,28 @@ class LiveSession:
         return self._state(manifest, side_info, more=False)
 
     def _arranged(self, ordered: Sequence[Packet], manifest: Manifest) -> Arranged:
-        plan, (share, repair) = manifest.plan, self._protection.motion_of(self._groups)
+        plan, (share, repair) = manifest.plan, self._protection.motion_of(self._num_groups)
         importance = self._importance(ordered) if self._importance and repair and share < 1 else None
         persistent = [plan.persistent(packet.id.block) for packet in ordered]
         kinds = ([n for n, is_persistent in enumerate(persistent) if is_persistent is kind] for kind in (True, False))
         group = GroupPackets(*map(tuple, kinds))
-        self._groups += 1
-        return arrange([group], importance, self._protection, self._groups - 1)
+        self._num_groups += 1
+        return arrange([group], importance, self._protection, self._num_groups - 1)
 
     def _protect(self, ranges: tuple[ParityRange, ...]) -> None:
         """Computes the repair symbols and the sending order of the newest group of pictures."""
         # The repair symbols of earlier groups of pictures are dropped.
         num_earlier, newest = (
-            max(self._num_parity_groups, -(-self._newest // MAX_SYMBOLS)),
-            self._packets[self._newest :],
+            max(self._num_parity_groups, -(-self._first_of_group // MAX_SYMBOLS)),
+            self._packets[self._first_of_group :],
         )
-        earlier_ranges = (ParityRange(self._newest, num_earlier, 0),) if self._newest else ()
+        earlier_ranges = (ParityRange(self._first_of_group, num_earlier, 0),) if self._first_of_group else ()
         num_earlier = num_earlier if earlier_ranges else 0
         parity = parity_symbols(newest, ranges, symbol_bytes_for(MAX_PACKET_BYTES))
         items = build_send_schedule(
             [], ranges, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(newest)]
         )
-        firsts = {DATA: self._newest, PARITY: 0}
+        firsts = {DATA: self._first_of_group, PARITY: 0}
         self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_earlier, *parity)
         self._group_schedule = tuple(
             (kind, group + num_earlier * (kind == PARITY), n + firsts[kind]) for kind, group, n in items
@@ -146,10 +146,10 @@ class LiveSession:
         symbol_bytes = side_symbol_bytes(len(data))
         init_symbols, scheduled = encode_init_segment(data, symbol_bytes, self._protection)
         side = [(SIDE, segment, symbol) for segment, count in enumerate(scheduled) for symbol in range(count)]
-        keyframes = ((DATA, 0, n) for n in range(self._newest) if self._persistent[n])
+        keyframes = ((DATA, 0, n) for n in range(self._first_of_group) if self._persistent[n])
         return LiveState(
             manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols,
             tuple(self._packets), MAX_PACKET_BYTES, 0, self._parity_ranges or (ParityRange(0, 0, 0),), self._parity,
             (*side, *keyframes, *self._group_schedule), is_live=more, persistent=bytes(self._persistent),
-            newest=self._newest,
+            newest=self._first_of_group,
         )  # fmt: skip

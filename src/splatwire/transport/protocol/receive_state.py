@@ -29,8 +29,8 @@ class ReceiveState:
         self._collector: PacketCollector | None = None
         self._manifest: Manifest | None = None
         self._side_info = b""
-        self._newer: list[Data] = []
-        self._grew = False
+        self._waiting_packets: list[Data] = []
+        self._was_live = False
         self._joined_at = self._missed_before = 0
 
     def _begin(self, welcome: Welcome, *, discard: bool) -> None:
@@ -43,12 +43,12 @@ class ReceiveState:
         if discard or self._collector is None:
             self._missed_before, self._joined_at = self.num_missed, welcome.num_packets if welcome.is_live else 0
         self._welcome, self._init_segment = welcome, InitSegmentCollector(welcome)
-        self._grew = welcome.is_live or (self._grew and not discard)
+        self._was_live = welcome.is_live or (self._was_live and not discard)
         if discard or self._collector is None:
             self._collector, self._manifest, self._side_info = PacketCollector(welcome), None, b""
         else:
             self._collector.update(welcome)
-        newer, self._newer = self._newer, []
+        newer, self._waiting_packets = self._waiting_packets, []
         for frame in newer:
             self._collector.add(frame)
 
@@ -89,19 +89,19 @@ class ReceiveState:
         is_declared = frame.packet_index < welcome.num_packets and frame.packet[1:5] == welcome.stream_id.to_bytes(
             4, "little"
         )
-        if not is_declared and len(self._newer) < MAX_WAITING_PACKETS:
-            self._newer.append(frame)
+        if not is_declared and len(self._waiting_packets) < MAX_WAITING_PACKETS:
+            self._waiting_packets.append(frame)
         return not is_declared
 
     @property
     def is_live(self) -> bool:
         """True if the stream is a live stream, or was one before it ended."""
-        return self._grew
+        return self._was_live
 
     @property
     def num_missed(self) -> int:
         """Number of packets of a live sequence that have not arrived, counted since this receiver joined."""
-        if self._welcome is None or self._collector is None or not self._grew:
+        if self._welcome is None or self._collector is None or not self._was_live:
             return self._missed_before
         # Packets from before it joined do not count: the server does not send their motion to late receivers.
         missing = self._collector.missing(self._joined_at, self._welcome.num_packets)

@@ -112,7 +112,7 @@ class Receiver(ReceiveState):
         super().__init__()
         self.options = options or ReceiverOptions()
         self._nonce = nonce
-        self._began = self._connecting_since = self._heard_at = self._feedback_at = now
+        self._began_at = self._connecting_since = self._heard_at = self._feedback_at = now
         self._reliable = reliable
         self._last_attempt = HandshakeAttempt(
             nonce, now, self.options.name, reliable=reliable, scene_token=self.options.scene_token
@@ -124,9 +124,9 @@ class Receiver(ReceiveState):
         self._moved_at = -math.inf
         self._view_number, self._view_at = 0, -math.inf
         self._have_frames: list[bytes] = []
-        self._have_left, self._have_at = 0, now
-        self._fruitless_transfers, self._before = 0, 0
-        self._longest = 0
+        self._have_repeats_left, self._have_at = 0, now
+        self._fruitless_transfers, self._num_packets_before = 0, 0
+        self._largest_datagram = 0
         self._begin_session(now)
         self._stream_before: int | None = None
         if self.options.viewpoint is not None:
@@ -136,7 +136,7 @@ class Receiver(ReceiveState):
         """Time at which `poll` must be called next, seconds; None after the end of the transfer."""
         if self.finished:
             return None
-        end = math.inf if self.options.deadline_s is None else self._began + self.options.deadline_s
+        end = math.inf if self.options.deadline_s is None else self._began_at + self.options.deadline_s
         attempt = math.inf if self._attempt is None else self._attempt.next_at
         return min(attempt, math.inf if self._welcome is None else self._feedback_at, end)
 
@@ -176,7 +176,9 @@ class Receiver(ReceiveState):
             self.num_rejected += 1
             return [], []
         self.num_bytes += len(data)
-        self._longest = len(data) if self._welcome is not None and len(data) > self._longest else self._longest
+        self._largest_datagram = (
+            len(data) if self._welcome is not None and len(data) > self._largest_datagram else self._largest_datagram
+        )
         if isinstance(frame, (Side, Data, Parity, End)):
             return self._transferred(frame, now)
         return self._on_handshake(frame, now)
@@ -266,7 +268,7 @@ class Receiver(ReceiveState):
         """
         if reason == NOT_YET:
             self._connecting_since = now
-            attempt.on_refusal(now, RETRY_S if now - self._began < FAST_RETRY_PERIOD_S else WAIT_S)
+            attempt.on_refusal(now, RETRY_S if now - self._began_at < FAST_RETRY_PERIOD_S else WAIT_S)
             return [], []
         self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
         if self._welcome is None or reason in (MISSING_STREAM, OTHER_VERSION, NEEDS_TOKEN):
@@ -281,7 +283,7 @@ class Receiver(ReceiveState):
         if before is None:
             self._begin(frame, discard=True)
         else:
-            self._fruitless_transfers = self._fruitless_transfers + 1 if num_held == self._before else 0
+            self._fruitless_transfers = self._fruitless_transfers + 1 if num_held == self._num_packets_before else 0
             if self._fruitless_transfers > MAX_FRUITLESS_TRANSFERS:
                 return self._finish("the server fell silent again and again")
             is_resumed = self._resume(before, frame)
@@ -292,7 +294,7 @@ class Receiver(ReceiveState):
             events.append(Resumed(is_resumed))
         assert self._attempt is not None
         self._nonce, self._attempt, self._refusal = self._attempt.nonce, None, ""
-        self._before = 0 if self._collector is None else self._collector.num_packets
+        self._num_packets_before = 0 if self._collector is None else self._collector.num_packets
         self._begin_session(now)
         if before is not None:
             self._list_held(now)
@@ -305,7 +307,7 @@ class Receiver(ReceiveState):
 
     def _begin_session(self, now: float) -> None:
         """Resets counters and timers for the datagrams of a new transfer."""
-        self._largest, self._received, self._largest_at = -1, 0, now
+        self._largest_sequence, self._num_received, self._largest_arrived_at = -1, 0, now
         self._nack_tracker, self._gaps = NackTracker(), GapTracker()
         self._view_repeats, self._fruitless_ends = 0, 0
         self._progress, self._progress_at = (0, 0), now
@@ -319,9 +321,9 @@ class Receiver(ReceiveState):
         The server then does not send these packets again. The result is empty if the lists were sent a short time ago,
         or often enough.
         """
-        if not self._have_left or now < self._have_at:
+        if not self._have_repeats_left or now < self._have_at:
             return []
-        self._have_left, self._have_at = self._have_left - 1, now + HAVE_INTERVAL_S
+        self._have_repeats_left, self._have_at = self._have_repeats_left - 1, now + HAVE_INTERVAL_S
         return self._have_frames
 
     def _list_held(self, now: float) -> None:
@@ -331,7 +333,7 @@ class Receiver(ReceiveState):
         nonce, stream_id, has_init_segment = self._nonce, self._welcome.stream_id, int(self._init_segment is None)
         held = [] if self._welcome.is_live else list(self._collector.received_masks())
         self._have_frames = [encode(Have(nonce, stream_id, has_init_segment, first, bits)) for first, bits in held]
-        self._have_left, self._have_at = NUM_HAVE_REPEATS, now
+        self._have_repeats_left, self._have_at = NUM_HAVE_REPEATS, now
 
     def _on_further_welcome(self, before: Welcome, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes new sizes of a live stream, or the start of the next stream, during a transfer."""
@@ -355,18 +357,18 @@ class Receiver(ReceiveState):
 
     def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
         is_valid = self._welcome is not None and frame.session == self._welcome.session
-        if not is_valid or self._collector is None or frame.sequence > self._largest + MAX_SEQUENCE_JUMP:
+        if not is_valid or self._collector is None or frame.sequence > self._largest_sequence + MAX_SEQUENCE_JUMP:
             self.num_rejected += 1
             return [], []
         assert self._welcome is not None
         self._heard_at = now
         if not (self._reliable and isinstance(frame, Side)):
             self.num_datagrams += 1
-            self._received += 1
+            self._num_received += 1
             if self._welcome.viewable:
-                self._gaps.on_received(frame.sequence, self._largest)
-            if frame.sequence > self._largest:
-                self._largest, self._largest_at = frame.sequence, now
+                self._gaps.on_received(frame.sequence, self._largest_sequence)
+            if frame.sequence > self._largest_sequence:
+                self._largest_sequence, self._largest_arrived_at = frame.sequence, now
         events: list[Event] = [] if self._attempt is None else [Resumed(True)]
         self._attempt = None
         match frame:
@@ -428,7 +430,7 @@ class Receiver(ReceiveState):
 
     def _end_reason(self, now: float) -> str | None:
         """Returns the reason for the end of the transfer if the transfer is over, else None."""
-        if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
+        if self.options.deadline_s is not None and now >= self._began_at + self.options.deadline_s:
             return "deadline"
         if self._welcome is None:
             if now - self._connecting_since <= CONNECT_TIMEOUT_S:
@@ -475,7 +477,9 @@ class Receiver(ReceiveState):
         """True if only small datagrams have arrived, probably because the path drops large ones (MTU)."""
         assert self._welcome is not None
         assert self._collector is not None
-        return self._collector.highest < 0 and self._longest < min(MAX_DATAGRAM // 2, self._welcome.packet_bytes)
+        return self._collector.highest < 0 and self._largest_datagram < min(
+            MAX_DATAGRAM // 2, self._welcome.packet_bytes
+        )
 
     def _feedback(self, now: float) -> bytes:
         assert self._welcome is not None
@@ -483,8 +487,8 @@ class Receiver(ReceiveState):
         self._feedback_at = now + (IDLE_S / 2 if idle else FEEDBACK_INTERVAL_S)
         missing = self._init_segment.num_missing if self._init_segment else 0
         nacks = self._nacks(now) if self.options.nack else ((), ())
-        time_us = int(self._largest_at * 1e6) & 0xFFFFFFFF
-        largest, received = max(self._largest, 0), min(self._received, self._largest + 1)
+        time_us = int(self._largest_arrived_at * 1e6) & 0xFFFFFFFF
+        largest, received = max(self._largest_sequence, 0), min(self._num_received, self._largest_sequence + 1)
         return encode(Feedback(self._welcome.session, largest, received, time_us, missing, *nacks))
 
     @property
@@ -508,7 +512,7 @@ class Receiver(ReceiveState):
             return (), ()
         if self._viewing:
             return (), tuple(
-                self._gaps.due(self._largest + 1 - (REORDER_THRESHOLD if self._ended_at is None else 0), now)
+                self._gaps.due(self._largest_sequence + 1 - (REORDER_THRESHOLD if self._ended_at is None else 0), now)
             )
         start = (
             self._welcome.num_bundled if self._manifest is None else 0

@@ -80,7 +80,7 @@ class ServerTransfer:
         self._sent_log = SentLog(stream.tiles is not None)
         self._view: View | None = None
         self._view_due_at: float | None = None
-        self._has_feedback, self._reported, self._opening = reliable_init_segment, False, False
+        self._has_feedback, self._reported, self._may_send_opening = reliable_init_segment, False, False
         self._retransmissions: deque[tuple[int, int, int]] = deque()
         self._retransmitted_at: dict[tuple[int, int, int], float] = {}
         self._queued: set[tuple[int, int, int]] = set()
@@ -88,8 +88,8 @@ class ServerTransfer:
         self._num_init_retransmissions = self._retransmitted_bytes = 0
         self._init_symbol_cursor = stream.proactive_symbols
         self._init_segment_sent_at: float | None = None
-        self._end_at, self._ends = 0.0, 0
-        self._welcomed_at, self._welcomes = -WELCOME_INTERVAL_S, 0
+        self._end_at, self._num_ends = 0.0, 0
+        self._welcomed_at, self._num_welcomes = -WELCOME_INTERVAL_S, 0
         self._max_bytes = SPARE_BYTES
         self._raise_byte_limit(0)
 
@@ -177,7 +177,7 @@ class ServerTransfer:
         """
         if round_trip is not None and round_trip <= MAX_TOKEN_AGE_S and self.stream.tiles is None:  # wait for a view
             self.control.on_handshake_rtt(round_trip)
-            self._pacer.rate, self._opening = self._limits.fixed_rate or self.control.rate, True
+            self._pacer.rate, self._may_send_opening = self._limits.fixed_rate or self.control.rate, True
 
     @property
     def is_exhausted(self) -> bool:
@@ -193,14 +193,14 @@ class ServerTransfer:
         Args:
             now: Time, seconds.
         """
-        if self._reported or now - self._welcomed_at < WELCOME_INTERVAL_S or self._welcomes == MAX_WELCOMES:
+        if self._reported or now - self._welcomed_at < WELCOME_INTERVAL_S or self._num_welcomes == MAX_WELCOMES:
             return False
-        self._welcomed_at, self._welcomes = now, self._welcomes + 1
+        self._welcomed_at, self._num_welcomes = now, self._num_welcomes + 1
         return True
 
     def next_at(self) -> float | None:
         """Returns the time of the next datagram, seconds; None if nothing may be sent now."""
-        opening = self._opening and not self._reported and self.bytes_sent < INITIAL_WINDOW
+        opening = self._may_send_opening and not self._reported and self.bytes_sent < INITIAL_WINDOW
         if self.is_exhausted or not (self._has_feedback or opening):
             return None
         pending = self._retransmissions or self._queue
@@ -211,12 +211,12 @@ class ServerTransfer:
         """Returns the next datagram to send if it is due at time `now` (seconds), else None."""
         if self._view is not None and self._view_due_at is not None and self._view_due_at <= now:
             self._queue.set_viewpoint(viewpoint_of(self._view), self._view.budget, now)
-            self._view_due_at, self._ends = None, 0
+            self._view_due_at, self._num_ends = None, 0
         due_at = self.next_at()
         if due_at is None or due_at > now:
             return None
         if now > self.heard_at + FEEDBACK_TIMEOUT_S:
-            self._has_feedback = self._opening = False
+            self._has_feedback = self._may_send_opening = False
             return None
         self._slow_down(now)
         if self._retransmissions:
@@ -225,10 +225,10 @@ class ServerTransfer:
         elif (next_item := self._take_next(now)) is not None:
             item = next_item
         else:
-            waits = self._queue.has_viewpoint and self._ends > NUM_FREQUENT_ENDS
-            self._end_at, self._ends = now + (SLOW_END_INTERVAL_S if waits else END_INTERVAL_S), self._ends + 1
+            waits = self._queue.has_viewpoint and self._num_ends > NUM_FREQUENT_ENDS
+            self._end_at, self._num_ends = now + (SLOW_END_INTERVAL_S if waits else END_INTERVAL_S), self._num_ends + 1
             self._sent_log.record(self._feedback_tracker.sequence, -1)
-            if self._ends % 2 or not self.stream.is_live:
+            if self._num_ends % 2 or not self.stream.is_live:
                 return self._record_sent(encode(End(self.session, self._feedback_tracker.sequence)), now)
             item = (WELCOME, 0, 0)
         if item[0] == WELCOME:
@@ -254,7 +254,7 @@ class ServerTransfer:
 
     def feedback(self, frame: Feedback, now: float) -> None:
         """Processes a feedback report of the client: sets the sending rate and queues retransmissions."""
-        if not self._reported and self._welcomes:
+        if not self._reported and self._num_welcomes:
             self.control.on_handshake_rtt(now - self._welcomed_at)
         self.heard_at, self._has_feedback, self._reported = now, True, True
         if self._feedback_tracker.is_plausible(frame):

@@ -144,7 +144,7 @@ class _Client(QuicConnectionProtocol):
         self._target = target
         self._reader = FrameReader()
         self._alarm: asyncio.TimerHandle | None = None
-        self._over = self._loop.create_future()
+        self._finished = self._loop.create_future()
         self._established = self._lost = False
         self._gone = asyncio.Event()
 
@@ -153,12 +153,12 @@ class _Client(QuicConnectionProtocol):
         self.connect(self._target)
         try:
             self._tick()
-            await self._over
+            await self._finished
         finally:
             if self._alarm:
                 self._alarm.cancel()
             try:
-                self._act(*(([], []) if self._lost else self._receiver.stop()))
+                self._send_and_report(*(([], []) if self._lost else self._receiver.stop()))
             finally:
                 self.transmit()  # sends pending goodbyes, which closing would drop
                 self.close(0, "")
@@ -168,7 +168,7 @@ class _Client(QuicConnectionProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport_now = transport
-        self._here = transport.get_extra_info("sockname")[:2]
+        self._local_address = transport.get_extra_info("sockname")[:2]
         super().connection_made(_Connected(transport, self._tap_datagram))
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -199,7 +199,7 @@ class _Client(QuicConnectionProtocol):
             case events.StreamDataReceived() if self._established:
                 self._stream_data(event)
             case events.DatagramFrameReceived() if self._established:
-                self._act(*self._receiver.receive(event.data, now))
+                self._send_and_report(*self._receiver.receive(event.data, now))
             case events.StreamReset() | events.StopSendingReceived() if event.stream_id == STREAM:
                 self.stop("the server closed the stream of the session")
             case events.ConnectionTerminated():
@@ -234,7 +234,7 @@ class _Client(QuicConnectionProtocol):
             self.stop(str(error))
             return
         for frame in frames:
-            self._act(*self._receiver.receive(frame, self._loop.time()))
+            self._send_and_report(*self._receiver.receive(frame, self._loop.time()))
 
     def stopped(self, _: asyncio.Future[None]) -> None:
         """Ends the transfer because the caller's `stop` future is done."""
@@ -242,14 +242,14 @@ class _Client(QuicConnectionProtocol):
 
     def stop(self, reason: str) -> None:
         """Ends the transfer with a reason, and keeps all received data."""
-        self._act(*self._receiver.stop(reason))
+        self._send_and_report(*self._receiver.stop(reason))
         self._finish()
 
     def _tick(self) -> None:
         """Polls the receiver, sends the messages that it returns, and sets a timer for the next poll."""
         self._alarm = None
         try:
-            self._act(*self._receiver.poll(self._loop.time()))
+            self._send_and_report(*self._receiver.poll(self._loop.time()))
         except Exception as error:
             self._fail(error)
             return
@@ -267,14 +267,14 @@ class _Client(QuicConnectionProtocol):
             self._alarm = self._loop.call_at(at, self._tick)
 
     def _finish(self) -> None:
-        if not self._over.done():
-            self._over.set_result(None)
+        if not self._finished.done():
+            self._finished.set_result(None)
 
     def _fail(self, error: Exception) -> None:
-        if not self._over.done():
-            self._over.set_exception(error)
+        if not self._finished.done():
+            self._finished.set_exception(error)
 
-    def _act(self, frames: list[bytes], transfer_events: list[Event]) -> None:
+    def _send_and_report(self, frames: list[bytes], transfer_events: list[Event]) -> None:
         for data in frames:
             if on_stream(data):
                 send_on_stream(self._quic, STREAM, stream_frame(data))  # if it is closed, its event follows
@@ -286,7 +286,7 @@ class _Client(QuicConnectionProtocol):
 
     def _tap_datagram(self, outgoing: bool, data: bytes) -> None:
         if self._tap is not None:
-            ends = (self._here, self._target[:2])
+            ends = (self._local_address, self._target[:2])
             self._tap(*(ends if outgoing else ends[::-1]), data)
 
 
