@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 import pytest
 
-from splatwire.cli import _subprocess
+from splatwire.cli import _processes, _subprocess
 from splatwire.codec import decode_stream
 from splatwire.concealment import concealer_names
 from splatwire.types.splats import Splats
@@ -60,7 +60,7 @@ def test_demo_shows_the_gain_of_concealment_on_the_bundled_scene(run, tmp_path, 
 
 def test_a_process_that_is_no_longer_needed_can_remove_its_temporary_files(tmp_path, monkeypatch):
     """SIGKILL would leave them, when Ctrl-C or an error ends the demo."""
-    monkeypatch.setattr(_subprocess, "_GRACE_S", 240.0)
+    monkeypatch.setattr(_processes, "GRACE_S", 240.0)
     code = (
         "import pathlib, signal, sys\n"
         "signal.signal(signal.SIGTERM, lambda *_: (pathlib.Path(sys.argv[1]).unlink(), sys.exit(3)))\n"
@@ -69,7 +69,7 @@ def test_a_process_that_is_no_longer_needed_can_remove_its_temporary_files(tmp_p
     words = [sys.executable, "-c", code, str(tmp_path / "temporary")]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         process.stdout.readline()
-        _subprocess._end(process)
+        _processes.end_process(process)
     assert process.returncode == 3
     assert not list(tmp_path.iterdir())
 
