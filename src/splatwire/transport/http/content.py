@@ -444,7 +444,9 @@ def served_stream_file(stream: ServedStream) -> bytes:
 def _head(stream: ServedStream) -> tuple[Manifest, bytes]:
     """Parses the init segment of a stream, and returns manifest and side information (data that all packets need)."""
     segments = Segments(stream.init_segment_bytes, stream.symbol_bytes)
-    symbols = (symbol for number, segment in enumerate(stream.init_symbols) for symbol in segment[: segments.size(number)])
+    symbols = (
+        symbol for number, segment in enumerate(stream.init_symbols) for symbol in segment[: segments.size(number)]
+    )
     manifest, side_info, _ = split_init_segment(b"".join(symbols)[: stream.init_segment_bytes])
     return manifest, side_info
 
