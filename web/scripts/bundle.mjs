@@ -1,8 +1,9 @@
 // Builds the bundles. Workers start from text embedded in the page's script, so that a page loads one file. Pages whose
 // policy forbids `blob:` load worker files instead.
 
-import { readFileSync } from "node:fs";
-import { basename, dirname } from "node:path";
+import { createHash } from "node:crypto";
+import { readdirSync, readFileSync } from "node:fs";
+import { basename, dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
 import { build, transform } from "esbuild";
@@ -14,22 +15,38 @@ const root = fileURLToPath(new URL("..", import.meta.url));
 export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"));
 /**
  * Properties that no program but ours sees, which get short names: not those of the page's or another package's
- * interface, of JSON, or of the module `splatwire-view.js`. Messages between bundles have the same short names.
+ * interface, or of JSON. Bundles of the same build have the same short names.
  */
 const INTERNAL = `
-  applyAttribute birthGroups bitsOf changeMs columnShifts concealmentBytes damagedTiles drawUnits
-  elementsPerByte expectedErrors firstNew forCamera framesOf gainsOfUnits groupFrames hasAnswered hasHead
-  hasUnknownBirth headBytes helpOpen idleMs initSegment initSegmentBytes initSegmentMs isOnlySource isReordered
-  isSameStream isSequence isTryingWhole lastOffsets logScales logSteps lookUpSession lostSequences manifestBytes
-  maxTiers medianRadius newPackets noGaussians noteUseless numBases numHarmonics numInitSegments numIntact
-  numOffsets numPackets numReceived numSymbols numTracks onContextLost packetBytes paintedCanvas pictureChanged
-  playingLive pointCameraAt receiveDatagrams repeatMs reportPlayable rowSteps setConcealers setMessage setRow
-  setViewpoint showNotice sideInfoBytes sideInfoDigest stalledFrames startWebGL stopProbabilities symbolBytes
-  symbolsDigest symbolsMissing takeHaveMessages tierOf tileRequest tilesBytes upRotation viewDependent voxelSize
-  wasExtrapolated withoutComparison
+  addHeadset addPacket applyAttribute axisCount axisDeviation baseCount birthGroup birthGroups bitsOf
+  blockCount cancelConcealment changeMs columnShifts completeRows concealmentBytes confirmed damagedTiles
+  damages datagramsLost defaultDirection drawUnits elementsPerByte enterHeadset expectedErrors failuresAfter
+  firstBytes firstFrame firstGroup firstNew forCamera forgetOffsets framesOf gainsOfSplats gainsOfUnits
+  gainsWithoutCopies groupFrames hasAnswered hasCopies hasHead hasUnknownBirth headBytes helpOpen idleMs
+  initSegment initSegmentBytes initSegmentMs isComplete isCut isLinear isOnlySource isReordered isRetry
+  isRetryable isSameStream isSequence isTryingWhole isVisible keptBytes lastOffsets leftOut logScales
+  logSteps lookUpSession lostSequences manifestBytes maxExcess maxTiers medianRadius nearestFirst
+  nearestOthers newPackets noGaussians noteUseless numBases numGaussians numHarmonics numHidden
+  numInitSegments numIntact numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks
+  observedRows onAdopted onAnswer onCamera onChange onContextLost packetBytes paintedCanvas pictureChanged
+  playingLive pointCameraAt positionStep receiveDatagrams recordWhen repeatMs replaceTiles reportCamera
+  reportPlayable rowSteps setConcealers setCooperative setMessage setRow setViewpoint showNotice
+  shownPackets sideInfoBytes sideInfoDigest stalledFrames startWebGL stateOf stopProbabilities streamId
+  symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tileRequest tilesBytes upRotation
+  viewDependent voxelSize wasExtrapolated withdraw withoutComparison
 `
   .trim()
   .split(/\s+/);
+/** Digest of the sources and of this script. */
+function digest() {
+  const folder = `${root}src`,
+    files = readdirSync(folder, { recursive: true }).filter((name) => name.endsWith(".ts"));
+  const hash = createHash("sha256").update(readFileSync(fileURLToPath(import.meta.url)));
+  for (const name of files.sort()) hash.update(readFileSync(join(folder, name)));
+  return hash.digest("hex").slice(0, 8);
+}
+
+const BUILD = JSON.stringify(digest());
 const common = {
   bundle: true,
   minify: true,
@@ -38,6 +55,7 @@ const common = {
   absWorkingDir: root,
   write: false,
   legalComments: "none",
+  define: { BUILD, SEPARATE: "false" },
   tsconfigRaw: { compilerOptions: { useDefineForClassFields: false } }, // avoids duplicate field names
   logLevel: "error",
   mangleProps: new RegExp(`^(${INTERNAL.join("|")})$`),
@@ -64,8 +82,9 @@ const fromText = async () => `
   const text = ${JSON.stringify(await receiver())};
   let url;
   export default () => new Worker((url ??= URL.createObjectURL(new Blob([text], { type: "text/javascript" }))));`;
+/** The name tells the worker which script started it, because a cache may deliver a file of another version. */
 const fromFile = () => `
-  export default () => new Worker(new URL("./splatwire-worker.js", import.meta.url));`;
+  export default () => new Worker(new URL("./splatwire-worker.js", import.meta.url), { name: ${BUILD} });`;
 
 const worker = (strict) => ({
   name: "worker",
@@ -192,7 +211,7 @@ export async function modules() {
   await make(INTEGRATIONS, integrations);
   const generator = { "splat-transform": "src/integrations/splat_transform.ts" };
   await make(generator, { ...integrations, outExtension: { ".js": ".mjs" } });
-  await make({ "splatwire-worker": "src/worker.ts" }, { format: "iife" });
+  await make({ "splatwire-worker": "src/worker.ts" }, { format: "iife", define: { BUILD, SEPARATE: "true" } });
   const stdin = { contents: SORTER, resolveDir: root, sourcefile: "splatwire-sorter.js" };
   await make(undefined, { format: "iife", plugins: [finer], stdin, outfile: "splatwire-sorter.js", outdir: undefined });
   return found;

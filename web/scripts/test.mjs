@@ -27,6 +27,7 @@ try {
     bundle: true,
     platform: "node",
     alias: { "worker:receiver": join(root, "test", "fake_worker.ts") },
+    define: { BUILD: '""' },
     format: "esm",
     outdir: out,
     outExtension: { ".js": ".mjs" },

@@ -16,3 +16,8 @@ declare module "react" {
   export function useImperativeHandle<T>(ref: Reference<T> | null, make: () => T): void;
   export function useRef<T>(value: null): Reference<T>;
 }
+
+/** Digest of the sources that a bundle was built from. Parts of different builds do not fit together. */
+declare const BUILD: string;
+/** True if the worker is a file of its own. */
+declare const SEPARATE: boolean;

@@ -19,7 +19,12 @@ export class SequenceFrames {
   /** Periods of a live clip; null for other clips. */
   #periods: Periods | null = null;
   #reportedEnd = -1;
-  #shown: { key: string; count: number; shown: (packet: Packet) => boolean } | null = null;
+  #shown: {
+    readonly packets: readonly Packet[];
+    readonly key: string;
+    readonly count: number;
+    readonly shown: (packet: Packet) => boolean;
+  } | null = null;
 
   constructor(readonly post: PostMessage) {}
 
@@ -28,11 +33,23 @@ export class SequenceFrames {
     return this.#periods !== null;
   }
 
-  /** Processes a new head of a live clip: its first one, one with more groups, or that of the next period. */
-  follow(head: Head, stream: DecodedStream, isSamePeriod: boolean): void {
+  /**
+   * Processes a new head of a live clip: its first one, one with more groups, or that of the next period. Returns true
+   * if a clip begins: the first one, or that of a restarted server, which counts its frames from 0 again.
+   */
+  follow(head: Head, stream: DecodedStream, isSamePeriod: boolean): boolean {
     if (isSamePeriod && head.manifest.numPackets >= stream.decoder.head.manifest.numPackets) stream.decoder.grow(head);
+    const begins = !this.#periods || (!isSamePeriod && !this.#periods.precede(stream));
+    if (begins) this.end();
     this.#periods ??= new Periods();
     if (!isSamePeriod) this.#periods.addPeriod(stream);
+    return begins;
+  }
+
+  /** Forgets a live clip, because another stream has replaced it. */
+  end(): void {
+    this.#periods = null;
+    this.#reportedEnd = -1;
   }
 
   /** Sends the range of playable frames of a live clip if it changed. */
@@ -85,10 +102,10 @@ export class SequenceFrames {
   ): { shown: (packet: Packet) => boolean; count: number } {
     const last = packets.at(-1),
       key = JSON.stringify([packets.length, last?.block, last?.lane, { ...choice, concealer: "" }]);
-    if (this.#shown?.key !== key) {
+    if (this.#shown?.key !== key || this.#shown.packets !== packets) {
       const isShown = shownPackets(packets, choice),
         chosen = new Set(packets.filter((_, n) => isShown[n]));
-      this.#shown = { key, count: chosen.size, shown: (packet) => chosen.has(packet) };
+      this.#shown = { packets, key, count: chosen.size, shown: (packet) => chosen.has(packet) };
     }
     return this.#shown;
   }

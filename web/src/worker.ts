@@ -30,6 +30,7 @@ self.addEventListener("message", ({ data }: MessageEvent<ToWorker | ToHelper>) =
   if (data.kind === "view") return reception.setView(data);
   if (data.kind === "digest") return void reception.digest();
   if (data.kind === "follow") return void reception.follow(data.file);
+  if (SEPARATE && self.name !== BUILD) return fail("splatwire-worker.js has another version than the page: reload it");
   open(data).then(
     async (text) => {
       await reception.settled();

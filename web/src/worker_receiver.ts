@@ -134,6 +134,7 @@ export class WorkerReceiver implements Receiver {
     }
     if (!stream || isSameStream) return;
     this.#stream = stream;
+    this.#sequenceFrames.end();
     this.#drawnUnits.clear();
     this.#waitingPackets.length = 0; // left over from another stream
     this.#viewRequest = this.#answeredRequest = 0;
@@ -185,10 +186,8 @@ export class WorkerReceiver implements Receiver {
 
   /** Processes a head of a live clip: its first one, one with more groups, or that of the next period. */
   #onLiveHead(head: Head, stream: DecodedStream, isSameStream: boolean): void {
-    const begins = !this.live;
     this.#stream = stream;
-    this.#sequenceFrames.follow(head, stream, isSameStream);
-    if (begins) this.#reportFacts(stream);
+    if (this.#sequenceFrames.follow(head, stream, isSameStream)) this.#reportFacts(stream);
     this.#sequenceFrames.reportPlayable();
   }
 
@@ -464,9 +463,10 @@ export class WorkerReceiver implements Receiver {
    */
   async follow(file: string): Promise<void> {
     const stream = this.#stream;
-    this.#followsUpdates = !!file;
+    this.#followsUpdates = file.startsWith("http");
+    if (file && !this.#followsUpdates) post({ kind: "updatemissed", reason: "only scenes on a server have updates" });
     if (
-      !file ||
+      !this.#followsUpdates ||
       this.#updated ||
       !stream?.decoder.intake.complete ||
       stream.decoder.head.manifest.codec !== "gaussians"

@@ -4,10 +4,12 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { BitstreamError } from "../src/bytes.ts";
-import type { Listener } from "../src/transport/events.ts";
+import { ContainerReader } from "../src/packets/container.ts";
+import { type Listener, NO_SOURCE } from "../src/transport/events.ts";
 import type { Transports } from "../src/transport/failover.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
 import { NoWebTransport, type Opening, receiveDatagrams, type Session } from "../src/transport/webtransport.ts";
+import type { WorkerReceiver } from "../src/worker_receiver.ts";
 import { Caches, LIMITS, otherStream, part, Server, visit } from "./fake_web.ts";
 import { fileOf, readStream } from "./vectors.ts";
 import { welcome } from "./wire_messages.ts";
@@ -149,6 +151,45 @@ test("a live clip follows its server to another certificate and port after a res
   assert.equal(lost.length, 3);
   assert.deepEqual(openings[0], { isRetry: false, isOnlySource: false });
   for (const opening of openings.slice(1)) assert.deepEqual(opening, { isRetry: true, isOnlySource: true });
+});
+
+test("frames of a restarted live server are shown, which counts them from 0 again", async () => {
+  new Server(noFile);
+  const files = [fileOf(CLIP), otherStream(fileOf(CLIP))],
+    { length } = files;
+  let sessions = 0;
+  const receiveDatagrams: Transports["receiveDatagrams"] = async (_session, _name, listener): Promise<string> => {
+    const container = new ContainerReader(),
+      packets = container.feed(files[sessions++]).map((bytes) => ({ source: NO_SOURCE, position: 0, bytes }));
+    listener.head(container.head!, container.headBytes, false, true);
+    listener.packets(packets);
+    await (listener as WorkerReceiver).settled();
+    if (sessions < length) throw new Error("the server fell silent");
+    return "complete";
+  };
+  const { said } = await visit(null, { session: SESSION }, { receiveDatagrams }),
+    kinds = said.flatMap((one) => (one.kind === "facts" || one.kind === "playable" ? [one] : [])),
+    ends = kinds.map((one) => (one.kind === "facts" ? "begins" : one.end));
+  assert.deepEqual(ends, ["begins", 4, 8, "begins", 4, 8]);
+});
+
+test("a still in place of a live clip is received from its file, and is complete", async () => {
+  const server = new Server((asked) => part(STILL, asked));
+  let sessions = 0;
+  const receiveDatagrams: Transports["receiveDatagrams"] = async (_session, _name, listener): Promise<string> => {
+    if (!sessions++) {
+      listener.head(readStream(CLIP).head, fileOf(CLIP), false, true);
+      throw new Error("the server fell silent");
+    }
+    const container = new ContainerReader(),
+      packets = container.feed(STILL).map((bytes) => ({ source: NO_SOURCE, position: 0, bytes }));
+    listener.head(container.head!, container.headBytes, true, false);
+    listener.packets(packets);
+    return "complete";
+  };
+  const { complete, verified, reception } = await visit(null, { session: SESSION }, { receiveDatagrams });
+  assert.deepEqual([complete, verified, reception.live], [true, true, false]);
+  assert.equal(server.asked.length, 0);
 });
 
 test("few handshakes fail in one attempt, because each failure delays the next ones", async () => {

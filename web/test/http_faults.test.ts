@@ -455,6 +455,17 @@ test("an HTML page instead of a stream is an error after a few requests", async 
   assert.ok(server.asked.length <= 4);
 });
 
+test("a file that is still being copied to the server is requested again, a limited number of times", async () => {
+  for (const size of [0, 300]) {
+    const server = new Server((asked, n) => part(n < 6 ? CLIP.subarray(0, size) : CLIP, asked));
+    assertWhole(await visit(), CLIP);
+    server.answering = (asked) => part(CLIP.subarray(0, size), asked);
+    const before = server.asked.length;
+    assert.match((await visit()).text, /ends before its side information/);
+    assert.ok(server.asked.length - before < 20);
+  }
+});
+
 test("a login page instead of the stream does not clear the cache", async () => {
   const caches = new Caches(),
     server = new Server((asked) => part(STILL, asked));

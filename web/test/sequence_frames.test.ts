@@ -43,3 +43,18 @@ test("a group of frames is whole once all its packets have arrived", () => {
   received.addPacket(packets[0]);
   assert.deepEqual(new Set(whole()), new Set([true]));
 });
+
+test("the motion of a clip that replaced one with as many packets is shown", () => {
+  const said: FromWorker[] = [],
+    frames = new SequenceFrames((message) => said.push(message)),
+    { head, packets } = readStream("../tests/golden/tiny_clip.swz");
+  for (let clips = 0; clips < 2; clips++) {
+    const received = new DecodedStream(head);
+    for (const packet of packets) received.addPacket(packet);
+    frames.frame({ kind: "frame", number: 2, choice }, received, 1);
+  }
+  assert.deepEqual(
+    said.map((one) => one.kind === "frame" && one.concealed),
+    [0, 0],
+  );
+});

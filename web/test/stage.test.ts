@@ -6,6 +6,7 @@ import { type TestContext, test } from "node:test";
 import type { Viewpoint } from "../src/codec/decoder.ts";
 import { emptySplats } from "../src/codec/splats.ts";
 import { Stage } from "../src/page/stage.ts";
+import { RENDERER } from "../src/render/load.ts";
 import { type Packed, pack } from "../src/render/packed.ts";
 
 const EMPTY = pack([emptySplats(1, 0)], 0, 1);
@@ -32,19 +33,21 @@ function setGlobals(context: TestContext, globals: object): void {
 }
 
 /** Returns an invisible stage of 800 x 600 pixels, without a document. */
-function stageOf(context: TestContext): Stage {
+function stageOf(context: TestContext, failed: (error: Error) => void = assert.fail): Stage {
   const nothing = (): void => undefined,
     classList = { add: nothing, remove: nothing, toggle: nothing };
   const createElement = (): object => ({
     setAttribute: nothing,
     append: nothing,
+    prepend: nothing,
+    remove: nothing,
     addEventListener: nothing,
     classList,
     clientWidth: 800,
     clientHeight: 600,
   });
   setGlobals(context, { document: { createElement }, cancelAnimationFrame: nothing });
-  const stage = new Stage(nothing, assert.fail, "a clip");
+  const stage = new Stage(nothing, failed, "a clip");
   stage.isVisible = false;
   stage.begin(1);
   return stage;
@@ -99,6 +102,34 @@ test("the automatic rotation continues when the scene is framed again", (context
   assert.ok(Math.abs(stage.viewpoint.eye[2] - 3) < 1e-6);
 });
 
+test("a renderer that could not be loaded is requested again after a minute", async (context) => {
+  context.mock.timers.enable({ apis: ["setTimeout"] });
+  const errors: string[] = [],
+    stage = stageOf(context, ({ message }) => errors.push(message));
+  stage.startWebGL();
+  void stage.open();
+  while (!errors.length) {
+    await new Promise((resolve) => setImmediate(resolve));
+    context.mock.timers.tick(1000);
+  }
+  assert.deepEqual(errors, ["The renderer is missing; reload the page."]);
+  let started = 0;
+  class Opened {
+    constructor() {
+      started++;
+      throw new Error("no WebGL");
+    }
+  }
+  setGlobals(context, { [RENDERER]: Opened });
+  stage.isVisible = true;
+  for (let seconds = 0; seconds < 61; seconds++) {
+    await new Promise((resolve) => setImmediate(resolve));
+    context.mock.timers.tick(1000);
+  }
+  assert.equal(started, 1);
+  stage.destroy();
+});
+
 test("a context that is lost repeatedly is requested with growing pauses, then given up", async (context) => {
   const { timers } = context.mock;
   timers.enable({ apis: ["setTimeout"] });
@@ -114,6 +145,8 @@ test("a context that is lost repeatedly is requested with growing pauses, then g
   });
   const methods = "background antialias begin end add destroy touch".split(" ").map((name) => [name, nothing]);
   class FakeView {
+    failed = false;
+    fixed: object | null = null;
     readonly reason = new Error("no memory");
     readonly sorted = async (): Promise<void> => undefined;
     readonly failuresAfter = (failures: number): number => failures + 1;
@@ -125,15 +158,27 @@ test("a context that is lost repeatedly is requested with growing pauses, then g
     window: globalThis,
     document: { createElement },
     cancelAnimationFrame: nothing,
-    splatwireView: FakeView,
+    [RENDERER]: FakeView,
   });
   const stage = new Stage(nothing, (error) => errors.push(error), "a scene");
   const settle = async (): Promise<void> => {
     for (let n = 0; n < 20; n++) await null;
   };
+  let numLosses = 0;
+  stage.onContextLost = () => numLosses++;
   stage.startWebGL();
   void stage.open();
-  for (let failures = 1; failures <= 9; failures++) {
+  for (let pictures = 1; pictures <= 10; pictures++) {
+    await settle();
+    Object.assign(stage.view!, { failed: true, fixed: {} }); // a picture of its own size that needs too much memory
+    lost.at(-1)!();
+    timers.tick(1000);
+    lost.length = 0;
+  }
+  assert.deepEqual([numLosses, errors.length], [0, 0]);
+  await settle();
+  lost.unshift(nothing); // the last one counts as the first failure of the context
+  for (let failures = 2; failures <= 9; failures++) {
     await settle();
     assert.equal(lost.length, failures);
     assert.equal(errors.length, 0);

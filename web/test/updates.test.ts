@@ -180,6 +180,21 @@ test("updates are requested only while the page wants them", async () => {
   await ended(reception);
 });
 
+test("a scene without a server has no updates, which is said once", async () => {
+  const file = bytesOf(CHAIN.states[0]),
+    address = "blob:https://scenes.example/f3a1",
+    server = new Server((asked) => part(file, asked)),
+    { reception, said, complete } = await visit(null, { file: address });
+  assert.ok(complete && server.asked.length);
+  mock.timers.enable({ apis: ["setTimeout"] });
+  void reception.follow(address);
+  await ended(reception);
+  assert.deepEqual(
+    said.filter(({ kind }) => kind === "updatemissed"),
+    [{ kind: "updatemissed", reason: "only scenes on a server have updates" }],
+  );
+});
+
 test("an update that arrives after the page wants no more is not applied", async () => {
   const file = bytesOf(CHAIN.states[0]),
     server = new Server((asked) => part(file, asked)),

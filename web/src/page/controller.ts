@@ -5,9 +5,7 @@ import { fromBase64 } from "../bytes.ts";
 import type { Viewpoint } from "../codec/decoder.ts";
 import type { FixedCamera } from "../model/camera.ts";
 import { type PackedPreview, packPreview } from "../render/packed_preview.ts";
-import type { View } from "../render/view.ts";
 import { ViewUpdates } from "../render/view_updates.ts";
-import { delay } from "../scheduler.ts";
 import { withoutQuery } from "../transport/http_error.ts";
 import type { LossSimulation } from "../transport/losses.ts";
 import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
@@ -23,7 +21,7 @@ import { EMBEDDED, embedCode, limitsOf, readLink, viewpointOf, writeLink } from 
 import { Milestones } from "./milestones.ts";
 import { showMetadata, showPacketStatistics } from "./packet_statistics.ts";
 import { Panel } from "./panel.ts";
-import { screenshot } from "./screenshot.ts";
+import { pictureOf } from "./screenshot.ts";
 import { SequencePlayback, type WantedPlayback } from "./sequence_playback.ts";
 import { SessionStatus } from "./session_status.ts";
 import { unlessAborted } from "./settled.ts";
@@ -223,37 +221,18 @@ export class Controller {
   }
 
   picture(camera: FixedCamera): Promise<string> {
-    const draw = (): Promise<string> => this.#picture(camera);
-    return this.#comparison.withoutComparison(() =>
-      unlessAborted(draw, this.#destroyed.signal, this.#workerFailed.signal, this.#drawingFailed.signal),
-    );
-  }
-
-  /**
-   * Makes a picture, once more if the WebGL context is lost meanwhile. Then the page has its own camera again.
-   * Throws if drawing fails.
-   */
-  async #picture(camera: FixedCamera): Promise<string> {
-    const { signal } = this.#drawingFailed;
-    for (let isRetry = false; ; isRetry = true) {
-      const view = await new Promise<View>((resolve) => this.stage.draw(resolve)),
-        { clientWidth, clientHeight } = this.host,
-        { fixed } = view,
-        width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1)),
-        isPending = (): boolean =>
-          !this.#workerFailed.signal.aborted && (!this.#gains.settled || this.#viewUpdates?.settled === false);
-      signal.throwIfAborted(); // drawing may have failed, and succeeded again
-      view.fix({ width, ...camera });
-      try {
-        await view.frame();
-        while (isPending() && this.stage.view === view) await delay(50);
-        const picture = await screenshot(view);
-        if (this.stage.view === view) return picture;
-        if (isRetry || view.failed) throw view.reason;
-      } finally {
-        view.fix(fixed);
-      }
-    }
+    const isPending = (): boolean =>
+      !this.#workerFailed.signal.aborted && (!this.#gains.settled || this.#viewUpdates?.settled === false);
+    return this.#comparison.withoutComparison(() => {
+      const { signal } = this.#drawingFailed;
+      const cameraNow = (): FixedCamera => {
+        const { clientWidth, clientHeight } = this.host;
+        signal.throwIfAborted(); // drawing may have failed, and succeeded again
+        return { width: Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1)), ...camera };
+      };
+      const draw = (): Promise<string> => pictureOf(this.stage, cameraNow, isPending, () => this.#contextLosses);
+      return unlessAborted(draw, this.#destroyed.signal, this.#workerFailed.signal, signal);
+    });
   }
 
   #setUp(): void {

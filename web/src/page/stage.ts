@@ -17,6 +17,7 @@ import { paint } from "../render/software_renderer.ts";
 import type { View } from "../render/view.ts";
 import { acquireContext, type ContextOwner, offerContext, releaseContext } from "../render/webgl_contexts.ts";
 import { delay, periodicPause } from "../scheduler.ts";
+import { waitOrOnline } from "../transport/backoff.ts";
 import { createElement } from "./elements.ts";
 import { Flight } from "./flight.ts";
 
@@ -32,7 +33,10 @@ const FRAME_TIMEOUT_MS = 100;
 const CONTEXT_RETRY_MS = 1000;
 /** Failures in a row after which no context is requested again. Browsers refuse contexts for two minutes after some. */
 const MAX_CONTEXT_FAILURES = 8;
-/** Time after which an element that becomes visible requests a context once more, milliseconds. */
+/**
+ * Time after which a renderer that could not be loaded is requested again, and an element that becomes visible requests
+ * a context once more, milliseconds.
+ */
 const RECOVERY_MS = 60_000;
 
 /** Display time of a hint, milliseconds. */
@@ -168,9 +172,10 @@ export class Stage implements ContextOwner {
 
   async #open(): Promise<void> {
     if (this.#count) await this.shown();
-    const Drawing = await loadView().catch(() =>
-      Promise.reject(new Error("The renderer is missing; reload the page.")),
-    );
+    const Drawing = await loadView().catch(() => {
+      void waitOrOnline(RECOVERY_MS).then(() => this.open());
+      throw new Error("The renderer is missing; reload the page.");
+    });
     setTimeout(this.#startWebGL, WEBGL_DELAY_MS);
     await this.#webGLWanted;
     if (this.#count) await this.shown();
@@ -210,10 +215,11 @@ export class Stage implements ContextOwner {
   /** Handles the loss of the WebGL context: paints in software until there is another one. */
   #contextLost(view: View): void {
     if (this.view !== view) return;
-    const failures = view.failuresAfter(this.#contextFailures);
+    const isPicture = view.failed && view.fixed !== null, // it needs more memory than the page, which is fine
+      failures = isPicture ? Math.max(this.#contextFailures, 1) : view.failuresAfter(this.#contextFailures);
     this.release();
     releaseContext(this);
-    this.onContextLost?.();
+    if (!isPicture) this.onContextLost?.();
     this.#openLater(failures, view.reason);
   }
 

@@ -257,11 +257,10 @@ export class View {
 
   /**
    * Returns the number of failures after the loss of this context and a number of failures before. It is infinite if
-   * another context would be lost, too: a scene without tiles cannot be drawn with fewer Gaussians. A fixed camera has
-   * a size of its own, which the next context may not have.
+   * another context would be lost, too: a scene without tiles cannot be drawn with fewer Gaussians.
    */
   failuresAfter(failures: number): number {
-    if (this.#failure && !this.#tiles && !this.#mesh.isEmpty && !this.#fixed) return Infinity;
+    if (this.#failure && !this.#tiles && !this.#mesh.isEmpty) return Infinity;
     return performance.now() - this.#openedAt > STABLE_MS ? 1 : failures + 1;
   }
 

@@ -80,8 +80,8 @@ class Failover {
   canRetry(error: unknown): boolean {
     const isDamaged = error instanceof BitstreamError;
     if (!isDamaged && !(error instanceof HttpError && error.final)) return true;
-    // a file that was delivered before may be in the middle of its replacement
-    const isKnown = isDamaged ? this.receiver.store.hasHead : this.#file.hasAnswered;
+    // a file that was delivered before, or ends too early, may be in the middle of its replacement
+    const isKnown = isDamaged ? this.receiver.store.hasHead || this.#file.isCut : this.#file.hasAnswered;
     return isKnown && ++this.#file.refusals <= MAX_REFUSALS;
   }
 

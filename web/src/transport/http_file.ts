@@ -70,6 +70,8 @@ export class HttpFile {
   useless = 0;
   /** Number of times that the file's packets had another order than assumed. */
   reordered = 0;
+  /** True if the file ended before its first packet, as one that is being copied to the server. */
+  isCut = false;
   /** True if tiles are not where the stream's index has them. */
   isLinear = false;
   /** True once the server has delivered bytes of the file, and the number of later refusals without packets between. */

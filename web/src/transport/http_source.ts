@@ -76,7 +76,10 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
             if (store.hasHead) file.ranges = "unknown"; // a web page may be in the file's place for a while
             throw cause;
           }
-          if (!store.hasHead) throw new BitstreamError(error.message);
+          if (!store.hasHead) {
+            file.isCut = true;
+            throw new BitstreamError(error.message);
+          }
           return missingIn(store);
         }
         if (!store.hasHead) file.ranges = "unusable"; // a range response may contain other bytes than declared

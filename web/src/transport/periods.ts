@@ -23,6 +23,13 @@ export class Periods {
   #begin = -1;
   #lateBefore = 0;
 
+  /** Returns true if the frames of a stream follow those of the current period. */
+  precede({ decoder }: DecodedStream): boolean {
+    const before = this.#current!.decoder.schema.sequence!,
+      { firstFrame, times } = decoder.schema.sequence!;
+    return firstFrame >= before.firstFrame + before.times.numFrames && times.rate === before.times.rate;
+  }
+
   /** Adds the next period. */
   addPeriod(stream: DecodedStream): void {
     this.#lateBefore += this.#previous?.decoder.schema.sequence?.late ?? 0;

@@ -17,6 +17,9 @@ export type Verification = {
   readonly fileBytes?: number;
 } | null;
 
+/** Largest number of waiting packets. It limits the time for a file of many small packets in the reverse order. */
+const MAX_PENDING = 4096;
+
 /** Decoded packet. */
 interface Pending {
   readonly packet: Packet;
@@ -29,7 +32,7 @@ const bytesOf = ({ rows, integers, harmonics }: Decoded): number =>
 /**
  * Computes the digest block by block: rows as 64-bit integers, then harmonics as 32-bit integers. Packets that are
  * added in the order of the plan, as those of a file, need not be decoded again. The same is true of other orders
- * while the integers that wait for those before them in the plan take at most `keptBytes` bytes.
+ * while at most `MAX_PENDING` packets, whose integers take at most `keptBytes` bytes, wait for those before them.
  */
 export class SymbolsDigest {
   #hash = newSha256(compressFast);
@@ -60,7 +63,7 @@ export class SymbolsDigest {
 
   /** Hashes pending packets in the order of the plan until the integers of the others take at most `most` bytes. */
   #hashPending(most: number): void {
-    while (this.#bytes > most) {
+    while (this.#bytes > most || this.#pending.length > MAX_PENDING) {
       const { packet, decoded } = this.#pending.shift()!;
       this.#bytes -= bytesOf(decoded);
       this.#hashNext(packet, decoded);

@@ -1,0 +1,63 @@
+// Pictures of the element: made again if the view is released meanwhile, given up if its context is lost twice.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { pictureOf } from "../src/page/screenshot.ts";
+import type { View } from "../src/render/view.ts";
+
+const CAMERA = { viewmat: [], focal: 1, height: 1 };
+
+/** A stage whose first `releases` views are released during a picture; `lost` is called for each. */
+function stageOf(releases: number, lost: () => void): { stage: Parameters<typeof pictureOf>[0]; fixed: unknown[] } {
+  const fixed: unknown[] = [];
+  const next = (): View => {
+    const view = {
+      fixed: null,
+      failed: false,
+      reason: new Error("lost"),
+      canvas: { toDataURL: () => "picture" },
+      fix: (camera: unknown) => fixed.push(camera),
+      frame: async () => undefined,
+      sorted: async () => undefined,
+      steady: async () => {
+        if (releases-- <= 0) return;
+        stage.view = next();
+        lost();
+      },
+    };
+    return view as unknown as View;
+  };
+  const stage = { view: null as View | null, draw: (work: (view: View) => void) => work(stage.view!) };
+  stage.view = next();
+  return { stage, fixed };
+}
+
+test("a picture is made although other elements take the view's context several times", async () => {
+  const { stage, fixed } = stageOf(3, () => undefined);
+  assert.equal(
+    await pictureOf(
+      stage,
+      () => CAMERA,
+      () => false,
+      () => 0,
+    ),
+    "picture",
+  );
+  assert.deepEqual(fixed, [CAMERA, null, CAMERA, null, CAMERA, null, CAMERA, null]);
+});
+
+test("a picture is given up after the second lost context", async () => {
+  for (const losses of [1, 2]) {
+    let count = 5;
+    const { stage } = stageOf(losses, () => count++),
+      made = pictureOf(
+        stage,
+        () => CAMERA,
+        () => false,
+        () => count,
+      );
+    if (losses === 1) assert.equal(await made, "picture");
+    else await assert.rejects(made, /lost/);
+  }
+});
