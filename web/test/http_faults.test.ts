@@ -561,7 +561,7 @@ test("a check during decoding waits for the received packets, and keeps them in 
   await reception.settled();
   assert.deepEqual(
     said.filter(({ kind }) => kind === "digest"),
-    [{ kind: "digest", same: true }],
+    [{ kind: "digest", isVerified: true }],
   );
   assert.ok(caches.records.length > 1);
 });
