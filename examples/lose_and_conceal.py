@@ -28,4 +28,6 @@ def main(stream_path: str, cameras_path: str, loss: str = "bernoulli:0.2") -> No
 
 
 if __name__ == "__main__":
+    if len(sys.argv) not in (3, 4):
+        sys.exit(__doc__)
     main(*sys.argv[1:])
