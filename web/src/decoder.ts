@@ -224,9 +224,11 @@ class Transfer {
   #wake: () => void = () => undefined;
   #stopped = false;
   readonly #pause = periodicPause();
+  /** Aborts the listener: a signal may live longer than the transfer, and would keep its Gaussians. */
+  readonly #listening = new AbortController();
 
   constructor(readonly options: ReceiveOptions) {
-    options.signal?.addEventListener("abort", () => this.#wake());
+    options.signal?.addEventListener("abort", () => this.#wake(), { signal: this.#listening.signal });
   }
 
   /** Resolves once packets are waiting to be decoded or the transfer has ended. */
@@ -273,6 +275,7 @@ class Transfer {
 
   stop(): void {
     this.#stopped = true;
+    this.#listening.abort();
   }
 
   end(error: unknown): void {

@@ -1,6 +1,7 @@
 // `splatwire/decoder`: all Gaussians of levels, any frame of a clip, and one clear error for unsuitable options.
 
 import assert from "node:assert/strict";
+import { getEventListeners } from "node:events";
 import { readFileSync } from "node:fs";
 import { createServer } from "node:http";
 import type { AddressInfo } from "node:net";
@@ -138,4 +139,10 @@ test("splat-transform receives all rows of levels, or the chosen frame of a clip
   assert.equal((await Generator.create(given({ file: path("tiny_clip"), frame: "1" }))).count, count);
   await assert.rejects(Generator.create(given({ file: path("tiny_clip") })), /choose one of its frames/);
   await assert.rejects(Generator.create(given({ file: path("tiny_clip"), frame: "one" })), /frame .* does not exist/);
+});
+
+test("a signal that lives longer than a transfer keeps nothing of it", async () => {
+  const { signal } = new AbortController();
+  assert.ok((await received(levels, { signal })).length);
+  assert.equal(getEventListeners(signal, "abort").length, 0);
 });
