@@ -52,9 +52,10 @@ class Encode:
     """Quantisation quality of explicit Gaussians, 0 (smallest) to 100 (finest), or a name: small (40), default (60) or
     near-lossless (85)."""
     size: str | None = None
-    """Explicit Gaussians: maximum size of the stream, such as 500kB or 0.5MB; at most 3 % of it are left."""
+    """Explicit Gaussians: maximum size of the stream, such as 500kB or 0.5MB; at least 97 % of it are used."""
     psnr: float | None = None
-    """Explicit Gaussians: mean PSNR against pictures of the source, decibels, usually reached to 0.2 dB; printed."""
+    """Explicit Gaussians: mean PSNR against pictures of the source, decibels, usually reached within 0.2 dB. The PSNR
+    that was reached is printed."""
     effort: Literal["fast", "default", "best"] | None = None
     """fast: keep all Gaussians. default: also remove those that pictures of the scene do not need, as many as the
     quality permits; fewer bytes at equal quality. best: remove more, and fine-tune the others to pictures of the scene;

@@ -28,9 +28,9 @@ class Receive:
     are missing, the exit status is 3 without --partial. Ctrl-C writes the received packets, too."""
     partial: bool = False
     """Exit with status 0 even if packets are missing; without it the status is 3. Received packets are written in both
-    cases. Required are all packets of a stream; with --camera all that the camera sees; of a live clip that has ended
-    all since this receiver joined. If the server stops sending, the receiver reconnects for up to a minute and resumes
-    the transfer."""
+    cases. With --camera, only packets that the camera sees count; of a live clip that has ended, only those since this
+    receiver joined. If the server stops sending, the receiver first reconnects for up to a minute and resumes the
+    transfer."""
     follow: bool = False
     """Keep receiving updates of the scene (`serve --updates`) until Ctrl-C. The output is written again after each
     update. If an update does not arrive, the last scene remains, and a warning says so. A server without updates of the
@@ -40,8 +40,8 @@ class Receive:
     camera: Path | None = None
     """Cameras file, for a stream with levels: receive only the tiles that its first camera sees."""
     conceal: str | None = None
-    """Decode, conceal losses with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file; clips:
-    (drop, hold, motion, ...) a folder with one PLY per frame."""
+    """Decode the stream, conceal losses with this concealer (drop, prior, idw, cari, grow, ...), and write a scene
+    file. Clips (drop, hold, motion, ...): a folder with one PLY per frame."""
     trust: TrustOptions = field(default_factory=TrustOptions)
     pcap: Path | None = None
     """Write all datagrams, sent and received, to this file in the format of tcpdump."""

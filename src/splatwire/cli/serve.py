@@ -17,12 +17,12 @@ class Serve(Listening):
     datagram is repacketized first, with the same content. A client selects a stream by its file name without the
     suffix; without a name it gets the first."""
     origins: tuple[str, ...] = ()
-    """With --quic: web pages that may read streams and open sessions, e.g. https://example.org. Where none is named,
-    all may; only pages of this machine if --host is a loopback address and there is no --public-url."""
+    """With --quic: web pages that may read streams and open sessions, e.g. https://example.org. Default: all pages;
+    only pages of this machine if --host is a loopback address and --public-url is not given."""
     downloads: tuple[str, ...] = ()
     """With --page: formats in which still scenes of explicit Gaussians are offered to other programs, as /NAME.spz:
     ply, spz, sog, glb, splat, and the folders 3dtiles (/NAME/3dtiles/tileset.json) and streamed-sog. A file is made at
-    its first request, and the page has links to it. /tileset.json is that of the only scene."""
+    its first request, and the page has links to it. If one scene is served, /tileset.json is its tileset."""
     private: tuple[str, ...] = ()
     """With --quic or --page: names of scenes that need a token (`splatwire token`); they are listed nowhere."""
     token_key: Path | None = None
@@ -47,6 +47,6 @@ class Serve(Listening):
     """Folder that is watched for updates of the served scenes (`encode --update`). Each is applied when it appears:
     connected receivers (`receive --follow`) and pages get the update, new ones the changed scene."""
     moq: str | None = None
-    """Publish one stream to a relay of Media over QUIC, from which clients receive it, instead of listening:
-    https://RELAY[:PORT]/NAME."""
+    """https://RELAY[:PORT]/NAME of a relay of Media over QUIC. One stream is published there, clients receive it from
+    the relay, and the server itself does not listen."""
     trust: RelayTrustOptions = field(default_factory=RelayTrustOptions)

@@ -22,9 +22,8 @@ class Train:
     """Recipe: mipnerf360, tanks_and_temples, deep_blending, bungeenerf or synthetic_nerf; auto chooses by the layout of
     the data."""
     model: str | None = None
-    """Anchors with a context model, causal (format 2) or hacpp (format 1: larger streams, as used by the paper's
-    interpolation and network); or gaussians, explicit Gaussians for every player. Default: causal; a finished scene
-    keeps its model."""
+    """causal (anchors, format 2), hacpp (anchors, format 1: larger streams, as used by the paper's interpolation and
+    network) or gaussians (explicit Gaussians, for every player). Default: causal; a finished scene keeps its model."""
     gaussians: int | None = None
     """With --model gaussians: number of Gaussians, default 100000. Bytes and time are about proportional to it."""
     degree: int | None = None
