@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from splatwire.data.photos import limited_size, load_photo, photo_size
+from splatwire.data.photos import is_turned, limited_size, load_photo, photo_size
 from splatwire.errors import DatasetError
 
 
@@ -63,3 +63,25 @@ def test_invalid_photo_is_refused(tmp_path):
     for name, reason in {"absent": "missing", "text": "not a readable", "deep": "mode I;16", "cut": "damaged"}.items():
         with pytest.raises(DatasetError, match=rf"{name}\.png: .*{reason}"):
             load_photo(tmp_path / f"{name}.png")
+
+
+def test_large_photos_give_no_warning_of_pillow_and_larger_ones_an_error(tmp_path, monkeypatch):
+    """Pillow calls photos of more than 89 million pixels a possible attack."""
+    Image.fromarray(np.full((10, 15, 3), 128, np.uint8)).save(tmp_path / "a.png")
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)
+    assert photo_size(tmp_path / "a.png") == (15, 10)
+    assert load_photo(tmp_path / "a.png").shape == (10, 15, 3)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 70)
+    with pytest.raises(DatasetError, match=r"has more than 140 pixels.*: scale the photo down"):
+        photo_size(tmp_path / "a.png")
+
+
+def test_damaged_metadata_of_a_photo_gives_no_warning_of_pillow(tmp_path):
+    metadata = Image.Exif()
+    metadata[0x112] = 6
+    metadata[0x10E] = "A long description of the picture"
+    data = bytearray(metadata.tobytes())
+    data[data.index(b"A long") - 26 :] = b""  # cut within the table of tags
+    Image.fromarray(np.full((10, 15, 3), 128, np.uint8)).save(tmp_path / "a.jpg", exif=bytes(data))
+    assert sorted(photo_size(tmp_path / "a.jpg", upright=True)) == [10, 15]
+    assert not is_turned(tmp_path / "a.jpg") or load_photo(tmp_path / "a.jpg", upright=True).shape == (15, 10, 3)

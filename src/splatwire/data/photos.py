@@ -1,6 +1,7 @@
 """Loading of photos and masks as arrays."""
 
 import struct
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,9 @@ def _orientation(image: Image.Image) -> object:
     if image.format == "PNG" and "exif" not in image.info:
         return None  # Pillow would decode the whole image to search for a late EXIF chunk
     try:
-        return image.getexif().get(_ORIENTATION_TAG)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow prints one for damaged metadata
+            return image.getexif().get(_ORIENTATION_TAG)
     except (OSError, SyntaxError, struct.error, *MALFORMED):
         return None  # unreadable metadata has no effect in other programs either
 
@@ -80,7 +83,9 @@ def load_photo(
             raise DatasetError(f"{path}: images in mode {image.mode} are not read; convert it to 8-bit RGB")
         _check_pixels(path, image, _FREE_PIXELS)
         try:
-            turned = ImageOps.exif_transpose(image) if upright else image
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # as in `_orientation`
+                turned = ImageOps.exif_transpose(image) if upright else image
             whole = turned.convert("RGBA" if has_alpha else "RGB")
         except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
             raise DatasetError(f"{path}: the image is damaged: {error}") from error
@@ -142,8 +147,15 @@ def _check_pixels(path: Path, image: Image.Image, free: int) -> None:
 
 def _open(path: Path) -> Image.Image:
     try:
-        return Image.open(path, formats=_FORMATS)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pixels are counted again before they are decoded
+            return Image.open(path, formats=_FORMATS)
     except FileNotFoundError as error:
         raise DatasetError(f"{path}: the image is missing") from error
-    except (OSError, SyntaxError, struct.error, Image.DecompressionBombError, *MALFORMED) as error:
+    except Image.DecompressionBombError as error:
+        most = 2 * (Image.MAX_IMAGE_PIXELS or 0)  # for smaller ones, Pillow only warns
+        raise DatasetError(
+            f"{path}: has more than {most:,} pixels, which is the limit: scale the photo down"
+        ) from error
+    except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
         raise DatasetError(is_not(path, "a readable image", str(error).split(str(path))[0].rstrip(" '"))) from error

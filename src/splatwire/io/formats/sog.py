@@ -377,7 +377,10 @@ class _Sog:
         name = self._file_name(section, file)
         try:
             data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _most_pixels(most) + _SPARE_BYTES))
-            with warnings.catch_warnings(), Image.open(data, formats=["WEBP"]) as image:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                image = Image.open(data, formats=["WEBP"])
+            with image:
                 return image.width
         except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
             raise DatasetError(f"{self._path}: {name[:80]} is no WebP picture{_reason(error)}") from error
