@@ -23,7 +23,8 @@ try {
   const names = readdirSync(join(root, "test")).filter((name) => name.endsWith(".test.ts") && wanted(name));
   await build({
     absWorkingDir: root,
-    entryPoints: names.map((name) => `test/${name}`),
+    // a folder for each test: load.test.ts writes files next to its bundle
+    entryPoints: names.map((name) => ({ in: `test/${name}`, out: join(name, name.slice(0, -3)) })),
     bundle: true,
     platform: "node",
     alias: { "worker:receiver": join(root, "test", "fake_worker.ts") },
@@ -35,7 +36,7 @@ try {
     logLevel: "error",
   });
   const env = { ...process.env, ...(fuzz ? { CASES: "100000", STREAMS: process.argv.slice(3).join(":") } : {}) };
-  const files = readdirSync(out).map((name) => join(out, name));
+  const files = names.map((name) => join(out, name, `${name.slice(0, -3)}.mjs`));
   const done = spawnSync(process.execPath, ["--enable-source-maps", "--test", "--test-reporter=spec", ...files], {
     stdio: "inherit",
     env,

@@ -305,7 +305,7 @@ export class WorkerReceiver implements Receiver {
 
   /** Decodes waiting packets here or in helpers, in order. Stops at an error. */
   async #decode(): Promise<void> {
-    await nextTask(); // `#working` must be set before this function can end
+    await nextTask(); // `#decoding` must be set before this function can end
     while ((this.#waitingPackets.length || this.#batches.length) && !this.failed) {
       try {
         this.#fillPool();

@@ -107,8 +107,9 @@ test("a renderer that could not be loaded is requested again after a minute", as
   const errors: string[] = [],
     stage = stageOf(context, ({ message }) => errors.push(message));
   stage.startWebGL();
-  void stage.open();
-  while (!errors.length) {
+  let isOpening = true;
+  void stage.open().then(() => (isOpening = false));
+  while (isOpening) {
     await new Promise((resolve) => setImmediate(resolve));
     context.mock.timers.tick(1000);
   }
