@@ -157,6 +157,17 @@ def test_scene_and_partial_scene_are_distinguished(tiny_scene, tiny_partial, tmp
         load_partial(tmp_path / "a")
 
 
+def test_a_full_disk_is_described_by_safetensors_where_errors_have_other_numbers(tmp_path, monkeypatch):
+    def full(*arguments: object, **options: object) -> None:
+        raise SafetensorError("There is not enough space on the disk. (os error 112)")
+
+    monkeypatch.setattr(tensor_file, "save_file", full)
+    monkeypatch.setattr(tensor_file, "_HAS_ERRNO", False)
+    with pytest.raises(OSError, match=r"a\.scene: cannot be written: There is not enough space") as failed:
+        tensor_file.write_tensors({"a": np.zeros(3)}, {}, tmp_path / "a.scene")
+    assert failed.value.errno is None
+
+
 def test_other_version_is_refused_by_name(tiny_scene, tmp_path):
     save_scene(tiny_scene, tmp_path / "a")
     edited(tmp_path / "a", lambda tensors, header: header.update(version=2))

@@ -131,9 +131,10 @@ def test_damage_gives_its_own_status(run, cloud, tmp_path):
     [
         (["cloud.ply"], "one input and one output"),
         (["cloud.ply", "a.swz", "b.swz"], "--to FORMAT -o FOLDER"),
-        (["cloud.ply", "a.obj"], "a.obj: its suffix names no format to write; known are .compressed.ply"),
+        (["cloud.ply", "a.obj"], "a.obj: its suffix names no format to write; known are .4dgs, .compressed.ply, "),
         (["cloud.ply", "a.4dgs"], "cloud.ply is a still scene; .4dgs files are for clips"),
-        (["cloud.ply", "--to", "obj", "-o", "out"], "unknown format to write 'obj'"),
+        (["cloud.ply", "--to", "obj", "-o", "out"], "unknown format to write 'obj': known are 3dtiles, 4dgs"),
+        (["cloud.ply", "--to", "obj", "-o", "out"], "streamed-sog, swz, usd, usda, usdc, usdz"),
         (["cloud.ply", "cloud.ply", "--to", "spz", "-o", "out"], "would both be written"),
         (["walk/cloud.ply", "cloud.ply", "--to", "spz", "-o", "out"], "would both be written"),
         (["--to", "spz", "-o", "out"], "name the files"),

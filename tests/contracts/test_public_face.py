@@ -12,6 +12,7 @@ import pytest
 
 import splatwire
 from splatwire.codec import ProgressiveDecoder
+from splatwire.transport import Welcomed
 
 PUBLIC: list[str] = vars(splatwire)["__all__"]
 
@@ -64,6 +65,12 @@ def test_deprecated_masks_warn_and_give_the_new_value():
     for owner in (received, received.loss_mask):
         with pytest.warns(DeprecationWarning, match="use fully_received"):
             assert np.array_equal(owner.known, owner.fully_received)
+
+
+def test_deprecated_size_of_an_init_segment_warns_and_gives_the_new_value():
+    welcomed = Welcomed(num_packets=3, init_segment_bytes=500)
+    with pytest.warns(DeprecationWarning, match="use init_segment_bytes"):
+        assert welcomed.head_bytes == 500
 
 
 def test_public_names_do_not_shadow_packages():

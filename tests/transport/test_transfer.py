@@ -219,6 +219,21 @@ def test_unreachable_server_ends_the_transfer():
     assert result.datagrams_down == 0
 
 
+@pytest.mark.parametrize(
+    ("reliable", "reason"),
+    [
+        (False, "nothing seems to serve UDP there"),
+        (True, "the server accepts connections, but sends nothing"),
+    ],
+)
+def test_a_server_without_an_answer_is_described_for_the_transport(reliable, reason):
+    receiver, now = Receiver(5, 0.0, reliable=reliable), 0.0
+    while not receiver.finished and now < 60:
+        now += 0.05
+        receiver.poll(now)
+    assert reason in receiver.finished.reason
+
+
 def test_refusals_are_reported():
     result = transfer(PROGRAM, options=ReceiverOptions(name="other"))
     assert result.receiver.finished == Finished("no such stream", False)

@@ -18,6 +18,8 @@ from splatwire.files.read_limited import open_regular
 from splatwire.ops.arrays import to_numpy
 
 _SYSTEM_ERROR = re.compile(r"\(os error ([0-9]+)\)")
+_HAS_ERRNO = os.name != "nt"
+"""True if the system numbers its errors as the module `errno` does; Windows does not."""
 
 
 def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path) -> None:
@@ -46,7 +48,8 @@ def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path
 
 def _system_error(error: SafetensorError, path: Path) -> OSError:
     """Returns the error of the system that safetensors reports as text, such as a full disk, with the file's path."""
-    if (found := _SYSTEM_ERROR.search(str(error))) is None:
+    found = _SYSTEM_ERROR.search(str(error)) if _HAS_ERRNO else None
+    if found is None:
         return OSError(f"{path}: cannot be written: {error}")
     return OSError(int(found[1]), os.strerror(int(found[1])), str(path))
 

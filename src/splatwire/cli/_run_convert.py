@@ -195,14 +195,17 @@ def _checked_form(name: str) -> str:
     try:
         return format_named(name).name
     except UnknownNameError:
-        raise UnknownNameError(
-            "format to write", name,
-            [STREAM, TILES, SOG_LEVELS.replace(".", "-"), *(form.name for form in SEQUENCE_FORMATS), *_writable()],
-        ) from None  # fmt: skip
+        names = [TILES, SOG_LEVELS.replace(".", "-"), *_file_formats()]
+        raise UnknownNameError("format to write", name, names) from None
 
 
 def _writable() -> list[str]:
     return [form.name for form in FORMATS.all().values() if form.write is not None and form.scene_type is None]
+
+
+def _file_formats() -> set[str]:
+    """Returns the names of the formats that `convert` writes as one file, those of clips included."""
+    return {STREAM, *_writable(), *(form.name for form in SEQUENCE_FORMATS)}
 
 
 def _form_of_name(output: str) -> str:
@@ -217,7 +220,7 @@ def _form_of_name(output: str) -> str:
         form = sequence_format_for(output)
         return format_for(output).name if form is None else form.name
     except UnknownNameError:
-        suffixes = ", ".join(f".{name}" for name in sorted([*_writable(), STREAM]))
+        suffixes = ", ".join(f".{name}" for name in sorted(_file_formats()))
         raise InvalidValueError(
             f"{output}: its suffix names no format to write; known are {suffixes}; or give --to FORMAT"
         ) from None

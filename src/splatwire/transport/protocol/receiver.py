@@ -435,6 +435,8 @@ class Receiver(ReceiveState):
         if self._welcome is None:
             if now - self._connecting_since <= CONNECT_TIMEOUT_S:
                 return None
+            if self._reliable:
+                return "no answer: the server accepts connections, but sends nothing"
             quic = "`serve` with --page or --quic has a quic:// address"
             return f"no answer: nothing seems to serve UDP there ({quic}), or {SMALL_MTU}"
         if now - self._heard_at > max(self.options.silence_s, self.options.reconnect_s):
