@@ -52,7 +52,7 @@ class LossMask(CheckedFields):
             or isinstance(attribute, bool)
             or attribute not in tuple(Attribute)
         ):
-            names = ", ".join(attribute_name.name for attribute_name in Attribute)
+            names = ", ".join(each.name for each in Attribute)
             raise InvalidValueError(f"attribute: expected an Attribute ({names}), not {shown(attribute)}")
         return self.received[:, int(attribute)]
 

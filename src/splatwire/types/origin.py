@@ -137,8 +137,8 @@ def _rounded(middle: np.ndarray, spread: float) -> Origin:
         raise InvalidValueError(
             f"positions are around {far:.4g} from 0, and origins end at {_MAX_COORDINATE:g}: subtract a point near them"
         )
-    min_distance = max(_MIN_SPREADS * spread, float(np.spacing(far)))
-    step = min(1.0, 2.0 ** math.floor(math.log2(min_distance))) if spread > 0 else 1.0
+    min_step = max(_MIN_SPREADS * spread, float(np.spacing(far)))
+    step = min(1.0, 2.0 ** math.floor(math.log2(min_step))) if spread > 0 else 1.0
     return check_origin((np.rint(middle / step) * step).tolist())
 
 

@@ -96,7 +96,7 @@ class ServerTransfer:
     def welcome(self) -> bytes:
         """Returns the datagram that accepts the client's request and declares the sizes of the stream."""
         stream = self.stream
-        sizes = (
+        leading = (
             self.nonce,
             self.session,
             stream.stream_id,
@@ -106,7 +106,7 @@ class ServerTransfer:
         )
         return encode(
             Welcome(
-                *sizes,
+                *leading,
                 len(stream.packets),
                 stream.packet_bytes,
                 stream.num_bundled,
