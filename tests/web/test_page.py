@@ -180,7 +180,7 @@ def test_subpixel_gaussians_follow_the_antialiasing_flag(tmp_path: Path) -> None
 def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
     """Every integer in the browser equals Python's."""
     assert status(page, "packets") == len(stream.packets)
-    assert status(page, "transport") == way
+    assert status(page, "transport") == status(page, "way") == way  # the former name still works
     assert page.resolve(f"{ELEMENT}.verify()") is True
     page.wait_for(f"{STATUS}.gaussians === {stream.manifest.num_elements}")
 

@@ -28,7 +28,7 @@ try {
     bundle: true,
     platform: "node",
     alias: { "worker:receiver": join(root, "test", "fake_worker.ts") },
-    define: { BUILD: '""' },
+    define: { BUILD: '""', SEPARATE: "true" },
     format: "esm",
     outdir: out,
     outExtension: { ".js": ".mjs" },

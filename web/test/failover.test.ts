@@ -173,7 +173,7 @@ test("frames of a restarted live server are shown, which counts them from 0 agai
   assert.deepEqual(ends, ["begins", 4, 8, "begins", 4, 8]);
 });
 
-test("a still in place of a live clip is received from its file, and is complete", async () => {
+test("a still in place of a live clip is received over its session, and is complete", async () => {
   const server = new Server((asked) => part(STILL, asked));
   let sessions = 0;
   const receiveDatagrams: Transports["receiveDatagrams"] = async (_session, _name, listener): Promise<string> => {
