@@ -23,7 +23,8 @@ def test_running_processes_are_ended_and_waiting_ones_are_not_started(tmp_path):
     command = [*PYTHON, f"import pathlib, time; pathlib.Path({str(begun)!r}).touch(); time.sleep(300)"]
     with ThreadPoolExecutor(1) as pool:
         first, second = (pool.submit(processes.run, command) for _ in range(2))
-        while not begun.exists():
+        deadline = time.monotonic() + 300
+        while not begun.exists() and time.monotonic() < deadline:
             time.sleep(0.01)
         processes.end()
     assert first.result().returncode == -signal.SIGTERM
