@@ -22,7 +22,7 @@ import numpy as np
 from splatwire.bitstream import HEADER_BYTES, PRESETS, SceneStream
 from splatwire.codec import apply_update, decode_stream, encode_scene, encode_update
 from splatwire.codec.gaussians.attributes import to_sources, transformed
-from splatwire.codec.gaussians.blocks import block_codes, cell_shift, to_lattice
+from splatwire.codec.gaussians.blocks import block_codes, choose_cell_shift, to_lattice
 from splatwire.codec.gaussians.decoder import open_side_info
 from splatwire.codec.gaussians.encoder import encode_block
 from splatwire.codec.gaussians.side_info import SideInfo
@@ -66,11 +66,11 @@ def packet_bytes(stream: SceneStream, info: SideInfo, scene: SplatScene, n: int,
     members = np.sort(plan.block_ranks(block))
     corner, bits = info.boxes.corners[block], int(info.boxes.bits[block])
     everything = to_lattice(scene.splats.means[members].astype(np.float64), info.unit, info.size_log) - corner
-    at, some = cell_shift(everything, bits), scene.splats.select(left)
+    cell_shift, some = choose_cell_shift(everything, bits), scene.splats.select(left)
     positions, s = everything[np.searchsorted(members, left)], to_sources(some, info.size_log)
     source = BlockSource(
-        np.int64(at), np.int64(1), block_codes(positions, bits), positions, scene.coding.classes[left].astype(np.int64),
-        s.logs, s.axes, s.colours, transformed(some, info.transform),
+        np.int64(cell_shift), np.int64(1), block_codes(positions, bits), positions,
+        scene.coding.classes[left].astype(np.int64), s.logs, s.axes, s.colours, transformed(some, info.transform),
     )  # fmt: skip
     return encode_block(source, info, block, np.array([len(left)]), 0).payloads[0]
 

@@ -27,6 +27,7 @@ from splatwire.codec.gaussians.layout import (
     MIN_OPACITY,
     NARROW_WEIGHT,
     NUM_NEIGHBOURS,
+    NUM_SECOND_CONTEXTS,
     S_COLOUR,
     S_DIRECTION,
     S_HARMONICS,
@@ -37,7 +38,6 @@ from splatwire.codec.gaussians.layout import (
     S_SCALE2,
     S_SPIN,
     SCALE_UNIT,
-    SECONDS,
     SLOT_BITS,
     STEP_BITS,
     WIDE,
@@ -270,7 +270,7 @@ class ReferencePacket(ReferenceBits):
 
     def residual(self, stream: int, context: int, shift: int, eighths: int) -> int:
         """A residual in steps; its context, except for the first two, is the size of earlier residuals."""
-        second = shift if stream < 2 else min(self.running.bit_length(), SECONDS - 1)
+        second = shift if stream < 2 else min(self.running.bit_length(), NUM_SECOND_CONTEXTS - 1)
         scale = int(self.info.scales[stream, context, second]) * SCALE_UNIT
         mean = eighths << (MEAN_BITS - 3)
         mixture = ReferenceMixture(mean, scale, mean, min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT)

@@ -20,7 +20,7 @@ from splatwire.codec._residual_kernels import (
     STRIDE,
     WEIGHT,
 )
-from splatwire.codec.gaussians.layout import EIGHTHS, MAX_RESIDUAL, SECONDS, SPREADS, WIDE
+from splatwire.codec.gaussians.layout import EIGHTHS, MAX_RESIDUAL, NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS, WIDE
 from splatwire.entropy.normal_kernels import (
     ESCAPE,
     SYMBOL_BITS,
@@ -220,7 +220,9 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
     Returns:
         The residual.
     """
-    scale = np.int64(coder.scales[(kind * SPREADS + deviation_class) * SECONDS + magnitude_class])
+    scale = np.int64(
+        coder.scales[(kind * NUM_DEVIATION_CONTEXTS + deviation_class) * NUM_SECOND_CONTEXTS + magnitude_class]
+    )
     window, mixture = coder.windows[scale], eighths + (NUM_MEANS >> 1)
     half, first = window[HALF], window[AT] + mixture * window[STRIDE]
     if coder.decoding:

@@ -150,7 +150,7 @@ def test_arranged_gaussians_equal_their_reference(level: float, layout: Callable
     positions -= info.boxes.corners[0]
     bits = int(info.boxes.bits[0])
     codes = block_codes(positions, bits)
-    by = reference_arrangement(codes >> 3 * (int(found.cells_at) - max(bits - 21, 0)), contiguous=False)
+    by = reference_arrangement(codes >> 3 * (int(found.cell_shift) - max(bits - 21, 0)), contiguous=False)
     np.testing.assert_array_equal(found.positions, positions[by])
     np.testing.assert_array_equal(found.codes, codes[by])
     members = scene.order[by]

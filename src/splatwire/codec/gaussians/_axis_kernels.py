@@ -130,7 +130,7 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
     # The axis is scaled so that the magnitudes of its coordinates add up to `UNIT`. The coordinate in which the mean
     # axis is largest is left out. In streams of version 2, sum and difference of the other two are coded.
     deviation, same = predict_axis(near, count, primary, axis)
-    spread, pole = deviation_context(same, deviation, shift), largest_of(axis)
+    deviation_class, pole = deviation_context(same, deviation, shift), largest_of(axis)
     if axis[pole] < 0:
         for a in range(3):
             axis[a] = -axis[a]
@@ -154,7 +154,9 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
     # A loop, because numba would compile a copy of the entropy coder for each call.
     for number in range(2):
         mean, wanted = _quotient((q if number else p) << DIRECTION_BITS, norm), wanted_q if number else wanted_p
-        value, steps = code_value(coder, R_DIRECTION, spread, magnitude_context(running), mean, wanted, shift, absolute)
+        value, steps = code_value(
+            coder, R_DIRECTION, deviation_class, magnitude_context(running), mean, wanted, shift, absolute
+        )
         running = update_magnitude(running, steps)
         most = UNIT - abs(x) if absolute else np.int64(UNIT)
         value = min(max(value, -most), most)

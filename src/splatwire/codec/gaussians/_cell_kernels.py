@@ -10,7 +10,8 @@ from splatwire.codec._geometry_kernels import split
 from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.ops.compiled import njit
 
-RUNS = 4
+NUM_UNSPLIT = 4
+"""Number of contexts by the number of levels without a split: 0, 1, 2, and 3 or more."""
 
 
 @njit(borrows=True, error_model="numpy")
@@ -28,7 +29,7 @@ def code_cells(coder, codes, bits, stack):
     top = 0
     while top >= 0:
         begin, end, bit = stack[top, 0], stack[top, 1], stack[top, 2]
-        run, prefix = stack[top, 3], stack[top, 4]
+        unsplit_levels, prefix = stack[top, 3], stack[top, 4]
         top -= 1
         if begin == end:
             continue
@@ -39,16 +40,16 @@ def code_cells(coder, codes, bits, stack):
                 codes[i] = (prefix << (bit + 1)) | low
             continue
         zeros = split(codes, begin, end, bit) - begin if not coder.decoding else 0
-        zeros = _code_zeros(coder, end - begin, zeros, run)
-        run = min(run + 1, RUNS - 1) if zeros == 0 or zeros == end - begin else 0
-        _push(stack, top + 1, begin + zeros, end, bit - 1, run, (prefix << 1) | 1)
-        _push(stack, top + 2, begin, begin + zeros, bit - 1, run, prefix << 1)
+        zeros = _code_zeros(coder, end - begin, zeros, unsplit_levels)
+        unsplit_levels = min(unsplit_levels + 1, NUM_UNSPLIT - 1) if zeros == 0 or zeros == end - begin else 0
+        _push(stack, top + 1, begin + zeros, end, bit - 1, unsplit_levels, (prefix << 1) | 1)
+        _push(stack, top + 2, begin, begin + zeros, bit - 1, unsplit_levels, prefix << 1)
         top += 2
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _push(stack, top, begin, end, bit, run, prefix):
+def _push(stack, top, begin, end, bit, unsplit_levels, prefix):
     """Pushes a node of the binary tree of Morton codes onto the stack of nodes to code.
 
     Args:
@@ -57,20 +58,21 @@ def _push(stack, top, begin, end, bit, run, prefix):
         begin: Index of the node's first code.
         end: End of the node's codes (exclusive).
         bit: Bit at which the node is divided.
-        run: Number of zero bits directly above `bit`; selects the context.
+        unsplit_levels: Number of levels directly above the node in which all codes agree, at most `NUM_UNSPLIT - 1`;
+            selects the context.
         prefix: Bits above `bit`, which all codes of the node share.
     """
     # Numbers are assigned separately, because numba takes seconds to compile the assignment of a tuple.
-    stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3], stack[top, 4] = begin, end, bit, run, prefix
+    stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3], stack[top, 4] = begin, end, bit, unsplit_levels, prefix
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_zeros(coder, n, zeros, run):
+def _code_zeros(coder, n, zeros, unsplit_levels):
     size = 0
     while n >> (size + 1) and size < 8:
         size += 1
     together = 1 if zeros == 0 or zeros == n else 0
-    if code_bit(coder, (size - 1) * RUNS + run, together):
+    if code_bit(coder, (size - 1) * NUM_UNSPLIT + unsplit_levels, together):
         return n if code_raw(coder, ONE if zeros == n else ZERO, ONE) else 0
     return 1 + code_below(coder, zeros - 1, n - 1)

@@ -21,6 +21,7 @@ from splatwire.codec.gaussians.layout import (
     MAX_OPACITY,
     MAX_THIN,
     MIN_OPACITY,
+    NUM_SECOND_CONTEXTS,
     OPACITY,
     R_LUMA,
     R_OPACITY,
@@ -32,7 +33,6 @@ from splatwire.codec.gaussians.layout import (
     S_SCALE0,
     S_SCALE1,
     S_SCALE2,
-    SECONDS,
 )
 from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
@@ -63,7 +63,7 @@ def magnitude_context(running):
     # The context grows with the logarithm of the average.
     if running < 256:
         return OCTAVES[running]
-    return min(8 + OCTAVES[min(running >> 8, 255)], SECONDS - 1)
+    return min(8 + OCTAVES[min(running >> 8, 255)], NUM_SECOND_CONTEXTS - 1)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -126,7 +126,7 @@ def code_logs(coder, row, source, bases, precision_class, near, count, thinness,
         ratio of the second to the smallest scale, and of the opacity; and the moving average of residual magnitudes, in
         16ths of a quantisation step.
     """
-    s0 = long = thin = opacity = np.int64(0)
+    s0 = elongation = companded = opacity = np.int64(0)
     running = np.int64(16)
     # A loop, because numba would compile a copy of the entropy coder for each call.
     for stream in range(4):
@@ -141,13 +141,13 @@ def code_logs(coder, row, source, bases, precision_class, near, count, thinness,
         elif stream == R_SCALE1:
             area, value = 2 * s0 - (2 << BITS), s0 - value
         else:
-            area = 2 * s0 - long
-            value = ZERO if coder.decoding else compand_thinness(max(s0 - long - value, 0), thinness)
+            area = 2 * s0 - elongation
+            value = ZERO if coder.decoding else compand_thinness(max(s0 - elongation - value, 0), thinness)
         # The quantisation step of each value depends on the values decoded before.
-        shift = step_shift(bases, stream, precision_class, area, long, ZERO, opacity, most)
-        spread = deviation_context(count, near.deviations[stream], shift)
+        shift = step_shift(bases, stream, precision_class, area, elongation, ZERO, opacity, most)
+        deviation_class = deviation_context(count, near.deviations[stream], shift)
         second = shift if stream < R_SCALE1 else magnitude_context(running)
-        value, steps = code_value(coder, stream, spread, second, mean, value, shift, absolute)
+        value, steps = code_value(coder, stream, deviation_class, second, mean, value, shift, absolute)
         running = update_magnitude(running, steps)
         if stream == R_SCALE2:
             high = np.int64((MAX_THIN >> shift) << shift if absolute else MAX_THIN)
@@ -158,10 +158,10 @@ def code_logs(coder, row, source, bases, precision_class, near, count, thinness,
         elif stream == R_SCALE0:
             s0 = value
         elif stream == R_SCALE1:
-            long = value
+            elongation = value
         else:
-            thin = value
-    return s0, long, thinness[thin], opacity, running
+            companded = value
+    return s0, elongation, thinness[companded], opacity, running
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -183,9 +183,9 @@ def code_colour(coder, row, source, bases, precision_class, near, count, running
     """
     shift = step_shift(bases, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
-        spread, mean = deviation_context(count, near.deviations[P_LUMA + c], shift), near.means[P_LUMA + c]
+        deviation_class, mean = deviation_context(count, near.deviations[P_LUMA + c], shift), near.means[P_LUMA + c]
         value, steps = code_value(
-            coder, R_LUMA + c, spread, magnitude_context(running), mean, source[c], shift, absolute
+            coder, R_LUMA + c, deviation_class, magnitude_context(running), mean, source[c], shift, absolute
         )
         row[LUMA + c] = min(max(value, -MAX_COLOUR), MAX_COLOUR)
         running = update_magnitude(running, steps)
@@ -206,18 +206,18 @@ def position_shifts(logs, precision_classes, bases, unit, coarsest, thinness, sh
         shifts: Output: log2 of the steps, in lattice spacings, int64 (n).
     """
     for i in range(len(logs)):
-        level, source = precision_classes[i], logs[i]
-        shift = step_shift(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
+        precision_class, source = precision_classes[i], logs[i]
+        shift = step_shift(bases, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
         opacity = source[0] + 1 if source[0] == MAX_OPACITY else source[0]
         opacity = min(max(rounded(opacity, shift), MIN_OPACITY), MAX_OPACITY)
-        shift = step_shift(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(bases, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(source[1], shift), -MAX_LOG), MAX_LOG)
-        shift = step_shift(bases, S_SCALE1, level, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
-        long = min(max(rounded(s0 - source[2], shift), 0), MAX_LOG)
-        shift = step_shift(bases, S_SCALE2, level, 2 * s0 - long, long, ZERO, opacity, BITS - 1)
-        thin = rounded(compand_thinness(max(s0 - long - source[3], 0), thinness), shift)
-        thin = min(max(thin, 0), (MAX_THIN >> shift) << shift)
-        shifts[i] = position_shift(bases, level, s0, long, thinness[thin], opacity, unit, coarsest)
+        shift = step_shift(bases, S_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
+        elongation = min(max(rounded(s0 - source[2], shift), 0), MAX_LOG)
+        shift = step_shift(bases, S_SCALE2, precision_class, 2 * s0 - elongation, elongation, ZERO, opacity, BITS - 1)
+        companded = rounded(compand_thinness(max(s0 - elongation - source[3], 0), thinness), shift)
+        companded = min(max(companded, 0), (MAX_THIN >> shift) << shift)
+        shifts[i] = position_shift(bases, precision_class, s0, elongation, thinness[companded], opacity, unit, coarsest)
 
 
 @njit(borrows=True, error_model="numpy")

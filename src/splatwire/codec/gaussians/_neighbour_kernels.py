@@ -7,7 +7,16 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import AXIS, CLASS, FAR, LUMA, NUM_NEIGHBOURS, OPACITY, SPREADS, WINDOW
+from splatwire.codec.gaussians.layout import (
+    AXIS,
+    CLASS,
+    FAR,
+    LUMA,
+    NUM_DEVIATION_CONTEXTS,
+    NUM_NEIGHBOURS,
+    OPACITY,
+    WINDOW,
+)
 from splatwire.ops.compiled import njit
 
 NARROW_BITS = 11
@@ -167,22 +176,23 @@ def _find_wide(near, i):
     Returns:
         Number of neighbours found, at most `NUM_NEIGHBOURS`.
     """
-    cells, neighbours, far = near.cells, near.indices, near.weights
+    cells, neighbours, weights = near.cells, near.indices, near.weights
+    squared_distances = weights  # the same array: each weight replaces the squared distance from which it is computed
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
         x, y, z = cells[0, i] - cells[0, j], cells[1, i] - cells[1, j], cells[2, i] - cells[2, j]
         d = np.float64(min(x * x + y * y + z * z, FAR))
-        if count == NUM_NEIGHBOURS and d >= far[count - 1]:
+        if count == NUM_NEIGHBOURS and d >= squared_distances[count - 1]:
             continue
         at = count if count < NUM_NEIGHBOURS else count - 1
-        while at > 0 and far[at - 1] > d:
-            far[at], neighbours[at] = far[at - 1], neighbours[at - 1]
+        while at > 0 and squared_distances[at - 1] > d:
+            squared_distances[at], neighbours[at] = squared_distances[at - 1], neighbours[at - 1]
             at -= 1
-        far[at], neighbours[at] = d, j
+        squared_distances[at], neighbours[at] = d, j
         count = min(count + 1, NUM_NEIGHBOURS)
-    nearest = (far[0] + 1) * 4096.0
+    nearest = (squared_distances[0] + 1) * 4096.0
     for m in range(count):
-        far[m] = np.floor(nearest / (far[m] + 1))
+        weights[m] = np.floor(nearest / (squared_distances[m] + 1))
     return count
 
 
@@ -208,7 +218,7 @@ def predict(near, count, defaults):
         for c in range(PREDICTED - 1):
             means[c], deviations[c] = defaults[c], 0
         return np.int64(0)
-    total = a = b = c = d = e = f = g = level = 0.0
+    total = a = b = c = d = e = f = g = class_sum = 0.0
     for m in range(count):
         j, w = indices[m], weights[m]
         total += w
@@ -219,7 +229,7 @@ def predict(near, count, defaults):
         e += w * values[j, 4]
         f += w * values[j, 5]
         g += w * values[j, 6]
-        level += w * values[j, 7]
+        class_sum += w * values[j, 7]
     a, b, c, d = np.floor(a / total), np.floor(b / total), np.floor(c / total), np.floor(d / total)
     e, f, g = np.floor(e / total), np.floor(f / total), np.floor(g / total)
     aa = bb = cc = dd = ee = ff = gg = 0.0
@@ -236,7 +246,7 @@ def predict(near, count, defaults):
     # Quotients of numbers that are not negative: conversion to an integer rounds down.
     deviations[0], deviations[1], deviations[2] = aa / total, bb / total, cc / total
     deviations[3], deviations[4], deviations[5], deviations[6] = dd / total, ee / total, ff / total, gg / total
-    return 1 + np.int64((4.0 * level + total) / (2.0 * total))
+    return 1 + np.int64((4.0 * class_sum + total) / (2.0 * total))
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -271,9 +281,9 @@ def deviation_context(count, deviation, shift):
 
     Returns:
         0 without neighbours, 1 for one or two neighbours. Otherwise 2 or more, growing with the deviation in
-        quantisation steps, and less than `SPREADS`.
+        quantisation steps, and less than `NUM_DEVIATION_CONTEXTS`.
     """
     if count < 3:
         return 0 if count == 0 else 1
     ratio = (deviation << 3) >> shift
-    return 2 + (min(OCTAVES[ratio], SPREADS - 3) if ratio < 256 else SPREADS - 3)
+    return 2 + (min(OCTAVES[ratio], NUM_DEVIATION_CONTEXTS - 3) if ratio < 256 else NUM_DEVIATION_CONTEXTS - 3)

@@ -34,7 +34,7 @@ from splatwire.entropy.range_kernels import ONE, ZERO, decoder_start, encoder_fi
 from splatwire.entropy.word_kernels import words_of
 from splatwire.ops.compiled import njit
 
-CELLS_AT_BITS = np.int64(6)
+CELL_SHIFT_BITS = np.int64(6)
 AIM, ENOUGH = 5, 3
 """Parameters of the division of a block into packets of limited size. The encoder aims at a fraction `1 - 2 ** -AIM` of
 the maximum size, and accepts packets above a fraction `1 - 2 ** -ENOUGH`. Most packets are then encoded only once,
@@ -43,7 +43,9 @@ which dominates the encoding time.
 FIRST = 20
 """Assumed number of bytes per Gaussian in the first attempt of a block, which serves only to measure the actual size.
 """
-LEVEL_WEIGHT = np.int64(2)
+CODES_FIELD, CLASSES_FIELD = 2, 4
+"""Indices of `codes` and `classes` among the fields of a `BlockSource`."""
+BASE_WEIGHT = np.int64(2)
 """Estimated coded size of a Gaussian of precision class 0; that of class c is larger by c in the same unit."""
 SLACK = 64
 """Size of an encoder's buffer in addition to the space for its Gaussians, bytes."""
@@ -51,7 +53,7 @@ SLACK = 64
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _spread_cells(codes, cells, narrow):
+def _deinterleave_codes(codes, cells, narrow):
     """Converts Morton codes of grid cells to cell coordinates.
 
     Args:
@@ -122,7 +124,7 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_position(coder, row, cell, position, cells_at, shift, absolute):
+def _code_position(coder, row, cell, position, cell_shift, shift, absolute):
     """Encodes or decodes the position of a Gaussian within its grid cell, as raw bits.
 
     Args:
@@ -131,15 +133,15 @@ def _code_position(coder, row, cell, position, cells_at, shift, absolute):
         cell: Grid cell of the Gaussian, int64 (3).
         position: Position relative to the corner of the block's bounding box, in lattice spacings; only used by an
             encoder.
-        cells_at: log2 of the side of a grid cell, in lattice spacings.
+        cell_shift: log2 of the side of a grid cell, in lattice spacings.
         shift: log2 of the quantisation step, in lattice spacings.
         absolute: True if a quantisation step may be larger than a grid cell; False for streams of version 2, where it
             is at most a cell.
     """
     # The position is nearly random within the cell, so that entropy coding would save nothing.
-    low = min(cells_at, shift)
+    low = min(cell_shift, shift)
     for a in range(3):
-        fine = (cell[a] << (cells_at - low)) | code_raw(coder, position[a] >> low, cells_at - low)
+        fine = (cell[a] << (cell_shift - low)) | code_raw(coder, position[a] >> low, cell_shift - low)
         if absolute:
             fine, row[LATTICE + a] = fine >> (shift - low), 1 << shift
             row[LATTICE + a] |= fine << (shift + 1)
@@ -216,38 +218,40 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, 
     """
     bases, unit, coarsest, thinness = stream_params
     absolute = coarsest >= 0
-    cells_at, spread, codes, positions, classes, logs, axes, colours, levels = source
+    cell_shift, interleaved, codes, positions, classes, logs, axes, colours, source_harmonics = source
     near, packed, stack, axis, other = scratch
     cells, n = near.cells, len(rows)
-    at = code_raw(coder, cells_at, CELLS_AT_BITS)
-    at = min(max(at, box_bits - MAX_CELL_BITS), box_bits)
+    cell_shift = code_raw(coder, cell_shift, CELL_SHIFT_BITS)
+    cell_shift = min(max(cell_shift, box_bits - MAX_CELL_BITS), box_bits)
     if not coder.decoding:
         for i in range(n):
-            packed[i] = codes[order[i]] >> (3 * (at - max(box_bits - MAX_CELL_BITS, 0)))
-    _code_cell_codes(coder, packed, 3 * (box_bits - at), spread, cells[0], stack)
-    _spread_cells(packed, cells, near.narrow)
+            packed[i] = codes[order[i]] >> (3 * (cell_shift - max(box_bits - MAX_CELL_BITS, 0)))
+    _code_cell_codes(coder, packed, 3 * (box_bits - cell_shift), interleaved, cells[0], stack)
+    _deinterleave_codes(packed, cells, near.narrow)
     for i in range(n):
         j = 0 if coder.decoding else order[i]
         row = rows[i]
-        count = find_neighbours(near, i, box_bits - at)
-        row[CLASS] = level = code_class(coder, predict(near, count, defaults), classes[j])
-        s0, long, thin, opacity, running = code_logs(
-            coder, row, logs[j], bases, level, near, count, thinness, absolute
+        count = find_neighbours(near, i, box_bits - cell_shift)
+        row[CLASS] = precision_class = code_class(coder, predict(near, count, defaults), classes[j])
+        s0, elongation, flatness, opacity, running = code_logs(
+            coder, row, logs[j], bases, precision_class, near, count, thinness, absolute
         )  # fmt: skip
-        area = 2 * s0 - long
-        shift = position_shift(bases, level, s0, long, thin, opacity, unit, coarsest if absolute else box_bits)
-        _code_position(coder, row, cells[:, i], positions[j], at, shift, absolute)
-        row[PRIMARY] = primary = 2 if thin >= long else 0
-        e = step_exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
+        area = 2 * s0 - elongation
+        shift = position_shift(
+            bases, precision_class, s0, elongation, flatness, opacity, unit, coarsest if absolute else box_bits
+        )
+        _code_position(coder, row, cells[:, i], positions[j], cell_shift, shift, absolute)
+        row[PRIMARY] = primary = 2 if flatness >= elongation else 0
+        e = step_exponent(bases, S_DIRECTION, precision_class, area, elongation, flatness, opacity)
         shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
         exact = axes[j, :, primary]
         running = code_axis(coder, row, primary, exact, shift, near, count, running, axis, other, absolute)
-        e = step_exponent(bases, S_SPIN, level, area, long, thin, opacity)
+        e = step_exponent(bases, S_SPIN, precision_class, area, elongation, flatness, opacity)
         _code_spin(coder, row, axes[j], primary, min(max(e, 0), DIRECTION_BITS))
-        code_colour(coder, row, colours[j], bases, level, near, count, running, absolute)
+        code_colour(coder, row, colours[j], bases, precision_class, near, count, running, absolute)
         remember(near, row, i)
         if harmonics.shape[1]:
-            code_harmonics(coder, harmonics[i], levels[j], bases, level)
+            code_harmonics(coder, harmonics[i], source_harmonics[j], bases, precision_class)
 
 
 @njit(error_model="numpy")
@@ -271,7 +275,7 @@ def _encode_packet(
     coder = new_coder(ENCODING, buffer, np.empty(0, np.int64), models.copy(), statistics, tables)
     encoder_start(coder.state)
     # Sorted by the codes of the cells; Gaussians of equal codes keep their order.
-    order = begin + np.argsort(source[2][begin : begin + len(rows)], kind="mergesort")
+    order = begin + np.argsort(source[CODES_FIELD][begin : begin + len(rows)], kind="mergesort")
     _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, harmonics, new_scratch(len(rows)))
     return encoder_finish(buffer, coder.state)
 
@@ -346,11 +350,15 @@ def encode_cut(
         Number of packets.
     """
     total, begin, at, packets = len(rows), ZERO, ZERO, 0
-    aim, levels, used = max_bytes - (max_bytes >> AIM), source[4], np.int64(0)
+    aim, precision_classes, used = max_bytes - (max_bytes >> AIM), source[CLASSES_FIELD], np.int64(0)
     while begin < total:
         num_left = total - begin
         low, high, tries, last, length = 0, num_left + 1, 0, 0, 0
-        n = _count_within(levels[begin:], used * aim // at) if at else min(max(max_bytes // FIRST, 1), num_left)
+        n = (
+            _count_within(precision_classes[begin:], used * aim // at)
+            if at
+            else min(max(max_bytes // FIRST, 1), num_left)
+        )
         while high - low > 1:
             length = _encode_packet(
                 tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer[at:],
@@ -363,8 +371,8 @@ def encode_cut(
                     break
             else:
                 high = n
-            weight = _weight(levels[begin : begin + n]) * aim // max(length, 1)
-            n = min(max(_count_within(levels[begin:], weight), low + 1), high - 1)
+            weight = _weight(precision_classes[begin : begin + n]) * aim // max(length, 1)
+            n = min(max(_count_within(precision_classes[begin:], weight), low + 1), high - 1)
         if last != low:
             length = _encode_packet(
                 tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer[at:],
@@ -372,7 +380,7 @@ def encode_cut(
             )  # fmt: skip
         at += length
         sizes[packets], ends[packets] = low, at
-        used += _weight(levels[begin : begin + low])
+        used += _weight(precision_classes[begin : begin + low])
         begin += low
         packets += 1
     return packets
@@ -380,34 +388,34 @@ def encode_cut(
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _weight(levels):
+def _weight(precision_classes):
     """Estimates the total coded size of n Gaussians, in an arbitrary unit.
 
     Only sizes of Gaussians of the same block can be compared.
 
     Args:
-        levels: Precision class of each Gaussian, int64 (n).
+        precision_classes: Precision class of each Gaussian, int64 (n).
     """
     # Within blocks, sizes of packets deviate from these weights by 1.8 % (standard deviation, two scenes of degree 1
     # and 3), and by 4 % from the number of Gaussians.
     weight = np.int64(0)
-    for i in range(len(levels)):
-        weight += levels[i] + LEVEL_WEIGHT
+    for i in range(len(precision_classes)):
+        weight += precision_classes[i] + BASE_WEIGHT
     return weight
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _count_within(levels, weight):
+def _count_within(precision_classes, weight):
     """Returns how many Gaussians, counted from the first, do not exceed an estimated total size; at least 1.
 
     Args:
-        levels: Precision class of each Gaussian, int64 (n).
+        precision_classes: Precision class of each Gaussian, int64 (n).
         weight: Maximum total size, in the unit of `_weight`.
     """
     count, total = 0, np.int64(0)
-    while count < len(levels):
-        total += levels[count] + LEVEL_WEIGHT
+    while count < len(precision_classes):
+        total += precision_classes[count] + BASE_WEIGHT
         if total > weight:
             break
         count += 1

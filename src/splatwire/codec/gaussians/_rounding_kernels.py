@@ -68,37 +68,37 @@ def round_rows(positions, logs, axes, colours, precision_classes, bases, unit, c
     """
     axis = np.zeros(3, np.int64)
     for i in range(len(rows)):
-        row, level = rows[i], precision_classes[i]
-        row[CLASS] = level
+        row, precision_class = rows[i], precision_classes[i]
+        row[CLASS] = precision_class
         value = logs[i, 0] + 1 if logs[i, 0] == MAX_OPACITY else logs[i, 0]
-        shift = step_shift(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
+        shift = step_shift(bases, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
         opacity = min(max(rounded(value, shift), MIN_OPACITY), MAX_OPACITY)
-        shift = step_shift(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(bases, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(logs[i, 1], shift), -MAX_LOG), MAX_LOG)
-        shift = step_shift(bases, S_SCALE1, level, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
-        long = min(max(rounded(s0 - logs[i, 2], shift), 0), MAX_LOG)
-        area = 2 * s0 - long
-        shift = step_shift(bases, S_SCALE2, level, area, long, ZERO, opacity, BITS - 1)
-        flat = rounded(compand_thinness(max(s0 - long - logs[i, 3], 0), thinness), shift)
-        flat = min(max(flat, 0), (MAX_THIN >> shift) << shift)
-        thin = thinness[flat]
-        row[OPACITY], row[SCALE0], row[SCALE1], row[SCALE2] = opacity, s0, long, flat
-        shift = position_shift(bases, level, s0, long, thin, opacity, unit, coarsest)
+        shift = step_shift(bases, S_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
+        elongation = min(max(rounded(s0 - logs[i, 2], shift), 0), MAX_LOG)
+        area = 2 * s0 - elongation
+        shift = step_shift(bases, S_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
+        companded = rounded(compand_thinness(max(s0 - elongation - logs[i, 3], 0), thinness), shift)
+        companded = min(max(companded, 0), (MAX_THIN >> shift) << shift)
+        flatness = thinness[companded]
+        row[OPACITY], row[SCALE0], row[SCALE1], row[SCALE2] = opacity, s0, elongation, companded
+        shift = position_shift(bases, precision_class, s0, elongation, flatness, opacity, unit, coarsest)
         for a in range(3):
             row[LATTICE + a] = (2 * (positions[i, a] >> shift) + 1) << shift
-        row[PRIMARY] = primary = 2 if thin >= long else 0
-        e = step_exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
+        row[PRIMARY] = primary = 2 if flatness >= elongation else 0
+        e = step_exponent(bases, S_DIRECTION, precision_class, area, elongation, flatness, opacity)
         round_axis(axes[i, :, primary], min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2), axis)
         sign = -1 if axis[largest_of(axis)] < 0 else 1
         for a in range(3):
             row[AXIS + a] = sign * axis[a]
-        e = step_exponent(bases, S_SPIN, level, area, long, thin, opacity)
+        e = step_exponent(bases, S_SPIN, precision_class, area, elongation, flatness, opacity)
         bits = min(max(e, 0), DIRECTION_BITS)
         turn = np.int64(np.rint(spin_angle(row, axes[i], primary) / np.pi * (1 << bits)))
         row[SPIN_BITS], row[SPIN] = bits, turn & ((1 << bits) - 1)
-        shift = step_shift(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+        shift = step_shift(bases, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
         for c in range(3):
             row[LUMA + c] = min(max(rounded(colours[i, c], shift), -MAX_COLOUR), MAX_COLOUR)
-        shift = min(max(BITS - step_exponent(bases, S_HARMONICS, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
+        shift = min(max(BITS - step_exponent(bases, S_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
         for k in range(harmonics.shape[1]):
             harmonics[i, k] = min(max(rounded(np.int64(harmonics[i, k]), shift), -MAX_HARMONIC), MAX_HARMONIC)

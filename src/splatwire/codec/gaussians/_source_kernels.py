@@ -156,13 +156,13 @@ def write_codes(positions, shift, codes):
     for i in range(len(codes)):
         x, y, z = positions[i, 0] >> shift, positions[i, 1] >> shift, positions[i, 2] >> shift
         used |= x | y | z
-        codes[i] = _spread(x) | (_spread(y) << 1) | (_spread(z) << 2)
+        codes[i] = _interleave(x) | (_interleave(y) << 1) | (_interleave(z) << 2)
     return used
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _spread(bits):
+def _interleave(bits):
     """Moves bit i of a number to bit `3 * i`; higher bits than the 21 lowest are ignored."""
     bits = (bits | (bits << 32)) & 0x1F00000000FFFF
     bits = (bits | (bits << 16)) & 0x1F0000FF0000FF
@@ -224,7 +224,7 @@ def write_block_positions(indices, centres, factor, corner, shift, positions, co
             positions[i, a] = np.int64(value) - corner[a]
         x, y, z = positions[i, 0] >> shift, positions[i, 1] >> shift, positions[i, 2] >> shift
         used |= x | y | z
-        codes[i] = _spread(x) | (_spread(y) << 1) | (_spread(z) << 2)
+        codes[i] = _interleave(x) | (_interleave(y) << 1) | (_interleave(z) << 2)
     return most, used
 
 
@@ -364,8 +364,8 @@ def write_harmonics(sh, luma_chroma, harmonics):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def gather_sources(
-    indices, quats, scales, opacities, sh, size_log, matrix, grey, luma_chroma, inverse, silent, room, classes, logs,
-    axes, colours, harmonics,
+    indices, quats, scales, opacities, sh, size_log, matrix, grey, luma_chroma, inverse, zero_thresholds, room,
+    classes, logs, axes, colours, harmonics,
 ):  # fmt: skip
     """Converts n of N Gaussians to the fixed-point input of the encoding kernels (fields of `BlockSource`).
 
@@ -381,9 +381,9 @@ def gather_sources(
         luma_chroma: Transform of harmonics from RGB to Y Co Cg in fixed point, float64 (3, 3).
         inverse: Matrix that an encoder applies to the K harmonics of a colour component, float64 (K, columns): their
             product with column k is transformed harmonic k. Columns from K on are 0.
-        silent: Threshold for each precision class, float64 (classes). If the K harmonics of each colour component of a
-            Gaussian are shorter (Euclidean length), the Gaussian's harmonics in the output are 0, because quantisation
-            would make them 0 anyway.
+        zero_thresholds: Threshold for each precision class, float64 (classes). If the K harmonics of each colour
+            component of a Gaussian are shorter (Euclidean length), the Gaussian's harmonics in the output are 0,
+            because quantisation would make them 0 anyway.
         room: Working array, float64 (6, columns).
         classes: Precision class (set of quantisation steps) of each of the n Gaussians, int64 (n).
         logs: Output, int64 (n, 4), see `write_logs`.
@@ -412,7 +412,7 @@ def gather_sources(
                 values[c, k] = _luma_chroma(sh[index, k + 1], luma_chroma[c])
                 total += values[c, k] * values[c, k]
             length = max(length, total)
-        if length < silent[classes[i]] * silent[classes[i]]:
+        if length < zero_thresholds[classes[i]] * zero_thresholds[classes[i]]:
             for j in range(3 * number):
                 harmonics[i, j] = 0
             continue

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.codec.gaussians import _source_kernels as sources
-from splatwire.codec.gaussians.blocks import ROWS, runs
+from splatwire.codec.gaussians.blocks import ROWS, chunks
 from splatwire.codec.gaussians.layout import (
     BITS,
     COLUMNS,
@@ -49,7 +49,9 @@ class Sources:
 def scene_middle(splats: Splats) -> np.ndarray:
     """Returns the centre of a scene, float64 (3): on each axis the median of the Gaussians' positions."""
     ranks = middle_ranks(splats.num_gaussians)
-    middle = share(lambda column: order_statistics(functools.partial(runs, column), ranks).mean(), list(splats.means.T))
+    middle = share(
+        lambda column: order_statistics(functools.partial(chunks, column), ranks).mean(), list(splats.means.T)
+    )
     return np.array(middle)
 
 
@@ -63,7 +65,7 @@ def scene_log(splats: Splats) -> int:
         squares[begin : begin + ROWS] = x * x + y * y + z * z
 
     share(square, range(0, len(squares), ROWS))
-    distance = np.sqrt(order_statistics(lambda: runs(squares), middle_ranks(len(squares)))).mean()
+    distance = np.sqrt(order_statistics(lambda: chunks(squares), middle_ranks(len(squares)))).mean()
     return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
 
 

@@ -56,7 +56,7 @@ class Boxes:
         return self.origins << self.shifts[:, None]
 
 
-def runs(values: np.ndarray) -> Iterator[np.ndarray]:
+def chunks(values: np.ndarray) -> Iterator[np.ndarray]:
     """Yields consecutive slices of an array along the first axis; each has `ROWS` entries, except perhaps the last."""
     for begin in range(0, len(values), ROWS):
         yield values[begin : begin + ROWS]
@@ -64,7 +64,7 @@ def runs(values: np.ndarray) -> Iterator[np.ndarray]:
 
 def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
     """Yields consecutive slices of an array, `ROWS` entries of the first axis each, converted to float64."""
-    return (piece.astype(np.float64) for piece in runs(values))
+    return (piece.astype(np.float64) for piece in chunks(values))
 
 
 def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
@@ -78,7 +78,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
         Entry i is the index in `means` of the i-th Gaussian in sorted order, uint32 (N).
     """
     ends = (0.01, 0.99)
-    quantile_pairs = share(lambda column: quantiles(functools.partial(runs, column), len(means), ends), list(means.T))
+    quantile_pairs = share(lambda column: quantiles(functools.partial(chunks, column), len(means), ends), list(means.T))
     low, high = np.stack(quantile_pairs, axis=1)
     middle, extent = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
@@ -112,7 +112,7 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
     return np.array([plan.block_elements(block) for block in range(plan.num_blocks)], dtype=np.int64)
 
 
-def cell_shift(positions: np.ndarray, bits: int) -> int:
+def choose_cell_shift(positions: np.ndarray, bits: int) -> int:
     """Chooses the grid for coding a block's positions, and returns log2 of its cell size.
 
     A position is coded as a grid cell, followed by raw bits within the cell.
@@ -172,7 +172,7 @@ def check_codes(used_bits: int, bits: int) -> None:
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates the cell size that `cell_shift` chooses for a typical block, from a sample of the scene's Gaussians.
+    """Estimates the cell size that `choose_cell_shift` returns for a typical block, from a sample of all Gaussians.
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import NUM_CONTEXTS, SECONDS, SPREADS, STREAMS
+from splatwire.codec.gaussians.layout import NUM_CONTEXTS, NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS, STREAMS
 
 _TRUST = 4.0
 """Number of residuals at which a context's measured mean has the same weight as the estimate of
@@ -38,7 +38,9 @@ def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
         Number of zeros and ones by adaptive bit model, int64 (contexts, 2); and for each context of a residual (three
         indices, see `Coder`) the number of residuals and the sum of their magnitudes, int64 (A, B, C, 2).
     """
-    return np.zeros((NUM_CONTEXTS, 2), np.int64), np.zeros((len(STREAMS), SPREADS, SECONDS, 2), np.int64)
+    return np.zeros((NUM_CONTEXTS, 2), np.int64), np.zeros(
+        (len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS, 2), np.int64
+    )
 
 
 def fit_bits(counts: np.ndarray) -> np.ndarray:
@@ -69,7 +71,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
     expected = _EXPECTED_MAGNITUDES
     scales = np.searchsorted((expected[1:] + expected[:-1]) / 2, mean)
     # The width of the preceding context takes hardly any bytes in the stream.
-    for second in range(SECONDS):
+    for second in range(NUM_SECOND_CONTEXTS):
         unused = number[:, :, second] == 0
         scales[:, :, second][unused] = scales[:, :, second - 1][unused] if second else 0
     return scales.astype(np.int64)
@@ -100,4 +102,4 @@ def first_scales() -> np.ndarray:
     Returns:
         Index in the coder's table divided by `SCALE_UNIT`, for each context, int64 (A, B, C) (see `Coder`).
     """
-    return np.full((len(STREAMS), SPREADS, SECONDS), 24, dtype=np.int64)
+    return np.full((len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS), 24, dtype=np.int64)

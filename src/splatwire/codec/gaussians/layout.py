@@ -23,9 +23,10 @@ smallest); rotation about the primary axis (number of bits, value); Y Co Cg (3).
 STREAMS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
 """Names of the streams of prediction residuals; each stream has separate context tables."""
 R_OPACITY, R_SCALE0, R_SCALE1, R_SCALE2, R_DIRECTION, R_LUMA = np.arange(6)
-SPREADS, SECONDS = 12, 16
-"""Number of contexts of a residual: by the deviation of the neighbours from their mean (`SPREADS`), and by log2 of
-either the quantisation step or the preceding residuals of the Gaussian (`SECONDS`).
+NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS = 12, 16
+"""Number of contexts of a residual: by the deviation of the neighbours from their mean
+(`NUM_DEVIATION_CONTEXTS`), and by log2 of either the quantisation step or the preceding residuals of the Gaussian
+(`NUM_SECOND_CONTEXTS`).
 """
 
 STEPS = ("opacity", "scale0", "scale1", "scale2", "position", "direction", "spin", "colour", "harmonics")

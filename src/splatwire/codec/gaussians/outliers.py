@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatwire.codec.gaussians.attributes import scene_middle
-from splatwire.codec.gaussians.blocks import pieces, runs
+from splatwire.codec.gaussians.blocks import chunks, pieces
 from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LATTICE_BITS
 from splatwire.ops.threads import share
 from splatwire.types.splats import Splats
@@ -18,7 +18,8 @@ quantisation step.
 """
 REACH = 12
 """Largest coded distance, in octaves of the scene's size. Cells of a packet's grid have `MAX_CELL_BITS` bits per axis;
-the remaining bits resolve nearby Gaussians, and `cell_shift` needs this number of bits for some hundreds of Gaussians.
+the remaining bits resolve nearby Gaussians, and `choose_cell_shift` needs this number of bits for some hundreds
+of Gaussians.
 """
 
 _SLACK = 1.001
@@ -39,7 +40,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
     """
     reach = 2.0 ** (REACH + size_log)
     means = splats.means
-    farthest = max(float(np.abs(piece).max()) for piece in runs(means))
+    farthest = max(float(np.abs(piece).max()) for piece in chunks(means))
     if farthest <= reach:
         return splats
     middle = scene_middle(splats)
@@ -64,7 +65,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
 def log_clipped_colours(splats: Splats) -> None:
     """Logs the number of Gaussians with colours or harmonics beyond the range of the format."""
     most = MAX_COLOUR / (1 << BITS)
-    parts = list(runs(splats.sh.reshape(splats.num_gaussians, -1)))
+    parts = list(chunks(splats.sh.reshape(splats.num_gaussians, -1)))
     if max(share(lambda piece: max(piece.max(), -piece.min()), parts)) > most:
         largest = [np.abs(piece).max(axis=1) for piece in parts]
         cut = sum(int((piece > most).sum()) for piece in largest)

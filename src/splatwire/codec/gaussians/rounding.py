@@ -28,8 +28,10 @@ def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> 
     """
     plan = PacketPlan(PRESETS["paper"], splats.num_gaussians)
     source = SourceScene.of(splats, plan, classes, None, quality)
-    transform, levels = scene_transform(source), np.array(source.classes)
-    return SplatCoding(source.size_log, source.unit, source.coarsest, tuple(source.bases.tolist()), transform, levels)
+    transform, precision_classes = scene_transform(source), np.array(source.classes)
+    return SplatCoding(
+        source.size_log, source.unit, source.coarsest, tuple(source.bases.tolist()), transform, precision_classes
+    )
 
 
 def round_splats(splats: Splats, coding: SplatCoding) -> Splats:

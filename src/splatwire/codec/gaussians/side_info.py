@@ -17,10 +17,10 @@ from splatwire.codec.gaussians.layout import (
     MAX_CLASSES,
     MAX_LATTICE_BITS,
     NUM_CONTEXTS,
+    NUM_DEVIATION_CONTEXTS,
+    NUM_SECOND_CONTEXTS,
     S_HARMONICS,
     SCALE_UNIT,
-    SECONDS,
-    SPREADS,
     STEP_BITS,
     STEPS,
     STREAMS,
@@ -42,7 +42,7 @@ neighbours in the same packet plus a multiple of the quantisation step.
 NUM_DEFAULTS = 7
 DEFAULT_SHIFT = BITS - 4
 """log2 of the unit of the mean attributes of blocks, in fixed point with `BITS` fractional bits; this unit is 1/16."""
-TABLE_SHAPE = (len(STREAMS), SPREADS, SECONDS)
+TABLE_SHAPE = (len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS)
 
 
 @dataclass(frozen=True, eq=False)

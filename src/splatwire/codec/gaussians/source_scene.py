@@ -14,11 +14,11 @@ from splatwire.codec.gaussians.attributes import GREY, LUMA_CHROMA, kernel_array
 from splatwire.codec.gaussians.blocks import (
     ROWS,
     block_sizes,
-    cell_shift,
     check_codes,
     check_reach,
+    choose_cell_shift,
+    chunks,
     gaussian_order,
-    runs,
     typical_cell,
 )
 from splatwire.codec.gaussians.layout import (
@@ -62,8 +62,8 @@ class BlockSource(NamedTuple):
     """Input of the encoding kernels: n Gaussians of one block, in the order in which packets are filled.
 
     Attributes:
-        cells_at: log2 of the cell size of the coarse position grid, in the unit of `positions`.
-        spread: 1 if each packet has Gaussians from all over the block, 0 if a packet contains adjacent Gaussians.
+        cell_shift: log2 of the cell size of the coarse position grid, in the unit of `positions`.
+        interleaved: 1 if each packet has Gaussians from all over the block, 0 if a packet contains adjacent Gaussians.
         codes: int64 (n), Morton codes of the positions, from `block_codes`.
         positions: int64 (n, 3), positions relative to the corner of the block's bounding box, in spacings of the
             position lattice.
@@ -74,8 +74,8 @@ class BlockSource(NamedTuple):
         harmonics: int32 (n, harmonics), transformed and rounded spherical harmonics, from `transformed`.
     """
 
-    cells_at: np.int64
-    spread: np.int64
+    cell_shift: np.int64
+    interleaved: np.int64
     codes: np.ndarray
     positions: np.ndarray
     classes: np.ndarray
@@ -273,8 +273,8 @@ class SourceScene:
         )
         check_reach(max_coordinate)
         check_codes(used_bits, bits)
-        shift = cell_shift(positions, bits)
-        return positions, codes, shift, sources.sort_cells(codes, 3 * (shift - dropped), self.contiguous)
+        cell_shift = choose_cell_shift(positions, bits)
+        return positions, codes, cell_shift, sources.sort_cells(codes, 3 * (cell_shift - dropped), self.contiguous)
 
     def ranked(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
         """Sorts a block's Gaussians into coding order.
@@ -302,22 +302,22 @@ class SourceScene:
             selection: Gaussians to return, as a range or as indices in the order in which packets are filled; all by
                 default.
         """
-        positions, codes, shift, order = self._arranged_positions(block, info)
+        positions, codes, cell_shift, order = self._arranged_positions(block, info)
         order = order[selection]
         members = self.order[self.members(block)].take(order)
         scene, indices = self._kernel_splats(members)
         classes, count = self.classes.take(members).astype(np.int64), len(order)
         logs, axes, colours = np.empty((count, 4), np.int64), np.empty((count, 3, 3)), np.empty((count, 3), np.int64)
         harmonics = np.empty((count, info.num_harmonics), np.int32)
-        inverse, is_zero = info.harmonics_inverse
+        inverse, zero_thresholds = info.harmonics_inverse
         sources.gather_sources(
             indices, scene.quats, scene.scales, scene.opacities, scene.sh, self.size_log, LUMA_CHROMA * DC, GREY,
-            LUMA_CHROMA * (1 << BITS), inverse, is_zero, np.empty((6, inverse.shape[1])), classes, logs, axes, colours,
-            harmonics,
+            LUMA_CHROMA * (1 << BITS), inverse, zero_thresholds, np.empty((6, inverse.shape[1])), classes, logs,
+            axes, colours, harmonics,
         )  # fmt: skip
         return BlockSource(
-            np.int64(shift), np.int64(not self.contiguous), codes.take(order), positions.take(order, axis=0), classes,
-            logs, axes, colours, harmonics,
+            np.int64(cell_shift), np.int64(not self.contiguous), codes.take(order), positions.take(order, axis=0),
+            classes, logs, axes, colours, harmonics,
         )  # fmt: skip
 
 
@@ -347,7 +347,7 @@ def coded_classes(classes: np.ndarray | None, count: int, finest_class: int) -> 
     if np.shape(classes) != (count,):
         raise InvalidValueError(f"{np.shape(classes)} classes of precision for {count} Gaussians")
     coded = large_empty((count,), np.uint8)
-    for output, piece in zip(runs(coded), runs(np.asarray(classes)), strict=True):
+    for output, piece in zip(chunks(coded), chunks(np.asarray(classes)), strict=True):
         output[:] = np.clip(piece, -finest_class, 0) + finest_class
     return coded
 
@@ -367,7 +367,7 @@ def raise_flat(splats: Splats, classes: np.ndarray, finest_class: int, bases: np
     """
     # With a coarse step, the smallest scale of a flat Gaussian can become 31 % of the second scale; with the returned
     # classes, at most 0.4 %.
-    flat = np.concatenate([np.flatnonzero(_is_flat(piece)) + n * ROWS for n, piece in enumerate(runs(splats.scales))])
+    flat = np.concatenate([np.flatnonzero(_is_flat(piece)) + n * ROWS for n, piece in enumerate(chunks(splats.scales))])
     if not len(flat):
         return classes
     logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
@@ -394,7 +394,7 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     """
     # The step of the largest scale is adapted to the mean scale of the scene's Gaussians.
     bases = quality.bases(splats.degree)
-    parts = list(runs(splats.scales))
+    parts = list(chunks(splats.scales))
     min_size = np.float32(2.0 ** (size_log - POINT_OCTAVES))
 
     def sizes(scales: np.ndarray) -> tuple[float, int]:
@@ -448,7 +448,7 @@ def _lattice_unit(splats: Splats, classes: np.ndarray, bases: np.ndarray, size_l
         return float(np.maximum(steps, 1 - middle).max())
 
     # The finest step of positions in the scene, or a larger one if coordinates exceed the range of the lattice.
-    finest_step = max(share(finest, list(zip(runs(splats.scales), runs(classes), strict=True))), default=-np.inf)
+    finest_step = max(share(finest, list(zip(chunks(splats.scales), chunks(classes), strict=True))), default=-np.inf)
     log_reach = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
     return int(
         np.clip(np.ceil(finest_step), 0, max(min(MAX_COORDINATE_BITS - np.ceil(log_reach), MAX_COORDINATE_BITS), 0))

@@ -32,20 +32,20 @@ def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
         shifts: Output: log2 of the steps, by channel of motion, int64 (n, channels).
     """
     for i in range(len(columns)):
-        level, opacity, s0, long = columns[i, 0], columns[i, 1], columns[i, 2], columns[i, 3]
-        thin = thinness[columns[i, 4]]
-        area = 2 * s0 - long
-        position_step = position_shift(bases, level, s0, long, thin, opacity, unit, coarsest) + 1
-        turn = DIRECTION_BITS - step_exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
+        precision_class, opacity, s0, elongation = columns[i, 0], columns[i, 1], columns[i, 2], columns[i, 3]
+        flatness = thinness[columns[i, 4]]
+        area = 2 * s0 - elongation
+        position_step = position_shift(bases, precision_class, s0, elongation, flatness, opacity, unit, coarsest) + 1
+        turn = DIRECTION_BITS - step_exponent(bases, S_DIRECTION, precision_class, area, elongation, flatness, opacity)
         for a in range(3):
             shifts[i, a] = position_step
             shifts[i, 3 + a] = min(max(turn, 0), DIRECTION_BITS - 2)
         first = 2 * s0 - (2 << BITS)
-        shifts[i, 6] = step_shift(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
-        shifts[i, 7] = step_shift(bases, S_SCALE1, level, first, ZERO, ZERO, opacity, BITS - 1)
+        shifts[i, 6] = step_shift(bases, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shifts[i, 7] = step_shift(bases, S_SCALE1, precision_class, first, ZERO, ZERO, opacity, BITS - 1)
         # The ratio to the second scale is companded: its logarithm is coarser for thin Gaussians.
-        last = step_shift(bases, S_SCALE2, level, area, long, ZERO, opacity, BITS - 1)
-        shifts[i, 8] = min(last + (thin >> BITS), BITS - 1)
-        shifts[i, 9] = step_shift(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
-        colour = step_shift(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+        last = step_shift(bases, S_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
+        shifts[i, 8] = min(last + (flatness >> BITS), BITS - 1)
+        shifts[i, 9] = step_shift(bases, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
+        colour = step_shift(bases, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
         shifts[i, 10] = shifts[i, 11] = shifts[i, 12] = colour
