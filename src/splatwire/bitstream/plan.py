@@ -90,6 +90,16 @@ class PacketPlan:
         """True if a block of a sequence contains keyframe Gaussians, which later groups of frames also need."""
         return self.tier_of(block) % 2 == 0
 
+    def group_of_block(self, block: int) -> int:
+        """Index of the group of pictures of a block of a sequence.
+
+        Each group has two tiers: first its keyframe Gaussians, then its motion.
+
+        Raises:
+            InvalidValueError: If the block does not exist.
+        """
+        return self.tier_of(block) // 2
+
     def tier_of(self, block: int) -> int:
         """Importance tier of a block, 0 for the most important.
 

@@ -184,7 +184,7 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
 def _group_of_packets(stream: SceneStream) -> np.ndarray:
     """Returns the index of the group of pictures of each packet, int64."""
     plan = stream.manifest.plan
-    return np.array([plan.tier_of(packet.id.block) // 2 for packet in stream.packets], np.int64)
+    return np.array([plan.group_of_block(packet.id.block) for packet in stream.packets], np.int64)
 
 
 @checked
@@ -207,9 +207,9 @@ def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: st
     order = np.array([position[packet.id] for packet in send_sequence(stream, send_order)], np.int64)
     count = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
     # With a loss model of whole packets, streams with equally many packets get the same losses, for fair comparisons.
-    sent, lost = draw_in_order(count[order], loss, seed)
+    received_in_order, lost = draw_in_order(count[order], loss, seed)
     received = np.empty(len(order), bool)
-    received[order] = sent
+    received[order] = received_in_order
     num_lost = lost if loss.unit == "datagram" else int(count[~received].sum())
     return PacketLossMask(received, int(count.sum()), num_lost)
 

@@ -75,10 +75,10 @@ def encode_scene(
     check_progress(progress)
     check_threads(threads)
     with limit_threads(threads):
-        schema, rows = schema_of(scene), scene.validity()
-    rows.log_removed("encoding", scene.ELEMENTS)
+        schema, validity = schema_of(scene), scene.validity()
+    validity.log_removed("encoding", scene.ELEMENTS)
     if isinstance(packetization, str):
-        packetization = packetization_named(packetization, schema.name, int(rows.kept.sum()))
+        packetization = packetization_named(packetization, schema.name, int(validity.kept.sum()))
     if packetization is not None and not isinstance(packetization, Packetization):
         raise InvalidValueError(
             f"packetization: expected a Packetization or the name of a preset, not {shown(packetization)}"
@@ -88,8 +88,8 @@ def encode_scene(
         name: None if values is None else array_of(values, name, (count,), "i", low, high)
         for name, (values, low, high) in limits.items()
     }
-    if not rows.complete:
-        kept, scene = rows.kept, scene.select(rows.kept)
+    if not validity.complete:
+        kept, scene = validity.kept, scene.select(validity.kept)
         per_element = {name: None if values is None else values[kept] for name, values in per_element.items()}
     options = Options(packetization, quality=quality, noise=noise, threads=threads, **per_element)
     with limit_threads(threads), one_blas_thread():

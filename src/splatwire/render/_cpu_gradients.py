@@ -26,15 +26,15 @@ from splatwire.render._cpu_kernels import (
     BLUE,
     COLUMN,
     GREEN,
-    LIVE,
-    MAX_LEVEL,
-    MIN_LEVEL,
+    MAX_LOG_ALPHA,
+    MIN_LOG_ALPHA,
     MIN_TRANSMITTANCE,
     ONE,
     PIXELS,
     RED,
     REST,
     TILE,
+    TRANSMITTANCE,
     ZERO,
     finished,
     new_buffer,
@@ -75,24 +75,24 @@ def _blend_back(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue, ou
     # The colour behind a Gaussian is the finished image minus everything blended so far. Sums are accumulated per pixel
     # column, and multiplied at the end by dx, the column's distance from the centre.
     dx = load(buf, COLUMN) - x
-    still, slope = dx * dx * A + log_opacity, dx * B
+    constant, slope = dx * dx * A + log_opacity, dx * B
     dy = spread(np.float32(low) - y)
-    most, zero = spread(min(log_opacity, MAX_LEVEL)), spread(ZERO)
+    most, zero = spread(min(log_opacity, MAX_LOG_ALPHA)), spread(ZERO)
     h0 = h1 = h2 = sum_r = sum_g = sum_b = zero
     for i in range(low * TILE, high * TILE, TILE):
-        power = still + (slope + dy * C) * dy
+        power = constant + (slope + dy * C) * dy
         alpha = power_of_two(smaller(power, most))
-        live = load(buf, i + LIVE)
-        weight = choose(power >= MIN_LEVEL, alpha * live, zero)
-        after = live - weight
+        transmittance = load(buf, i + TRANSMITTANCE)
+        weight = choose(power >= MIN_LOG_ALPHA, alpha * transmittance, zero)
+        after = transmittance - weight
         drawn = after >= MIN_TRANSMITTANCE
         weight = choose(drawn, weight, zero)
-        store(buf, i + LIVE, choose(drawn, after, zero))
+        store(buf, i + TRANSMITTANCE, choose(drawn, after, zero))
         d_r, d_g, d_b = load(buf, i + RED), load(buf, i + GREEN), load(buf, i + BLUE)
         own = weight * (d_r * red + d_g * green + d_b * blue)
         rest = load(buf, i + REST) - own
         store(buf, i + REST, rest)
-        moved = drawn & (power >= MIN_LEVEL) & (power <= MAX_LEVEL)
+        moved = drawn & (power >= MIN_LOG_ALPHA) & (power <= MAX_LOG_ALPHA)
         h = choose(moved, own - rest * (alpha / (ONE - alpha)), zero)
         h_dy = h * dy
         h0 += h
@@ -127,9 +127,9 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
             buf[i + REST] = rest
     for k in range(begin, end):
         prefetch_splat(splats, ids, k + AHEAD)
-        x, y, A, B, C, level, red, green, blue = splat_numbers(splats, ids[k], left, top)
+        x, y, A, B, C, log_opacity, red, green, blue = splat_numbers(splats, ids[k], left, top)
         low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])
-        _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, rows_of_sums, k)
+        _blend_back(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue, rows_of_sums, k)
         if (k - begin) % 16 == 15 and finished(buf):
             break
 

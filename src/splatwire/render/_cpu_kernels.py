@@ -14,13 +14,13 @@ from splatwire.render._cpu_project import SPLAT
 
 TILE = 16
 PIXELS = TILE * TILE
-MIN_LEVEL = np.float32(np.log2(1.0 / 255.0))
-MAX_LEVEL = np.float32(np.log2(0.99))
+MIN_LOG_ALPHA = np.float32(np.log2(1.0 / 255.0))
+MAX_LOG_ALPHA = np.float32(np.log2(0.99))
 MIN_TRANSMITTANCE = np.float32(1e-4)
 _BLOCK = 4  # tiles
 AHEAD = 4
 # Sections of a tile's buffer: five of a number per pixel, then the numbers of the columns.
-LIVE, RED, GREEN, BLUE, REST, COLUMN = (k * PIXELS for k in range(6))
+TRANSMITTANCE, RED, GREEN, BLUE, REST, COLUMN = (k * PIXELS for k in range(6))
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
@@ -46,18 +46,18 @@ def _blend(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue):
     # If the Gaussian would reduce the transmittance of a pixel below the minimum, the pixel is finished. The
     # transmittance of a finished pixel is stored with a negative sign, and later Gaussians do not change the pixel.
     dx = load(buf, COLUMN) - x
-    still, slope = dx * dx * A + log_opacity, dx * B
+    constant, slope = dx * dx * A + log_opacity, dx * B
     dy = spread(np.float32(low) - y)
-    most, zero = spread(min(log_opacity, MAX_LEVEL)), spread(ZERO)
+    most, zero = spread(min(log_opacity, MAX_LOG_ALPHA)), spread(ZERO)
     for i in range(low * TILE, high * TILE, TILE):
-        power = still + (slope + dy * C) * dy
+        power = constant + (slope + dy * C) * dy
         dy += ONE
-        live = load(buf, i + LIVE)
-        weight = choose(power >= MIN_LEVEL, power_of_two(smaller(power, most)) * live, zero)
-        after = live - weight
+        transmittance = load(buf, i + TRANSMITTANCE)
+        weight = choose(power >= MIN_LOG_ALPHA, power_of_two(smaller(power, most)) * transmittance, zero)
+        after = transmittance - weight
         drawn = after >= MIN_TRANSMITTANCE
         weight = choose(drawn, weight, zero)
-        store(buf, i + LIVE, choose(drawn, after, smaller(live, zero - live)))
+        store(buf, i + TRANSMITTANCE, choose(drawn, after, smaller(transmittance, zero - transmittance)))
         store(buf, i + RED, load(buf, i + RED) + weight * red)
         store(buf, i + GREEN, load(buf, i + GREEN) + weight * green)
         store(buf, i + BLUE, load(buf, i + BLUE) + weight * blue)
@@ -82,7 +82,7 @@ def new_buffer(columns, rows):
         buf[COLUMN + column] = column
     for row in range(rows):
         for column in range(columns):
-            buf[LIVE + row * TILE + column] = 1.0
+            buf[TRANSMITTANCE + row * TILE + column] = 1.0
     return buf
 
 
@@ -90,10 +90,10 @@ def new_buffer(columns, rows):
 @no_type_check
 def finished(buf):
     """True if no pixel of a tile has transmittance left, so that further Gaussians are invisible."""
-    live = np.float32(0)
-    for i in range(LIVE, LIVE + PIXELS):
-        live = max(live, buf[i])
-    return live == 0
+    largest = np.float32(0)
+    for i in range(TRANSMITTANCE, TRANSMITTANCE + PIXELS):
+        largest = max(largest, buf[i])
+    return largest == 0
 
 
 @njit(inline="always")
@@ -152,14 +152,14 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
     for k in range(begin, end):
         prefetch_splat(splats, ids, k + AHEAD)
         low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])  # loops over unsigned integers are slower
-        x, y, A, B, C, level, red, green, blue = splat_numbers(splats, ids[k], left, top)
-        _blend(buf, low, high, x, y, A, B, C, level, red, green, blue)
+        x, y, A, B, C, log_opacity, red, green, blue = splat_numbers(splats, ids[k], left, top)
+        _blend(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue)
         if (k - begin) % 16 == 15 and finished(buf):
             break
     for row in range(rows):
         for column in range(columns):
             i = row * TILE + column
-            t = abs(buf[i + LIVE])
+            t = abs(buf[i + TRANSMITTANCE])
             left_over[top + row, left + column] = t
             for c in range(3):
                 image[top + row, left + column, c] = buf[i + RED + c * PIXELS] + t * background[c]

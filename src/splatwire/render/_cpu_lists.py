@@ -10,7 +10,7 @@ import numpy as np
 
 from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import prefetch
-from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
+from splatwire.render._cpu_kernels import MIN_LOG_ALPHA, TILE
 from splatwire.render._cpu_project import DEPTH, HALF_HEIGHT, SPLAT, TILES
 
 AHEAD = 16
@@ -98,16 +98,19 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
         strips[strip, 0], strips[strip, 1] = _rows_between(y - half, y + half, first_row, end_row)
         return
     A, B, C = np.float64(splats[g, 2]), np.float64(splats[g, 3]), np.float64(splats[g, 4])
-    level, inside = max(MIN_LEVEL - _MARGIN - splats[g, 5], _LOWEST), B * B - 4 * A * C
+    edge_exponent, inside = max(MIN_LOG_ALPHA - _MARGIN - splats[g, 5], _LOWEST), B * B - 4 * A * C
     if not (inside < 0 and A < 0):  # not an ellipse because of rounding
         for i in range(strip, strip + columns):
             strips[i, 0], strips[i, 1] = top, bottom
         return
-    lowest, half = B * np.sqrt(level / (-A * inside)), -0.5 / C
+    lowest, half = B * np.sqrt(edge_exponent / (-A * inside)), -0.5 / C
     for i in range(columns):
         first = (left + i) * TILE - np.float64(splats[g, 0])
         low_dx, high_dx = min(max(-lowest, first), first + TILE - 1), min(max(lowest, first), first + TILE - 1)
-        above, below = inside * low_dx * low_dx + 4 * C * level, inside * high_dx * high_dx + 4 * C * level
+        above, below = (
+            inside * low_dx * low_dx + 4 * C * edge_exponent,
+            inside * high_dx * high_dx + 4 * C * edge_exponent,
+        )
         begin, end = np.int32(0), np.int32(0)
         if above >= 0 and below >= 0:
             low = y + half * (B * low_dx - np.sqrt(above))

@@ -18,9 +18,17 @@ DEPTH, TILES, HALF_HEIGHT = 9, 10, 14
 CHUNK = 64
 """Number of Gaussians projected together, in one flat array with a row for each value; vectorisation requires a single
 base pointer."""
-QUAT, SCALE, LEVEL, OUT, BOX, DRAWN, ROWS = 3 * CHUNK, 7 * CHUNK, 10 * CHUNK, 11 * CHUNK, 18 * CHUNK, 22 * CHUNK, 23
+QUAT, SCALE, LOG_OPACITY, OUT, BOX, DRAWN, ROWS = (
+    3 * CHUNK,
+    7 * CHUNK,
+    10 * CHUNK,
+    11 * CHUNK,
+    18 * CHUNK,
+    22 * CHUNK,
+    23,
+)
 LOG2E = 1.4426950408889634
-_MIN_LEVEL = math.log2(1.0 / 255.0)
+_MIN_LOG_OPACITY = math.log2(1.0 / 255.0)
 
 
 @njit(inline="always")
@@ -84,14 +92,14 @@ def _project_chunk(work, pose, intrinsics, width, height, constants):
         xy = a0 * b0 + a1 * b1 + a2 * b2
         det, middle, u, v = xx * yy - xy * xy, 0.5 * (xx + yy), fx * x + cx - 0.5, fy * y + cy - 0.5
         radius = np.ceil(3 * np.sqrt(middle + np.sqrt(max(0.1, middle * middle - det))))
-        reach = 2 / LOG2E * (work[LEVEL + i] - _MIN_LEVEL)
+        reach = 2 / LOG2E * (work[LOG_OPACITY + i] - _MIN_LOG_OPACITY)
         half_x, half_y = np.sqrt(reach * xx) + 1e-2, np.sqrt(reach * yy) + 1e-2
         left = max(np.floor((u - min(radius, half_x)) * per_pixel), 0.0)
         top = max(np.floor((v - min(radius, half_y)) * per_pixel), 0.0)
         right = min(np.floor((u + min(radius + side - 1, half_x + side)) * per_pixel), grid_x)
         bottom = min(np.floor((v + min(radius + side - 1, half_y + side)) * per_pixel), grid_y)
         sound = (z > near) & (det > 0) & (abs(u) < 1e8) & (abs(v) < 1e8) & (xx < 1e12) & (yy < 1e12)
-        drawn = sound & (work[LEVEL + i] >= _MIN_LEVEL) & (right > left) & (bottom > top)
+        drawn = sound & (work[LOG_OPACITY + i] >= _MIN_LOG_OPACITY) & (right > left) & (bottom > top)
         work[OUT + i], work[OUT + CHUNK + i] = u, v
         work[OUT + 2 * CHUNK + i] = -0.5 * LOG2E * yy / det
         work[OUT + 3 * CHUNK + i] = LOG2E * xy / det
@@ -132,7 +140,7 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
                 work[k * CHUNK + i], work[SCALE + k * CHUNK + i] = means[g, k], scales[g, k]
             for k in range(4):
                 work[QUAT + k * CHUNK + i] = quats[g, k]
-            work[LEVEL + i] = math.log2(np.float64(opacities[g])) if opacities[g] > 0 else -np.inf
+            work[LOG_OPACITY + i] = math.log2(np.float64(opacities[g])) if opacities[g] > 0 else -np.inf
         _project_chunk(work, pose, intrinsics, width, height, constants)
         for i in range(count):
             g, drawn = first + i, work[DRAWN + i] > 0
@@ -141,7 +149,7 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
             if drawn:
                 for k in range(5):
                     splats[g, k] = work[OUT + k * CHUNK + i]
-                splats[g, 5], splats[g, DEPTH] = work[LEVEL + i], work[OUT + 5 * CHUNK + i]
+                splats[g, 5], splats[g, DEPTH] = work[LOG_OPACITY + i], work[OUT + 5 * CHUNK + i]
                 splats[g, HALF_HEIGHT] = work[OUT + 6 * CHUNK + i]
                 for k in range(3):
                     splats[g, 6 + k] = colors[g, k]

@@ -60,19 +60,19 @@ def _scale(scales, offset, out):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def move(bases, tracks, offsets, out):
+def move(keyframes, tracks, offsets, out):
     """Computes the Gaussians of tracks in one frame: keyframe Gaussians, changed by decoded motion.
 
     A track is one Gaussian over time; its keyframe Gaussian is its state in its first frame.
 
     Args:
-        bases: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T) and spherical harmonics,
+        keyframes: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T) and spherical harmonics,
             flattened from (T, B, 3) to (T, 3 B); float32.
-        tracks: Indices of the n tracks in `bases`, int64 (n).
+        tracks: Indices of the n tracks in `keyframes`, int64 (n).
         offsets: Changes of these tracks since their keyframe, float32 (n, C), as from `GroupMotion.at`.
         out: Output: arrays of the same attributes for the n tracks.
     """
-    means, quats, scales, opacities, harmonics = bases
+    means, quats, scales, opacities, harmonics = keyframes
     for n in range(len(tracks)):
         t, offset = tracks[n], offsets[n]
         for a in range(3):

@@ -202,10 +202,10 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
         offsets: Changes of these tracks since their keyframe, float32 (n, C), as from `GroupMotion.at`.
     """
     moved = Splats.empty(len(tracks), splats.degree)
-    bases, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(moved)
+    keyframes, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(moved)
 
     def move(rows: slice) -> None:
-        kernels.move(bases, tracks[rows], offsets[rows], tuple(values[rows] for values in whole))
+        kernels.move(keyframes, tracks[rows], offsets[rows], tuple(values[rows] for values in whole))
 
     share(move, [slice(begin, begin + AT_ONCE) for begin in range(0, len(tracks), AT_ONCE)])
     return moved

@@ -76,9 +76,9 @@ class SequenceEncoder:
         self._extent: BoundingSphere | None = None
         self._known_classes: tuple[np.ndarray, np.ndarray] | None = None
         self._newest_key = -1
-        self._writer = self._new_writer()
+        self._tracks_encoder = self._new_tracks_encoder()
 
-    def _new_writer(self) -> TracksEncoder:
+    def _new_tracks_encoder(self) -> TracksEncoder:
         options = self._options
         return TracksEncoder(
             options.rate, options.group_frames, quality_of(options.quality), options.background,
@@ -162,7 +162,7 @@ class SequenceEncoder:
             return self._flush()
         # By the middle of a group, receivers have the previous one.
         if self._live and 2 * len(self._group_builder) > self._options.group_frames:
-            self._writer.add_frames(*self._group_builder.so_far())
+            self._tracks_encoder.add_frames(*self._group_builder.so_far())
         self._finish_deferred_work()
         return []
 
@@ -184,8 +184,8 @@ class SequenceEncoder:
                 "use coordinates relative to one point near all frames", self._num_frames, 100 * coarse[0], coarse[1],
                 describe_origin(ORIGIN.read(self._sections)), coarse[2],
             )  # fmt: skip
-        drawn = ANTIALIASING in self._sections
-        if frame.antialiased != drawn and "antialiasing" not in self._warned_kinds:
+        is_antialiased = ANTIALIASING in self._sections
+        if frame.antialiased != is_antialiased and "antialiasing" not in self._warned_kinds:
             self._warned_kinds.add("antialiasing")
             LOG.warning(
                 "frame %d %s antialiased, the first one %s: all frames are drawn as the first one", self._num_frames,
@@ -204,7 +204,7 @@ class SequenceEncoder:
             raise InvalidValueError("a clip has one frame at least")
         extent = self._extent  # unknown for a live sequence
         where = {EXTENT_SECTION: extent_section(extent.middle, extent.radius)} if extent and extent.radius > 0 else {}
-        return self._writer.finish({**self._all_sections, **where})
+        return self._tracks_encoder.finish({**self._all_sections, **where})
 
     def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
         """Returns manifest and side information of the groups of pictures encoded so far.
@@ -212,7 +212,7 @@ class SequenceEncoder:
         Args:
             stream_id: Id of the stream, for the manifest.
         """
-        return self._writer.so_far(self._all_sections, stream_id)
+        return self._tracks_encoder.so_far(self._all_sections, stream_id)
 
     @property
     def _all_sections(self) -> dict[str, bytes]:
@@ -220,7 +220,7 @@ class SequenceEncoder:
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
         """Returns the importance of packets of the last group of pictures: the visible motion in each packet."""
-        return [self._writer.importance[packet.id] for packet in packets]
+        return [self._tracks_encoder.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:
         """Encodes the frames of the incomplete last group of pictures, and returns the packets of this group."""
@@ -243,7 +243,7 @@ class SequenceEncoder:
             assert classes is not None
             return self._encode_single_frames(group, frames, cuts, classes)
         self._group_builder = GroupBuilder(self._options.group_frames, smooth=smooth)
-        return self._writer.add(group, classes, cut=bool(cuts) and not self._live)
+        return self._tracks_encoder.add(group, classes, cut=bool(cuts) and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
         """Joins the Gaussians of the current group of pictures to tracks, each of which is one Gaussian over time."""
@@ -251,7 +251,7 @@ class SequenceEncoder:
             return self._group_builder.group()
         # The analysis of the motion runs in parallel with the extrapolation of partial tracks.
         with ThreadPoolExecutor(1) as pool:
-            analysis = pool.submit(self._writer.add_frames, *self._group_builder.so_far())
+            analysis = pool.submit(self._tracks_encoder.add_frames, *self._group_builder.so_far())
             group = self._group_builder.group()
             analysis.result()
         return group
@@ -271,7 +271,7 @@ class SequenceEncoder:
             Packets of the first frames.
         """
         self._options = replace(self._options, group_frames=1)
-        self._writer, self._group_builder = self._new_writer(), GroupBuilder(1)
+        self._tracks_encoder, self._group_builder = self._new_tracks_encoder(), GroupBuilder(1)
         LOG.warning(
             "%d of the first %d frames show another scene than the one before: each frame is a group", len(cuts),
             len(frames),
@@ -279,7 +279,7 @@ class SequenceEncoder:
         packets = []
         for number, frame in enumerate(frames):
             frame_group = group_of([frame])
-            packets += self._writer.add(
+            packets += self._tracks_encoder.add(
                 frame_group, classes[np.searchsorted(group.keys, frame_group.keys)], cut=number in cuts
             )
         return packets

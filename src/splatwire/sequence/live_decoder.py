@@ -81,7 +81,7 @@ class LiveDecoder:
         for packet in packets:
             self._num_bytes += packet.num_bytes
             block = packet.id.block
-            group = plan.tier_of(block) // 2
+            group = plan.group_of_block(block)
             if group < self._next_group and not plan.persistent(block):
                 continue
             self._packets_by_block.setdefault(block, []).append(packet)

@@ -108,8 +108,8 @@ class LiveIngest:
             if self._push(frame):
                 due += 1 / self._rate
                 self._wait(due - self._clock())
-        for update in self._encoder.end():
-            self._publish(update)
+        for state in self._encoder.end():
+            self._publish(state)
 
     def _queue_new_files(self) -> None:
         """Adds new files to the queue of frames; removes the oldest frames if the queue is too long."""
@@ -193,7 +193,7 @@ class LiveIngest:
             True if the frame was accepted. False if encoding failed; the frames of the group are then skipped.
         """
         try:
-            update = self._encoder.push(frame)
+            state = self._encoder.push(frame)
         except BackendUnavailableError:
             raise
         except FRAME_ERRORS as error:
@@ -202,8 +202,8 @@ class LiveIngest:
             return False
         if self._encoder.num_frames == self._options.group_frames:
             gc.freeze()  # scanning the objects of all modules would delay a group by 0.1 s
-        if update is not None:
-            self._publish(update)
+        if state is not None:
+            self._publish(state)
         return True
 
     def _skip(self, why: str) -> None:

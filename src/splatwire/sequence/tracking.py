@@ -71,7 +71,7 @@ class Tracker:
         if order not in ORDERS:
             raise InvalidValueError(f"frames are {', '.join(ORDERS)}, not {order!r:.40}")
         self._order, self._next = order, 0
-        self._rows: Splats | None = None
+        self._previous_splats: Splats | None = None
         self._keys = np.zeros(0, np.int64)
         self._last: TrackedFrame | None = None
         self._match: Match | None = None
@@ -84,7 +84,7 @@ class Tracker:
             InvalidValueError: If the order is `tracked` and the number of Gaussians changes.
         """
         tracked_frame = self._first(frame) if self._last is None else self._next_frame(frame)
-        self._rows, self._last = frame.splats, tracked_frame
+        self._previous_splats, self._last = frame.splats, tracked_frame
         return tracked_frame
 
     def renumber(self) -> np.ndarray:
@@ -105,15 +105,17 @@ class Tracker:
         return self._by_rows(frame, count=False)
 
     def _next_frame(self, frame: Frame) -> TrackedFrame:
-        assert self._rows is not None
+        assert self._previous_splats is not None
         assert self._last is not None
-        same = frame.splats.num_gaussians == self._rows.num_gaussians
+        same = frame.splats.num_gaussians == self._previous_splats.num_gaussians
         if self._order == "tracked" and not same:
             raise InvalidValueError(
                 f"a frame has {frame.splats.num_gaussians:,} Gaussians, the one before "
-                f"{self._rows.num_gaussians:,}: rows of tracked frames are always the same Gaussians"
+                f"{self._previous_splats.num_gaussians:,}: rows of tracked frames are always the same Gaussians"
             )
-        if self._order == "tracked" or (self._order == "auto" and same and tracked(self._rows, frame.splats)):
+        if self._order == "tracked" or (
+            self._order == "auto" and same and tracked(self._previous_splats, frame.splats)
+        ):
             self._match = None
             self.report = replace(self.report, tracked=self.report.tracked + 1)
             return self._by_rows(frame, count=True)

@@ -85,7 +85,7 @@ def _smallest_candidates(squares, candidates, count):
     Returns:
         `NUM_NEIGHBOURS` integers, one for each selected track, nearest first. The lowest `_INDEX_BITS` bits of an
         integer are the index of the track in `squares`; the other bits are its squared distance, rounded down. With
-        fewer candidates, the last integers are `_MOST`.
+        fewer candidates, the last integers are `_MAX_INT64`.
     """
     # The keys stay in registers. No branch depends on a comparison of keys, because processors would often predict it
     # wrongly.

@@ -22,7 +22,7 @@ from splatwire.ops.compiled import njit
 
 _RADIUS = 1 << 10
 """Offsets of neighbours are scaled to integers up to this value, which is the offset of the farthest neighbour."""
-_SPREAD_BITS, _PULL_BITS = 16, 33
+_MOMENT_BITS, _SOLUTION_BITS = 16, 33
 """Number of bits kept of second moments, and of the values multiplied with second moments; products stay below 2**53.
 """
 _RIDGE_BITS, _MIN_RIDGE = 14, 4
@@ -30,7 +30,7 @@ _RIDGE_BITS, _MIN_RIDGE = 14, 4
 neighbours. Larger values cost bytes for fast motion: a ridge of an eighth would cost six times the bytes for a rotating
 object.
 """
-_TURN_BITS = 20
+_TILT_BITS = 20
 _OCTAVES = 1
 """Octave range of quantisation steps, as log2: tracks are sorted by the product of their steps of position and
 rotation, and tracks with products within `2 ** _OCTAVES` octaves are predicted together.
@@ -86,7 +86,7 @@ def prediction_order(positions, moving, shifts):
         for bit in range(10):
             for a in range(3):
                 codes[i] |= ((positions[moving[i], a] >> (PLACE_BITS - 10 + bit)) & 1) << (3 * bit + a)
-    by = np.argsort(codes, kind="mergesort")
+    curve_order = np.argsort(codes, kind="mergesort")
     order, count, bits = np.empty(n, np.int64), 0, 0
     while (1 << bits) < n:
         bits += 1
@@ -95,7 +95,7 @@ def prediction_order(positions, moving, shifts):
         for bit in range(bits):
             back |= ((slot >> bit) & 1) << (bits - 1 - bit)
         if back < n:
-            order[count] = moving[by[back]]
+            order[count] = moving[curve_order[back]]
             count += 1
     # Tracks with finer steps come first. Among tracks with similar steps, the first ones are spread over the packet,
     # and later ones fill the gaps, so that most tracks have known neighbours on all sides.
@@ -107,7 +107,7 @@ def prediction_order(positions, moving, shifts):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _neighbour_weights(positions, i, neighbours, squared_distances, num_neighbours, offsets, near, weights):
+def _neighbour_weights(positions, i, neighbours, squared_distances, num_neighbours, offsets, distance_weights, weights):
     """Computes the weights of a moving Gaussian's neighbours for the prediction of its motion.
 
     Args:
@@ -117,7 +117,7 @@ def _neighbour_weights(positions, i, neighbours, squared_distances, num_neighbou
         squared_distances: Squared distances of the neighbours from the track.
         num_neighbours: Number of neighbours.
         offsets: Working array, int64 (NUM_NEIGHBOURS, 3).
-        near: Working array, int64 (NUM_NEIGHBOURS).
+        distance_weights: Working array, int64 (NUM_NEIGHBOURS).
         weights: Output: weights of the neighbours, int64 (NUM_NEIGHBOURS).
     """
     for m in range(num_neighbours):
@@ -129,7 +129,7 @@ def _neighbour_weights(positions, i, neighbours, squared_distances, num_neighbou
         for m in range(num_neighbours):
             for a in range(3):
                 radius = max(radius, abs(positions[neighbours[m], a] - positions[i, a]))
-        _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, near, weights)
+        _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, distance_weights, weights)
     left = ONE << WEIGHT_BITS
     for m in range(num_neighbours):
         left -= weights[m]
@@ -139,12 +139,14 @@ def _neighbour_weights(positions, i, neighbours, squared_distances, num_neighbou
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, near, weights):
+def _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, distance_weights, weights):
     total = np.int64(0)
     x = y = z = xx = xy = xz = yy = yz = zz = np.int64(0)
     for m in range(num_neighbours):
         # Below 2**53 the rounded-down quotient of doubles equals the integer quotient, and takes a fifth of the time.
-        near[m] = w = 1 + np.int64(np.float64(2 * (squared_distances[0] + 1)) / np.float64(squared_distances[m] + 1))
+        distance_weights[m] = w = 1 + np.int64(
+            np.float64(2 * (squared_distances[0] + 1)) / np.float64(squared_distances[m] + 1)
+        )
         for a in range(3):
             offset = (positions[neighbours[m], a] - positions[i, a]) * _RADIUS
             offsets[m, a] = np.int64(np.floor(np.float64(offset) / np.float64(radius)))
@@ -155,25 +157,25 @@ def _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, 
         yy, yz, zz = yy + w * oy * oy, yz + w * oy * oz, zz + w * oz * oz
     xx, xy, xz = total * xx - x * x, total * xy - x * y, total * xz - x * z
     yy, yz, zz = total * yy - y * y, total * yz - y * z, total * zz - z * z
-    trace, spread = xx + yy + zz, 0
-    while trace >> spread >= ONE << _SPREAD_BITS:
-        spread += 1
-    ridge = (trace >> (spread + _RIDGE_BITS)) + _MIN_RIDGE
-    xx, yy, zz = (xx >> spread) + ridge, (yy >> spread) + ridge, (zz >> spread) + ridge
-    xy, xz, yz = xy >> spread, xz >> spread, yz >> spread
+    trace, moment_shift = xx + yy + zz, 0
+    while trace >> moment_shift >= ONE << _MOMENT_BITS:
+        moment_shift += 1
+    ridge = (trace >> (moment_shift + _RIDGE_BITS)) + _MIN_RIDGE
+    xx, yy, zz = (xx >> moment_shift) + ridge, (yy >> moment_shift) + ridge, (zz >> moment_shift) + ridge
+    xy, xz, yz = xy >> moment_shift, xz >> moment_shift, yz >> moment_shift
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     d, e, f = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
     determinant = max(xx * a + xy * b + xz * c, ONE)
     hx, hy, hz = a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
-    pull = 0
-    while max(abs(hx), abs(hy), abs(hz)) >> pull >= ONE << _PULL_BITS:
-        pull += 1
-    hx, hy, hz = hx >> pull, hy >> pull, hz >> pull
-    scale = 2.0 ** (_TURN_BITS + pull - spread)
+    solution_shift = 0
+    while max(abs(hx), abs(hy), abs(hz)) >> solution_shift >= ONE << _SOLUTION_BITS:
+        solution_shift += 1
+    hx, hy, hz = hx >> solution_shift, hy >> solution_shift, hz >> solution_shift
+    scale = 2.0 ** (_TILT_BITS + solution_shift - moment_shift)
     for m in range(num_neighbours):
         moment = hx * (total * offsets[m, 0] - x) + hy * (total * offsets[m, 1] - y) + hz * (total * offsets[m, 2] - z)
-        turn = np.int64(np.floor(np.float64(moment) / np.float64(determinant) * scale + 0.5))
-        part, whole = near[m] * ((ONE << _TURN_BITS) - turn), total << (_TURN_BITS - WEIGHT_BITS)
+        tilt = np.int64(np.floor(np.float64(moment) / np.float64(determinant) * scale + 0.5))
+        part, whole = distance_weights[m] * ((ONE << _TILT_BITS) - tilt), total << (_TILT_BITS - WEIGHT_BITS)
         share = np.int64(np.floor(np.float64(part) / np.float64(whole)))
         weights[m] = min(max(share, -(ONE << WEIGHT_BITS)), ONE << WEIGHT_BITS)
 
@@ -331,7 +333,7 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
     if not len(targets):
         pack_coefficients(quantised, np.arange(len(positions)), states, orders, steps)
     neighbours, squared_distances = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
-    offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
+    offsets, distance_weights = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)
     for i in prediction_order(relative, np.flatnonzero(moving), shifts):
         num_neighbours = nearest(
@@ -346,7 +348,9 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
             neighbours,
             squared_distances,
         )
-        _neighbour_weights(relative, i, neighbours, squared_distances, num_neighbours, offsets, closeness, weights)
+        _neighbour_weights(
+            relative, i, neighbours, squared_distances, num_neighbours, offsets, distance_weights, weights
+        )
         _predict_coefficients(values, moving, neighbours, weights, num_neighbours, means)
         u = 0
         for c in range(NUM_CHANNELS):

@@ -19,7 +19,7 @@ from splatwire.ops.compiled import njit
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
+def keyframe_shifts(columns, bases, unit, coarsest, thinness, shifts):
     """Computes the quantisation steps of keyframe Gaussians, from which the steps of their motion are derived.
 
     Args:

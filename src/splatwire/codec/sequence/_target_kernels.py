@@ -14,14 +14,14 @@ _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _relative_rotations(quats, base, begin, end, last, largest, values):
+def _relative_rotations(quats, keyframe_quat, begin, end, last, largest, values):
     """Computes the rotation of one track (a Gaussian over time) relative to its keyframe Gaussian, in each frame.
 
     The frames `begin` to `end - 1` of a group of F frames are added; earlier calls have added the frames before.
 
     Args:
         quats: Orientation of the track in each frame of the group, as quaternions, (F, 4).
-        base: Orientation of the keyframe Gaussian, as a quaternion, (4).
+        keyframe_quat: Orientation of the keyframe Gaussian, as a quaternion, (4).
         begin: First frame to add.
         end: End of the frames to add (exclusive).
         last: Relative rotation in the frame before `begin`, as a unit quaternion, (4). Replaced by the relative
@@ -38,15 +38,20 @@ def _relative_rotations(quats, base, begin, end, last, largest, values):
     for f in range(begin, end):
         same = last[0] == _ONE and last[1] == 0 and last[2] == 0 and last[3] == 0
         for a in range(4):
-            same &= quats[f, a] == base[a]
+            same &= quats[f, a] == keyframe_quat[a]
         if same:
             values[3, f], values[4, f], values[5, f] = _ZERO, _ZERO, _ZERO
             continue
         if length == 0:
             for a in range(4):
-                length += np.float64(base[a]) * np.float64(base[a])
+                length += np.float64(keyframe_quat[a]) * np.float64(keyframe_quat[a])
             length = np.sqrt(length)
-            b0, b1, b2, b3 = base[0] / length, base[1] / length, base[2] / length, base[3] / length
+            b0, b1, b2, b3 = (
+                keyframe_quat[0] / length,
+                keyframe_quat[1] / length,
+                keyframe_quat[2] / length,
+                keyframe_quat[3] / length,
+            )
         q0, q1, q2, q3 = (
             np.float64(quats[f, 0]),
             np.float64(quats[f, 1]),
@@ -71,7 +76,7 @@ def _relative_rotations(quats, base, begin, end, last, largest, values):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
+def _log_scale_changes(scales, opacities, keyframe_scales, opacity, begin, end, values):
     """Computes how the scales and the opacity of one track (a Gaussian over time) change in each frame.
 
     A change is log2 of the ratio to the value of the track's keyframe Gaussian. The frames `begin` to `end - 1` of a
@@ -80,7 +85,7 @@ def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
     Args:
         scales: Scales of the track in each frame of the group, (F, 3).
         opacities: Opacity of the track in each frame of the group, (F).
-        base: Scales of the keyframe Gaussian, (3).
+        keyframe_scales: Scales of the keyframe Gaussian, (3).
         opacity: Opacity of the keyframe Gaussian.
         begin: First frame to add.
         end: End of the frames to add (exclusive).
@@ -94,15 +99,18 @@ def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
         for axis in range(3):  # rank of an axis: number of larger scales, plus equal ones with a smaller index
             before = 0
             for other in range(3):
-                before += base[other] > base[axis] or (base[other] == base[axis] and other < axis)
+                before += keyframe_scales[other] > keyframe_scales[axis] or (
+                    keyframe_scales[other] == keyframe_scales[axis] and other < axis
+                )
             if before == rank:
                 axis_of_rank = axis
         for f in range(begin, end):
-            same = scales[f, axis_of_rank] == base[axis_of_rank]
+            same = scales[f, axis_of_rank] == keyframe_scales[axis_of_rank]
             values[6 + rank, f] = (
                 _ZERO
                 if same
-                else (np.log2(np.float64(scales[f, axis_of_rank])) - np.log2(np.float64(base[axis_of_rank]))) * _FIXED
+                else (np.log2(np.float64(scales[f, axis_of_rank])) - np.log2(np.float64(keyframe_scales[axis_of_rank])))
+                * _FIXED
             )
     for f in range(begin, end):
         same = opacities[f] == opacity

@@ -10,7 +10,7 @@ from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.gaussians.attributes import empty_rows as empty_keyframes
-from splatwire.codec.gaussians.attributes import update_digest as digest_bases
+from splatwire.codec.gaussians.attributes import update_digest as digest_keyframes
 from splatwire.codec.gaussians.decoder import blank_splats, decode_packets, store_block
 from splatwire.codec.gaussians.layout import COLUMNS
 from splatwire.codec.memory import check_memory, words_bytes
@@ -61,7 +61,7 @@ class TracksDecoder:
         info, self.manifest = open_side_info(manifest, side_info), manifest
         self.info, self._plan, self._num = info, manifest.plan, manifest.num_elements
         self.sections = info.sections
-        self._spans = _BlockMap(info, manifest)
+        self._block_map = _BlockMap(info, manifest)
         self._motion_spacings = info.motion_spacings
         self._num_tracks = sum(group.births for group in info.groups)
         self._num_bytes, side = num_bytes, 3 * (info.keyframes.degree + 1) ** 2
@@ -120,10 +120,10 @@ class TracksDecoder:
             Two arrays with a row for each element. For keyframe Gaussians: all attributes except spherical harmonics,
             and the harmonics. For motion: headers and prediction residuals of the tracks.
         """
-        group, base = self._spans.of(run.block)
-        if base is not None:
-            return decode_packets(*self.info.shot_of(base), run.counts, run.payloads)
-        return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])[:2]
+        group, keyframe_block = self._block_map.of(run.block)
+        if keyframe_block is not None:
+            return decode_packets(*self.info.shot_of(keyframe_block), run.counts, run.payloads)
+        return decode_motion(self.info, group, run.counts, run.payloads, self._block_map.first_new[group])[:2]
 
     def store(self, run: Run, rows: SymbolRows) -> None:
         """Writes decoded keyframe Gaussians to the scene. Motion packets are kept and decoded on request.
@@ -132,14 +132,14 @@ class TracksDecoder:
             run: Received packets of one block.
             rows: Result of `decode` for these packets.
         """
-        _, base = self._spans.of(run.block)
+        _, keyframe_block = self._block_map.of(run.block)
         self._loss_mask.received[run.ranks] = True
-        if base is None:
+        if keyframe_block is None:
             # Packets take a hundredth of the memory of decoded motion.
             self.hold(run.block, run.packets)
             return
         self._sizes[run.block] = sum(packet.num_bytes for packet in run.packets)
-        first, count = self._spans.track_range(base)
+        first, count = self._block_map.track_range(keyframe_block)
         received = np.zeros(count, dtype=bool)
         whole, harmonics = empty_keyframes(count, self.info.keyframes.num_harmonics)
         begin = 0
@@ -152,8 +152,8 @@ class TracksDecoder:
             )
             begin = end
         tracks = np.arange(first, first + count)
-        keyframes, block = self.info.shot_of(base)
-        spacing = self.info.shot_spacing(base)
+        keyframes, block = self.info.shot_of(keyframe_block)
+        spacing = self.info.shot_spacing(keyframe_block)
         store_block(self._splats, tracks, whole, harmonics, received, keyframes, block)
         self._positions[tracks] = scene_positions(whole, keyframes, block, spacing)
         self._shifts[tracks] = motion_shifts(whole, keyframes, self.info.coarser, spacing)
@@ -177,8 +177,8 @@ class TracksDecoder:
 
     def scene(self) -> ReceivedScene[SequenceScene]:
         """Returns the sequence decoded so far, with the mask of received elements and the stream's metadata."""
-        blocks = self._spans.blocks_of_tracks()
-        tracks = Tracks(self._splats, self._spans.born, self._received, blocks, self._rounding, *self._lifetimes)
+        blocks = self._block_map.blocks_of_tracks()
+        tracks = Tracks(self._splats, self._block_map.born, self._received, blocks, self._rounding, *self._lifetimes)
         background, antialiased = BACKGROUND.read(self.sections), ANTIALIASED in self.sections
         sequence = SequenceScene(
             self.info.timeline, tracks, self._motion, self._num, background, antialiased,
@@ -197,7 +197,7 @@ class TracksDecoder:
         Raises:
             BitstreamError: If the decoded motion exceeds the stream's memory limit.
         """
-        blocks, keyframes, time = self._spans.motion_blocks(group), self.info.keyframes, self.info.timeline
+        blocks, keyframes, time = self._block_map.motion_blocks(group), self.info.keyframes, self.info.timeline
         headers, moves, held = list[np.ndarray](), list[PacketMoves](), self.scene_bytes
         covered, num = np.zeros(self._num_tracks, bool), 0
         num_bytes = max(self._num_bytes, sum(self._sizes.values()))
@@ -206,11 +206,11 @@ class TracksDecoder:
             moved = self._ready.get(packet.id) or self._decode_packets([packet], received)[0]
             if moved is None:
                 continue
-            rows, does = moved
+            rows, packet_moves = moved
             covered[max(rows[0, TRACK] - rows[0, BEFORE], 0) : rows[-1, TRACK] + rows[-1, AFTER] + 1] = True
             headers.append(rows)
-            moves.append(does)
-            held += rows.nbytes + 2 * does.nbytes
+            moves.append(packet_moves)
+            held += rows.nbytes + 2 * packet_moves.nbytes
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
         frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
         size_log = keyframes.size_log + int(self._motion_spacings[group])
@@ -253,14 +253,14 @@ class TracksDecoder:
         Returns:
             Headers and motion of each packet; None for a packet with damaged headers or missing keyframe Gaussians.
         """
-        group, _ = self._spans.of(packets[0].id.block)
+        group, _ = self._block_map.of(packets[0].id.block)
         counts = np.array([packet.num_elements for packet in packets])
-        payloads, first_new = [packet.payload for packet in packets], self._spans.first_new[group]
+        payloads, first_new = [packet.payload for packet in packets], self._block_map.first_new[group]
         headers, residuals, orders = decode_motion(self.info, group, counts, payloads, first_new)
         tracks = headers[:, TRACK]
         good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
         clipped_tracks = np.where(good, tracks, 0)
-        spacings = self._motion_spacings[self._spans.born[clipped_tracks]] - self._motion_spacings[group]
+        spacings = self._motion_spacings[self._block_map.born[clipped_tracks]] - self._motion_spacings[group]
         positions, shifts = in_other_units(
             self._positions[clipped_tracks], self._shifts[clipped_tracks].astype(np.int64), spacings
         )
@@ -268,15 +268,17 @@ class TracksDecoder:
         for count, order in zip(counts.tolist(), orders, strict=True):
             begin, end = end, end + count
             selection = slice(begin, end) if good[begin:end].all() else begin + np.flatnonzero(good[begin:end])
-            has_all_bases = good[begin:end].any() and received[tracks[selection]].all()
-            does = (
+            has_all_keyframes = good[begin:end].any() and received[tracks[selection]].all()
+            coefficients = (
                 coefficients_of(
                     headers[selection], residuals[selection], order, positions[selection], shifts[selection]
                 )
-                if has_all_bases
+                if has_all_keyframes
                 else None
             )
-            moved_packets.append(None if does is None else (headers[selection], PacketMoves(does, order)))
+            moved_packets.append(
+                None if coefficients is None else (headers[selection], PacketMoves(coefficients, order))
+            )
         return moved_packets
 
 
@@ -335,16 +337,16 @@ class _BlockMap:
 
     def blocks_of_tracks(self) -> np.ndarray:
         """Returns for each track the index of the block that contains its keyframe Gaussian, int64 (T)."""
-        blocks = [block for block, (_, base) in enumerate(self._blocks) if base is not None]
+        blocks = [block for block, (_, keyframe_block) in enumerate(self._blocks) if keyframe_block is not None]
         return np.repeat(np.array(blocks, np.int64), [count for _, count in self._tracks])
 
-    def track_range(self, base: int) -> tuple[int, int]:
+    def track_range(self, keyframe_block: int) -> tuple[int, int]:
         """Returns the index of the first keyframe Gaussian in a block, and the block's number of keyframe Gaussians.
 
         Args:
-            base: Index of the block among all blocks of keyframe Gaussians.
+            keyframe_block: Index of the block among all blocks of keyframe Gaussians.
         """
-        return self._tracks[base]
+        return self._tracks[keyframe_block]
 
     def motion_blocks(self, group: int) -> range:
         """Returns the range of blocks that contain the motion of a group of frames."""
@@ -358,4 +360,4 @@ def update_digest(digest: Any, rows: SymbolRows) -> None:
         digest: hashlib object that is updated.
         rows: Decoded integers of a block of keyframe Gaussians or of a block of motion, in two arrays.
     """
-    (digest_motion if rows[0].shape[1] == HEAD else digest_bases)(digest, rows)
+    (digest_motion if rows[0].shape[1] == HEAD else digest_keyframes)(digest, rows)

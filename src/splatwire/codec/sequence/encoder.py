@@ -23,7 +23,7 @@ from splatwire.bitstream import (
 from splatwire.bitstream.limits import TRACKS
 from splatwire.bitstream.tiers import TierShape
 from splatwire.codec.background import BACKGROUND
-from splatwire.codec.gaussians.attributes import update_digest as digest_bases
+from splatwire.codec.gaussians.attributes import update_digest as digest_keyframes
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.sequence.fitting import Fitting, fit, motion_masks
 from splatwire.codec.sequence.keyframes import KeyframeEncoder, span_size
@@ -86,7 +86,7 @@ class TracksEncoder:
         self._packetization, self._threads = packetization, threads
         self._sections: Mapping[str, bytes] = BACKGROUND.sections(background)
         self._keyframes = KeyframeEncoder(quality, packetization, threads)
-        self._zero: np.ndarray | None = None
+        self._zero_probabilities: np.ndarray | None = None
         self._groups: list[Group] = []
         self._lifetimes: list[Lifetimes] = []
         self._packets: list[Packet] = []
@@ -131,41 +131,50 @@ class TracksEncoder:
             group = self._known.empty_group(group.moves.num_frames)
         self.importance = {}
         first_new = self._num_tracks
-        numbers, new, moving, targets = self._classify_tracks(group)
+        track_indices, new, moving, targets = self._classify_tracks(group)
         old, born = np.flatnonzero(~new), np.flatnonzero(new)
-        by = np.concatenate([old[np.argsort(numbers[old])], born])
+        coding_rows = np.concatenate([old[np.argsort(track_indices[old])], born])
         self._num_tracks += len(born)
         self._costs = np.concatenate([self._costs, np.full(len(born), FIRST_COST)])
         most = self._packetization.packet_bytes - HEADER_BYTES
-        coder = MotionCoder.of(len(by), targets.coefficients, first_new, most)
+        coder = MotionCoder.of(len(coding_rows), targets.coefficients, first_new, most)
 
         @functools.cache
         def births() -> list[Packet]:
             """Encodes the keyframe Gaussians of the tracks that begin in this group, and fits their motion."""
-            packets = self._encode_keyframes(group, classes, born, numbers, cut=cut)
-            threads, who = 1 if len(old) else self._threads, np.where(new, numbers, -1)
-            fit(targets, group.moves, self._known, self._keyframes.reference, who, (0, group.moves.num_frames), threads)
+            packets = self._encode_keyframes(group, classes, born, track_indices, cut=cut)
+            threads, fitted_tracks = 1 if len(old) else self._threads, np.where(new, track_indices, -1)
+            fit(
+                targets,
+                group.moves,
+                self._known,
+                self._keyframes.reference,
+                fitted_tracks,
+                (0, group.moves.num_frames),
+                threads,
+            )
             of_births = targets.largest[born], targets.turns[born]
-            _, moving[born] = motion_masks(*of_births, self._known.shifts, numbers[born])
-            by[len(old) :] = born[np.argsort(numbers[born])]
-            self._fill_coder(coder, slice(len(old), None), group, by, numbers, moving)
+            _, moving[born] = motion_masks(*of_births, self._known.shifts, track_indices[born])
+            coding_rows[len(old) :] = born[np.argsort(track_indices[born])]
+            self._fill_coder(coder, slice(len(old), None), group, coding_rows, track_indices, moving)
             return packets
 
-        self._fill_coder(coder, slice(len(old)), group, by, numbers, moving)
+        self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
         if cut:
             before = self._keyframes.motion_spacing
             births()
-            self._change_unit(targets, old, numbers, moving, before)
-            self._fill_coder(coder, slice(len(old)), group, by, numbers, moving)
+            self._change_unit(targets, old, track_indices, moving, before)
+            self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
         motions, moved = self._encode_motion(group, coder, len(old), births)
         self._groups.append(Group(len(born), motions))
         count = sum(packet.num_bytes for packet in [*births(), *moved]) // BYTES_OF_ONE
-        numbers, begins, ends = numbers[by], group.begins[by], group.ends[by]
-        begin, end = (numbers >= first_new) & (begins > 0), ends < group.moves.num_frames
-        lifetimes = Lifetimes(numbers[begin], begins[begin], numbers[end], self._num_frames + ends[end])
-        lifetimes = lifetimes.with_ended(np.setdiff1d(self._known.alive, numbers, assume_unique=True), self._num_frames)
+        coded_tracks, begins, ends = track_indices[coding_rows], group.begins[coding_rows], group.ends[coding_rows]
+        begin, end = (coded_tracks >= first_new) & (begins > 0), ends < group.moves.num_frames
+        lifetimes = Lifetimes(coded_tracks[begin], begins[begin], coded_tracks[end], self._num_frames + ends[end])
+        ended = np.setdiff1d(self._known.alive, coded_tracks, assume_unique=True)
+        lifetimes = lifetimes.with_ended(ended, self._num_frames)
         self._lifetimes.append(lifetimes.most_seen(self._known.weights, count))
-        self._known = replace(self._known, alive=numbers[~end])
+        self._known = replace(self._known, alive=coded_tracks[~end])
         self._num_frames += group.moves.num_frames
         self._packets += [*births(), *moved]
         return by_importance(births(), self.importance) + interleave_blocks(moved, self.importance)
@@ -208,9 +217,11 @@ class TracksEncoder:
         its motion.
         """
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
-        zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
+        zero_probabilities = (
+            np.full(NUM_CONTEXTS, 128) if self._zero_probabilities is None else self._zero_probabilities
+        )
         named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
-        info = SequenceInfo(timeline, tuple(self._groups), self._keyframes.shots, COARSER, zero, named)
+        info = SequenceInfo(timeline, tuple(self._groups), self._keyframes.shots, COARSER, zero_probabilities, named)
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 
@@ -231,13 +242,13 @@ class TracksEncoder:
             fitting = self._fit(group.keys, group.moves)
             fitting.add_frames(group.moves, frames)
         targets = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
-        new = fitting.numbers < 0
-        known_indices = np.maximum(fitting.numbers, 0)
+        new = fitting.track_indices < 0
+        known_indices = np.maximum(fitting.track_indices, 0)
         _, shifts = self._known.in_units(slice(None), self._keyframes.motion_spacing)
         far, moving = motion_masks(targets.largest, targets.turns, shifts, known_indices)
         anew = np.flatnonzero(far & ~new)
         targets.put(anew, Targets.zero(len(anew), frames))
-        return fitting.numbers, new | far, moving, targets
+        return fitting.track_indices, new | far, moving, targets
 
     def _change_unit(
         self, targets: Targets, old: np.ndarray, track_indices: np.ndarray, moving: np.ndarray, before: int
@@ -301,7 +312,7 @@ class TracksEncoder:
             keyframes, group.keys[born], coded.positions, shifts, self._keyframes.motion_spacing
         )
         for rows in coded.digested:
-            digest_bases(self._digest, rows)
+            digest_keyframes(self._digest, rows)
         track_indices[born] = np.arange(first_new, len(self._known.keys))
         return self._renumbered(coded.packets, coded.num_blocks, self._known.weights[first_new:])
 
@@ -374,9 +385,9 @@ class TracksEncoder:
         headers = coder.headers
         size = span_size(len(headers), self._packetization.block_size)
         parts = list(itertools.pairwise([*range(0, len(headers), size), len(headers)]))
-        if self._zero is None:
+        if self._zero_probabilities is None:
             births()
-            self._zero = coder.fitted(parts, self._threads)
+            self._zero_probabilities = coder.fitted(parts, self._threads)
 
         def ready() -> Iterator[tuple[int, int]]:
             for begin, end in parts:
@@ -385,7 +396,7 @@ class TracksEncoder:
                 yield begin, end
 
         packets, costs = [], []
-        coded = ordered_map(functools.partial(coder.encode, self._zero), ready(), self._threads)
+        coded = ordered_map(functools.partial(coder.encode, self._zero_probabilities), ready(), self._threads)
         for block, ((begin, end), part) in enumerate(zip(parts, coded, strict=True)):
             births()  # keyframe Gaussians first: this is the order of the digest
             packets += part.packets(block)

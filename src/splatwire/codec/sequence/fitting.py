@@ -26,20 +26,20 @@ class Fitting:
 
     Args:
         keys: Keys (identifiers) of the tracks of the present group that have appeared so far, int64 (n).
-        known: Tracks of earlier groups with their keyframe Gaussians.
+        known_tracks: Tracks of earlier groups with their keyframe Gaussians.
         info: Side information whose lattice spacing determines the unit of fitted positions.
         frames: Number of frames in the group.
         threads: Number of threads; None for one per processor.
 
     Attributes:
-        numbers: Index in `known` of each track, int64 (n); -1 for tracks that are not in `known`.
+        track_indices: Index in `known_tracks` of each track, int64 (n); -1 for tracks that are not in `known_tracks`.
     """
 
     def __init__(
         self, keys: np.ndarray, known_tracks: KnownTracks, info: KeyframeInfo, frames: int, threads: int | None
     ) -> None:  # fmt: skip
         self._keys, self._known, self._info, self._threads = keys.copy(), known_tracks, info, threads
-        self.numbers, self._end = known_tracks.numbers_of(keys), 0
+        self.track_indices, self._end = known_tracks.indices_of(keys), 0
         self._targets = Targets.zero(len(keys) + len(keys) // SPARE, frames)
 
     def fits(self, keys: np.ndarray, frames: int) -> bool:
@@ -62,7 +62,7 @@ class Fitting:
             end: Number of available frames; frames from `end` on are ignored.
         """
         selection = slice(len(self._keys))
-        self._add(self._targets.select(selection), trajectories.select(selection), self.numbers, self._end, end)
+        self._add(self._targets.select(selection), trajectories.select(selection), self.track_indices, self._end, end)
         self._end = end
 
     def finish(self, keys: np.ndarray, trajectories: Trajectories, full_length: np.ndarray) -> Targets:
@@ -74,11 +74,11 @@ class Fitting:
             trajectories: Trajectories of all tracks over the group.
             full_length: Mask of tracks present in all frames, bool (n).
         """
-        self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
+        self.track_indices = np.concatenate([self.track_indices, self._known.indices_of(keys[len(self._keys) :])])
         # Some positions of a track that begins or ends in the group may have been unknown when the frames were added.
         incomplete, targets = np.flatnonzero(~full_length), self._targets.select(slice(len(keys)))
         others = Targets.zero(len(incomplete), trajectories.num_frames)
-        self._add(others, trajectories.select(incomplete), self.numbers[incomplete], 0, trajectories.num_frames)
+        self._add(others, trajectories.select(incomplete), self.track_indices[incomplete], 0, trajectories.num_frames)
         targets.put(incomplete, others)
         return targets
 

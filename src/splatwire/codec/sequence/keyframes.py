@@ -26,8 +26,8 @@ from splatwire.types.splats import Splats
 LOG = logging.getLogger(__name__)
 FINEST_UNIT = 28
 """`-log2` of the smallest lattice spacing, relative to the scene's size. Float32 positions are rarely more precise. On
-a finer lattice, coefficients of fast motion exceed `layout.MAX_COEFFICIENT`, and the track needs a new base: this costs
-bytes, and its loss leaves a ghost (a stale Gaussian that is still drawn).
+a finer lattice, coefficients of fast motion exceed `layout.MAX_COEFFICIENT`, and the track needs a new keyframe
+Gaussian: this costs bytes, and its loss leaves a ghost (a stale Gaussian that is still drawn).
 """
 KEPT_UNITS = range(-3, 11)
 """Lattice spacings of a new shot for which the unit of motion stays, log2 in units of motion. If the lattice is finer
@@ -98,7 +98,7 @@ class KeyframeEncoder:
         self._references: list[SideInfo] = []
         self._template: SideInfo | None = None
         self._warned = False
-        self._level = 0
+        self._median_class = 0
 
     @property
     def shots(self) -> tuple[Shot, ...]:
@@ -163,14 +163,14 @@ class KeyframeEncoder:
         """
         size = span_size(splats.num_gaussians, self._packetization.block_size)
         plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
-        template, level = self._template, self._level
+        template, median_class = self._template, self._median_class
         if template is None:
             return self._begin_shot(self._fitted(splats, classes, plan, None, None), group)
         if cut:
             fresh = self._fitted(splats, classes, plan, None, None)
             if self._differs(fresh.info):
                 return self._begin_shot(fresh, group)
-        coding = self._coding(splats, classes, template, level)
+        coding = self._coding(splats, classes, template, median_class)
         self._warn_of_coarse_lattice(splats, template)
         shared = self._fitted(splats, classes, plan, coding, template)
         coded = self._coded(shared)
@@ -205,7 +205,7 @@ class KeyframeEncoder:
         self._infos.append((group, [fitted.info]))
         keep = self._references and spacing_of(fitted.info, self.reference) in KEPT_UNITS
         self._references.append(self.reference if keep else fitted.info)
-        self._template, self._level = fitted.info, int(np.median(fitted.source.classes))
+        self._template, self._median_class = fitted.info, int(np.median(fitted.source.classes))
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
@@ -253,9 +253,11 @@ class KeyframeEncoder:
                 the coarsest).
         """
         count, most = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
-        levels = np.full(count, median_class, np.uint8) if classes is None else coded_classes(classes, count, most)
+        precision_classes = (
+            np.full(count, median_class, np.uint8) if classes is None else coded_classes(classes, count, most)
+        )
         transform, bases = info.transform, tuple(info.bases.tolist())
-        return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, levels)
+        return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, precision_classes)
 
     def _threads_for(self, plan: PacketPlan) -> int | None:
         """Returns the number of threads that encode the blocks of a packet plan; None for all cores."""

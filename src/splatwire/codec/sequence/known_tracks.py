@@ -44,7 +44,7 @@ class KnownTracks:
         positions, shifts = (np.zeros((0, count), np.int64) for count in (3, NUM_CHANNELS))
         return KnownTracks(none, none, empty, positions, shifts, none, np.zeros(0), none)
 
-    def numbers_of(self, keys: np.ndarray) -> np.ndarray:
+    def indices_of(self, keys: np.ndarray) -> np.ndarray:
         """Returns the track index for each key, int64; -1 for unknown keys."""
         if not len(self.keys):
             return np.full(len(keys), -1, np.int64)

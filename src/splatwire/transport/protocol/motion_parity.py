@@ -47,8 +47,8 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
     groups = [GroupPackets((), ())] * (len(plan.spans) // 2)
     packets_by_kind: list[tuple[list[int], list[int]]] = [([], []) for _ in groups]
     for number, packet in enumerate(packets):
-        tier = plan.tier_of(packet.id.block)
-        packets_by_kind[tier // 2][tier % 2].append(number)
+        block = packet.id.block
+        packets_by_kind[plan.group_of_block(block)][0 if plan.persistent(block) else 1].append(number)
     return [GroupPackets(tuple(keyframes), tuple(motion)) for keyframes, motion in packets_by_kind]
 
 

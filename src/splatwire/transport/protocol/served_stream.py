@@ -74,7 +74,7 @@ class ServedStream:
         init_segment_bytes: Size of the init segment (manifest, side information, bundled packets) in bytes.
         init_segment_digest: SHA-256 of the init segment.
         symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
-        head: For each source block (separately encoded part) of the init segment, its source symbols and repair
+        init_symbols: For each source block (separately encoded part) of the init segment, its source symbols and repair
             symbols. Some of the repair symbols are only sent on request.
         packets: Packets in sending order.
         packet_bytes: Maximum size of a packet in bytes.
