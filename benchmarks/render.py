@@ -127,9 +127,9 @@ def nanoseconds_per_pixel(kernel: Any, extra: tuple[Any, ...]) -> float:
     from splatwire.render._cpu_kernels import TILE, new_buffer
 
     @numba.njit
-    def loop(buf, x, y, a, b, c, level, red, green, blue, *rest):  # type: ignore[no-untyped-def]
+    def loop(buf, x, y, a, b, c, log_opacity, red, green, blue, *rest):  # type: ignore[no-untyped-def]
         for _ in range(20_000):
-            kernel(buf, 0, TILE, x, y, a, b, c, level, red, green, blue, *rest)
+            kernel(buf, 0, TILE, x, y, a, b, c, log_opacity, red, green, blue, *rest)
 
     numbers = [np.float32(v) for v in (8.0, 8.0, -0.01, 0.001, -0.01, -7.0, 0.5, 0.5, 0.5)]
     arguments = (new_buffer(TILE, TILE), *numbers, *extra)

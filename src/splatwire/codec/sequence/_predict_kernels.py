@@ -31,6 +31,7 @@ neighbours. Larger values cost bytes for fast motion: a ridge of an eighth would
 object.
 """
 _TILT_BITS = 20
+"""Number of fractional bits of the correction of a neighbour's weight for the slope of the fitted plane (tilt)."""
 _OCTAVES = 1
 """Octave range of quantisation steps, as log2: tracks are sorted by the product of their steps of position and
 rotation, and tracks with products within `2 ** _OCTAVES` octaves are predicted together.

@@ -144,15 +144,8 @@ class TracksEncoder:
             """Encodes the keyframe Gaussians of the tracks that begin in this group, and fits their motion."""
             packets = self._encode_keyframes(group, classes, born, track_indices, cut=cut)
             threads, fitted_tracks = 1 if len(old) else self._threads, np.where(new, track_indices, -1)
-            fit(
-                targets,
-                group.moves,
-                self._known,
-                self._keyframes.reference,
-                fitted_tracks,
-                (0, group.moves.num_frames),
-                threads,
-            )
+            frames = (0, group.moves.num_frames)
+            fit(targets, group.moves, self._known, self._keyframes.reference, fitted_tracks, frames, threads)
             of_births = targets.largest[born], targets.turns[born]
             _, moving[born] = motion_masks(*of_births, self._known.shifts, track_indices[born])
             coding_rows[len(old) :] = born[np.argsort(track_indices[born])]
