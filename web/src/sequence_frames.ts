@@ -60,7 +60,7 @@ export class SequenceFrames {
     this.post({ kind: "playable", ...playable, late: this.#periods!.late });
   }
 
-  /** Sends a frame, taken from `received` unless the clip is live. `size` is the size of the scene, world units. */
+  /** Sends a frame, taken from `stream` unless the clip is live. `size` is the size of the scene, world units. */
   frame({ number, choice }: ToWorker & { kind: "frame" }, stream: DecodedStream | null, size: number): void {
     const periodFrame = this.#periods?.at(number),
       decoder = (this.#periods ? periodFrame?.stream : stream)?.decoder,

@@ -174,13 +174,13 @@ test("the units of a cut cover the scene exactly once", { skip }, () => {
       below = (tile: number): number[] => [tile, ...tiles.children[tile].flatMap(below)],
       of = (tile: number): number =>
         tiles.children[tile].length ? tiles.children[tile].reduce((sum, child) => sum + size(child), 0) : 0,
-      size = (piece: number): number => schema.splatsOf(piece).reduce((sum, { count }) => sum + count, 0);
+      size = (unit: number): number => schema.splatsOf(unit).reduce((sum, { count }) => sum + count, 0);
     for (let tile = 0; tile < tiles.count; tile++)
       if (tiles.children[tile].length) assert.equal(of(tile), tiles.gaussians[tile]);
       else assert.equal(size(tiles.count + tile), tiles.gaussians[tile]);
     for (const { drawn } of views) {
-      const covered = drawUnits.drawn({ drawn, wanted: [] }).flatMap((piece) => {
-        const { tile, child } = drawUnits.of(piece);
+      const covered = drawUnits.drawn({ drawn, wanted: [] }).flatMap((unit) => {
+        const { tile, child } = drawUnits.of(unit);
         return below(child ?? tile).filter((finest) => !tiles.children[finest].length);
       });
       assert.equal(new Set(covered).size, covered.length);
@@ -212,12 +212,12 @@ test("a tile is drawn once most packets arrived, and redrawn with late packets",
   const show = (): readonly Swap[] => {
     const swaps = received.swaps(near, held);
     for (const { removed, added } of swaps) {
-      for (const piece of removed) held.delete(piece);
-      for (const piece of added) held.set(piece, tiling.splatsOf(piece).length);
+      for (const unit of removed) held.delete(unit);
+      for (const unit of added) held.set(unit, tiling.splatsOf(unit).length);
     }
     return swaps;
   };
-  const isDrawn = (): boolean => [...held.keys()].some((piece) => drawUnits.of(piece).tile === finer);
+  const isDrawn = (): boolean => [...held.keys()].some((unit) => drawUnits.of(unit).tile === finer);
   const late = of(finer).slice(0, Math.floor(tiles.packets[finer] / 4) + 1);
   assert.ok(late.length > 1);
   for (const bytes of [...of(0), ...of(finer).slice(late.length)]) received.addPacket(bytes);

@@ -8,10 +8,10 @@ import { type Fields, parseJson, writeJson } from "../src/packets/json.ts";
 import { sha256 } from "../src/sha256.ts";
 import type { ReceivedPacket } from "../src/transport/events.ts";
 import { receiveAll, type Source, type Transports } from "../src/transport/failover.ts";
-import { dataView } from "../src/transport/frames.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
 import type { FromWorker } from "../src/transport/messages.ts";
 import { recordsOf } from "../src/transport/packet_cache.ts";
+import { dataView } from "../src/transport/wire_messages.ts";
 import { WorkerReceiver } from "../src/worker_receiver.ts";
 
 export const URL_ = "https://scenes.example/a.swz";

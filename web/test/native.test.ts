@@ -16,7 +16,7 @@ import {
   type MotionPacket,
   NativeMotionPackets,
   PlainMotionPackets,
-  type TrackBases,
+  type TrackKeyframes,
 } from "../src/codec/tracks/motion_packets.ts";
 import type { SequenceInfo } from "../src/codec/tracks/side_info.ts";
 import { countLanes, Intake, planOf } from "../src/packets/plan.ts";
@@ -180,7 +180,7 @@ test("WebAssembly and plain TypeScript decode any bytes to the same integers", (
 });
 
 /** Returns positions and steps of any tracks. Some positions are equal, so that neighbours are equally near. */
-function anyBases(headers: Int32Array, random: (below: number) => number): TrackBases {
+function anyKeyframes(headers: Int32Array, random: (below: number) => number): TrackKeyframes {
   const count = headers.length / HEAD,
     extent = 2 ** random(30),
     positions = Float64Array.from({ length: 3 * count }, () => random(3) && random(extent)),
@@ -191,7 +191,7 @@ function anyBases(headers: Int32Array, random: (below: number) => number): Track
 /** Returns side information of motion; bytes decode to many tracks with long trajectories where `odds` is large. */
 function anyMotionInfo(random: (below: number) => number, odds: number): SequenceInfo {
   const models = Int32Array.from({ length: 2 * NUM_CONTEXTS }, () => 256 * (1 + Math.floor(random(256) / odds)));
-  return { models, bases: { sizeLog: 1, unit: 20 } } as unknown as SequenceInfo;
+  return { models, keyframeInfo: { sizeLog: 1, unit: 20 } } as unknown as SequenceInfo;
 }
 
 test("WebAssembly and plain TypeScript decode any bytes to the same motion", () => {
@@ -206,9 +206,9 @@ test("WebAssembly and plain TypeScript decode any bytes to the same motion", () 
         frames = 1 + random(n ? 16 : 64),
         packet: MotionPacket = { payload, count: 1 + random(200), frames, firstNew: random(2 ** 28) },
         seed = random(1000),
-        basesOf = (headers: Int32Array) => anyBases(headers, randomNumbers(seed)),
-        expected = plain.decode(packet, basesOf)!,
-        found = native.decode(packet, basesOf)!;
+        keyframesOf = (headers: Int32Array) => anyKeyframes(headers, randomNumbers(seed)),
+        expected = plain.decode(packet, keyframesOf)!,
+        found = native.decode(packet, keyframesOf)!;
       assert.deepEqual(found, expected);
       for (let i = STATE; i < expected.headers.length; i += HEAD) moved += Number(expected.headers[i] === 1);
     }
@@ -220,7 +220,7 @@ test("motion whose offsets are too many for WebAssembly, or whose memory cannot 
   const random = randomNumbers(5),
     info = anyMotionInfo(random, 1),
     payload = Uint8Array.from({ length: 300 }, () => random(256)),
-    basesOf = (headers: Int32Array) => anyBases(headers, randomNumbers(6)),
+    keyframesOf = (headers: Int32Array) => anyKeyframes(headers, randomNumbers(6)),
     large = { payload, count: 6000, frames: 64, firstNew: 0 },
     small = { payload, count: 50, frames: 8, firstNew: 0 },
     plain = new PlainMotionPackets(info),
@@ -239,9 +239,9 @@ test("motion whose offsets are too many for WebAssembly, or whose memory cannot 
   };
   try {
     const packets = new FastMotionPackets(info);
-    assert.deepEqual(packets.decode(large, basesOf), plain.decode(large, basesOf));
+    assert.deepEqual(packets.decode(large, keyframesOf), plain.decode(large, keyframesOf));
     assert.equal(made, 0);
-    for (let n = 0; n < 2; n++) assert.deepEqual(packets.decode(small, basesOf), plain.decode(small, basesOf));
+    for (let n = 0; n < 2; n++) assert.deepEqual(packets.decode(small, keyframesOf), plain.decode(small, keyframesOf));
     assert.equal(made, 1);
   } finally {
     WebAssembly.Instance = Instance;

@@ -6,9 +6,9 @@ import { test } from "node:test";
 import { ContainerReader, fileHead } from "../src/packets/container.ts";
 import type { Listener } from "../src/transport/events.ts";
 import type { Transports } from "../src/transport/failover.ts";
-import { dataView } from "../src/transport/frames.ts";
 import type { StoredStream } from "../src/transport/transfer.ts";
 import type { Session } from "../src/transport/webtransport.ts";
+import { dataView } from "../src/transport/wire_messages.ts";
 import { type Answering, begun, Caches, packetOffsets, part, Server, type Visit, visit, whole } from "./fake_web.ts";
 import { fileOf, random } from "./vectors.ts";
 

@@ -168,7 +168,7 @@ for (const [n, stream] of streamsOf("gaussians").entries()) {
 }
 
 for (const stream of streamsOf("tracks")) {
-  test("helpers decode the bases of a clip, whose frames are those of one thread", async () => {
+  test("helpers decode the keyframe Gaussians of a clip, whose frames are those of one thread", async () => {
     const pool = new PacketPool(stream.file, () => new FakeThread(), 2);
     await ready(pool);
     const [shared, own] = [await decoded(pool, stream), alone(stream)].map(({ decoder }) => decoder.schema.sequence!);

@@ -1,4 +1,4 @@
-// Shots of a clip: the shot of each block of bases.
+// Shots of a clip: the shot of each block of keyframe Gaussians.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";

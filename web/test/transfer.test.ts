@@ -4,7 +4,6 @@ import { test } from "node:test";
 
 import type { Head } from "../src/packets/container.ts";
 import { crc32, portableCrc32 } from "../src/packets/crc32.ts";
-import { dataView, FrameReader, readWelcome, writeRequest } from "../src/transport/frames.ts";
 import { Transfer } from "../src/transport/transfer.ts";
 import {
   LIVE,
@@ -15,6 +14,7 @@ import {
   REORDER_THRESHOLD,
   VERSION,
 } from "../src/transport/wire.ts";
+import { dataView, MessageReader, readWelcome, writeRequest } from "../src/transport/wire_messages.ts";
 import { welcome } from "./wire_messages.ts";
 
 const expected = process.env["EXPECTED"]
@@ -227,11 +227,11 @@ test("packets are claimed only in the order in which they were received", () => 
   );
 });
 
-test("a byte stream is split into frames for any chunk boundaries", () => {
-  const reader = new FrameReader(),
+test("a byte stream is split into messages for any chunk boundaries", () => {
+  const reader = new MessageReader(),
     bytes = Uint8Array.of(2, 0, 7, 8, 1, 0, 9),
-    frames: number[][] = [];
-  for (const byte of bytes) frames.push(...reader.feed(Uint8Array.of(byte)).map((frame) => [...frame]));
-  assert.deepEqual(frames, [[7, 8], [9]]);
+    messages: number[][] = [];
+  for (const byte of bytes) messages.push(...reader.feed(Uint8Array.of(byte)).map((message) => [...message]));
+  assert.deepEqual(messages, [[7, 8], [9]]);
   assert.throws(() => reader.feed(Uint8Array.of(0, 0)));
 });

@@ -1,7 +1,7 @@
 // Messages of a server, for tests.
 
 import { crc32 } from "../src/packets/crc32.ts";
-import { dataView } from "../src/transport/frames.ts";
+import { dataView } from "../src/transport/wire_messages.ts";
 
 /** Appends the checksum of a message. */
 function sealed(bytes: Uint8Array): Uint8Array {

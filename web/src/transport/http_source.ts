@@ -117,7 +117,7 @@ async function receiveFresh(file: HttpFile, listener: Listener, store: PacketSto
     begin = 0,
     end = 0;
   const reader = new PacketReader(listener, store, answer.keep),
-    tally = new ProgressReporter(listener, store);
+    progress = new ProgressReporter(listener, store);
   for (;;) {
     try {
       for (let piece = await answer.read(); piece; piece = await answer.read()) {
@@ -125,7 +125,7 @@ async function receiveFresh(file: HttpFile, listener: Listener, store: PacketSto
         if (listener.stopped()) return "stopped";
         reader.feed(piece);
         if (reader.head) file.compared = true;
-        tally.add(piece.length);
+        progress.add(piece.length);
         if (store.complete) return "complete";
       }
     } finally {
@@ -150,15 +150,15 @@ async function receiveFresh(file: HttpFile, listener: Listener, store: PacketSto
 
 /** Reads the missing packets of a file, run by run. Throws `Reordered` if they are not at the expected offsets. */
 async function receiveGaps(file: HttpFile, listener: Listener, store: PacketStore): Promise<string> {
-  const tally = new ProgressReporter(listener, store);
-  tally.add(0);
+  const progress = new ProgressReporter(listener, store);
+  progress.add(0);
   for (let before = -1; store.count > before; ) {
     before = store.count; // a server may return a shorter range than requested
     const { gaps } = store;
     if (store.isReordered) restart(file); // the cache may have offsets of two orders, which hide missing packets
     for (const gap of gaps) {
       if (listener.stopped()) return "stopped";
-      await receiveGap(file, gap, listener, store, tally);
+      await receiveGap(file, gap, listener, store, progress);
     }
   }
   if (store.complete) return "complete";
@@ -186,15 +186,15 @@ async function receiveGap(
   gap: Gap,
   listener: Listener,
   store: PacketStore,
-  tally: ProgressReporter,
+  progress: ProgressReporter,
 ): Promise<void> {
   const first = gap.before ?? gap.offset,
-    read = await readPart(file, gap, first, listener, store, tally);
+    read = await readPart(file, gap, first, listener, store, progress);
   if (read.size) checkOrder(file, isAsKnown(gap, store, read.reader));
   if (store.isReordered && !store.complete) restart(file);
   const isDone = store.complete || listener.stopped() || gap.before === null || read.reader.numIntact > 1;
   if (!isDone && read.size && first + read.size < (gap.end ?? Infinity))
-    await readPart(file, gap, gap.offset, listener, store, tally);
+    await readPart(file, gap, gap.offset, listener, store, progress);
 }
 
 async function readPart(
@@ -203,7 +203,7 @@ async function readPart(
   begin: number,
   listener: Listener,
   store: PacketStore,
-  tally: ProgressReporter,
+  progress: ProgressReporter,
 ): Promise<{ size: number; reader: PacketReader }> {
   const answer = await file.request(begin, gap.end),
     reader = new PacketReader(listener, store, answer.keep, store.head, begin);
@@ -211,7 +211,7 @@ async function readPart(
   try {
     for (let piece = await answer.read(); piece; piece = await answer.read()) {
       reader.feed(piece);
-      tally.add(piece.length);
+      progress.add(piece.length);
       size += piece.length;
       if (reader.numIntact) file.ranges = "usable";
       if (store.complete || listener.stopped()) return { size, reader };
@@ -270,13 +270,13 @@ async function readAll(
   answer: Answer,
   listener: Listener,
   store: PacketStore,
-  tally: ProgressReporter,
+  progress: ProgressReporter,
 ): Promise<string | null> {
   const reader = new PacketReader(listener, store, answer.keep);
   for (let piece = await answer.read(); piece; piece = await answer.read()) {
     if (listener.stopped()) return "stopped";
     reader.feed(piece);
-    tally.add(piece.length);
+    progress.add(piece.length);
     if (reader.head && store.complete) return "complete";
   }
   if (!reader.head) throw new Damaged("the file ends before its side information does");

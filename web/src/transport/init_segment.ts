@@ -4,9 +4,9 @@ import { hex } from "../bytes.ts";
 import { checkHead, fileHead, type Head } from "../packets/container.ts";
 import { readManifest } from "../packets/manifest.ts";
 import { sha256 } from "../sha256.ts";
-import { dataView, type Welcome } from "./frames.ts";
+import { dataView, type Welcome } from "./wire_messages.ts";
 
-const SEGMENT_SYMBOLS = 2048;
+const SOURCE_BLOCK_SYMBOLS = 2048;
 
 export class InitSegment {
   readonly numSymbols: number;
@@ -36,7 +36,7 @@ export class InitSegment {
     return sha256(this.#bytes);
   }
 
-  /** Returns true if the manifest belongs to another init segment. */
+  /** Returns true if another init segment begins with the same manifest. */
   hasManifestOf(other: Uint8Array): boolean {
     const end = 4 + dataView(this.#bytes).getUint32(0, true);
     return other.length >= end && hex(this.#bytes.subarray(0, end)) === hex(other.subarray(0, end));
@@ -46,12 +46,12 @@ export class InitSegment {
   add(bytes: Uint8Array): boolean {
     const { symbolBytes, initSegmentBytes } = this.welcome,
       numbers = dataView(bytes),
-      segments = Math.ceil(this.numSymbols / SEGMENT_SYMBOLS),
-      segment = numbers.getUint16(9, true),
+      numSourceBlocks = Math.ceil(this.numSymbols / SOURCE_BLOCK_SYMBOLS),
+      sourceBlock = numbers.getUint16(9, true),
       payload = bytes.subarray(15, bytes.length - 4),
-      symbolIndex = Math.floor((this.numSymbols * segment) / segments) + numbers.getUint32(11, true),
-      next = Math.floor((this.numSymbols * (segment + 1)) / segments);
-    if (segment >= segments || symbolIndex >= next || payload.length !== symbolBytes) return false;
+      symbolIndex = Math.floor((this.numSymbols * sourceBlock) / numSourceBlocks) + numbers.getUint32(11, true),
+      next = Math.floor((this.numSymbols * (sourceBlock + 1)) / numSourceBlocks);
+    if (sourceBlock >= numSourceBlocks || symbolIndex >= next || payload.length !== symbolBytes) return false;
     if (this.#received[symbolIndex]) return true; // a duplicate from the other transport
     this.#bytes.set(
       payload.subarray(0, Math.min(symbolBytes, initSegmentBytes - symbolIndex * symbolBytes)),

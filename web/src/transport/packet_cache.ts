@@ -2,7 +2,7 @@
 // localhost.
 
 import type { ReceivedPacket } from "./events.ts";
-import { dataView } from "./frames.ts";
+import { dataView } from "./wire_messages.ts";
 
 /** Name of the cache, which changes with its entry layout, and names of earlier layouts. */
 const NAME = "splatwire-3";

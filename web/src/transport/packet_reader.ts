@@ -5,8 +5,8 @@ import { type Head, HeadReader, joined } from "../packets/container.ts";
 import { MAX_PACKET_BYTES } from "../packets/limits.ts";
 import { HEADER_BYTES } from "../packets/packet.ts";
 import { FILE, type Listener, type ReceivedPacket } from "./events.ts";
-import { dataView } from "./frames.ts";
 import { isIntact, type PacketStore, SIZE_BYTES } from "./packet_store.ts";
+import { dataView } from "./wire_messages.ts";
 
 /** Bytes parsed at once, because a browser delivers all data that waited for a busy thread. */
 const PIECE = 1 << 16;

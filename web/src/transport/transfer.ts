@@ -8,17 +8,6 @@ import type { Head } from "../packets/container.ts";
 import { identityOf, readPacket } from "../packets/packet.ts";
 import { sha256 } from "../sha256.ts";
 import { NO_SOURCE, type ReceivedPacket } from "./events.ts";
-import {
-  dataView,
-  messageType,
-  readWelcome,
-  type Welcome,
-  writeBye,
-  writeFeedback,
-  writeHave,
-  writeRequest,
-  writeView,
-} from "./frames.ts";
 import { InitSegment } from "./init_segment.ts";
 import {
   DATA,
@@ -37,6 +26,17 @@ import {
   SIDE,
   WELCOME,
 } from "./wire.ts";
+import {
+  dataView,
+  messageType,
+  readWelcome,
+  type Welcome,
+  writeBye,
+  writeFeedback,
+  writeHave,
+  writeRequest,
+  writeView,
+} from "./wire_messages.ts";
 
 const IMPOSSIBLE = "the server announces something impossible";
 /** Delay between requests for a live stream that has not begun, milliseconds. */
@@ -60,7 +60,7 @@ export interface StoredStream {
    * Returns one bit per stored packet in an order (`Welcome.order`), the lowest bit of a byte first; null for unknown
    * orders.
    */
-  bitsOf(order: string): Uint8Array | null;
+  bitsOf(orderDigest: string): Uint8Array | null;
 }
 
 export class Transfer {
@@ -352,7 +352,7 @@ export class Transfer {
 
   /** Accepts a packet. In a growing stream it may arrive before the message that announces it (`mayBeEarly`). */
   #acceptPacket(packetIndex: number, bytes: Uint8Array, mayBeEarly = false): void {
-    const { packets, packetBytes, streamId, isLive, order } = this.welcome!,
+    const { packets, packetBytes, streamId, isLive, order: orderDigest } = this.welcome!,
       packet = readPacket(bytes, streamId);
     if (packetIndex >= packets || bytes.length > packetBytes || !packet) {
       if (isLive && mayBeEarly && this.#waitingPackets.length < MAX_WAITING_PACKETS)
@@ -367,7 +367,7 @@ export class Transfer {
     }
     if (this.#packetStates[packetIndex] === 1) return void this.counts.duplicates++;
     this.#packetStates[packetIndex] = 1;
-    this.newPackets.push({ source: order, position: packetIndex, bytes });
+    this.newPackets.push({ source: orderDigest, position: packetIndex, bytes });
     this.counts.packets++;
     this.counts.packetBytes += bytes.length;
   }

@@ -3,9 +3,9 @@
 import { BUDGET, type ViewCamera } from "../codec/levels/cut.ts";
 import { delay } from "../scheduler.ts";
 import type { Listener } from "./events.ts";
-import { FrameReader } from "./frames.ts";
 import { type StoredStream, Transfer } from "./transfer.ts";
 import { FEEDBACK_MS } from "./wire.ts";
+import { MessageReader } from "./wire_messages.ts";
 
 /** Maximum time until a session is open, or the server answers a look-up, milliseconds. */
 const SESSION_TIMEOUT_MS = 4000;
@@ -107,8 +107,8 @@ export async function receiveDatagrams(
   const onStream = stream.writable.getWriter(),
     datagrams = transport.datagrams.writable.getWriter(),
     request = transfer.request();
-  const send = (frames: readonly Uint8Array[]): void => {
-    for (const one of frames) {
+  const send = (messages: readonly Uint8Array[]): void => {
+    for (const one of messages) {
       // also as a datagram, because the stream waits longer if its first packet is lost
       datagrams.write(one).catch(() => undefined);
       onStream.write(Uint8Array.of(one.length & 255, one.length >> 8, ...one)).catch(() => undefined);
@@ -116,10 +116,10 @@ export async function receiveDatagrams(
   };
   send([request]);
   let receivedAt = performance.now();
-  const frames = new FrameReader();
+  const reader = new MessageReader();
   readAll(stream.readable, (chunk) => {
     receivedAt = performance.now();
-    for (const bytes of frames.feed(chunk)) transfer.receive(bytes, receivedAt);
+    for (const bytes of reader.feed(chunk)) transfer.receive(bytes, receivedAt);
     send(transfer.takeHaveMessages());
   }).catch(end);
   readAll(transport.datagrams.readable, (bytes) => {

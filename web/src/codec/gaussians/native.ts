@@ -8,7 +8,7 @@ import { COEFFICIENTS, COLUMNS } from "./layout.ts";
 import { MODULE } from "./native_module.ts";
 import { type Decoded, type GaussianPackets, PacketDecoder } from "./packet.ts";
 import type { SideInfo } from "./side_info.ts";
-import { stepBases } from "./steps.ts";
+import { constantTerms } from "./steps.ts";
 import { FRACTIONS, WHOLES } from "./to_splats.ts";
 
 /** Length of a row of the module's table of the transform. */
@@ -156,7 +156,7 @@ export class NativePackets implements GaussianPackets {
       inverses: INVERSE_SCALES,
       widths: HALF_WIDTHS,
       coefficients: Int32Array.from(COEFFICIENTS.flat()),
-      bases: stepBases(info.bases),
+      bases: constantTerms(info.bases),
       scales: info.scales,
       initial: info.models,
       fractions: FRACTIONS,

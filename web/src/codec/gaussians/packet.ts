@@ -251,7 +251,7 @@ export class PacketDecoder implements GaussianPackets {
 
   /**
    * Decodes the primary axis in a frame given by the coordinate axis nearest to the neighbours' mean axis: as two
-   * coordinates, or as a point of an octahedral map.
+   * coordinates, or as their sum and difference (octahedral map).
    */
   #decodeAxis(row: number, primary: number, shift: number): void {
     const rows = this.#rows,
@@ -267,20 +267,18 @@ export class PacketDecoder implements GaussianPackets {
       p = side * mean[first],
       q = side * mean[second];
     const spread = deviationContext(near.axisCount, near.axisDeviation, shift),
-      square = this.#absolute ? 0 : 1;
-    const e0 = clip(this.#decodeValue(4, spread, Math.floor(((p + square * q) * ONE) / norm), shift), -ONE, ONE),
-      most = square ? ONE : ONE - Math.abs(e0);
-    const e1 = clip(
-      this.#decodeValue(4, spread, Math.floor(((square * p - q) * (square ? 1 : -1) * ONE) / norm), shift),
-      -most,
-      most,
-    );
-    const x = square ? (e0 + e1) >> 1 : e0,
-      y = square ? (e0 - e1) >> 1 : e1;
+      isSumDifference = !this.#absolute,
+      expected0 = isSumDifference ? p + q : p,
+      expected1 = isSumDifference ? p - q : q;
+    const e0 = clip(this.#decodeValue(4, spread, Math.floor((expected0 * ONE) / norm), shift), -ONE, ONE),
+      most = isSumDifference ? ONE : ONE - Math.abs(e0);
+    const e1 = clip(this.#decodeValue(4, spread, Math.floor((expected1 * ONE) / norm), shift), -most, most);
+    const x = isSumDifference ? (e0 + e1) >> 1 : e0,
+      y = isSumDifference ? (e0 - e1) >> 1 : e1;
     rows[row + AXIS + first] = x;
     rows[row + AXIS + second] = y + 0; // avoids negative zero
     rows[row + AXIS + pole] = Math.max(ONE - Math.abs(x) - Math.abs(y), 0);
-    if (!square) this.#canonicaliseAxis(row + AXIS);
+    if (!isSumDifference) this.#canonicaliseAxis(row + AXIS);
   }
 
   /** Flips an axis so that its largest coordinate is positive. The axis then does not depend on the packet. */

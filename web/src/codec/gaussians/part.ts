@@ -8,11 +8,11 @@ export class GaussianPart implements Part {
   constructor(
     readonly packet: Packet | null,
     readonly splats: Splats,
-    readonly where: () => Int32Array,
+    readonly planIndices: () => Int32Array,
   ) {}
 
   get indices(): Int32Array {
-    return this.where();
+    return this.planIndices();
   }
 
   get count(): number {

@@ -86,9 +86,9 @@ function predictedCentre(
 }
 
 function meanSize(info: SideInfo, block: number): number {
-  const [, s0, long, thin] = info.defaults.subarray(7 * block, 7 * block + 7),
+  const [, s0, long, companded] = info.defaults.subarray(7 * block, 7 * block + 7),
     clip = (v: number, a: number, b: number): number => Math.min(Math.max(v, a), b);
   const first = clip(s0, -MAX_LOG, MAX_LOG),
     second = first - clip(long, 0, MAX_LOG);
-  return 2 ** (info.sizeLog + (first + 2 * second - thinness()[clip(thin, 0, MAX_THIN)]) / 3 / 2 ** BITS);
+  return 2 ** (info.sizeLog + (first + 2 * second - thinness()[clip(companded, 0, MAX_THIN)]) / 3 / 2 ** BITS);
 }

@@ -84,7 +84,7 @@ function readHeader(
   const degree = reader.u8(),
     sizeLog = reader.signed(),
     unit = reader.signed();
-  const bases = Array.from({ length: STEPS }, () => reader.signed());
+  const stepExponents = Array.from({ length: STEPS }, () => reader.signed());
   const coarsest = version === RELATIVE ? -1 : reader.u8();
   const transform = Int8Array.from(reader.rest(), (byte) => (byte << 24) >> 24),
     side = (degree + 1) ** 2 - 1;
@@ -94,13 +94,13 @@ function readHeader(
     unit < 0 ||
     unit > MAX_LATTICE_BITS ||
     coarsest > MAX_LATTICE_BITS ||
-    bases.some((base) => Math.abs(base) > 64 << STEP_BITS)
+    stepExponents.some((exponent) => Math.abs(exponent) > 64 << STEP_BITS)
   ) {
     throw new BitstreamError("side information: a number of the header is out of range");
   }
   if (transform.length !== side * side)
     throw new BitstreamError(`side information: a transform of ${transform.length} entries, not ${side * side}`);
-  return { degree, sizeLog, unit, bases: Int32Array.from(bases), coarsest, transform };
+  return { degree, sizeLog, unit, bases: Int32Array.from(stepExponents), coarsest, transform };
 }
 
 /** Reads the boxes and means of blocks. */

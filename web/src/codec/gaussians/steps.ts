@@ -4,18 +4,18 @@ import { BITS, COEFFICIENTS, STEP_BITS } from "./layout.ts";
 
 const C = Int32Array.from(COEFFICIENTS.flat());
 
-/** Returns the base exponent of each step and class, including the rounding term. */
-export function stepBases(bases: Int32Array): Int32Array {
-  return Int32Array.from({ length: 8 * bases.length }, (_, i) => {
-    return (bases[i >> 3] + (i & 7) * 2 ** STEP_BITS) * 2 ** BITS + 2 ** (BITS + STEP_BITS - 1);
+/** Returns the constant term of the exponent of each step and class, including the rounding term. */
+export function constantTerms(coded: Int32Array): Int32Array {
+  return Int32Array.from({ length: 8 * coded.length }, (_, i) => {
+    return (coded[i >> 3] + (i & 7) * 2 ** STEP_BITS) * 2 ** BITS + 2 ** (BITS + STEP_BITS - 1);
   });
 }
 
 export class Steps {
-  readonly #bases: Int32Array;
+  readonly #exponents: Int32Array;
 
-  constructor(bases: Int32Array) {
-    this.#bases = stepBases(bases);
+  constructor(stepExponents: Int32Array) {
+    this.#exponents = constantTerms(stepExponents);
   }
 
   /**
@@ -25,7 +25,7 @@ export class Steps {
   exponent(which: number, level: number, area: number, long: number, thin: number, opacity: number): number {
     const c = 4 * which;
     return (
-      (C[c] * area + C[c + 1] * long + C[c + 2] * thin + C[c + 3] * opacity + this.#bases[8 * which + level]) >>
+      (C[c] * area + C[c + 1] * long + C[c + 2] * thin + C[c + 3] * opacity + this.#exponents[8 * which + level]) >>
       (BITS + STEP_BITS)
     );
   }

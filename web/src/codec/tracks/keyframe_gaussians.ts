@@ -1,11 +1,11 @@
-// Received base Gaussians of tracks, in growing arrays. Memory is proportional to the received tracks, not to the
+// Received keyframe Gaussians of tracks, in growing arrays. Memory is proportional to the received tracks, not to the
 // announced ones.
 
 import { BitstreamError } from "../../bytes.ts";
 import { COLUMNS, LATTICE } from "../gaussians/layout.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { HEAD, MAX_COORD, NUM_CHANNELS, TRACK } from "./layout.ts";
-import type { TrackBases } from "./motion_packets.ts";
+import type { TrackKeyframes } from "./motion_packets.ts";
 import { type SequenceInfo, type Shot, shotOf } from "./side_info.ts";
 import { limitShift, MotionSteps } from "./steps.ts";
 
@@ -16,57 +16,57 @@ const MIN_CAPACITY = 1024;
 export const TRACK_BYTES = 4 + 24 + 4 * NUM_CHANNELS;
 
 export class KeyframeGaussians {
-  /** Slot of each track; -1 if its base was not received. */
-  slots: Int32Array;
-  /** Track of each slot. */
+  /** Keyframe index of each track, the index of its keyframe Gaussian among the received ones; -1 if not received. */
+  keyframeIndices: Int32Array;
+  /** Track of each keyframe Gaussian. */
   tracks = new Int32Array(MIN_CAPACITY);
-  /** Birth group of each track, by slot. */
+  /** Birth group of each track, by keyframe index. */
   birthGroups = new Int32Array(MIN_CAPACITY);
-  /** Positions in the units of motion of the birth groups, shape (slots, 3). */
+  /** Positions in the units of motion of the birth groups, shape (keyframes, 3). */
   positions = new Float64Array(3 * MIN_CAPACITY);
-  /** log2 of the motion steps, shape (slots, channels). */
+  /** log2 of the motion steps, shape (keyframes, channels). */
   shifts = new Int32Array(NUM_CHANNELS * MIN_CAPACITY);
   splats: Splats;
   count = 0;
   #steps: MotionSteps;
 
   constructor(public info: SequenceInfo) {
-    this.slots = slotsOf(info);
-    this.splats = emptySplats(MIN_CAPACITY, info.bases.degree);
+    this.keyframeIndices = noIndices(info);
+    this.splats = emptySplats(MIN_CAPACITY, info.keyframeInfo.degree);
     this.#steps = stepsOf(info, info.shots[0]);
   }
 
   /** Continues with a longer clip, which has more tracks. */
   grow(info: SequenceInfo): void {
-    const slots = slotsOf(info);
-    slots.set(this.slots);
-    this.slots = slots;
+    const keyframeIndices = noIndices(info);
+    keyframeIndices.set(this.keyframeIndices);
+    this.keyframeIndices = keyframeIndices;
     this.info = info;
   }
 
   /**
    * Adds the Gaussians of consecutive tracks, beginning with track `first`. `rows` are their integers, `block` is their
-   * block among all blocks of bases.
+   * block among all blocks of keyframe Gaussians.
    */
   add(first: number, rows: Float64Array, block: number, splats: Splats): void {
     const { count } = splats,
       shot = shotOf(this.info, block),
-      { corners } = shot.bases.boxes,
+      { corners } = shot.keyframeInfo.boxes,
       corner = 3 * (block - shot.firstBlock),
       scale = 2 ** shot.spacing,
       group = this.info.groups.findIndex(({ firstNew, births }) => first < firstNew + births);
     this.#reserve(this.count + count);
-    if (this.#steps.info !== shot.bases) this.#steps = stepsOf(this.info, shot);
+    if (this.#steps.info !== shot.keyframeInfo) this.#steps = stepsOf(this.info, shot);
     for (let i = 0; i < count; i++) {
-      const slot = this.count++,
+      const keyframeIndex = this.count++,
         row = i * COLUMNS;
-      this.slots[first + i] = slot;
-      this.tracks[slot] = first + i;
-      this.birthGroups[slot] = group;
+      this.keyframeIndices[first + i] = keyframeIndex;
+      this.tracks[keyframeIndex] = first + i;
+      this.birthGroups[keyframeIndex] = group;
       for (let a = 0; a < 3; a++) {
-        this.positions[3 * slot + a] = scaledCoord(rows[row + LATTICE + a] + 2 * corners[corner + a], scale);
+        this.positions[3 * keyframeIndex + a] = scaledCoord(rows[row + LATTICE + a] + 2 * corners[corner + a], scale);
       }
-      this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * slot);
+      this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * keyframeIndex);
     }
     const from = this.count - count;
     for (const name of ["means", "quats", "scales", "opacities", "colours", "harmonics"] as const) {
@@ -79,18 +79,19 @@ export class KeyframeGaussians {
    * Returns the positions and steps of the tracks of a packet with these headers, for the unit of motion of a group;
    * null if one was not received.
    */
-  of(headers: Int32Array, group: number): TrackBases | null {
+  of(headers: Int32Array, group: number): TrackKeyframes | null {
     const count = headers.length / HEAD,
       unit = this.info.units[group],
       positions = new Float64Array(3 * count),
       shifts = new Int32Array(NUM_CHANNELS * count);
     for (let i = 0; i < count; i++) {
-      const slot = this.slots[headers[HEAD * i + TRACK]] ?? -1;
-      if (slot < 0) return null;
-      for (let c = 0; c < NUM_CHANNELS; c++) shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * slot + c];
-      const octaves = this.info.units[this.birthGroups[slot]] - unit;
+      const keyframeIndex = this.keyframeIndices[headers[HEAD * i + TRACK]] ?? -1;
+      if (keyframeIndex < 0) return null;
+      for (let c = 0; c < NUM_CHANNELS; c++)
+        shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * keyframeIndex + c];
+      const octaves = this.info.units[this.birthGroups[keyframeIndex]] - unit;
       for (let a = 0; a < 3; a++) {
-        positions[3 * i + a] = scaledCoord(this.positions[3 * slot + a], 2 ** octaves);
+        positions[3 * i + a] = scaledCoord(this.positions[3 * keyframeIndex + a], 2 ** octaves);
         shifts[NUM_CHANNELS * i + a] = limitShift(shifts[NUM_CHANNELS * i + a] + octaves);
       }
     }
@@ -116,8 +117,8 @@ function scaledCoord(coord: number, scale: number): number {
   return Math.min(Math.max(Math.floor(coord * scale), -MAX_COORD), MAX_COORD);
 }
 
-function stepsOf({ coarser }: SequenceInfo, { bases, spacing }: Shot): MotionSteps {
-  return new MotionSteps(bases, coarser, spacing);
+function stepsOf({ coarser }: SequenceInfo, { keyframeInfo, spacing }: Shot): MotionSteps {
+  return new MotionSteps(keyframeInfo, coarser, spacing);
 }
 
 function copyInto<T extends Int32Array | Float64Array>(old: T, larger: T): T {
@@ -125,7 +126,7 @@ function copyInto<T extends Int32Array | Float64Array>(old: T, larger: T): T {
   return larger;
 }
 
-function slotsOf({ numTracks }: SequenceInfo): Int32Array {
+function noIndices({ numTracks }: SequenceInfo): Int32Array {
   if (numTracks > MAX_TRACKS) throw new BitstreamError(`${numTracks} tracks exceed the limit of ${MAX_TRACKS}`);
   return new Int32Array(numTracks).fill(-1);
 }

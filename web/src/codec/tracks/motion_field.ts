@@ -4,8 +4,8 @@ import { KdTree } from "../../conceal/kd_tree.ts";
 import { DC } from "../splats.ts";
 import { NUM_CHANNELS } from "./layout.ts";
 import { COLOUR, changedKinds, FIRST_SHAPE, type NeighbourSet, NeighbourSums, POSE, SHAPE } from "./neighbours.ts";
-import type { PreviousState, TrackOffsets } from "./poses.ts";
 import { proximityWeights, Quadratic } from "./quadratic.ts";
+import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
 
 export const NEIGHBOURS = 40;
 /** Squared colour contrast at which the correction by contrast is halved. */
@@ -25,8 +25,8 @@ export class MotionField {
    */
   readonly #kinds: Uint8Array;
   /**
-   * Neighbours of the last query by row, the same by slot for the state before the group, and their positions relative
-   * to the query.
+   * Neighbours of the last query by row, the same by keyframe index for the state before the group, and their positions
+   * relative to the query.
    */
   readonly #neighbours: NeighbourSet;
   readonly #previousNeighbours: NeighbourSet;
@@ -52,7 +52,7 @@ export class MotionField {
     for (let n = 0; n < observedRows.length; n++)
       for (let a = 0; a < 3; a++)
         points[3 * n + a] =
-          means[3 * arrived.slots[observedRows[n]] + a] + (origins ? origins[n * NUM_CHANNELS + a] : 0);
+          means[3 * arrived.keyframeIndices[observedRows[n]] + a] + (origins ? origins[n * NUM_CHANNELS + a] : 0);
     this.#tree = new KdTree(points, count);
     this.#fit = new Quadratic(count);
     this.#currentSums = new NeighbourSums(frames, count, arrived.offsets, origins);
@@ -75,7 +75,7 @@ export class MotionField {
     const { arrived, origins, past, frames } = this,
       row = this.observedRows[n],
       size = frames * NUM_CHANNELS,
-      last = arrived.slots[row] * NUM_CHANNELS,
+      last = arrived.keyframeIndices[row] * NUM_CHANNELS,
       from = origins ? changedKinds(origins, n * NUM_CHANNELS, (n + 1) * NUM_CHANNELS) : 0,
       changed = changedKinds(arrived.offsets, row * size, (row + 1) * size) | from;
     return (this.#kinds[n] = changed + PREVIOUS * changedKinds(past.lastOffsets, last, last + NUM_CHANNELS));
@@ -85,29 +85,29 @@ export class MotionField {
    * Predicts a track's offsets: the neighbours' motion plus the track's earlier deviation from it. The deviation counts
    * less if it is small compared with its quantisation step.
    */
-  predict(slot: number, out: Float32Array): void {
+  predict(keyframeIndex: number, out: Float32Array): void {
     const { lastOffsets, wasExtrapolated, positionStep } = this.past,
       own = this.#own,
-      changed = this.#queryNeighbours(slot, 0),
+      changed = this.#queryNeighbours(keyframeIndex, 0),
       had = unionOf(this.#previousNeighbours.kinds) & POSE;
-    this.#computeWeights(slot, changed | had);
+    this.#computeWeights(keyframeIndex, changed | had);
     this.#currentSums.of(this.#neighbours, changed, this.#contrast, out);
-    if (wasExtrapolated?.[slot]) return;
+    if (wasExtrapolated?.[keyframeIndex]) return;
     this.#previousSums.of(this.#previousNeighbours, had, this.#contrast, own);
     let apart = 0;
-    for (let c = 0; c < FIRST_SHAPE; c++) own[c] = lastOffsets[slot * NUM_CHANNELS + c] - own[c];
+    for (let c = 0; c < FIRST_SHAPE; c++) own[c] = lastOffsets[keyframeIndex * NUM_CHANNELS + c] - own[c];
     for (let a = 0; a < 3; a++) apart += own[a] * own[a];
     if (!apart) return;
-    const trust = apart / (apart + positionStep(slot) ** 2 + 1e-30);
+    const trust = apart / (apart + positionStep(keyframeIndex) ** 2 + 1e-30);
     for (let frame = 0; frame < this.frames; frame++)
       for (let c = 0; c < FIRST_SHAPE; c++) out[frame * NUM_CHANNELS + c] += trust * own[c];
   }
 
   /** Adds the neighbours' changes to a track's offsets. */
-  addChanges(slot: number, out: Float32Array): void {
+  addChanges(keyframeIndex: number, out: Float32Array): void {
     const found = this.#found,
-      changed = this.#queryNeighbours(slot, 1);
-    this.#computeWeights(slot, changed);
+      changed = this.#queryNeighbours(keyframeIndex, 1);
+    this.#computeWeights(keyframeIndex, changed);
     this.#currentSums.of(this.#neighbours, changed, this.#contrast, found);
     for (let k = 0; k < out.length; k++) out[k] += found[k];
   }
@@ -116,7 +116,7 @@ export class MotionField {
    * Finds the neighbours of a track. `moved` is 1 if its last offset applies, otherwise 0. Returns the kinds of
    * channels that change.
    */
-  #queryNeighbours(slot: number, moved: number): number {
+  #queryNeighbours(keyframeIndex: number, moved: number): number {
     const { observedRows, arrived, past } = this,
       { points } = this.#tree,
       { means } = past.splats,
@@ -124,7 +124,8 @@ export class MotionField {
       offsets = this.#offsets,
       { rows, origins, kinds } = this.#neighbours,
       last = this.#previousNeighbours;
-    for (let a = 0; a < 3; a++) here[a] = means[3 * slot + a] + moved * past.lastOffsets[slot * NUM_CHANNELS + a];
+    for (let a = 0; a < 3; a++)
+      here[a] = means[3 * keyframeIndex + a] + moved * past.lastOffsets[keyframeIndex * NUM_CHANNELS + a];
     const near = this.#tree.nearest(here[0], here[1], here[2]);
     for (let i = 0; i < near.length; i++) {
       const n = near[i],
@@ -134,39 +135,39 @@ export class MotionField {
       origins[i] = n;
       const both = this.#kindsOf(n);
       kinds[i] = both % PREVIOUS;
-      last.rows[i] = arrived.slots[row];
+      last.rows[i] = arrived.keyframeIndices[row];
       last.kinds[i] = both / PREVIOUS;
     }
     return unionOf(kinds);
   }
 
   /** Computes the neighbours' weights for the kinds of channels that change. */
-  #computeWeights(slot: number, changed: number): void {
+  #computeWeights(keyframeIndex: number, changed: number): void {
     const { closeness, weights } = this.#neighbours;
     if (!changed) return;
     const unit = proximityWeights(this.#offsets, closeness);
     if (changed & (POSE | SHAPE)) this.#fit.weights(this.#offsets, closeness, unit, weights);
-    if (changed & COLOUR) this.#computeContrasts(slot);
+    if (changed & COLOUR) this.#computeContrasts(keyframeIndex);
   }
 
   /** Computes the colour contrasts of the neighbours and of the track to the neighbours' mean. */
-  #computeContrasts(slot: number): void {
+  #computeContrasts(keyframeIndex: number): void {
     const { colours } = this.past.splats,
       { closeness, contrasts } = this.#neighbours,
-      slots = this.#previousNeighbours.rows,
+      keyframeIndices = this.#previousNeighbours.rows,
       mean = this.#contrast.fill(0);
-    for (let i = 0; i < slots.length; i++)
-      for (let a = 0; a < 3; a++) mean[a] += closeness[i] * colours[3 * slots[i] + a];
+    for (let i = 0; i < keyframeIndices.length; i++)
+      for (let a = 0; a < 3; a++) mean[a] += closeness[i] * colours[3 * keyframeIndices[i] + a];
     let square = COLOUR_RIDGE;
-    for (let i = 0; i < slots.length; i++) {
+    for (let i = 0; i < keyframeIndices.length; i++) {
       for (let a = 0; a < 3; a++) {
-        const apart = colours[3 * slots[i] + a] - mean[a];
+        const apart = colours[3 * keyframeIndices[i] + a] - mean[a];
         square += closeness[i] * apart * apart;
         contrasts[3 * i + a] = closeness[i] * apart;
       }
     }
     for (let k = 0; k < contrasts.length; k++) contrasts[k] /= square;
-    for (let a = 0; a < 3; a++) this.#contrast[a] = colours[3 * slot + a] - mean[a];
+    for (let a = 0; a < 3; a++) this.#contrast[a] = colours[3 * keyframeIndex + a] - mean[a];
   }
 }
 

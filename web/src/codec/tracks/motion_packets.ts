@@ -22,8 +22,8 @@ export interface DecodedMotion {
   readonly offsets: Float32Array;
 }
 
-/** Properties of the tracks' bases. */
-export interface TrackBases {
+/** Properties of the tracks' keyframe Gaussians. */
+export interface TrackKeyframes {
   /** Positions in units of motion, shape (tracks, 3). */
   readonly positions: Float64Array;
   /** log2 of the steps, shape (tracks, channels). */
@@ -42,8 +42,8 @@ export interface MotionPacket {
 }
 
 interface MotionPackets {
-  /** Decodes a packet. Returns null if `basesOf` does so for its headers. */
-  decode(packet: MotionPacket, basesOf: (headers: Int32Array) => TrackBases | null): DecodedMotion | null;
+  /** Decodes a packet. Returns null if `keyframesOf` does so for its headers. */
+  decode(packet: MotionPacket, keyframesOf: (headers: Int32Array) => TrackKeyframes | null): DecodedMotion | null;
 }
 
 /** Decodes in WebAssembly if possible. */
@@ -52,18 +52,18 @@ export class FastMotionPackets implements MotionPackets {
 
   constructor(readonly info: SequenceInfo) {}
 
-  decode(packet: MotionPacket, basesOf: (headers: Int32Array) => TrackBases | null): DecodedMotion | null {
+  decode(packet: MotionPacket, keyframesOf: (headers: Int32Array) => TrackKeyframes | null): DecodedMotion | null {
     const { count, frames } = packet;
     if (this.#native !== null && count <= MAX_TRACKS && count * frames * NUM_CHANNELS <= MAX_OFFSETS) {
       try {
         this.#native ??= NativeMotionPackets.of(this.info);
-        if (this.#native) return this.#native.decode(packet, basesOf);
+        if (this.#native) return this.#native.decode(packet, keyframesOf);
       } catch (error) {
         if (!(error instanceof WebAssembly.RuntimeError)) throw error;
         this.#native = null; // its memory cannot grow
       }
     }
-    return new PlainMotionPackets(this.info).decode(packet, basesOf);
+    return new PlainMotionPackets(this.info).decode(packet, keyframesOf);
   }
 }
 
@@ -72,15 +72,15 @@ export class PlainMotionPackets implements MotionPackets {
 
   decode(
     { payload, count, frames, firstNew }: MotionPacket,
-    basesOf: (headers: Int32Array) => TrackBases | null,
+    keyframesOf: (headers: Int32Array) => TrackKeyframes | null,
   ): DecodedMotion | null {
     const { headers, residuals, orders } = decodeMotion(payload, this.info.models, count, frames, firstNew),
-      bases = basesOf(headers);
-    if (!bases) return null;
+      keyframes = keyframesOf(headers);
+    if (!keyframes) return null;
     const stride = count * NUM_CHANNELS,
       moving = movingOf(headers),
       offsets = new Float32Array(frames * stride),
-      found = coefficients(bases.positions, moving, bases.shifts, residuals, orders),
+      found = coefficients(keyframes.positions, moving, keyframes.shifts, residuals, orders),
       row = coefficientsOf(orders),
       units = unitsOf(this.info);
     for (let i = 0; i < count; i++)
@@ -133,7 +133,7 @@ export class NativeMotionPackets implements MotionPackets {
 
   decode(
     { payload, count, frames, firstNew }: MotionPacket,
-    basesOf: (headers: Int32Array) => TrackBases | null,
+    keyframesOf: (headers: Int32Array) => TrackKeyframes | null,
   ): DecodedMotion | null {
     const { memory, begin, readMotion, offsets } = this.exports,
       address = begin(payload.length);
@@ -147,13 +147,13 @@ export class NativeMotionPackets implements MotionPackets {
     new Uint8Array(memory.buffer, address).set(payload);
     const headersAt = readMotion(payload.length, count, frames, firstNew),
       headers = new Int32Array(memory.buffer, headersAt, HEAD * count).slice(),
-      bases = basesOf(headers);
-    if (!bases) return null;
+      keyframes = keyframesOf(headers);
+    if (!keyframes) return null;
     const shiftsAt = headersAt + headers.byteLength;
-    new Int32Array(memory.buffer, shiftsAt).set(bases.shifts);
-    const positions = normalisedPositions(bases.positions),
-      order = codingOrder(positions, movingOf(headers), bases.shifts),
-      positionsAt = 8 * Math.ceil((shiftsAt + bases.shifts.byteLength) / 8);
+    new Int32Array(memory.buffer, shiftsAt).set(keyframes.shifts);
+    const positions = normalisedPositions(keyframes.positions),
+      order = codingOrder(positions, movingOf(headers), keyframes.shifts),
+      positionsAt = 8 * Math.ceil((shiftsAt + keyframes.shifts.byteLength) / 8);
     new Float64Array(memory.buffer, positionsAt).set(positions);
     new Int32Array(memory.buffer, positionsAt + positions.byteLength).set(order);
     const at = offsets(order.length);

@@ -3,7 +3,7 @@
 
 import { NUM_CHANNELS } from "./layout.ts";
 import { MotionField, NEIGHBOURS } from "./motion_field.ts";
-import type { PreviousState, TrackOffsets } from "./poses.ts";
+import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
 
 const OPACITY = 9,
   /** Least factor of opacity for tracks that may not exist yet. */
@@ -16,7 +16,7 @@ export class Extrapolation {
 
   /**
    * `completeRows` are the rows with received motion for the whole group. `birthGroup` returns the group that a track
-   * is born in, by slot.
+   * is born in, by keyframe index.
    */
   constructor(
     readonly arrived: TrackOffsets,
@@ -33,16 +33,17 @@ export class Extrapolation {
    */
   estimate(lost: Uint8Array, queryTracks: Int32Array): Float32Array {
     const { arrived, past, frames, birthGroup } = this,
-      { slots } = arrived,
+      { keyframeIndices } = arrived,
       out = new Float32Array(frames * NUM_CHANNELS * queryTracks.length),
       observedRows = this.completeRows.filter((row) => !lost[row]),
-      birth = mostFrequent(observedRows.map((row) => birthGroup[slots[row]])),
-      peers = observedRows.filter((row) => birthGroup[slots[row]] === birth),
+      birth = mostFrequent(observedRows.map((row) => birthGroup[keyframeIndices[row]])),
+      peers = observedRows.filter((row) => birthGroup[keyframeIndices[row]] === birth),
       enough = peers.length >= NEIGHBOURS,
-      caseOf = (slot: number) => (enough && birthGroup[slot] === birth ? "peers" : past.isNew(slot) ? "new" : "old");
-    queryTracks.forEach((slot, n) => {
-      if (!observedRows.length || caseOf(slot) !== "peers")
-        repeatLastOffset(past.lastOffsets, slot, out, n * frames, frames);
+      caseOf = (keyframeIndex: number) =>
+        enough && birthGroup[keyframeIndex] === birth ? "peers" : past.isNew(keyframeIndex) ? "new" : "old";
+    queryTracks.forEach((keyframeIndex, n) => {
+      if (!observedRows.length || caseOf(keyframeIndex) !== "peers")
+        repeatLastOffset(past.lastOffsets, keyframeIndex, out, n * frames, frames);
     });
     for (const kind of ["peers", "new", "old"]) {
       const sources = kind === "peers" ? peers : observedRows,
@@ -66,7 +67,9 @@ export class Extrapolation {
         new MotionField(arrived, rows, motionOrigins(kind, arrived, rows, past, frames), past, frames);
     if (sources.length < NEIGHBOURS) return make(sources);
     const name = `${kind} ${birth}`,
-      all = this.completeRows.filter((row) => kind !== "peers" || this.birthGroup[arrived.slots[row]] === birth),
+      all = this.completeRows.filter(
+        (row) => kind !== "peers" || this.birthGroup[arrived.keyframeIndices[row]] === birth,
+      ),
       field = this.#fields.get(name) ?? make(all);
     this.#fields.set(name, field);
     field.leaveOut(lost);
@@ -84,13 +87,13 @@ function mostFrequent(values: Int32Array): number {
 /** Repeats a track's last offset in all frames, written from frame index `to`. */
 export function repeatLastOffset(
   since: Float32Array,
-  slot: number,
+  keyframeIndex: number,
   out: Float32Array,
   to: number,
   frames: number,
 ): void {
   for (let k = to * NUM_CHANNELS; k < (to + frames) * NUM_CHANNELS; k++)
-    out[k] = since[slot * NUM_CHANNELS + (k % NUM_CHANNELS)];
+    out[k] = since[keyframeIndex * NUM_CHANNELS + (k % NUM_CHANNELS)];
 }
 
 /**
@@ -107,7 +110,8 @@ function motionOrigins(
   if (kind === "peers") return null;
   const found = new Float32Array(observedRows.length * NUM_CHANNELS);
   observedRows.forEach((row, n) => {
-    const [values, at] = kind === "new" ? [arrived.offsets, row * frames] : [past.lastOffsets, arrived.slots[row]];
+    const [values, at] =
+      kind === "new" ? [arrived.offsets, row * frames] : [past.lastOffsets, arrived.keyframeIndices[row]];
     found.set(values.subarray(at * NUM_CHANNELS, (at + 1) * NUM_CHANNELS), n * NUM_CHANNELS);
   });
   return found;
@@ -124,7 +128,7 @@ function fadeIn(
   frames: number,
   out: Float32Array,
 ): void {
-  const begins = arrived.begins.filter((_, n) => hasUnknownBirth(arrived.slots[n]));
+  const begins = arrived.begins.filter((_, n) => hasUnknownBirth(arrived.keyframeIndices[n]));
   if (!begins.length) return;
   const some = Int32Array.from(queryTracks.keys()).filter((n) => hasUnknownBirth(queryTracks[n]));
   for (let frame = 0; frame < frames; frame++) {

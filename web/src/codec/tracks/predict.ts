@@ -28,7 +28,7 @@ let buffer = new Float64Array(0);
 /**
  * Returns the coefficients, one row per track; 0 for tracks that do not move. The result is valid until the next call.
  *
- * @param positions Positions of the bases, units of motion, shape (n, 3).
+ * @param positions Positions of the keyframe Gaussians, units of motion, shape (n, 3).
  * @param moving Moving tracks (1), shape (n).
  * @param shifts log2 of the steps, shape (n, channels).
  * @param residuals Residuals in steps, shape (n, channels, F).
@@ -111,13 +111,13 @@ export function normalisedPositions(positions: Float64Array): Float64Array {
 }
 
 /** Returns the moving tracks in coding order: by step, then along a Z-order curve with decreasing strides. */
-export function codingOrder(near: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
+export function codingOrder(positions: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
   const keys = new Float64Array(moving.length),
     some = new Int32Array(moving.length);
   let n = 0;
   for (let i = 0; i < moving.length; i++) {
     if (!moving[i]) continue;
-    for (let a = 0; a < 3; a++) keys[n] += spreadBits(near[3 * i + a] >> (PLACE_BITS - 10)) << a;
+    for (let a = 0; a < 3; a++) keys[n] += spreadBits(positions[3 * i + a] >> (PLACE_BITS - 10)) << a;
     some[n++] = i;
   }
   const by = sortedBy(keys, some, n),
@@ -175,7 +175,7 @@ class Plane {
   /** Finds the nearest tracks, nearest first. Among equal distances the earlier track counts. */
   #find(known: Int32Array, found: number, i: number): void {
     const { positions, indices } = this,
-      far = this.#squaredDistances,
+      squaredDistances = this.#squaredDistances,
       x = positions[3 * i],
       y = positions[3 * i + 1],
       z = positions[3 * i + 2];
@@ -186,13 +186,13 @@ class Plane {
         dy = positions[3 * j + 1] - y,
         dz = positions[3 * j + 2] - z,
         d = dx * dx + dy * dy + dz * dz;
-      if (count === NUM_NEIGHBOURS && d >= far[count - 1]) continue;
+      if (count === NUM_NEIGHBOURS && d >= squaredDistances[count - 1]) continue;
       let at = count < NUM_NEIGHBOURS ? count++ : count - 1;
-      for (; at > 0 && far[at - 1] > d; at--) {
-        far[at] = far[at - 1];
+      for (; at > 0 && squaredDistances[at - 1] > d; at--) {
+        squaredDistances[at] = squaredDistances[at - 1];
         indices[at] = indices[at - 1];
       }
-      far[at] = d;
+      squaredDistances[at] = d;
       indices[at] = j;
     }
     this.count = count;
@@ -200,8 +200,8 @@ class Plane {
 
   #plane(i: number): void {
     const { positions, indices, count, weights } = this,
-      far = this.#squaredDistances,
-      near = this.#proximity,
+      squaredDistances = this.#squaredDistances,
+      proximity = this.#proximity,
       o = this.#offsets;
     let radius = 1,
       total = 0;
@@ -218,7 +218,7 @@ class Plane {
       yz = 0,
       zz = 0;
     for (let m = 0; m < count; m++) {
-      const w = (near[m] = 1 + Math.floor((2 * (far[0] + 1)) / (far[m] + 1)));
+      const w = (proximity[m] = 1 + Math.floor((2 * (squaredDistances[0] + 1)) / (squaredDistances[m] + 1)));
       for (let a = 0; a < 3; a++)
         o[3 * m + a] = Math.floor(((positions[3 * indices[m] + a] - positions[3 * i + a]) * RADIUS) / radius);
       const x = o[3 * m],
@@ -261,17 +261,17 @@ class Plane {
     let hx = a * sx + b * sy + c * sz,
       hy = b * sx + d * sy + e * sz,
       hz = c * sx + e * sy + g * sz,
-      pull = 1;
+      solutionDivisor = 1;
     const most = Math.max(Math.abs(hx), Math.abs(hy), Math.abs(hz));
-    while (Math.floor(most / pull) >= MAX_MOMENT) pull *= 2;
-    hx = Math.floor(hx / pull);
-    hy = Math.floor(hy / pull);
-    hz = Math.floor(hz / pull);
-    const scale = (TILT_UNIT * pull) / spread;
+    while (Math.floor(most / solutionDivisor) >= MAX_MOMENT) solutionDivisor *= 2;
+    hx = Math.floor(hx / solutionDivisor);
+    hy = Math.floor(hy / solutionDivisor);
+    hz = Math.floor(hz / solutionDivisor);
+    const scale = (TILT_UNIT * solutionDivisor) / spread;
     for (let m = 0; m < count; m++) {
       const moment = hx * (total * o[3 * m] - sx) + hy * (total * o[3 * m + 1] - sy) + hz * (total * o[3 * m + 2] - sz),
-        turn = Math.floor((moment / determinant) * scale + 0.5),
-        share = Math.floor((near[m] * (TILT_UNIT - turn)) / (total * (TILT_UNIT / WEIGHT)));
+        tilt = Math.floor((moment / determinant) * scale + 0.5),
+        share = Math.floor((proximity[m] * (TILT_UNIT - tilt)) / (total * (TILT_UNIT / WEIGHT)));
       weights[m] = clip(share, -WEIGHT, WEIGHT);
     }
   }

@@ -64,21 +64,21 @@ export class Quadratic {
   }
 
   /**
-   * Computes the weights of the best quadratic fit at the origin. `near` are the distance weights, and `unit` scales
-   * the offsets.
+   * Computes the weights of the best quadratic fit at the origin, given weights that decrease with distance. `unit`
+   * scales the offsets.
    */
-  weights(offsets: Float64Array, near: Float64Array, unit: number, out: Float64Array): void {
-    this.#fillTerms(offsets, near, 1 / unit);
+  weights(offsets: Float64Array, distanceWeights: Float64Array, unit: number, out: Float64Array): void {
+    this.#fillTerms(offsets, distanceWeights, 1 / unit);
     this.#multiply();
     for (let a = 0; a < TERMS; a++) {
       for (let b = 0; b <= a; b++) this.#lower[TERMS * a + b] = this.#products[PRODUCT_AT[TERMS * a + b]];
       this.#lower[(TERMS + 1) * a] += RIDGES[a];
     }
     solveForFirst(this.#lower, this.#solution);
-    this.#computeWeights(near, out);
+    this.#computeWeights(distanceWeights, out);
   }
 
-  #fillTerms(offsets: Float64Array, near: Float64Array, scale: number): void {
+  #fillTerms(offsets: Float64Array, distanceWeights: Float64Array, scale: number): void {
     const terms = this.#terms,
       row = this.#row;
     for (let m = 0; m < this.count; m++) {
@@ -97,11 +97,11 @@ export class Quadratic {
       terms[9 * row + m] = y * z;
     }
     for (let a = 0, at = 0; a < TERMS; a++, at = a * row)
-      for (let m = 0; m < this.count; m++) this.#weightedTerms[at + m] = near[m] * terms[at + m];
+      for (let m = 0; m < this.count; m++) this.#weightedTerms[at + m] = distanceWeights[m] * terms[at + m];
   }
 
   #multiply(): void {
-    const near = this.#weightedTerms,
+    const weightedTerms = this.#weightedTerms,
       terms = this.#terms,
       row = this.#row;
     for (let t = 0; t < FIRSTS.length; t++) {
@@ -112,17 +112,17 @@ export class Quadratic {
         c = 0,
         d = 0;
       for (const end = at + row; at < end; at += LANES, to += LANES) {
-        a += near[at] * terms[to];
-        b += near[at + 1] * terms[to + 1];
-        c += near[at + 2] * terms[to + 2];
-        d += near[at + 3] * terms[to + 3];
+        a += weightedTerms[at] * terms[to];
+        b += weightedTerms[at + 1] * terms[to + 1];
+        c += weightedTerms[at + 2] * terms[to + 2];
+        d += weightedTerms[at + 3] * terms[to + 3];
       }
       this.#products[t] = a + b + c + d;
     }
   }
 
   /** Expresses the value of the fit at the origin as weights of the neighbours. */
-  #computeWeights(near: Float64Array, out: Float64Array): void {
+  #computeWeights(distanceWeights: Float64Array, out: Float64Array): void {
     const [h0, h1, h2, h3, h4, h5, h6, h7, h8, h9] = this.#solution,
       terms = this.#weightedTerms,
       row = this.#row;
@@ -135,7 +135,7 @@ export class Quadratic {
       total += out[m] = straight + square + mixed;
     }
     for (let m = 0; m < this.count; m++) sum += Math.abs((out[m] /= total));
-    if (sum > MAX_WEIGHT_SUM) out.set(near);
+    if (sum > MAX_WEIGHT_SUM) out.set(distanceWeights);
   }
 }
 

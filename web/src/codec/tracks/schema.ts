@@ -1,4 +1,5 @@
-// Clips: tracks of Gaussians over groups of frames. This schema decodes bases; `Sequence` decodes their motion.
+// Clips: tracks of Gaussians over groups of frames. This schema decodes keyframe Gaussians; `Sequence` decodes their
+// motion.
 
 import type { Elements } from "../../conceal/elements.ts";
 import type { Packet } from "../../packets/packet.ts";
@@ -19,21 +20,21 @@ import { decodeMotion } from "./motion.ts";
 import { Sequence } from "./sequence.ts";
 import { readSequenceInfo, type SequenceInfo, shotOf } from "./side_info.ts";
 
-/** First block of a group's bases, among all bases and in the plan, and its first track. */
-interface First {
-  readonly own: number;
-  readonly plan: number;
-  readonly track: number;
+/** First block of a group's keyframe Gaussians, among all of them and in the plan, and the group's first track. */
+interface FirstOfGroup {
+  readonly keyframeBlock: number;
+  readonly planBlock: number;
+  readonly firstTrack: number;
 }
 
-function firstsOf({ groups }: SequenceInfo, plan: Plan): First[] {
+function firstsOf({ groups }: SequenceInfo, plan: Plan): FirstOfGroup[] {
   const size = plan.manifest.packetization.blockSize;
-  let own = 0,
-    first = 0;
+  let keyframeBlock = 0,
+    planBlock = 0;
   return groups.map(({ births, motions, firstNew }) => {
-    const found = { own, plan: first, track: firstNew };
-    own += Math.ceil(births / size);
-    first += Math.ceil(births / size) + Math.ceil(motions / size);
+    const found = { keyframeBlock, planBlock, firstTrack: firstNew };
+    keyframeBlock += Math.ceil(births / size);
+    planBlock += Math.ceil(births / size) + Math.ceil(motions / size);
     return found;
   });
 }
@@ -47,9 +48,9 @@ export class TrackSchema implements Schema<GaussianPart> {
   readonly concealers = {};
   /** Received packets and frames of the clip. */
   readonly sequence: Sequence;
-  /** Decoder of the bases of one shot. Packets of a file, and those of a server, are in order of shots. */
-  readonly #bases: FastPackets;
-  #firsts: readonly First[];
+  /** Decoder of the keyframe Gaussians of one shot. Packets of a file, and those of a server, are in order of shots. */
+  readonly #keyframePackets: FastPackets;
+  #firsts: readonly FirstOfGroup[];
 
   constructor(
     sideInfo: Uint8Array,
@@ -57,7 +58,7 @@ export class TrackSchema implements Schema<GaussianPart> {
   ) {
     this.info = readSequenceInfo(sideInfo, plan.manifest);
     this.sequence = new Sequence(this.info, sideInfo.length);
-    this.#bases = new FastPackets(this.info.bases);
+    this.#keyframePackets = new FastPackets(this.info.keyframeInfo);
     this.#firsts = firstsOf(this.info, plan);
   }
 
@@ -69,18 +70,18 @@ export class TrackSchema implements Schema<GaussianPart> {
   }
 
   get degree(): number {
-    return this.info.bases.degree;
+    return this.info.keyframeInfo.degree;
   }
 
   get size(): number {
-    return 2 ** this.info.bases.sizeLog;
+    return 2 ** this.info.keyframeInfo.sizeLog;
   }
 
   get sections(): Map<string, Uint8Array> {
     return this.info.sections;
   }
 
-  /** Memory of decoded bases, bytes. Motion is decoded later and has its own limit. */
+  /** Memory of decoded keyframe Gaussians, bytes. Motion is decoded later and has its own limit. */
   bytesOf(packet: Packet): number {
     return this.plan.tierOf(packet.block) % 2 ? 0 : packet.count * (splatBytes(this.degree) + TRACK_BYTES);
   }
@@ -92,35 +93,38 @@ export class TrackSchema implements Schema<GaussianPart> {
     return new GaussianPart(packet, emptySplats(0, this.degree), () => new Int32Array());
   }
 
-  /** Decodes a packet of bases. Motion is decoded when it is drawn, because it needs the bases. */
+  /** Decodes a packet of keyframe Gaussians. Motion is decoded when it is drawn, because it needs them. */
   decode({ payload, block, count }: Packet): DecodedPacket | null {
-    const tier = this.plan.tierOf(block);
-    if (tier % 2) return null;
-    const { own, plan } = this.#firsts[tier >> 1],
-      base = own + block - plan,
-      shot = shotOf(this.info, base),
-      symbols = this.#decode(payload, base, count);
-    return { symbols, splats: toSplats(symbols, shot.bases, base - shot.firstBlock) };
+    if (this.plan.tierOf(block) % 2) return null;
+    const keyframeBlock = this.#keyframeBlock(block),
+      shot = shotOf(this.info, keyframeBlock),
+      symbols = this.#decode(payload, keyframeBlock, count);
+    return { symbols, splats: toSplats(symbols, shot.keyframeInfo, keyframeBlock - shot.firstBlock) };
   }
 
-  #decode(payload: Uint8Array, base: number, count: number): Decoded {
-    const { firstBlock, bases } = shotOf(this.info, base);
-    if (this.#bases.info !== bases) this.#bases.grow(bases);
-    return this.#bases.decode(payload, base - firstBlock, count);
+  /** Returns the index of a block of the plan among all blocks of keyframe Gaussians. */
+  #keyframeBlock(block: number): number {
+    const { keyframeBlock, planBlock } = this.#firsts[this.plan.tierOf(block) >> 1];
+    return keyframeBlock + block - planBlock;
+  }
+
+  #decode(payload: Uint8Array, keyframeBlock: number, count: number): Decoded {
+    const { firstBlock, keyframeInfo } = shotOf(this.info, keyframeBlock);
+    if (this.#keyframePackets.info !== keyframeInfo) this.#keyframePackets.grow(keyframeInfo);
+    return this.#keyframePackets.decode(payload, keyframeBlock - firstBlock, count);
   }
 
   accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianPart {
     const group = this.plan.tierOf(packet.block) >> 1,
-      { own, plan, track } = this.#firsts[group],
-      block = packet.block - plan,
-      base = own + block,
-      first = track + block * (block ? this.plan.blockCount(plan) : 0) + packet.lane;
-    this.sequence.addBases(group, first, symbols.rows, base, splats);
+      { planBlock, firstTrack } = this.#firsts[group],
+      block = packet.block - planBlock,
+      first = firstTrack + block * (block ? this.plan.blockCount(planBlock) : 0) + packet.lane;
+    this.sequence.addKeyframes(group, first, symbols.rows, this.#keyframeBlock(packet.block), splats);
     this.sequence.numBytes += packet.payload.length;
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }
 
-  /** Digest of the integers of bases and of motion, block by block. */
+  /** Digest of the integers of keyframe Gaussians and of motion, block by block. */
   async digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
     const digest = newSha256(compressFast);
     for (const packets of blocks) {
@@ -135,8 +139,7 @@ export class TrackSchema implements Schema<GaussianPart> {
           numbers[0].push(headers);
           numbers[1].push(residuals);
         } else {
-          const { own, plan } = this.#firsts[group];
-          found.push(this.#decode(packet.payload, own + packet.block - plan, packet.count));
+          found.push(this.#decode(packet.payload, this.#keyframeBlock(packet.block), packet.count));
         }
       }
       addRows(digest, found);

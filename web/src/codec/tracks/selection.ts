@@ -4,7 +4,7 @@
 import { KdTree } from "../../conceal/kd_tree.ts";
 import type { Splats } from "../splats.ts";
 import { NUM_CHANNELS } from "./layout.ts";
-import type { PreviousState, TrackOffsets } from "./poses.ts";
+import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
 
 /** Coordinates x, y, z. */
 type Point = Float32Array;
@@ -30,7 +30,7 @@ const WAYS = 3,
 /** Estimates the motion of tracks, shape (tracks, frames, channels). Rows marked as `lost` are not used. */
 type Interpolate = (lost: Uint8Array, queryTracks: Int32Array) => Float32Array;
 /** Returns the first frame and the end frame of a track, as expected without its motion. */
-type Lifetime = (slot: number) => readonly [number, number];
+type Lifetime = (keyframeIndex: number) => readonly [number, number];
 
 /**
  * Chooses for each track of `queryTracks` the way with the lowest error on the nearby received tracks. `order` lists
@@ -50,20 +50,20 @@ export function select(
     tested = order.filter((_, n) => n % stride === 0);
   const errors = testErrors(arrived, order, tested, Math.ceil(MAX_SHARE / stride), frames, past, interpolate, lifetime),
     { isNew, lastOffsets, splats } = past,
-    lastPlace = (slot: number) => moved(splats, slot, lastOffsets, slot);
+    lastPlace = (keyframeIndex: number) => moved(splats, keyframeIndex, lastOffsets, keyframeIndex);
   // the first frame of a new track is known, so that its motion is estimated better
   for (const isNewTrack of [true, false]) {
-    const peers = [...tested.keys()].filter((n) => isNew(arrived.slots[tested[n]]) === isNewTrack);
+    const peers = [...tested.keys()].filter((n) => isNew(arrived.keyframeIndices[tested[n]]) === isNewTrack);
     if (peers.length < MIN_TESTS) continue;
-    const slots = Int32Array.from(peers, (n) => arrived.slots[tested[n]]),
+    const keyframeIndices = Int32Array.from(peers, (n) => arrived.keyframeIndices[tested[n]]),
       tree = new KdTree(
-        positionsOf(splats, slots, lastOffsets, (n) => slots[n]),
+        positionsOf(splats, keyframeIndices, lastOffsets, (n) => keyframeIndices[n]),
         MIN_TESTS,
       );
-    queryTracks.forEach((slot, n) => {
-      if (isNew(slot) !== isNewTrack) return;
+    queryTracks.forEach((keyframeIndex, n) => {
+      if (isNew(keyframeIndex) !== isNewTrack) return;
       const sums = [0, 0, 0];
-      for (const near of nearest(tree, lastPlace(slot)))
+      for (const near of nearest(tree, lastPlace(keyframeIndex)))
         for (let way = 0; way < WAYS; way++) sums[way] += errors[WAYS * peers[near] + way];
       found[n] = sums.indexOf(Math.min(...sums));
     });
@@ -85,27 +85,27 @@ function testErrors(
   interpolate: Interpolate,
   lifetime: Lifetime,
 ): Float64Array {
-  const { slots, begins, ends, offsets } = arrived,
+  const { keyframeIndices, begins, ends, offsets } = arrived,
     { splats, lastOffsets } = past,
     errors = new Float64Array(WAYS * tested.length),
-    foldOf = new Int8Array(slots.length).fill(-1);
+    foldOf = new Int8Array(keyframeIndices.length).fill(-1);
   tested.forEach((row, n) => (foldOf[row] = n % folds));
   const estimates = Array.from({ length: folds }, (_, fold) =>
     interpolate(
       Uint8Array.from(foldOf, (other) => Number(other === fold)),
-      tested.filter((row) => foldOf[row] === fold).map((row) => slots[row]),
+      tested.filter((row) => foldOf[row] === fold).map((row) => keyframeIndices[row]),
     ),
   );
   let tree: KdTree | null = null;
   for (const frame of new Set([1, 3, 5].map((part) => Math.floor((part * frames) / 6)))) {
     const exists = (row: number) => begins[row] <= frame && frame < ends[row],
-      place = (row: number) => moved(splats, slots[row], offsets, row * frames + frame),
+      place = (row: number) => moved(splats, keyframeIndices[row], offsets, row * frames + frame),
       absent = Uint8Array.from(order, (row) => Number(!exists(row))),
       count = absent.length - absent.reduce((sum, gone) => sum + gone, 0);
     if (!count) continue;
     const positions = positionsOf(
       splats,
-      order.map((row) => slots[row]),
+      order.map((row) => keyframeIndices[row]),
       offsets,
       (n) => order[n] * frames + frame,
     );
@@ -116,23 +116,26 @@ function testErrors(
         near = nearest(tree!, point);
       for (let i = 0; i < near.length; i++) {
         const other = order[near[i]];
-        if (foldOf[other] !== fold) addDensity(splats, slots[other], tree!.distances[i], sums);
+        if (foldOf[other] !== fold) addDensity(splats, keyframeIndices[other], tree!.distances[i], sums);
       }
       return sums;
     };
     tested.forEach((row, n) => {
-      const slot = slots[row],
+      const keyframeIndex = keyframeIndices[row],
         fold = n % folds,
         truth = exists(row) ? place(row) : null,
-        [begin, end] = lifetime(slot),
+        [begin, end] = lifetime(keyframeIndex),
         motion = Math.floor(n / folds) * frames + frame,
-        ways = [moved(splats, slot, estimates[fold], motion), moved(splats, slot, lastOffsets, slot)],
+        ways = [
+          moved(splats, keyframeIndex, estimates[fold], motion),
+          moved(splats, keyframeIndex, lastOffsets, keyframeIndex),
+        ],
         aroundTruth = truth && around(truth, fold);
       for (let way = 0; way < WAYS; way++) {
         const estimate = begin <= frame && frame < end && way !== HIDDEN ? ways[way] : null;
         let error = 0;
-        if (truth) error += difference(splats, aroundTruth!, truth, slot, truth, estimate);
-        if (estimate) error += difference(splats, around(estimate, fold), estimate, slot, truth, estimate);
+        if (truth) error += difference(splats, aroundTruth!, truth, keyframeIndex, truth, estimate);
+        if (estimate) error += difference(splats, around(estimate, fold), estimate, keyframeIndex, truth, estimate);
         errors[WAYS * n + way] += error * FACTORS[way];
       }
     });
@@ -141,21 +144,21 @@ function testErrors(
 }
 
 /** Position of a keyframe Gaussian with the offset in a row of `offsets`. */
-function moved(splats: Splats, slot: number, offsets: Float32Array, row: number): Point {
-  return positionsOf(splats, [slot], offsets, () => row);
+function moved(splats: Splats, keyframeIndex: number, offsets: Float32Array, row: number): Point {
+  return positionsOf(splats, [keyframeIndex], offsets, () => row);
 }
 
-/** Positions of keyframe Gaussians, shape (slots, 3), each with the offset in a row of `offsets`. */
+/** Positions of keyframe Gaussians, shape (keyframes, 3), each with the offset in a row of `offsets`. */
 export function positionsOf(
   { means }: Splats,
-  slots: ArrayLike<number>,
+  keyframeIndices: ArrayLike<number>,
   offsets: Float32Array,
   rowOf: (n: number) => number,
 ): Float32Array {
-  const found = new Float32Array(3 * slots.length);
-  for (let n = 0; n < slots.length; n++) {
+  const found = new Float32Array(3 * keyframeIndices.length);
+  for (let n = 0; n < keyframeIndices.length; n++) {
     const at = rowOf(n) * NUM_CHANNELS;
-    for (let a = 0; a < 3; a++) found[3 * n + a] = means[3 * slots[n] + a] + offsets[at + a];
+    for (let a = 0; a < 3; a++) found[3 * n + a] = means[3 * keyframeIndices[n] + a] + offsets[at + a];
   }
   return found;
 }
@@ -163,14 +166,17 @@ export function positionsOf(
 const nearest = (tree: KdTree, [x, y, z]: Point): Int32Array => tree.nearest(x, y, z);
 
 /** Mean squared axis length of a Gaussian. */
-function squareOf({ scales }: Splats, slot: number): number {
-  return (scales[3 * slot] ** 2 + scales[3 * slot + 1] ** 2 + scales[3 * slot + 2] ** 2) / 3 + 1e-30;
+function squareOf({ scales }: Splats, keyframeIndex: number): number {
+  return (
+    (scales[3 * keyframeIndex] ** 2 + scales[3 * keyframeIndex + 1] ** 2 + scales[3 * keyframeIndex + 2] ** 2) / 3 +
+    1e-30
+  );
 }
 
 /** Adds the colour and the number 1, weighted by the density of a Gaussian at a squared distance from its centre. */
-function addDensity(splats: Splats, slot: number, squaredDistance: number, sums: Float64Array): void {
-  const density = splats.opacities[slot] * Math.exp(-squaredDistance / (2 * squareOf(splats, slot)));
-  for (let a = 0; a < 3; a++) sums[a] += density * splats.colours[3 * slot + a];
+function addDensity(splats: Splats, keyframeIndex: number, squaredDistance: number, sums: Float64Array): void {
+  const density = splats.opacities[keyframeIndex] * Math.exp(-squaredDistance / (2 * squareOf(splats, keyframeIndex)));
+  for (let a = 0; a < 3; a++) sums[a] += density * splats.colours[3 * keyframeIndex + a];
   sums[3] += density;
 }
 
@@ -182,19 +188,19 @@ function difference(
   splats: Splats,
   around: Float64Array,
   point: Point,
-  slot: number,
+  keyframeIndex: number,
   truth: Point | null,
   estimate: Point | null,
 ): number {
   const [first, second] = [truth, estimate].map((place) => {
     const sums = around.slice();
-    if (place) addDensity(splats, slot, squaredDistance(place, point), sums);
+    if (place) addDensity(splats, keyframeIndex, squaredDistance(place, point), sums);
     const share = (1 - Math.exp(-sums[3])) / Math.max(sums[3], 1e-12);
     return sums.map((sum, a) => share * sum * CHANNEL_WEIGHTS[a]);
   });
   let apart = 0;
   for (let a = 0; a < 4; a++) apart += (first[a] - second[a]) ** 2;
-  return squareOf(splats, slot) * splats.opacities[slot] * apart;
+  return squareOf(splats, keyframeIndex) * splats.opacities[keyframeIndex] * apart;
 }
 
 function squaredDistance(first: Point, second: Point): number {

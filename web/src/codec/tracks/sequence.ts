@@ -11,10 +11,10 @@ import { KeyframeGaussians } from "./keyframe_gaussians.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, NUM_CHANNELS, TRACK } from "./layout.ts";
 import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
 import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
-import type { PreviousState, TrackOffsets } from "./poses.ts";
 import { HELD, HIDDEN, MOVED, positionsOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
+import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
 import { moveRows } from "./trajectories.ts";
 
 /** A decoded frame. */
@@ -28,7 +28,7 @@ const CACHE_BYTES = 192 << 20;
 /** Concealers for tracks with lost motion. */
 const CONCEALERS = ["motion", "hold", "drop"];
 
-/** State of the tracks at the end of a group, by slot. */
+/** State of the tracks at the end of a group, by keyframe index. */
 interface ConcealmentState {
   readonly group: number;
   readonly alive: Uint8Array;
@@ -42,7 +42,7 @@ interface ConcealedTracks {
 }
 
 /** Tracks with their offsets in one array. */
-interface Run {
+interface TrackBatch {
   readonly count: number;
   /** Shape (frames, tracks, channels), or of one frame for tracks that stand still. */
   readonly offsets: Float32Array;
@@ -51,22 +51,22 @@ interface Run {
 interface DecodedGroup extends Omit<TrackOffsets, "offsets">, ConcealedTracks {
   readonly group: number;
   /** All rows. */
-  readonly runs: readonly Run[];
-  readonly numBases: number;
+  readonly batches: readonly TrackBatch[];
+  readonly numKeyframes: number;
   /** Tracks that are not drawn (1), by row. */
   readonly hidden: Uint8Array;
   /** Gains of size and opacity that cover hidden tracks, shape (rows, 2); null if none are covered. */
   readonly gains: Float32Array | null;
   readonly shown: (packet: Packet) => boolean;
   readonly concealer: string;
-  readonly memory: ConcealmentState;
+  readonly endState: ConcealmentState;
 }
 
 export class Sequence implements SequenceDecoder {
   readonly concealers = CONCEALERS;
   packets: Packet[] = [];
   late = 0;
-  readonly bases: KeyframeGaussians;
+  readonly #keyframes: KeyframeGaussians;
   readonly #motion: Packet[][];
   /** Number of received elements of each group. */
   readonly #receivedElements: number[];
@@ -85,7 +85,7 @@ export class Sequence implements SequenceDecoder {
     public info: SequenceInfo,
     public numBytes: number,
   ) {
-    this.bases = new KeyframeGaussians(info);
+    this.#keyframes = new KeyframeGaussians(info);
     this.#motion = info.groups.map(() => []);
     this.#receivedElements = info.groups.map(() => 0);
     this.#packets = new FastMotionPackets(info);
@@ -94,16 +94,16 @@ export class Sequence implements SequenceDecoder {
   /** Continues with a longer clip, which has more groups. */
   grow(info: SequenceInfo): void {
     this.info = info;
-    this.bases.grow(info);
+    this.#keyframes.grow(info);
     for (let group = this.#motion.length; group < info.groups.length; group++) {
       this.#motion.push([]);
       this.#receivedElements.push(0);
     }
   }
 
-  addBases(group: number, first: number, rows: Float64Array, block: number, splats: Splats): void {
+  addKeyframes(group: number, first: number, rows: Float64Array, block: number, splats: Splats): void {
     this.#receivedElements[group] += splats.count;
-    this.bases.add(first, rows, block, splats);
+    this.#keyframes.add(first, rows, block, splats);
   }
 
   addMotion(group: number, packet: Packet): void {
@@ -165,22 +165,30 @@ export class Sequence implements SequenceDecoder {
    */
   frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion", reuse = false): SequenceFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
-      { slots, begins, ends, runs, concealed, hidden, gains } = this.#decodeGroup(group, shown, concealer),
+      { keyframeIndices, begins, ends, batches, concealed, hidden, gains } = this.#decodeGroup(group, shown, concealer),
       at = number - group * this.info.timeline.groupFrames,
       here = drawnRows(begins, ends, hidden, at),
-      tracks = here.map((n) => this.bases.tracks[slots[n]]);
-    const { degree } = this.bases.splats,
+      tracks = here.map((n) => this.#keyframes.tracks[keyframeIndices[n]]);
+    const { degree } = this.#keyframes.splats,
       room = reuse && this.#room.count >= here.length ? this.#room : emptySplats(here.length, degree),
       splats = subSplats(room, 0, here.length);
     if (reuse) this.#room = room;
     let first = 0,
       to = 0,
       extrapolated = 0;
-    for (const run of runs) {
+    for (const batch of batches) {
       const begin = to,
-        end = first + run.count;
+        end = first + batch.count;
       while (here[to] < end) to++;
-      moveRows(this.bases.splats, slots, here.subarray(begin, to), offsetsIn(run, at), first, splats, begin);
+      moveRows(
+        this.#keyframes.splats,
+        keyframeIndices,
+        here.subarray(begin, to),
+        offsetsIn(batch, at),
+        first,
+        splats,
+        begin,
+      );
       first = end;
     }
     for (let i = 0; i < here.length; i++) {
@@ -203,9 +211,10 @@ export class Sequence implements SequenceDecoder {
 
   #decodeGroup(group: number, shown: (packet: Packet) => boolean, concealer: string): DecodedGroup {
     const played = this.#current;
-    const same = played?.shown === shown && played.concealer === concealer && played.numBases === this.bases.count;
+    const same =
+      played?.shown === shown && played.concealer === concealer && played.numKeyframes === this.#keyframes.count;
     if (same && played.group === group) return played;
-    if (played && played.group !== group) this.#previous = played.memory;
+    if (played && played.group !== group) this.#previous = played.endState;
     const before = this.#previous?.group === group - 1 ? this.#previous : null,
       found = this.#conceal(group, this.#receivedMotion(group, shown), before, shown, concealer);
     this.#current = found;
@@ -213,12 +222,17 @@ export class Sequence implements SequenceDecoder {
   }
 
   /**
-   * Returns the received motion of a group, and the slots of tracks that its packets cover, including those that ended.
+   * Returns the received motion of a group, and the tracks that its packets cover (1), including those that ended, by
+   * keyframe index.
    */
-  #receivedMotion(group: number, shown: (packet: Packet) => boolean): { poses: ReceivedTracks; covered: Uint8Array } {
-    const { bases, info } = this,
+  #receivedMotion(
+    group: number,
+    shown: (packet: Packet) => boolean,
+  ): { received: ReceivedTracks; covered: Uint8Array } {
+    const { info } = this,
+      keyframes = this.#keyframes,
       frames = this.framesOf(group),
-      covered = new Uint8Array(bases.count),
+      covered = new Uint8Array(keyframes.count),
       found: DecodedMotion[] = [];
     let rows = 0;
     this.#check(rows, frames);
@@ -232,9 +246,9 @@ export class Sequence implements SequenceDecoder {
         last = HEAD * (packet.count - 1),
         end = Math.min(headers[last + TRACK] + headers[last + AFTER] + 1, info.numTracks);
       for (let track = Math.max(headers[TRACK] - headers[BEFORE], 0); track < end; track++)
-        if (bases.slots[track] >= 0) covered[bases.slots[track]] = 1;
+        if (keyframes.keyframeIndices[track] >= 0) covered[keyframes.keyframeIndices[track]] = 1;
     }
-    return { poses: joinPackets(found, bases.slots, frames, bases.count), covered };
+    return { received: joinPackets(found, keyframes.keyframeIndices, frames, keyframes.count), covered };
   }
 
   /**
@@ -242,20 +256,22 @@ export class Sequence implements SequenceDecoder {
    * offsets of the decoded packets, which have `rows` tracks, or the estimates of lost tracks.
    */
   #check(rows: number, frames: number): void {
-    const { count } = this.bases,
+    const { count } = this.#keyframes,
       needed = (count + Math.max(count, rows)) * frames * NUM_CHANNELS * Float32Array.BYTES_PER_ELEMENT;
     checkMemory(needed, this.numBytes, `the motion of ${count} tracks`);
   }
 
-  /** Decodes a motion packet. Returns null if one of its bases was not received. */
+  /** Decodes a motion packet. Returns null if the keyframe Gaussian of one of its tracks was not received. */
   #decode(group: number, packet: Packet): DecodedMotion | null {
     const { info } = this,
       frames = this.framesOf(group),
-      known = this.#cache.get(packet);
-    if (known) return known;
+      cached = this.#cache.get(packet);
+    if (cached) return cached;
     const { payload, count } = packet,
       { firstNew } = info.groups[group],
-      decoded = this.#packets.decode({ payload, count, frames, firstNew }, (headers) => this.bases.of(headers, group));
+      decoded = this.#packets.decode({ payload, count, frames, firstNew }, (headers) =>
+        this.#keyframes.of(headers, group),
+      );
     if (!decoded) return null;
     scalePositions(decoded.offsets, 2 ** info.units[group]);
     this.#addToCache(packet, decoded);
@@ -276,73 +292,75 @@ export class Sequence implements SequenceDecoder {
   /** Adds the tracks with lost motion. */
   #conceal(
     group: number,
-    { poses, covered }: { poses: ReceivedTracks; covered: Uint8Array },
+    { received, covered }: { received: ReceivedTracks; covered: Uint8Array },
     before: ConcealmentState | null,
     shown: (packet: Packet) => boolean,
     concealer: string,
   ): DecodedGroup {
-    const { bases, info } = this,
+    const { info } = this,
+      keyframes = this.#keyframes,
       { firstNew, births, motions } = info.groups[group],
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
       lost: number[] = [];
-    for (let slot = 0; slot < bases.count; slot++) {
-      if (covered[slot]) continue;
-      const track = bases.tracks[slot],
+    for (let keyframeIndex = 0; keyframeIndex < keyframes.count; keyframeIndex++) {
+      if (covered[keyframeIndex]) continue;
+      const track = keyframes.tracks[keyframeIndex],
         isNew = track >= firstNew && track < firstNew + births;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
-      if (!ended && (isNew || (before ? before.alive[slot] : track < firstNew))) lost.push(slot);
+      if (!ended && (isNew || (before ? before.alive[keyframeIndex] : track < firstNew))) lost.push(keyframeIndex);
     }
-    const found = appendStatic(poses, lost, frames, motions > 0),
-      known = poses.slots.length,
-      hidden = new Uint8Array(found.slots.length),
-      runs = [...poses.runs];
-    lost.forEach((slot, n) => {
-      [found.begins[known + n], found.ends[known + n]] = this.#lifetime(slot, group);
+    const found = appendStatic(received, lost, frames, motions > 0),
+      numReceived = received.keyframeIndices.length,
+      hidden = new Uint8Array(found.keyframeIndices.length),
+      batches = [...received.batches];
+    lost.forEach((keyframeIndex, n) => {
+      [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(keyframeIndex, group);
     });
     let gains: Float32Array | null = null;
     if (motions && lost.length) {
       const past = this.#pastState(before, group),
-        offsets = byTrack(runs, known, lost.length, frames),
-        out = offsets.subarray(known * frames * NUM_CHANNELS),
-        arrived = { ...poses, offsets: offsets.subarray(0, known * frames * NUM_CHANNELS) },
+        offsets = byTrack(batches, numReceived, lost.length, frames),
+        out = offsets.subarray(numReceived * frames * NUM_CHANNELS),
+        arrived = { ...received, offsets: offsets.subarray(0, numReceived * frames * NUM_CHANNELS) },
         ways =
           concealer === "motion"
             ? this.#interpolate(arrived, Int32Array.from(lost), past, group, out)
             : new Uint8Array(lost.length).fill(concealer === "drop" ? HIDDEN : HELD);
       ways.forEach((way, n) => {
         if (way !== MOVED) repeatLastOffset(past.lastOffsets, lost[n], out, n * frames, frames);
-        hidden[known + n] = Number(way === HIDDEN);
+        hidden[numReceived + n] = Number(way === HIDDEN);
       });
-      runs.push({ count: lost.length, offsets: transposed(out, lost.length, frames) });
+      batches.push({ count: lost.length, offsets: transposed(out, lost.length, frames) });
       if (concealer === "motion" && hidden.includes(1)) gains = this.#growth({ ...found, offsets }, hidden, frames);
-    } else runs.push({ count: lost.length, offsets: new Float32Array(lost.length * NUM_CHANNELS) });
+    } else batches.push({ count: lost.length, offsets: new Float32Array(lost.length * NUM_CHANNELS) });
     return {
       ...found,
-      runs,
+      batches,
       hidden,
       gains,
       group,
       shown,
       concealer,
-      numBases: bases.count,
-      memory: this.#concealmentState(group, found, runs, before, frames),
+      numKeyframes: keyframes.count,
+      endState: this.#concealmentState(group, found, batches, before, frames),
     };
   }
 
   /** Returns the first frame and the end frame of a track in a group, as known without its motion. */
-  #lifetime(slot: number, group: number): [number, number] {
-    const { bases, info } = this,
+  #lifetime(keyframeIndex: number, group: number): [number, number] {
+    const { info } = this,
+      keyframes = this.#keyframes,
       frames = this.framesOf(group),
-      track = bases.tracks[slot],
-      begin = bases.birthGroups[slot] === group ? (info.lifetimes.begins.get(track) ?? 0) : 0,
+      track = keyframes.tracks[keyframeIndex],
+      begin = keyframes.birthGroups[keyframeIndex] === group ? (info.lifetimes.begins.get(track) ?? 0) : 0,
       end = info.lifetimes.ends.get(track) ?? Infinity;
     return [Math.min(begin, frames - 1), Math.min(end - group * info.timeline.groupFrames, frames)];
   }
 
   /** Selects a way to cover each lost track. Writes the motion of tracks that are moved. */
   #interpolate(
-    poses: TrackOffsets,
+    received: TrackOffsets,
     lost: Int32Array,
     past: PreviousState,
     group: number,
@@ -350,16 +368,16 @@ export class Sequence implements SequenceDecoder {
   ): Uint8Array {
     const frames = this.framesOf(group),
       size = frames * NUM_CHANNELS,
-      { begins, ends, slots } = poses,
-      order = this.#rowsByTrack(slots),
+      { begins, ends, keyframeIndices } = received,
+      order = this.#rowsByTrack(keyframeIndices),
       complete = order.filter((n) => begins[n] === 0 && ends[n] === frames),
-      estimates = new Extrapolation(poses, complete, this.bases.birthGroups, past, frames),
+      estimates = new Extrapolation(received, complete, this.#keyframes.birthGroups, past, frames),
       interpolate = estimates.estimate.bind(estimates),
-      lifetime = (slot: number) => this.#lifetime(slot, group),
-      ways = select(poses, order, lost, frames, past, interpolate, lifetime),
+      lifetime = (keyframeIndex: number) => this.#lifetime(keyframeIndex, group),
+      ways = select(received, order, lost, frames, past, interpolate, lifetime),
       moving = rowsWhere(lost.length, (n) => ways[n] === MOVED),
       found = interpolate(
-        new Uint8Array(slots.length),
+        new Uint8Array(keyframeIndices.length),
         moving.map((n) => lost[n]),
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
@@ -367,65 +385,70 @@ export class Sequence implements SequenceDecoder {
   }
 
   /** Returns the rows by ascending track. */
-  #rowsByTrack(slots: Int32Array): Int32Array {
-    const rowOf = new Int32Array(this.bases.count).fill(-1);
-    for (let row = slots.length; row--; ) rowOf[slots[row]] = row; // the first one counts
-    return this.bases.slots.filter((slot) => slot >= 0 && rowOf[slot] >= 0).map((slot) => rowOf[slot]);
+  #rowsByTrack(keyframeIndices: Int32Array): Int32Array {
+    const rowOf = new Int32Array(this.#keyframes.count).fill(-1);
+    for (let row = keyframeIndices.length; row--; ) rowOf[keyframeIndices[row]] = row; // the first one counts
+    return this.#keyframes.keyframeIndices
+      .filter((keyframeIndex) => keyframeIndex >= 0 && rowOf[keyframeIndex] >= 0)
+      .map((keyframeIndex) => rowOf[keyframeIndex]);
   }
 
   /** Returns factors of size and opacity with which drawn tracks cover hidden ones, shape (rows, 2). */
-  #growth({ slots, offsets }: TrackOffsets, hidden: Uint8Array, frames: number): Float32Array {
-    const { bases } = this,
-      { scales, opacities } = bases.splats,
-      gains = new Float32Array(2 * slots.length),
+  #growth({ keyframeIndices, offsets }: TrackOffsets, hidden: Uint8Array, frames: number): Float32Array {
+    const keyframes = this.#keyframes,
+      { scales, opacities } = keyframes.splats,
+      gains = new Float32Array(2 * keyframeIndices.length),
       growth = new Growth({
-        positions: positionsOf(bases.splats, slots, offsets, (row) => row * frames),
-        sizes: Float32Array.from(slots, (slot) =>
-          Math.cbrt(scales[3 * slot] * scales[3 * slot + 1] * scales[3 * slot + 2]),
+        positions: positionsOf(keyframes.splats, keyframeIndices, offsets, (row) => row * frames),
+        sizes: Float32Array.from(keyframeIndices, (keyframeIndex) =>
+          Math.cbrt(scales[3 * keyframeIndex] * scales[3 * keyframeIndex + 1] * scales[3 * keyframeIndex + 2]),
         ),
         tierSizes: null,
-        opacities: Float32Array.from(slots, (slot) => opacities[slot]),
+        opacities: Float32Array.from(keyframeIndices, (keyframeIndex) => opacities[keyframeIndex]),
         known: hidden.map((gone) => 1 - gone),
-        indices: slots.map((slot) => bases.tracks[slot]),
+        indices: keyframeIndices.map((keyframeIndex) => keyframes.tracks[keyframeIndex]),
       });
-    for (let row = 0; row < slots.length; row++) if (!hidden[row]) gains.set(growth.of(row), 2 * row);
+    for (let row = 0; row < keyframeIndices.length; row++) if (!hidden[row]) gains.set(growth.of(row), 2 * row);
     return gains;
   }
 
   #pastState(before: ConcealmentState | null, group: number): PreviousState {
-    const { bases, info } = this,
-      room = bases.count * NUM_CHANNELS,
-      unit = 2 ** (info.bases.sizeLog - info.bases.unit - 1);
+    const { info } = this,
+      keyframes = this.#keyframes,
+      room = keyframes.count * NUM_CHANNELS,
+      unit = 2 ** (info.keyframeInfo.sizeLog - info.keyframeInfo.unit - 1);
     return {
-      splats: bases.splats,
+      splats: keyframes.splats,
       lastOffsets: before ? resized(before.offsets, room) : new Float32Array(room),
       wasExtrapolated: before?.wasExtrapolated ?? null,
-      isNew: (slot) => bases.birthGroups[slot] === group,
-      hasUnknownBirth: (slot) => bases.birthGroups[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
-      positionStep: (slot) => unit * 2 ** (bases.shifts[NUM_CHANNELS * slot] + info.units[bases.birthGroups[slot]]),
+      isNew: (keyframeIndex) => keyframes.birthGroups[keyframeIndex] === group,
+      hasUnknownBirth: (keyframeIndex) =>
+        keyframes.birthGroups[keyframeIndex] === group && !info.lifetimes.begins.get(keyframes.tracks[keyframeIndex]),
+      positionStep: (keyframeIndex) =>
+        unit * 2 ** (keyframes.shifts[NUM_CHANNELS * keyframeIndex] + info.units[keyframes.birthGroups[keyframeIndex]]),
     };
   }
 
   #concealmentState(
     group: number,
-    { slots, ends, concealed }: ReceivedTracks & ConcealedTracks,
-    runs: readonly Run[],
+    { keyframeIndices, ends, concealed }: ReceivedTracks & ConcealedTracks,
+    batches: readonly TrackBatch[],
     before: ConcealmentState | null,
     frames: number,
   ): ConcealmentState {
-    const count = this.bases.count,
+    const count = this.#keyframes.count,
       last = before ? resized(before.offsets, count * NUM_CHANNELS) : new Float32Array(count * NUM_CHANNELS),
       alive = new Uint8Array(count),
       wasExtrapolated = new Uint8Array(count);
     let n = 0;
-    for (const run of runs) {
-      const offsets = offsetsIn(run, frames - 1);
+    for (const batch of batches) {
+      const offsets = offsetsIn(batch, frames - 1);
       for (let from = 0; from < offsets.length; n++, from += NUM_CHANNELS) {
-        const slot = slots[n],
-          to = slot * NUM_CHANNELS;
+        const keyframeIndex = keyframeIndices[n],
+          to = keyframeIndex * NUM_CHANNELS;
         if (ends[n] !== frames) continue;
-        alive[slot] = 1;
-        wasExtrapolated[slot] = concealed[n];
+        alive[keyframeIndex] = 1;
+        wasExtrapolated[keyframeIndex] = concealed[n];
         for (let c = 0; c < NUM_CHANNELS; c++) last[to + c] = offsets[from + c];
       }
     }
@@ -433,8 +456,8 @@ export class Sequence implements SequenceDecoder {
   }
 }
 
-/** Returns the offsets of a run in a frame, shape (tracks, channels). */
-function offsetsIn({ count, offsets }: Run, frame: number): Float32Array {
+/** Returns the offsets of a batch in a frame, shape (tracks, channels). */
+function offsetsIn({ count, offsets }: TrackBatch, frame: number): Float32Array {
   const size = NUM_CHANNELS * count,
     first = frame * size < offsets.length ? frame * size : 0;
   return offsets.subarray(first, first + size);
@@ -442,7 +465,7 @@ function offsetsIn({ count, offsets }: Run, frame: number): Float32Array {
 
 /** Tracks of the received packets. */
 interface ReceivedTracks extends Omit<TrackOffsets, "offsets"> {
-  readonly runs: readonly Run[];
+  readonly batches: readonly TrackBatch[];
 }
 
 /**
@@ -451,32 +474,32 @@ interface ReceivedTracks extends Omit<TrackOffsets, "offsets"> {
  */
 function joinPackets(
   found: readonly DecodedMotion[],
-  slotOf: Int32Array,
+  indexOfTrack: Int32Array,
   frames: number,
   others: number,
 ): ReceivedTracks {
-  const seen = new Uint8Array(slotOf.length),
-    runs = found.map(({ headers, offsets }) => ({ count: headers.length / HEAD, offsets })),
-    rows = runs.reduce((sum, { count }) => sum + count, 0),
-    [slots, begins, ends] = [0, 1, 2].map(() => new Int32Array(rows + others).subarray(0, rows));
+  const seen = new Uint8Array(indexOfTrack.length),
+    batches = found.map(({ headers, offsets }) => ({ count: headers.length / HEAD, offsets })),
+    rows = batches.reduce((sum, { count }) => sum + count, 0),
+    [keyframeIndices, begins, ends] = [0, 1, 2].map(() => new Int32Array(rows + others).subarray(0, rows));
   let n = 0;
   for (const { headers } of found) {
     for (let at = 0; at < headers.length; at += HEAD, n++) {
-      const slot = (slots[n] = slotOf[headers[at + TRACK]]);
-      if (seen[slot]) continue;
-      seen[slot] = 1;
+      const keyframeIndex = (keyframeIndices[n] = indexOfTrack[headers[at + TRACK]]);
+      if (seen[keyframeIndex]) continue;
+      seen[keyframeIndex] = 1;
       begins[n] = Math.min(Math.max(headers[at + BEGINS], 0), frames - 1);
       ends[n] = Math.min(Math.max(headers[at + ENDS], begins[n]), frames);
     }
   }
-  return { slots, begins, ends, runs };
+  return { keyframeIndices, begins, ends, batches };
 }
 
-/** Returns the offsets by track, shape (tracks, frames, channels): of `known` tracks, and zeros for `others`. */
-function byTrack(runs: readonly Run[], known: number, others: number, frames: number): Float32Array {
-  const all = new Float32Array((known + others) * frames * NUM_CHANNELS);
+/** Returns the offsets by track, shape (tracks, frames, channels): of `numReceived` tracks, and zeros for `others`. */
+function byTrack(batches: readonly TrackBatch[], numReceived: number, others: number, frames: number): Float32Array {
+  const all = new Float32Array((numReceived + others) * frames * NUM_CHANNELS);
   let at = 0;
-  for (const { count, offsets } of runs) {
+  for (const { count, offsets } of batches) {
     all.set(transposed(offsets, frames, count), at);
     at += offsets.length;
   }
@@ -495,18 +518,24 @@ function transposed(offsets: Float32Array, rows: number, columns: number): Float
 
 /** Appends tracks that do not move, for all frames. Their motion is `lost`, or their group has none. */
 function appendStatic(
-  poses: ReceivedTracks,
+  received: ReceivedTracks,
   others: readonly number[],
   frames: number,
   lost: boolean,
 ): ReceivedTracks & ConcealedTracks {
-  const known = poses.slots.length,
-    count = known + others.length,
+  const numReceived = received.keyframeIndices.length,
+    count = numReceived + others.length,
     wider = ({ buffer }: Int32Array): Int32Array => new Int32Array(buffer, 0, count),
-    concealed = new Uint8Array(count).fill(Number(lost), known),
-    slots = wider(poses.slots);
-  slots.set(others, known);
-  return { ...poses, slots, begins: wider(poses.begins), ends: wider(poses.ends).fill(frames, known), concealed };
+    concealed = new Uint8Array(count).fill(Number(lost), numReceived),
+    keyframeIndices = wider(received.keyframeIndices);
+  keyframeIndices.set(others, numReceived);
+  return {
+    ...received,
+    keyframeIndices,
+    begins: wider(received.begins),
+    ends: wider(received.ends).fill(frames, numReceived),
+    concealed,
+  };
 }
 
 /** Returns the rows of tracks that are drawn in a frame, ascending. */

@@ -14,12 +14,12 @@ const VERSION = 1,
   WITH_MOTION_UNITS = 3;
 const MAX_OFFSET = 16;
 
-/** Consecutive groups with the same lattice, steps and tables for their bases. */
+/** Consecutive groups with the same lattice, steps and tables for their keyframe Gaussians. */
 export interface Shot {
-  /** First of the shot's blocks among all blocks of bases. */
+  /** First of the shot's blocks among all blocks of keyframe Gaussians. */
   readonly firstBlock: number;
   readonly firstGroup: number;
-  readonly bases: SideInfo;
+  readonly keyframeInfo: SideInfo;
   /** Half the lattice spacing in units of motion, log2. */
   readonly spacing: number;
 }
@@ -31,9 +31,9 @@ export interface SequenceInfo {
   readonly shots: readonly Shot[];
   /** Unit of motion in each group of frames, in half lattice units of the first shot, log2. */
   readonly units: Int8Array;
-  /** Side information of the bases of the first shot. */
-  readonly bases: SideInfo;
-  /** Ratio of motion steps to those of the base in octaves, per kind of channel. */
+  /** Side information of the keyframe Gaussians of the first shot. */
+  readonly keyframeInfo: SideInfo;
+  /** Ratio of motion steps to those of the keyframe Gaussian in octaves, per kind of channel. */
   readonly coarser: readonly number[];
   /** Initial state of the adaptive models of each motion packet, two estimates per context. */
   readonly models: Int32Array;
@@ -46,7 +46,7 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
     throw new BitstreamError("a clip needs hashed grouping, but the manifest has another one");
   const reader = new ByteReader(bytes, "side information"),
     clip = reader.blob(),
-    bases = reader.blob(),
+    keyframes = reader.blob(),
     motion = reader.blob(),
     { version, timeline } = readTimeline(clip),
     groups = groupsOf(manifest),
@@ -55,7 +55,7 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
     throw new BitstreamError(`side information: ${numGroups} groups of frames, the manifest has ${groups.length}`);
   const size = manifest.packetization.blockSize,
     units = new Int8Array(numGroups),
-    shots = readShots(bases, version, groups, size, units),
+    shots = readShots(keyframes, version, groups, size, units),
     numTracks = groups.reduce((sum, group) => sum + group.births, 0);
   const steps = readMotion(motion),
     sections = readSections(reader.rest());
@@ -68,11 +68,11 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
     lifetimes: readLifetimes(sections, groups, timeline),
     shots,
     units,
-    bases: shots[0].bases,
+    keyframeInfo: shots[0].keyframeInfo,
   };
 }
 
-/** Returns the shot of a block of bases, counted among all blocks of bases. */
+/** Returns the shot of a block of keyframe Gaussians, counted among all such blocks. */
 export function shotOf({ shots }: SequenceInfo, block: number): Shot {
   let at = 0;
   for (let end = shots.length; end - at > 1; ) {
@@ -94,7 +94,7 @@ function readShots(
   const blocks = [0];
   for (const { births } of groups) blocks.push(blocks[blocks.length - 1] + Math.ceil(births / size));
   if (version === VERSION)
-    return [{ firstBlock: 0, firstGroup: 0, bases: readSideInfo(bytes, blocks[groups.length]), spacing: 0 }];
+    return [{ firstBlock: 0, firstGroup: 0, keyframeInfo: readSideInfo(bytes, blocks[groups.length]), spacing: 0 }];
   const reader = new ByteReader(bytes, "side information of shots"),
     firsts: number[] = [],
     motions: number[] = [],
@@ -113,13 +113,16 @@ function readShots(
     const firstGroup = firsts[number],
       firstBlock = blocks[firstGroup],
       motion = motions[number],
-      bases = readSideInfo(parts[number], blocks[firsts[number + 1] ?? groups.length] - firstBlock),
-      first = shots[0]?.bases ?? bases,
-      apart = bases.sizeLog - bases.unit - (first.sizeLog - first.unit),
+      keyframeInfo = readSideInfo(parts[number], blocks[firsts[number + 1] ?? groups.length] - firstBlock),
+      first = shots[0]?.keyframeInfo ?? keyframeInfo,
+      apart = keyframeInfo.sizeLog - keyframeInfo.unit - (first.sizeLog - first.unit),
       spacing = apart - motion;
-    if (bases.degree !== first.degree || [apart, motion, spacing].some((octaves) => Math.abs(octaves) > MAX_SPACING))
+    if (
+      keyframeInfo.degree !== first.degree ||
+      [apart, motion, spacing].some((octaves) => Math.abs(octaves) > MAX_SPACING)
+    )
       throw new BitstreamError("side information: a shot does not match the first one");
-    shots.push({ firstBlock, firstGroup, bases, spacing });
+    shots.push({ firstBlock, firstGroup, keyframeInfo, spacing });
     units.fill(motion, firstGroup, firsts[number + 1]);
   }
   return shots;

@@ -1,4 +1,4 @@
-// Quantisation steps of motion, derived from those of the track's base.
+// Quantisation steps of motion, derived from those of the track's keyframe Gaussian.
 
 import {
   BITS,
@@ -41,7 +41,7 @@ export class MotionSteps {
     this.#steps = new Steps(info.bases);
   }
 
-  /** Computes the steps for the base with integers from index `row`. Writes them to `out` from `at`. */
+  /** Computes the steps for the keyframe Gaussian with integers from index `row`. Writes them to `out` from `at`. */
   of(rows: Float64Array, row: number, out: Int32Array, at: number): void {
     const steps = this.#steps,
       { unit, coarsest } = this.info,

@@ -1,28 +1,28 @@
-// Offsets of tracks from their bases.
+// Offsets of tracks from their keyframe Gaussians, and their state before a group.
 
 import type { Splats } from "../splats.ts";
 
-/** Offsets of a group's tracks from their bases, shape (tracks, frames, channels). */
+/** Offsets of a group's tracks from their keyframe Gaussians, shape (tracks, frames, channels). */
 export interface TrackOffsets {
-  /** Slot of each track. */
-  readonly slots: Int32Array;
+  /** Keyframe index of each track. */
+  readonly keyframeIndices: Int32Array;
   /** First frame and end frame of each track within the group. */
   readonly begins: Int32Array;
   readonly ends: Int32Array;
   readonly offsets: Float32Array;
 }
 
-/** State of the tracks before a group, by slot. */
+/** State of the tracks before a group, by keyframe index. */
 export interface PreviousState {
   readonly splats: Splats;
-  /** Offset from the base in the last frame, shape (slots, channels). */
+  /** Offset from the keyframe Gaussian in the last frame, shape (keyframes, channels). */
   readonly lastOffsets: Float32Array;
   /** Tracks with an estimated last offset (1); null if none. */
   readonly wasExtrapolated: Uint8Array | null;
   /** Returns true if the track is born in this group. */
-  readonly isNew: (slot: number) => boolean;
+  readonly isNew: (keyframeIndex: number) => boolean;
   /** Returns true if the track is born in this group and its first frame is unknown. */
-  readonly hasUnknownBirth: (slot: number) => boolean;
+  readonly hasUnknownBirth: (keyframeIndex: number) => boolean;
   /** Returns the quantisation step of a track's position, world units. */
-  readonly positionStep: (slot: number) => number;
+  readonly positionStep: (keyframeIndex: number) => number;
 }

@@ -29,7 +29,7 @@ const ORDER_BYTES = 16;
 export const dataView = (bytes: Uint8Array): DataView => new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
 
 /** Builds a message: byte 0, the fields that `fill` writes, and a CRC-32 of both. */
-function frame(kind: number, size: number, fill: (numbers: DataView, bytes: Uint8Array) => void): Uint8Array {
+function message(kind: number, size: number, fill: (numbers: DataView, bytes: Uint8Array) => void): Uint8Array {
   const bytes = new Uint8Array(1 + size + 4),
     numbers = dataView(bytes);
   bytes[0] = (VERSION << 4) | kind;
@@ -111,7 +111,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
 
 export function writeRequest(nonce: bigint, name: string): Uint8Array {
   const text = new TextEncoder().encode(name);
-  return frame(REQUEST, 25 + text.length, (numbers, bytes) => {
+  return message(REQUEST, 25 + text.length, (numbers, bytes) => {
     numbers.setBigUint64(1, nonce, true);
     bytes[25] = text.length;
     bytes.set(text, 26);
@@ -134,7 +134,7 @@ export interface Report {
 export function writeFeedback(report: Report): Uint8Array {
   const { session, largest, received, clock, symbolsMissing, lost, lostSequences } = report,
     nacks = [...lost, ...lostSequences];
-  return frame(FEEDBACK, 24 + 4 * nacks.length, (numbers) => {
+  return message(FEEDBACK, 24 + 4 * nacks.length, (numbers) => {
     [session, largest, received, clock % 2 ** 32, symbolsMissing].forEach((value, n) =>
       numbers.setUint32(1 + 4 * n, value, true),
     );
@@ -149,7 +149,7 @@ export function writeHave(nonce: bigint, streamId: number, received: Uint8Array)
   return Array.from({ length: Math.ceil(received.length / MAX_HELD_BYTES) || 1 }, (_, n) => {
     const first = MAX_HELD_BYTES * n,
       part = received.subarray(first, first + MAX_HELD_BYTES);
-    return frame(HAVE, 17 + part.length, (numbers, bytes) => {
+    return message(HAVE, 17 + part.length, (numbers, bytes) => {
       numbers.setBigUint64(1, nonce, true);
       numbers.setUint32(9, streamId, true);
       bytes[13] = 1;
@@ -161,7 +161,7 @@ export function writeHave(nonce: bigint, streamId: number, received: Uint8Array)
 
 /** Builds a view update. `number` counts the updates. */
 export function writeView(session: number, number: number, camera: ViewCamera, budget: number): Uint8Array {
-  return frame(VIEW, 68, (numbers) => {
+  return message(VIEW, 68, (numbers) => {
     const { viewmat, focal, width, height } = camera;
     [session, number, budget].forEach((value, n) => numbers.setUint32(1 + 4 * n, value, true));
     [width, height].forEach((value, n) => numbers.setUint16(13 + 2 * n, Math.min(Math.round(value), 65535), true));
@@ -171,25 +171,25 @@ export function writeView(session: number, number: number, camera: ViewCamera, b
 }
 
 export function writeBye(session: number): Uint8Array {
-  return frame(BYE, 4, (numbers) => numbers.setUint32(1, session, true));
+  return message(BYE, 4, (numbers) => numbers.setUint32(1, session, true));
 }
 
 /** Splits a reliable stream into messages, each preceded by its size as u16. */
-export class FrameReader {
+export class MessageReader {
   #rest: Uint8Array = new Uint8Array();
 
   feed(chunk: Uint8Array): Uint8Array[] {
     const bytes = joined(this.#rest, chunk),
-      frames: Uint8Array[] = [];
+      messages: Uint8Array[] = [];
     let offset = 0;
     while (bytes.length - offset >= 2) {
       const size = bytes[offset] | (bytes[offset + 1] << 8);
-      if (size < 1 || size > MAX_DATAGRAM) throw new Error(`a frame of ${size} bytes on the stream`);
+      if (size < 1 || size > MAX_DATAGRAM) throw new Error(`a message of ${size} bytes on the stream`);
       if (bytes.length - offset < 2 + size) break;
-      frames.push(bytes.slice(offset + 2, offset + 2 + size));
+      messages.push(bytes.slice(offset + 2, offset + 2 + size));
       offset += 2 + size;
     }
     this.#rest = bytes.slice(offset);
-    return frames;
+    return messages;
   }
 }
