@@ -28,7 +28,7 @@ test("message bytes equal Python's", { skip: expected === null && "EXPECTED is n
   assert.deepEqual(numbers, {
     session: 2,
     streamId: 3,
-    headBytes: 400,
+    initSegmentBytes: 400,
     symbolBytes: 256,
     packets: 12,
     packetBytes: 1150,
