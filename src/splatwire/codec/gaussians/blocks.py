@@ -172,7 +172,7 @@ def check_codes(used_bits: int, bits: int) -> None:
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates the cell size that `choose_cell_shift` returns for a typical block, from a sample of all Gaussians.
+    """Estimates log2 of the cell size of a typical block (`choose_cell_shift`), from a sample of all Gaussians.
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).
