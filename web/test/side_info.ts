@@ -1,6 +1,12 @@
 // Side information of explicit Gaussians with random numbers.
 
-import { NUM_CONTEXTS, SECONDS, SPREADS, STEPS, STREAMS } from "../src/codec/gaussians/layout.ts";
+import {
+  NUM_CONTEXTS,
+  NUM_DEVIATION_CONTEXTS,
+  NUM_SECOND_CONTEXTS,
+  STEPS,
+  STREAMS,
+} from "../src/codec/gaussians/layout.ts";
 import type { SideInfo } from "../src/codec/gaussians/side_info.ts";
 
 /** Returns a generator of integers below its argument. */
@@ -34,6 +40,9 @@ export function anySideInfo(random: (below: number) => number): SideInfo {
     },
     defaults: Int32Array.from({ length: 7 }, () => (random(1025) - 512) * 256),
     models: Int32Array.from({ length: 2 * NUM_CONTEXTS }, () => 256 * (1 + random(255))),
-    scales: Int32Array.from({ length: STREAMS * SPREADS * SECONDS }, () => 4 * random(random(2) ? 80 : 30)),
+    scales: Int32Array.from(
+      { length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_SECOND_CONTEXTS },
+      () => 4 * random(random(2) ? 80 : 30),
+    ),
   };
 }

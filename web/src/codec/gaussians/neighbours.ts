@@ -1,6 +1,17 @@
 // Prediction of a Gaussian from its nearest predecessors in the packet.
 
-import { AXIS, CLASS, COLUMNS, FAR, LUMA, NUM_NEIGHBOURS, ONE, OPACITY, SPREADS, WINDOW } from "./layout.ts";
+import {
+  AXIS,
+  CLASS,
+  COLUMNS,
+  FAR,
+  LUMA,
+  NUM_DEVIATION_CONTEXTS,
+  NUM_NEIGHBOURS,
+  ONE,
+  OPACITY,
+  WINDOW,
+} from "./layout.ts";
 
 /** Maximum bits of a cell's coordinate, so that a squared distance and an index of the window fit in 32 bits. */
 const NARROW_BITS = 11,
@@ -285,5 +296,5 @@ export class Neighbours {
 /** Returns the context of a residual: no neighbours, fewer than three, or the octave of their deviation in steps. */
 export function deviationContext(count: number, deviation: number, shift: number): number {
   if (count < 3) return count === 0 ? 0 : 1;
-  return 2 + Math.min(32 - Math.clz32((deviation * 8) >> shift), SPREADS - 3);
+  return 2 + Math.min(32 - Math.clz32((deviation * 8) >> shift), NUM_DEVIATION_CONTEXTS - 3);
 }

@@ -23,6 +23,8 @@ import {
   MAX_THIN,
   MIN_OPACITY,
   NARROW_WEIGHT,
+  NUM_DEVIATION_CONTEXTS,
+  NUM_SECOND_CONTEXTS,
   ONE,
   OPACITY,
   PRIMARY,
@@ -38,10 +40,8 @@ import {
   SCALE0,
   SCALE1,
   SCALE2,
-  SECONDS,
   SPIN,
   SPIN_BITS,
-  SPREADS,
   WIDE,
 } from "./layout.ts";
 import { deviationContext, LUMA_MEAN, Neighbours } from "./neighbours.ts";
@@ -216,8 +216,8 @@ export class PacketDecoder implements GaussianPackets {
    */
   #decodeResidual(stream: number, spread: number, shift: number, mean: number): number {
     const magnitude = this.#residualMagnitude,
-      second = stream < 2 ? shift : Math.min(32 - Math.clz32(magnitude), SECONDS - 1),
-      context = (stream * SPREADS + spread) * SECONDS + second;
+      second = stream < 2 ? shift : Math.min(32 - Math.clz32(magnitude), NUM_SECOND_CONTEXTS - 1),
+      context = (stream * NUM_DEVIATION_CONTEXTS + spread) * NUM_SECOND_CONTEXTS + second;
     const mixture = this.#mixtures[MEANS * context + mean + 4] ?? this.#mixtureOf(context, mean);
     const q = clip(mixture.decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
     this.#residualMagnitude = (magnitude + 16 * Math.min(Math.abs(q), 1 << 14)) >> 1;

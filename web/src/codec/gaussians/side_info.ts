@@ -12,9 +12,9 @@ import {
   FIRST_HARMONIC,
   MAX_LATTICE_BITS,
   NUM_CONTEXTS,
+  NUM_DEVIATION_CONTEXTS,
+  NUM_SECOND_CONTEXTS,
   SCALE_UNIT,
-  SECONDS,
-  SPREADS,
   STEP_BITS,
   STEPS,
   STREAMS,
@@ -144,8 +144,8 @@ function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models
   );
   const coder = new RangeDecoder(reader.blob()),
     evenModel = new Int32Array(4).fill(32768);
-  const changed = Uint8Array.from({ length: STREAMS * SPREADS * SECONDS }, (_, i) =>
-    coder.bit(evenModel, i % SECONDS ? 0 : 1),
+  const changed = Uint8Array.from({ length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_SECOND_CONTEXTS }, (_, i) =>
+    coder.bit(evenModel, i % NUM_SECOND_CONTEXTS ? 0 : 1),
   );
   const steps = readIntegers(
     reader,
@@ -155,7 +155,7 @@ function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models
   let next = 0,
     sum = 0;
   const scales = Int32Array.from(changed, (bit, i) => {
-    if (i % SECONDS === 0) sum = 0;
+    if (i % NUM_SECOND_CONTEXTS === 0) sum = 0;
     if (bit) sum += steps[next++];
     return clip(sum, 0, NUM_SCALES / SCALE_UNIT - 1) * SCALE_UNIT;
   });
