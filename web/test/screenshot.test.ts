@@ -61,3 +61,23 @@ test("a picture is given up after the second lost context", async () => {
     else await assert.rejects(made, /lost/);
   }
 });
+
+test("a picture waits for the depth sort of its own camera", async () => {
+  const { stage } = stageOf(0, () => undefined),
+    pictures = ["old", "old", "old", "new", "new"];
+  let drawn = 0;
+  Object.assign(stage.view!, {
+    frame: async () => void drawn++,
+    canvas: { toDataURL: () => pictures[Math.min(drawn - 2, pictures.length - 1)] },
+  });
+  Object.defineProperty(stage.view!, "isSorting", { get: () => drawn < 5 });
+  assert.equal(
+    await pictureOf(
+      stage,
+      () => CAMERA,
+      () => false,
+      () => 0,
+    ),
+    "new",
+  );
+});

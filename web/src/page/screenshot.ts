@@ -44,8 +44,8 @@ export async function pictureOf(
 }
 
 /**
- * Returns a PNG as a data URL. Takes pictures until two are equal, because depth sorting may lag behind. The waiting
- * time grows with the frame time.
+ * Returns a PNG as a data URL. Takes pictures until two are equal and no depth sort is pending, because the sorter may
+ * still work on the view before. The waiting time grows with the frame time.
  */
 async function screenshot(view: View): Promise<string> {
   await view.steady();
@@ -54,7 +54,7 @@ async function screenshot(view: View): Promise<string> {
   let before = "",
     now = view.canvas.toDataURL("image/png"),
     wait = WAIT_MS;
-  for (let n = 0; n < MAX_ATTEMPTS && now !== before; n++) {
+  for (let n = 0; n < MAX_ATTEMPTS && (now !== before || view.isSorting); n++) {
     await delay(wait);
     const began = performance.now();
     await view.frame();

@@ -517,7 +517,7 @@ export class View {
   }
 
   /** True if a depth sort is pending or running. */
-  get #isSorting(): boolean {
+  get isSorting(): boolean {
     if (!this.#ready || this.#moved || this.#replaced) return true;
     return this.#managers.some(({ cpuSorter }) => cpuSorter?.jobsInFlight || cpuSorter?.pendingSorted);
   }
@@ -594,7 +594,7 @@ export class View {
     this.#gpu.mark();
     for (const resolve of this.#frame.splice(0)) resolve();
     if (this.#isSorted) this.shows ||= this.count > 0;
-    else if (!this.shows || this.#isSorting) return;
+    else if (!this.shows || this.isSorting) return;
     this.#isSorted = false;
     if (!this.#uploading) for (const resolve of this.#sorted.splice(0)) resolve();
   }
