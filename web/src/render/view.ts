@@ -518,6 +518,7 @@ export class View {
 
   /** True if a depth sort is pending or running. */
   get isSorting(): boolean {
+    if (this.#destroyed) return false;
     if (!this.#ready || this.#moved || this.#replaced) return true;
     return this.#managers.some(({ cpuSorter }) => cpuSorter?.jobsInFlight || cpuSorter?.pendingSorted);
   }
