@@ -148,7 +148,7 @@ def _check_pixels(path: Path, image: Image.Image, free: int) -> None:
 def _open(path: Path) -> Image.Image:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pixels are counted again before they are decoded
+            warnings.simplefilter("ignore")  # `_check_pixels` limits the size before decoding
             return Image.open(path, formats=_FORMATS)
     except FileNotFoundError as error:
         raise DatasetError(f"{path}: the image is missing") from error

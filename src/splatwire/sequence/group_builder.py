@@ -126,9 +126,9 @@ class GroupBuilder:
     def group(self) -> TrackGroup:
         """Returns the group of all frames added so far.
 
-        Every track gets attributes in every frame, also in frames in which it does not exist. There, it has the
-        attributes of the nearest frame in which it exists. Its position is an exception in groups in which most tracks
-        move like their neighbours: it then moves like its neighbours. In other groups, the position stands still.
+        Every track has attributes in every frame. Before its first frame and after its last frame, it keeps the
+        attributes of that frame. Only its position may change there: if most tracks of the group move like their
+        neighbours, the position moves like those of its neighbours; otherwise it is constant.
         """
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}

@@ -18,7 +18,7 @@ NO_ORIGIN: Origin = (0.0, 0.0, 0.0)
 _MAX_COORDINATE = 1e12
 """Largest absolute value of an origin's coordinates."""
 _SAMPLE = 1 << 16
-"""Maximum number of positions from which an origin is chosen."""
+"""Maximum number of positions in the sample for the choice of an origin."""
 _SPREAD_QUANTILES = (0.05, 0.95)
 """Quantiles of the positions; the distance between the two is the spread, which a few far outliers do not change."""
 _WIDE_RATIO, _WIDE_MIN_DISTANCE = 8.0, 16.0

@@ -170,7 +170,7 @@ class UnitRunner:
             return read_pictures(paths, views.cameras.height, views.cameras.width)
         if not unit.references.frames:
             scene = concealed(arrived.scene, create_concealer(unit.concealer, **unit.options))
-            # Rendered references are left out, because they were examined when they were rendered.
+            # Rendered references were already examined during rendering.
             if not unit.references.renders and unit.references.digest not in self._examined:
                 self._examined.add(unit.references.digest)
                 warn_of_near_plane(scene, views.cameras)

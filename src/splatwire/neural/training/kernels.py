@@ -140,7 +140,7 @@ class Kernels:
 COMPILED = Kernels(
     draw_cpu, interpolate_signs, prepare_photo, photometric_loss, adam_update, HOST_RANDOMNESS, False, 1
 )  # fmt: skip
-"""Compiled implementations; they support only float32 tensors on the CPU."""
+"""Compiled implementations for float32 tensors on the CPU."""
 
 
 def plain_kernels(draw: TrainingRenderer, random: Randomness = DEVICE_RANDOMNESS) -> Kernels:

@@ -125,8 +125,8 @@ def _replace_invalid(context: ReceivedScene, anchors: Anchors, interpolated: Anc
         anchors: Lost anchors as predicted.
         interpolated: The same anchors as interpolated.
     """
-    # Anchors with a prediction that is NaN or infinite get the interpolated values. Predicted scalings are raised
-    # to the smallest received scaling, because they may be negative.
+    # Anchors with a prediction that is NaN or infinite get the interpolated values. Predicted scalings may
+    # be negative: the smallest received scaling is their minimum.
     good = anchors.features.isfinite().all(dim=1) & anchors.scalings.isfinite().all(dim=1)
     good &= anchors.offsets.flatten(1).isfinite().all(dim=1)
     same = (anchors.scalings == interpolated.scalings).all(dim=1, keepdim=True)

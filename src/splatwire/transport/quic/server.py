@@ -133,11 +133,11 @@ class QuicServer(SocketServer):
         self.pump()
 
     def on_closed(self, session: Hashable) -> None:
-        """Ends the transfers of a session whose connection was closed."""
+        """Ends the transfers of a session after its connection was closed."""
         self.core.forget(session)
 
     def pump(self) -> None:
-        """Sends the datagrams whose sending time has come over QUIC, and sets a timer for later datagrams."""
+        """Sends all datagrams that are due, over QUIC, and sets a timer for later datagrams."""
         self._cancel_timer()
         now = self._loop.time()
         due = self.core.poll(now, BATCH)
