@@ -173,8 +173,8 @@ def draw(path: Path) -> None:
     figure, axes = pyplot.subplots(1, len(names), figsize=(9, 3.4), squeeze=False, layout="constrained")
     for axis, name in zip(axes[0], names, strict=True):
         for row in (row for row in edits if row["edit"] == name):
-            for sent, line in (("update", "-"), ("whole", "--")):
-                label = f"{'update' if sent == 'update' else 'whole scene'}, {100 * row['loss']:.0f} % lost"
+            for sent, title, line in (("update", "update", "-"), ("whole", "whole scene", "--")):
+                label = f"{title}, {100 * row['loss']:.0f} % lost"
                 color = "C1" if row["loss"] else "C0"
                 axis.plot(TIMES, row[sent]["curve"], line, color=color, drawstyle="steps-post", label=label)
         axis.set_title(f"a {name} ball", fontsize=9)
