@@ -112,7 +112,7 @@ def edits(scene: SplatScene) -> list[dict[str, object]]:
     """Rows of all edits."""
     stream = encode_scene(scene, PRESETS["datagram"], classes=scene_precision_classes(scene))
     base, rows = decode_stream(stream).scene, []
-    precision = base.coding.classes.astype(np.int64) - int(base.coding.classes.max())
+    precision = base.coding.precision_classes.astype(np.int64) - int(base.coding.precision_classes.max())
     centre = int(np.random.default_rng(0).integers(scene.num_elements))
     chosen, radius = ball(base, centre)
     cameras = surrounding_cameras(SplatScene(base.splats.select(chosen)), VIEWS, SIZE)

@@ -65,12 +65,13 @@ def packet_bytes(stream: SceneStream, info: SideInfo, scene: SplatScene, n: int,
     plan, block = stream.manifest.plan, stream.packets[n].id.block
     members = np.sort(plan.block_ranks(block))
     corner, bits = info.boxes.corners[block], int(info.boxes.bits[block])
-    everything = to_lattice(scene.splats.means[members].astype(np.float64), info.unit, info.size_log) - corner
+    everything = to_lattice(scene.splats.means[members].astype(np.float64), info.lattice_bits, info.size_log) - corner
     cell_shift, some = choose_cell_shift(everything, bits), scene.splats.select(left)
     positions, s = everything[np.searchsorted(members, left)], to_sources(some, info.size_log)
     source = BlockSource(
         np.int64(cell_shift), np.int64(1), block_codes(positions, bits), positions,
-        scene.coding.classes[left].astype(np.int64), s.logs, s.axes, s.colours, transformed(some, info.transform),
+        scene.coding.precision_classes[left].astype(np.int64), s.logs, s.axes, s.colours, transformed(some,
+        info.transform),
     )  # fmt: skip
     return encode_block(source, info, block, np.array([len(left)]), 0).payloads[0]
 
@@ -92,7 +93,7 @@ def measured(stream: SceneStream, edit: str, centre: int) -> dict[str, int]:
         if len(left):
             payload = packet_bytes(stream, info, after, n, left)
             sent += HEADER_BYTES + len(payload)
-    precision = scene.coding.classes.astype(np.int64) - int(scene.coding.classes.max())
+    precision = scene.coding.precision_classes.astype(np.int64) - int(scene.coding.precision_classes.max())
     if edit == "deleted":
         after, precision = after.select(~gone), precision[~gone]
     update = encode_update(stream, after, classes=precision)

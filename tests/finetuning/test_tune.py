@@ -100,7 +100,7 @@ def test_gaussians_have_finer_classes_if_fitted_views_see_them() -> None:
         for options in [FineTuning(iterations=1)]
         for side in (around.centers[:, 0] > 0, around.centers[:, 0] < 0)
     )
-    gain, seen = right.classes.astype(np.int64) - left.classes, scene.splats.means[:, 0] > 0
+    gain, seen = right.precision_classes.astype(np.int64) - left.precision_classes, scene.splats.means[:, 0] > 0
     assert gain[seen].mean() > gain[~seen].mean() + 0.5
 
 
@@ -108,7 +108,9 @@ def test_given_precision_classes_stay() -> None:
     scene, options = shell(100), FineTuning(iterations=3)
     classes = (-np.arange(100) % 6).astype(np.int8)
     found = tuned_gaussians(scene, own_pictures(scene, fitting_cameras(scene, 2, 16)), options, classes=classes)
-    assert (found.coding.classes == coding_for(scene.splats, options.quality, classes).classes).all()
+    assert (
+        found.coding.precision_classes == coding_for(scene.splats, options.quality, classes).precision_classes
+    ).all()
 
 
 def test_steps_are_proportional_to_quantisation_steps() -> None:
@@ -119,7 +121,7 @@ def test_steps_are_proportional_to_quantisation_steps() -> None:
     moved = np.abs(found.scene.splats.sh - start.splats.sh)[:, 0, 0]
     changed = moved > 0  # the others are hidden
     assert changed.sum() > 50
-    assert np.ptp(np.log2(moved[changed]) + found.coding.classes[changed]) < 0.01
+    assert np.ptp(np.log2(moved[changed]) + found.coding.precision_classes[changed]) < 0.01
 
 
 def test_memory_layout_of_the_scene_has_no_influence() -> None:

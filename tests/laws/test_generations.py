@@ -157,7 +157,7 @@ def ordered(stream: SceneStream) -> tuple[np.ndarray, np.ndarray]:
     scene = decode_stream(stream).scene
     assert isinstance(scene, SplatScene)
     assert scene.coding is not None
-    columns = [v.reshape(len(v), -1) for v in (*vars(scene.splats).values(), scene.coding.classes)]
+    columns = [v.reshape(len(v), -1) for v in (*vars(scene.splats).values(), scene.coding.precision_classes)]
     numbers = np.concatenate(columns, axis=1)
     return numbers[np.lexsort(numbers.T)], numbers
 
@@ -201,7 +201,7 @@ def test_mutated_rounding_records_of_a_ply_are_read_or_refused(tmp_path: Path) -
     coding = decode_stream(encode_scene(scene, PACKETIZATIONS["few"])).scene.coding
     good = np.frombuffer(coding_to_bytes(coding), np.uint8)
     for case in range(120):
-        content, marks = good.copy(), coding.classes.copy()
+        content, marks = good.copy(), coding.precision_classes.copy()
         at = rng.integers(len(good) if case % 2 else 16)
         content[at] = rng.choice([0, 1, 63, 64, 127, 128, 255])
         if case % 5 == 0:

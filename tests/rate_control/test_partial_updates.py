@@ -95,7 +95,7 @@ def test_changes_are_coarse_until_all_have_been_sent() -> None:
     state, newest, classes = PartialUpdates.start(splats), trained(splats), []
     for _ in range(7):
         state = state.pushed(newest, 0.25)
-        classes.append(decode_stream(state.chain.updates[-1]).scene.coding.classes)
+        classes.append(decode_stream(state.chain.updates[-1]).scene.coding.precision_classes)
     finest = max(int(each.max()) for each in classes)
     assert [bool((each == finest).all()) for each in classes] == [False] * 3 + [True] * 4
     assert state.pushed(newest, 0.25).chain is state.chain
@@ -112,7 +112,7 @@ def test_the_finest_class_returns_after_no_gaussian_had_it() -> None:
         if push < 10:
             newest = replace(newest, sh=newest.sh + np.float32(0.3))
         states.append(states[-1].pushed(newest, 0.5))
-    classes = [decode_stream(state.chain.scene).scene.coding.classes for state in states]
+    classes = [decode_stream(state.chain.scene).scene.coding.precision_classes for state in states]
     finest = classes[0].max()
     assert (classes[0] == finest).all()
     assert (classes[10] == finest - 1).all()

@@ -98,7 +98,7 @@ def test_measured_precision_is_repeatable():
 
 def test_an_octave_of_precision_halves_the_step_of_one_quantity():
     precision = np.arange(len(STEPS)) / 2
-    finer = Quality(8.0, precision=tuple(precision.tolist())).bases(0) - Quality(8.0).bases(0)
+    finer = Quality(8.0, precision=tuple(precision.tolist())).base_exponents(0) - Quality(8.0).base_exponents(0)
     assert finer.tolist() == (precision * (1 << STEP_BITS)).tolist()
 
 

@@ -83,7 +83,7 @@ class ReferencePacket(ReferenceBits):
         super().__init__(payload, [int(z) << 8 for z in info.bit_zero])
         self.info, self.count = info, count
         self.running = self.shift = 0
-        self.absolute = info.coarsest >= 0
+        self.absolute = info.max_position_shift >= 0
         self.box_bits = int(info.boxes.bits[block])
         self.defaults = [int(v) for v in info.block_defaults[block]]
         self.thinness = thinness_table().tolist()
@@ -135,7 +135,9 @@ class ReferencePacket(ReferenceBits):
         g.logs, thin = [opacity, s0, long, t], self.thinness[t]
         shape = (2 * s0 - long, long, thin, opacity)
         finest = max(self.exponent(S_POSITION, g.level, shape), 1 - ((s0 - long) >> BITS))
-        size = min(max(self.info.unit - finest, 0), self.info.coarsest if self.absolute else self.box_bits)
+        size = min(
+            max(self.info.lattice_bits - finest, 0), self.info.max_position_shift if self.absolute else self.box_bits
+        )
         low = min(at, size)
         fine = [(c << (at - low)) | self.raw(at - low) for c in cell]
         size = size if self.absolute else low
@@ -265,7 +267,7 @@ class ReferencePacket(ReferenceBits):
     def exponent(self, which: np.integer[Any], level: int, shape: tuple[int, int, int, int]) -> int:
         """`-log2` of the quantisation step of an attribute."""
         sums = sum(int(c) * x for c, x in zip(COEFFICIENTS[which], shape, strict=True))
-        sums += (int(self.info.bases[which]) + level * 2**STEP_BITS) * 2**BITS
+        sums += (int(self.info.base_exponents[which]) + level * 2**STEP_BITS) * 2**BITS
         return (sums + 2 ** (BITS + STEP_BITS - 1)) >> (BITS + STEP_BITS)
 
     def residual(self, stream: int, context: int, shift: int, eighths: int) -> int:

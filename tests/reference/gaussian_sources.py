@@ -27,12 +27,14 @@ def reference_colours(splats: Splats) -> np.ndarray:
     return fixed(LUMA_CHROMA.sum(axis=1) / 2 + DC * base, -MAX_COLOUR, MAX_COLOUR)
 
 
-def reference_centres(means: np.ndarray, shifts: np.ndarray, unit: int, size_log: int) -> np.ndarray:
+def reference_centres(means: np.ndarray, shifts: np.ndarray, lattice_bits: int, size_log: int) -> np.ndarray:
     """Positions moved to the centres of their cells, float32 (N, 3); cells are `2**shifts` lattice spacings wide."""
     centres = means.astype(np.float32)
     for _ in range(2):
-        cells = np.floor(np.ldexp(centres.astype(np.float64), unit - size_log)).astype(np.int64) >> shifts[:, None]
-        centres = np.ldexp(((2 * cells + 1) << shifts[:, None]).astype(np.float64), size_log - unit - 1)
+        cells = (
+            np.floor(np.ldexp(centres.astype(np.float64), lattice_bits - size_log)).astype(np.int64) >> shifts[:, None]
+        )
+        centres = np.ldexp(((2 * cells + 1) << shifts[:, None]).astype(np.float64), size_log - lattice_bits - 1)
         centres = centres.astype(np.float32)
     return centres
 

@@ -13,13 +13,15 @@ _TURN = float(1 << DIRECTION_BITS)
 _FIXED = float(1 << BITS)
 
 
-def targets_of(moves: Trajectories, bases: Trajectories, unit: int, size_log: int) -> tuple[np.ndarray, np.ndarray]:
+def targets_of(
+    moves: Trajectories, bases: Trajectories, lattice_bits: int, size_log: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients of the motion of tracks relative to their bases, in units of the channels.
 
     Args:
         moves: n tracks over F frames.
         bases: Their first frames.
-        unit: `-log2` of the lattice's unit, relative to the scene's size.
+        lattice_bits: `-log2` of the lattice's unit, relative to the scene's size.
         size_log: log2 of the scene's size.
 
     Returns:
@@ -27,7 +29,7 @@ def targets_of(moves: Trajectories, bases: Trajectories, unit: int, size_log: in
     """
     values = np.empty((len(moves.means), NUM_CHANNELS, moves.num_frames))
     difference = moves.means.astype(np.float64) - bases.means
-    values[:, :3] = np.ldexp(difference, unit + 1 - size_log).swapaxes(1, 2)
+    values[:, :3] = np.ldexp(difference, lattice_bits + 1 - size_log).swapaxes(1, 2)
     turns = rotation_vectors(moves.quats, bases.quats)
     values[:, 3:6] = (turns * (4 * _TURN)).swapaxes(1, 2)
     falling = np.argsort(-bases.scales[:, 0], axis=1, kind="stable")
@@ -62,7 +64,7 @@ def rotation_vectors(quats: np.ndarray, bases: np.ndarray) -> np.ndarray:
     return turn[..., 1:] / np.maximum(1 + turn[..., :1], 1e-3)
 
 
-def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, size_log: int) -> np.ndarray:
+def offsets_at(coefficients: np.ndarray, frames: int, frame: int, lattice_bits: int, size_log: int) -> np.ndarray:
     """Change of the bases in one frame by the coefficients, float64 (n, C) as in `types.sequence_scene.GroupMotion.at`.
 
     Args:
@@ -76,7 +78,7 @@ def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, siz
     # a product of one axis; for three axes there are many
     rows = coefficients.reshape(tracks * channels, orders).astype(np.float64)
     values = (rows @ polynomials(frames)[frame, :orders]).reshape(tracks, channels)
-    values[:, :3] = np.ldexp(values[:, :3], size_log - unit - 1)
+    values[:, :3] = np.ldexp(values[:, :3], size_log - lattice_bits - 1)
     values[:, 3:6] /= _TURN
     values[:, 6:10] *= np.log(2.0) / _FIXED
     values[:, 10:] = values[:, 10:] / (_FIXED * DC) @ LUMA_CHROMA

@@ -167,8 +167,8 @@ def changed(info: SequenceInfo, first: int = 1, **fields: Any) -> SequenceInfo:
 
 def with_spacing(info: SequenceInfo, spacing: int) -> SequenceInfo:
     """Side information with a second shot on a position lattice that is some octaves coarser than the first one's."""
-    level = info.keyframes.size_log - info.keyframes.unit + spacing
-    return changed(info, size_log=max(level, 0), unit=max(-level, 0))
+    level = info.keyframes.size_log - info.keyframes.lattice_bits + spacing
+    return changed(info, size_log=max(level, 0), lattice_bits=max(-level, 0))
 
 
 def with_unit(info: SequenceInfo, number: int, spacing: int) -> SequenceInfo:

@@ -354,7 +354,7 @@ def test_a_scene_that_returns_to_an_earlier_state_offers_its_newest_update() -> 
     first, second, third = (SplatScene(trained(some_splats(), seed)) for seed in range(3))
     stream, updates = splatwire.encode_scene(first, "datagram"), OfferedUpdates(make_served_stream)
     chain, served = UpdateChain(stream, stream), {}
-    finest = int(splatwire.decode_stream(stream).scene.coding.classes.max())
+    finest = int(splatwire.decode_stream(stream).scene.coding.precision_classes.max())
     for scene in (second, first, third):
         chain = chain.edited(scene, finest)
         served = updates.prepared(chain.offers())

@@ -15,9 +15,9 @@
 #define TURNED(words, bits) (wasm_u32x4_shr(words, bits) | wasm_i32x4_shl(words, 32 - bits))
 #define NUM_SCALES 320
 #define MEANS 8
-#define CONTEXTS (8 * SPREADS * SECONDS)
-#define SPREADS 12
-#define SECONDS 16
+#define CONTEXTS (8 * DEVIATION_CONTEXTS * SECOND_CONTEXTS)
+#define DEVIATION_CONTEXTS 12
+#define SECOND_CONTEXTS 16
 #define COLUMNS 17
 #define WINDOW 64
 #define NEIGHBOURS 6
@@ -62,7 +62,7 @@ enum { S_POSITION = 4, S_DIRECTION = 5, S_SPIN = 6, S_COLOUR = 7, S_HARMONICS = 
 // Tables that the caller fills: of the range coder, of the codec, of the stream, and the block's means.
 int32_t normal[2 * 768 + 1], inverses[NUM_SCALES], widths[NUM_SCALES];
 int32_t coefficients[4 * STEPS];
-int32_t bases[8 * STEPS], scales[CONTEXTS], initial[2 * NUM_CONTEXTS];
+int32_t constants[8 * STEPS], scales[CONTEXTS], initial[2 * NUM_CONTEXTS];
 int32_t defaults[7];
 // Tables of the conversion to floating point: powers of two of the fractions of an octave and of whole octaves, the
 // transform of the harmonics, with rows of `MOST_HARMONICS` numbers, and the lower corner of the block.
@@ -477,17 +477,17 @@ static int32_t absolute, running;
 
 static int32_t exponent(int32_t which, int32_t level, int32_t area, int32_t length, int32_t thin, int32_t opacity) {
   const int32_t *c = coefficients + 4 * which;
-  return (c[0] * area + c[1] * length + c[2] * thin + c[3] * opacity + bases[8 * which + level]) >> 18;
+  return (c[0] * area + c[1] * length + c[2] * thin + c[3] * opacity + constants[8 * which + level]) >> 18;
 }
 
 static int32_t spread_context(int32_t near, int32_t deviation, int32_t shift) {
   if (near < 3) return near == 0 ? 0 : 1;
-  return 2 + smaller(bits_of((uint32_t)((deviation * 8) >> shift)), SPREADS - 3);
+  return 2 + smaller(bits_of((uint32_t)((deviation * 8) >> shift)), DEVIATION_CONTEXTS - 3);
 }
 
 static int32_t value_of(int32_t stream, int32_t spread, int32_t mean, int32_t shift) {
-  int32_t second = stream < 2 ? shift : smaller(bits_of((uint32_t)running), SECONDS - 1);
-  int32_t context = (stream * SPREADS + spread) * SECONDS + second, near = 0, eighths = 0;
+  int32_t second = stream < 2 ? shift : smaller(bits_of((uint32_t)running), SECOND_CONTEXTS - 1);
+  int32_t context = (stream * DEVIATION_CONTEXTS + spread) * SECOND_CONTEXTS + second, near = 0, eighths = 0;
   if (absolute) {
     eighths = (8 * mean + ((1 << shift) >> 1)) >> shift;
     near = (eighths + 4) >> 3;
@@ -561,7 +561,8 @@ static void read_harmonics(int32_t *found, int32_t number, int32_t level, int32_
   }
 }
 
-static void read_gaussian(uint32_t i, int64_t *row, int32_t start, int32_t box_bits, int32_t unit, int32_t coarsest) {
+static void read_gaussian(uint32_t i, int64_t *row, int32_t start, int32_t box_bits, int32_t lattice_bits,
+                          int32_t max_position_shift) {
   double *own = values + PREDICTED * i;
   int32_t class_context = predict(), node = 1;
   for (int32_t b = 0; b < 3; b++) node = 2 * node + bit(FIRST_CLASS + 8 * class_context + node);
@@ -585,7 +586,8 @@ static void read_gaussian(uint32_t i, int64_t *row, int32_t start, int32_t box_b
   area = 2 * s0 - length;
   int32_t finest = exponent(S_POSITION, level, area, length, thin, opacity), least = 1 - ((s0 - length) >> BITS);
   if (least > finest) finest = least;
-  int32_t shift = clip(unit - finest, 0, absolute ? coarsest : box_bits), fine = smaller(start, shift);
+  int32_t shift = clip(lattice_bits - finest, 0, absolute ? max_position_shift : box_bits);
+  int32_t fine = smaller(start, shift);
   for (int32_t a = 0; a < 3; a++) {
     uint64_t place = (uint64_t)cells[a * count + i] << (start - fine) | raw(start - fine);
     int32_t size = absolute ? shift : fine;
@@ -818,7 +820,8 @@ EXPORT(hash) void hash(uint32_t blocks) {
 /// Decodes a packet of `number` Gaussians with `harmonics` harmonics each from the payload at `begin`. Returns the
 /// address of `COLUMNS` 64-bit integers for each Gaussian. The harmonics follow them.
 EXPORT(decode) uint32_t decode(
-    uint32_t bytes, uint32_t number, uint32_t harmonics, int32_t box_bits, int32_t unit, int32_t coarsest) {
+    uint32_t bytes, uint32_t number, uint32_t harmonics, int32_t box_bits, int32_t lattice_bits,
+    int32_t max_position_shift) {
   uint32_t rows_at = (heap_end + bytes + 15) & ~15u, harmonics_at = rows_at + 8 * COLUMNS * number;
   uint32_t values_at = (harmonics_at + 4 * harmonics * number + 15) & ~15u;
   uint32_t axes_at = values_at + 8 * PREDICTED * number, codes_at = axes_at + 16 * number;
@@ -834,7 +837,7 @@ EXPORT(decode) uint32_t decode(
   codes = (uint64_t *)codes_at;
   cells = (int32_t *)cells_at;
   count = number;
-  absolute = coarsest >= 0;
+  absolute = max_position_shift >= 0;
   for (int32_t i = 0; i < 2 * NUM_CONTEXTS; i++) models[i] = initial[i];
   start_decoder(bytes, (uint8_t *)(narrow_z + number + WINDOW));
   int32_t least = box_bits - 21, start = clip((int32_t)raw(6), least > 0 ? least : 0, box_bits);
@@ -849,7 +852,7 @@ EXPORT(decode) uint32_t decode(
   for (uint32_t i = 0; i < number; i++) {
     if (box_bits - start <= NARROW_BITS) find_narrow(i);
     else find_wide(i);
-    read_gaussian(i, decoded_rows + COLUMNS * i, start, box_bits, unit, coarsest);
+    read_gaussian(i, decoded_rows + COLUMNS * i, start, box_bits, lattice_bits, max_position_shift);
     if (harmonics) {
       int32_t level = (int32_t)values[PREDICTED * i + 7];
       int32_t shift = clip(BITS - exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);

@@ -18,23 +18,23 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  * interface, or of JSON. Bundles of the same build have the same short names.
  */
 const INTERNAL = `
-  addHeadset addKeyframes addPacket applyAttribute axisCount axisDeviation baseCount birthGroup birthGroups
-  bitsOf blockCount cancelConcealment changeMs columnShifts completeRows concealmentBytes confirmed
-  damagedTiles damages datagramsLost defaultDirection drawUnits elementsPerByte endState enterHeadset
-  expectedErrors failuresAfter firstBytes firstFrame firstGroup firstNew firstTrack forCamera forgetOffsets
-  framesOf gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames hasAnswered hasCopies hasHead
-  hasUnknownBirth headBytes helpOpen idleMs initSegment initSegmentBytes initSegmentMs isComplete isCut
-  isLinear isOnlySource isReordered isRetry isRetryable isSameStream isSequence isTryingWhole isVisible
-  keptBytes keyframeBlock keyframeIndices keyframeInfo lastOffsets leftOut logScales logSteps lookUpSession
-  lostSequences manifestBytes maxExcess maxTiers medianRadius nearestFirst nearestOthers newPackets
-  noGaussians noteUseless numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numNew
-  numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows onAdopted onAnswer onCamera
-  onChange onContextLost packetBytes paintedCanvas pictureChanged planBlock planIndices playingLive
-  pointCameraAt positionStep receiveDatagrams recordWhen repeatMs replaceTiles reportCamera reportPlayable
-  rowSteps setConcealers setCooperative setMessage setRow setViewpoint showNotice shownPackets sideInfoBytes
-  sideInfoDigest stalledFrames startWebGL stateOf stopProbabilities streamId symbolBytes symbolsDigest
-  symbolsMissing takeHaveMessages tierOf tileRequest tilesBytes upRotation viewDependent voxelSize
-  wasExtrapolated withdraw withoutComparison
+  addHeadset addKeyframes addPacket applyAttribute axisCount axisDeviation baseCount baseExponents birthGroup
+  birthGroups bitsOf blockCount cancelConcealment changeMs columnShifts completeRows concealmentBytes
+  confirmed damagedTiles damages datagramsLost defaultDirection drawUnits elementsPerByte endState
+  enterHeadset expectedErrors failuresAfter firstBytes firstFrame firstGroup firstNew firstTrack forCamera
+  forgetOffsets framesOf gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames hasAnswered hasCopies
+  hasHead hasUnknownBirth headBytes helpOpen idleMs initSegment initSegmentBytes initSegmentMs isComplete
+  isCut isLinear isOnlySource isReordered isRetry isRetryable isSameStream isSequence isTryingWhole isVisible
+  keptBytes keyframeBlock keyframeIndices keyframeInfo lastOffsets latticeBits leftOut logScales logSteps
+  lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers medianRadius nearestFirst
+  nearestOthers newPackets noGaussians noteUseless numGaussians numHarmonics numHidden numInitSegments
+  numIntact numKeyframes numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows
+  onAdopted onAnswer onCamera onChange onContextLost packetBytes paintedCanvas pictureChanged planBlock
+  planIndices playingLive pointCameraAt positionStep receiveDatagrams recordWhen repeatMs replaceTiles
+  reportCamera reportPlayable rowSteps setConcealers setCooperative setMessage setRow setViewpoint showNotice
+  shownPackets sideInfoBytes sideInfoDigest stalledFrames startWebGL stateOf stopProbabilities streamId
+  symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tileRequest tilesBytes upRotation
+  viewDependent voxelSize wasExtrapolated withdraw withoutComparison
 `
   .trim()
   .split(/\s+/);

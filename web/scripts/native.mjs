@@ -23,7 +23,7 @@ const OFFSET = 45,
   EXCLUDED = `${PREFIXES}"'\`\\$`;
 /** Tables that the decoder's caller fills. */
 const tables = [
-  ..."normal inverses widths coefficients bases scales initial defaults".split(" "),
+  ..."normal inverses widths coefficients constants scales initial defaults".split(" "),
   ..."fractions wholes transform corner motion".split(" "),
 ];
 try {

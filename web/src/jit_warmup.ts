@@ -22,10 +22,10 @@ const INFO: SideInfo = {
   degree: DEGREE,
   numHarmonics: 3 * NUMBER,
   sizeLog: 0,
-  unit: 16,
-  coarsest: 8,
+  latticeBits: 16,
+  maxPositionShift: 8,
   sections: new Map(),
-  bases: new Int32Array(STEPS).fill(256),
+  baseExponents: new Int32Array(STEPS).fill(256),
   transform: Int8Array.from({ length: NUMBER * NUMBER }, (_, n) => (n % (NUMBER + 1) ? 0 : 127)),
   boxes: {
     shifts: Int32Array.of(8),

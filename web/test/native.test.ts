@@ -136,7 +136,7 @@ test("a decoder that grows keeps its instance while its tables stay", () => {
     packets.grow(other);
     assertSame(packets.decode(payload, 0, 20), new PacketDecoder(other).decode(payload, 0, 20), other, 0);
     assert.equal(made, 2);
-    for (const name of ["bases", "scales", "models", "transform"] as const) {
+    for (const name of ["baseExponents", "scales", "models", "transform"] as const) {
       const before = packets.info;
       packets.grow({ ...before, [name]: before[name].map((value, n) => (n ? value : value ^ 1)) });
       packets.decode(payload, 0, 20);
@@ -191,7 +191,7 @@ function anyKeyframes(headers: Int32Array, random: (below: number) => number): T
 /** Returns side information of motion; bytes decode to many tracks with long trajectories where `odds` is large. */
 function anyMotionInfo(random: (below: number) => number, odds: number): SequenceInfo {
   const models = Int32Array.from({ length: 2 * NUM_CONTEXTS }, () => 256 * (1 + Math.floor(random(256) / odds)));
-  return { models, keyframeInfo: { sizeLog: 1, unit: 20 } } as unknown as SequenceInfo;
+  return { models, keyframeInfo: { sizeLog: 1, latticeBits: 20 } } as unknown as SequenceInfo;
 }
 
 test("WebAssembly and plain TypeScript decode any bytes to the same motion", () => {

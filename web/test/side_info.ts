@@ -27,10 +27,10 @@ export function anySideInfo(random: (below: number) => number): SideInfo {
     degree,
     numHarmonics: 3 * number,
     sizeLog: 0,
-    unit: random(41),
-    coarsest: random(4) ? random(33) : -1,
+    latticeBits: random(41),
+    maxPositionShift: random(4) ? random(33) : -1,
     sections: new Map(),
-    bases: Int32Array.from({ length: STEPS }, () => random(2000) - 400),
+    baseExponents: Int32Array.from({ length: STEPS }, () => random(2000) - 400),
     transform: Int8Array.from({ length: number * number }, () => random(256) - 128),
     boxes: {
       shifts: Int32Array.of(Math.max(boxBits - 8, 0)),

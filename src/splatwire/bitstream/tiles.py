@@ -14,7 +14,7 @@ from splatwire.errors import BitstreamError
 from splatwire.files.byte_io import ByteReader
 from splatwire.reprs import summary_repr
 
-MAX_UNIT = 40
+MAX_LATTICE_BITS = 40
 """Largest `-log2` of the quantisation step of box corners, as a fraction of the scene's size."""
 
 
@@ -102,16 +102,16 @@ def _boxes(side_info: bytes, count: int) -> tuple[np.ndarray, np.ndarray]:
     parts = ByteReader(side_info, "side information")
     header, reader = (ByteReader(parts.blob(), "side information") for _ in range(2))
     header.take(2)
-    size_log, unit = header.signed(), header.signed()
-    if abs(size_log) > MAX_SIZE_LOG or not 0 <= unit <= MAX_UNIT:
-        raise BitstreamError(f"side information: size {size_log} or unit {unit} are impossible")
+    size_log, lattice_bits = header.signed(), header.signed()
+    if abs(size_log) > MAX_SIZE_LOG or not 0 <= lattice_bits <= MAX_LATTICE_BITS:
+        raise BitstreamError(f"side information: size {size_log} or lattice bits {lattice_bits} are impossible")
     if 7 * count > reader.left:
         raise BitstreamError(f"side information: {reader.left} bytes cannot hold {count} boxes")
     rows = [(reader.u8(), *(reader.signed() for _ in range(3)), *(reader.u8() for _ in range(3))) for _ in range(count)]
     boxes = np.array(rows, dtype=np.float64).reshape(count, 7)
     cells, corners = boxes[:, :1], boxes[:, 1:4]
-    if (cells > MAX_UNIT).any() or (np.abs(corners) > 2.0 ** (MAX_UNIT - cells)).any():
+    if (cells > MAX_LATTICE_BITS).any() or (np.abs(corners) > 2.0 ** (MAX_LATTICE_BITS - cells)).any():
         raise BitstreamError("side information: a block's box is impossible")
-    scale = 2.0 ** (cells + size_log - unit)
+    scale = 2.0 ** (cells + size_log - lattice_bits)
     low = corners * scale
     return low, low + (boxes[:, 4:] + 1) * scale

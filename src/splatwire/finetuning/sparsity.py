@@ -43,7 +43,7 @@ class HarmonicCost:
                 used.
         """
         transform = np.kron(np.linalg.inv(coding.transform / TRANSFORM_UNIT), LUMA_CHROMA.T)
-        exponents = coding.bases[S_HARMONICS] + (coding.classes.astype(np.int64) << STEP_BITS)
+        exponents = coding.base_exponents[S_HARMONICS] + (coding.precision_classes.astype(np.int64) << STEP_BITS)
         rounded = np.clip((exponents + (1 << (STEP_BITS - 1))) >> STEP_BITS, 2, BITS)
         return HarmonicCost(transform.astype(np.float32), np.exp2(-rounded).astype(np.float32)[:, None])
 

@@ -314,7 +314,7 @@ def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
     # Pictures are about equally sensitive to a quantisation step of any Gaussian. Steps that are equal for all
     # Gaussians would be too large for the sensitive ones, and too small for the others. The geometric mean of the
     # factors is 1.
-    classes = coding.classes.astype(np.float64)
+    classes = coding.precision_classes.astype(np.float64)
     return np.exp2(classes.mean() - classes).astype(np.float32)
 
 

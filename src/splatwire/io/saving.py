@@ -123,7 +123,7 @@ def _ply_steps_of(scene: Scene) -> PlySteps | None:
         if scene.hints.opacity_gain is not None or not bool((scene.hints.size_gain == 1).all()):
             return None
         coding = coding.select(~scene.hints.left_out)
-    return PlySteps(coding_to_bytes(coding), coding.classes)
+    return PlySteps(coding_to_bytes(coding), coding.precision_classes)
 
 
 @checked

@@ -101,7 +101,7 @@ class PartialUpdates:
         known = SplatScene(splats).drawable.copy()
         size = _scene_size(splats.select(known))
         chain, coarse = UpdateChain(stream, stream), np.zeros(len(known), bool)
-        finest, count = int(decode_stream(stream).scene.coding.classes.max()), int(known.sum())
+        finest, count = int(decode_stream(stream).scene.coding.precision_classes.max()), int(known.sum())
         return PartialUpdates(chain, finest, splats, splats, known, coarse, count, size, antialiased=antialiased)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":

@@ -27,19 +27,20 @@ class SplatCoding(CheckedFields):
 
     Attributes:
         size_log: log2 of the scene's size in world units.
-        unit: Precision of decoded positions, which are multiples of a spacing of `2 ** (size_log - unit)` world units.
-        coarsest: log2 of the largest quantisation step of positions, in units of this spacing.
-        bases: `-log2` of the quantisation step of each quantity in class 0, in fixed point: multiples of 1/64.
+        lattice_bits: Precision of decoded positions. They are multiples of a lattice spacing of
+            `2 ** (size_log - lattice_bits)` world units.
+        max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
+        base_exponents: `-log2` of the quantisation step of each quantity in class 0, in fixed point: multiples of 1/64.
         transform: Decorrelating transform of the spherical harmonics, as integers.
-        classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.
+        precision_classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.
     """
 
     size_log: int
-    unit: int
-    coarsest: int
-    bases: tuple[int, ...]
+    lattice_bits: int
+    max_position_shift: int
+    base_exponents: tuple[int, ...]
     transform: Int64[np.ndarray, "K K"]
-    classes: UInt8[np.ndarray, "N"]
+    precision_classes: UInt8[np.ndarray, "N"]
 
     __repr__ = summary_repr
 
@@ -52,7 +53,7 @@ class SplatCoding(CheckedFields):
         Raises:
             InvalidValueError: If an index is out of range, or a mask has another length.
         """
-        return replace(self, classes=self.classes[indices_of(index, len(self.classes))])
+        return replace(self, precision_classes=self.precision_classes[indices_of(index, len(self.precision_classes))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +97,10 @@ class SplatScene:
         object.__setattr__(self, "origin", check_origin(self.origin))
         check_fields(self)
         check_hints(self.hints, self.num_elements)
-        if self.coding is not None and len(self.coding.classes) != self.num_elements:
+        if self.coding is not None and len(self.coding.precision_classes) != self.num_elements:
             raise InvalidValueError(
-                f"coding is for {len(self.coding.classes):,} Gaussians, and the scene has {self.num_elements:,}"
+                f"coding is for {len(self.coding.precision_classes):,} Gaussians, "
+                f"and the scene has {self.num_elements:,}"
             )
 
     @property

@@ -13,7 +13,7 @@ def test_quality_names_equal_their_quality_numbers(name):
 
 @pytest.mark.parametrize("degree", [0, 3])
 def test_steps_of_every_class_become_finer_with_the_number(degree):
-    coarsest = np.array([quality_of(number).bases(degree) for number in np.linspace(0, 100, 401)])
+    coarsest = np.array([quality_of(number).base_exponents(degree) for number in np.linspace(0, 100, 401)])
     classes = [quality_of(number).num_classes(degree) for number in np.linspace(0, 100, 401)]
     finest = coarsest + 64 * (np.array(classes) - 1)[:, None]
     assert (np.diff(coarsest, axis=0) >= 0).all()

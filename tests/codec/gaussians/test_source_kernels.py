@@ -131,7 +131,7 @@ def test_summaries_of_blocks_equal_their_reference(layout: Callable[[Splats], Sp
     assert scene.num_blocks > 1
     for block in range(scene.num_blocks):
         members, (ends, means) = scene.order[scene.members(block)], scene.summary(block)
-        places = to_lattice(scene.centres[members].astype(np.float64), scene.unit, scene.size_log)
+        places = to_lattice(scene.centres[members].astype(np.float64), scene.lattice_bits, scene.size_log)
         np.testing.assert_array_equal(ends, [places.min(axis=0), places.max(axis=0)])
         expected = reference_means(scene.splats.select(members), scene.size_log) / (1 << DEFAULT_SHIFT)
         assert np.abs(means - expected).max() <= 0.5 + 1e-3
@@ -146,7 +146,7 @@ def test_arranged_gaussians_equal_their_reference(level: float, layout: Callable
     scene = scene_of(layout(splats), quality)
     info = fit_side_info(scene, {}, None, None, 1)
     found = scene.arranged(0, info)
-    positions = to_lattice(scene.centres.astype(np.float64), scene.unit, scene.size_log)[scene.order]
+    positions = to_lattice(scene.centres.astype(np.float64), scene.lattice_bits, scene.size_log)[scene.order]
     positions -= info.boxes.corners[0]
     bits = int(info.boxes.bits[0])
     codes = block_codes(positions, bits)
@@ -159,7 +159,7 @@ def test_arranged_gaussians_equal_their_reference(level: float, layout: Callable
     for name, values in vars(expected).items():
         np.testing.assert_array_equal(getattr(found, name), values)
     harmonics = transformed(scene.splats.select(members), info.transform)
-    exponents = (info.bases[S_HARMONICS] + 64 * found.classes + 32) >> 6
+    exponents = (info.base_exponents[S_HARMONICS] + 64 * found.classes + 32) >> 6
     shifts = np.clip(12 - exponents, 0, 10)[:, None]
     rounded = [(values + ((1 << shifts) >> 1)) >> shifts for values in (harmonics.astype(np.int64), found.harmonics)]
     assert np.abs(rounded[0] - rounded[1]).max() <= 1

@@ -22,10 +22,10 @@ from splatwire.sequence import SequenceOptions, encode_sequence
 FRAMES, GROUP = 10, 5
 
 
-def targets_of(moves, bases, numbers, unit: int, size_log: int) -> Targets:
+def targets_of(moves, bases, numbers, lattice_bits: int, size_log: int) -> Targets:
     """Coefficients of motion, fitted to all frames at once."""
     found = Targets.zero(len(numbers), moves.num_frames)
-    add_frames(found, moves, bases, numbers, 0, moves.num_frames, unit, size_log)
+    add_frames(found, moves, bases, numbers, 0, moves.num_frames, lattice_bits, size_log)
     return found
 
 

@@ -50,7 +50,7 @@ def test_receivers_of_every_state_reach_the_newest_one(packetization) -> None:
 
 def test_gaussians_keep_their_classes_in_datagrams() -> None:
     source, splats = encode_splats(some_splats(), SMALL), some_splats()
-    finest = int(decode_stream(source).scene.coding.classes.max())
+    finest = int(decode_stream(source).scene.coding.precision_classes.max())
     chain, full = UpdateChain(source, into_datagrams(source)), UpdateChain(source, source)
     # The second update has a class that no Gaussian has after the first one.
     for level in (-1, 0):
@@ -60,7 +60,7 @@ def test_gaussians_keep_their_classes_in_datagrams() -> None:
         update = full.updates[-1]
         chain = chain.extended(update)
         for stream in (full.scene, chain.source, chain.scene):
-            np.testing.assert_array_equal(decode_stream(stream).scene.coding.classes, finest + level)
+            np.testing.assert_array_equal(decode_stream(stream).scene.coding.precision_classes, finest + level)
         rows = [sorted_rows(decode_stream(stream).scene.splats) for stream in (chain.source, chain.scene)]
         np.testing.assert_array_equal(*rows)
 

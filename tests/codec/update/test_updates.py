@@ -95,8 +95,8 @@ def test_changed_streams_decode_to_the_edited_scene_in_the_old_steps(base: Scene
     update = encode_update(base, SplatScene(after), classes=classes)
     result = apply_update(base, update)
     coding = decode_stream(base).scene.coding
-    levels = (classes - CLASSES.min()).astype(np.uint8) + np.uint8(int(coding.classes.max()) + CLASSES.min())
-    expected = round_splats(after, replace(coding, classes=levels))
+    levels = (classes - CLASSES.min()).astype(np.uint8) + np.uint8(int(coding.precision_classes.max()) + CLASSES.min())
+    expected = round_splats(after, replace(coding, precision_classes=levels))
     np.testing.assert_array_equal(sorted_rows(decode_stream(result).scene.splats), sorted_rows(expected))
     counts = describe_update(base, update)
     assert counts == {"num_kept": COUNT - num_removed, "num_removed": num_removed, "num_new": num_new}

@@ -106,14 +106,14 @@ def compand_thinness(ratio, thinness):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_logs(coder, row, source, bases, precision_class, near, count, thinness, absolute):
+def code_logs(coder, row, source, base_exponents, precision_class, near, count, thinness, absolute):
     """Encodes or decodes opacity and scales of a Gaussian, predicted from neighbours.
 
     Args:
         coder: Entropy coder.
         row: Decoded integers of the Gaussian, int64 (columns); opacity and scales are written.
         source: Logarithms of opacity and scales, int64 (4); only used by an encoder.
-        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
             c.
         near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
@@ -144,7 +144,7 @@ def code_logs(coder, row, source, bases, precision_class, near, count, thinness,
             area = 2 * s0 - elongation
             value = ZERO if coder.decoding else compand_thinness(max(s0 - elongation - value, 0), thinness)
         # The quantisation step of each value depends on the values decoded before.
-        shift = step_shift(bases, stream, precision_class, area, elongation, ZERO, opacity, most)
+        shift = step_shift(base_exponents, stream, precision_class, area, elongation, ZERO, opacity, most)
         deviation_class = deviation_context(count, near.deviations[stream], shift)
         second = shift if stream < R_SCALE1 else magnitude_context(running)
         value, steps = code_value(coder, stream, deviation_class, second, mean, value, shift, absolute)
@@ -166,14 +166,14 @@ def code_logs(coder, row, source, bases, precision_class, near, count, thinness,
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_colour(coder, row, source, bases, precision_class, near, count, running, absolute):
+def code_colour(coder, row, source, base_exponents, precision_class, near, count, running, absolute):
     """Encodes or decodes the base colour (Y Co Cg) of a Gaussian, predicted from neighbours.
 
     Args:
         coder: Entropy coder.
         row: Decoded integers of the Gaussian, int64 (columns); the colour is written.
         source: The exact colour, int64 (3); only used by an encoder.
-        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
             c.
         near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
@@ -181,7 +181,7 @@ def code_colour(coder, row, source, bases, precision_class, near, count, running
         running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
     """
-    shift = step_shift(bases, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+    shift = step_shift(base_exponents, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
         deviation_class, mean = deviation_context(count, near.deviations[P_LUMA + c], shift), near.means[P_LUMA + c]
         value, steps = code_value(
@@ -193,31 +193,44 @@ def code_colour(coder, row, source, bases, precision_class, near, count, running
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def position_shifts(logs, precision_classes, bases, unit, coarsest, thinness, shifts):
+def position_shifts(logs, precision_classes, base_exponents, lattice_bits, max_position_shift, thinness, shifts):
     """Computes the quantisation step of each Gaussian's position, which depends on its rounded opacity and scales.
 
     Args:
         logs: Logarithms of opacity and scales, int64 (n, 4).
         precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
-        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
-        coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
+        base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         shifts: Output: log2 of the steps, in lattice spacings, int64 (n).
     """
     for i in range(len(logs)):
         precision_class, source = precision_classes[i], logs[i]
-        shift = step_shift(bases, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
+        shift = step_shift(base_exponents, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
         opacity = source[0] + 1 if source[0] == MAX_OPACITY else source[0]
         opacity = min(max(rounded(opacity, shift), MIN_OPACITY), MAX_OPACITY)
-        shift = step_shift(bases, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(base_exponents, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(source[1], shift), -MAX_LOG), MAX_LOG)
-        shift = step_shift(bases, S_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(
+            base_exponents, S_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
+        )
         elongation = min(max(rounded(s0 - source[2], shift), 0), MAX_LOG)
-        shift = step_shift(bases, S_SCALE2, precision_class, 2 * s0 - elongation, elongation, ZERO, opacity, BITS - 1)
+        shift = step_shift(
+            base_exponents, S_SCALE2, precision_class, 2 * s0 - elongation, elongation, ZERO, opacity, BITS - 1
+        )
         companded = rounded(compand_thinness(max(s0 - elongation - source[3], 0), thinness), shift)
         companded = min(max(companded, 0), (MAX_THIN >> shift) << shift)
-        shifts[i] = position_shift(bases, precision_class, s0, elongation, thinness[companded], opacity, unit, coarsest)
+        shifts[i] = position_shift(
+            base_exponents,
+            precision_class,
+            s0,
+            elongation,
+            thinness[companded],
+            opacity,
+            lattice_bits,
+            max_position_shift,
+        )
 
 
 @njit(borrows=True, error_model="numpy")

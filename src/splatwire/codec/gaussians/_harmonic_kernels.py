@@ -32,20 +32,22 @@ POSITIONS = np.array(
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_harmonics(coder, values, source, bases, precision_class):
+def code_harmonics(coder, values, source, base_exponents, precision_class):
     """Encodes or decodes the spherical harmonics of a Gaussian, in the colour space Y Co Cg.
 
     Args:
         coder: Entropy coder.
         values: Output: decoded harmonics of the Gaussian, int32 (harmonics).
         source: Harmonics before quantisation, int32 (harmonics); only used by an encoder.
-        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
             c.
     """
     # The order is by coefficient: Y, Co, Cg of the first, then of the second, and so on. The context of a harmonic is
     # the magnitude of the harmonics coded before it for the same Gaussian.
-    shift = min(max(BITS - step_exponent(bases, S_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
+    shift = min(
+        max(BITS - step_exponent(base_exponents, S_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2
+    )
     half = (1 << shift) >> 1
     has_nonzero = 0
     if not coder.decoding:

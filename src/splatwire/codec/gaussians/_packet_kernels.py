@@ -216,8 +216,8 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, 
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         scratch: Working arrays from `new_scratch`.
     """
-    bases, unit, coarsest, thinness = stream_params
-    absolute = coarsest >= 0
+    base_exponents, lattice_bits, max_position_shift, thinness = stream_params
+    absolute = max_position_shift >= 0
     cell_shift, interleaved, codes, positions, classes, logs, axes, colours, source_harmonics = source
     near, packed, stack, axis, other = scratch
     cells, n = near.cells, len(rows)
@@ -234,24 +234,31 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, 
         count = find_neighbours(near, i, box_bits - cell_shift)
         row[CLASS] = precision_class = code_class(coder, predict(near, count, defaults), classes[j])
         s0, elongation, flatness, opacity, running = code_logs(
-            coder, row, logs[j], bases, precision_class, near, count, thinness, absolute
+            coder, row, logs[j], base_exponents, precision_class, near, count, thinness, absolute
         )  # fmt: skip
         area = 2 * s0 - elongation
         shift = position_shift(
-            bases, precision_class, s0, elongation, flatness, opacity, unit, coarsest if absolute else box_bits
+            base_exponents,
+            precision_class,
+            s0,
+            elongation,
+            flatness,
+            opacity,
+            lattice_bits,
+            max_position_shift if absolute else box_bits,
         )
         _code_position(coder, row, cells[:, i], positions[j], cell_shift, shift, absolute)
         row[PRIMARY] = primary = 2 if flatness >= elongation else 0
-        e = step_exponent(bases, S_DIRECTION, precision_class, area, elongation, flatness, opacity)
+        e = step_exponent(base_exponents, S_DIRECTION, precision_class, area, elongation, flatness, opacity)
         shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
         exact = axes[j, :, primary]
         running = code_axis(coder, row, primary, exact, shift, near, count, running, axis, other, absolute)
-        e = step_exponent(bases, S_SPIN, precision_class, area, elongation, flatness, opacity)
+        e = step_exponent(base_exponents, S_SPIN, precision_class, area, elongation, flatness, opacity)
         _code_spin(coder, row, axes[j], primary, min(max(e, 0), DIRECTION_BITS))
-        code_colour(coder, row, colours[j], bases, precision_class, near, count, running, absolute)
+        code_colour(coder, row, colours[j], base_exponents, precision_class, near, count, running, absolute)
         remember(near, row, i)
         if harmonics.shape[1]:
-            code_harmonics(coder, harmonics[i], source_harmonics[j], bases, precision_class)
+            code_harmonics(coder, harmonics[i], source_harmonics[j], base_exponents, precision_class)
 
 
 @njit(error_model="numpy")

@@ -43,7 +43,19 @@ from splatwire.ops.compiled import njit
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def round_rows(positions, logs, axes, colours, precision_classes, bases, unit, coarsest, thinness, harmonics, rows):
+def round_rows(
+    positions,
+    logs,
+    axes,
+    colours,
+    precision_classes,
+    base_exponents,
+    lattice_bits,
+    max_position_shift,
+    thinness,
+    harmonics,
+    rows,
+):
     """Quantises n Gaussians to the integers that a decoder would obtain, without encoding them.
 
     Positions are multiples of a small distance, the spacing of the position lattice.
@@ -56,10 +68,10 @@ def round_rows(positions, logs, axes, colours, precision_classes, bases, unit, c
         colours: Base colours as Y Co Cg, in fixed point with `BITS` fractional bits, int64 (n, 3).
         precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n); 0 is the
             coarsest.
-        bases: `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0, in fixed
-            point with `STEP_BITS` fractional bits, int64 (9).
-        unit: `-log2` of the lattice spacing, as a share of the scene's size.
-        coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
+        base_exponents: `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0, in
+            fixed point with `STEP_BITS` fractional bits, int64 (9).
+        lattice_bits: `-log2` of the lattice spacing, as a share of the scene's size.
+        max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
         thinness: Table that decodes the ratio of the second to the third scale, from `thinness_table`.
         harmonics: Spherical harmonics after the transform that decorrelates them, int32 (n, harmonics); replaced by the
             rounded values.
@@ -71,34 +83,40 @@ def round_rows(positions, logs, axes, colours, precision_classes, bases, unit, c
         row, precision_class = rows[i], precision_classes[i]
         row[CLASS] = precision_class
         value = logs[i, 0] + 1 if logs[i, 0] == MAX_OPACITY else logs[i, 0]
-        shift = step_shift(bases, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
+        shift = step_shift(base_exponents, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
         opacity = min(max(rounded(value, shift), MIN_OPACITY), MAX_OPACITY)
-        shift = step_shift(bases, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(base_exponents, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(logs[i, 1], shift), -MAX_LOG), MAX_LOG)
-        shift = step_shift(bases, S_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(
+            base_exponents, S_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
+        )
         elongation = min(max(rounded(s0 - logs[i, 2], shift), 0), MAX_LOG)
         area = 2 * s0 - elongation
-        shift = step_shift(bases, S_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
+        shift = step_shift(base_exponents, S_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
         companded = rounded(compand_thinness(max(s0 - elongation - logs[i, 3], 0), thinness), shift)
         companded = min(max(companded, 0), (MAX_THIN >> shift) << shift)
         flatness = thinness[companded]
         row[OPACITY], row[SCALE0], row[SCALE1], row[SCALE2] = opacity, s0, elongation, companded
-        shift = position_shift(bases, precision_class, s0, elongation, flatness, opacity, unit, coarsest)
+        shift = position_shift(
+            base_exponents, precision_class, s0, elongation, flatness, opacity, lattice_bits, max_position_shift
+        )
         for a in range(3):
             row[LATTICE + a] = (2 * (positions[i, a] >> shift) + 1) << shift
         row[PRIMARY] = primary = 2 if flatness >= elongation else 0
-        e = step_exponent(bases, S_DIRECTION, precision_class, area, elongation, flatness, opacity)
+        e = step_exponent(base_exponents, S_DIRECTION, precision_class, area, elongation, flatness, opacity)
         round_axis(axes[i, :, primary], min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2), axis)
         sign = -1 if axis[largest_of(axis)] < 0 else 1
         for a in range(3):
             row[AXIS + a] = sign * axis[a]
-        e = step_exponent(bases, S_SPIN, precision_class, area, elongation, flatness, opacity)
+        e = step_exponent(base_exponents, S_SPIN, precision_class, area, elongation, flatness, opacity)
         bits = min(max(e, 0), DIRECTION_BITS)
         turn = np.int64(np.rint(spin_angle(row, axes[i], primary) / np.pi * (1 << bits)))
         row[SPIN_BITS], row[SPIN] = bits, turn & ((1 << bits) - 1)
-        shift = step_shift(bases, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+        shift = step_shift(base_exponents, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
         for c in range(3):
             row[LUMA + c] = min(max(rounded(colours[i, c], shift), -MAX_COLOUR), MAX_COLOUR)
-        shift = min(max(BITS - step_exponent(bases, S_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
+        shift = min(
+            max(BITS - step_exponent(base_exponents, S_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2
+        )
         for k in range(harmonics.shape[1]):
             harmonics[i, k] = min(max(rounded(np.int64(harmonics[i, k]), shift), -MAX_HARMONIC), MAX_HARMONIC)

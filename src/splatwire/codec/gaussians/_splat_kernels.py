@@ -28,7 +28,21 @@ FRACTION = (1 << BITS) - 1
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def convert(
-    rows, indices, origins, size_log, unit, thinness, powers, colours, grey, means, quats, scales, opacities, sh, room
+    rows,
+    indices,
+    origins,
+    size_log,
+    lattice_bits,
+    thinness,
+    powers,
+    colours,
+    grey,
+    means,
+    quats,
+    scales,
+    opacities,
+    sh,
+    room,
 ):
     """Converts decoded integers of Gaussians to floats, and writes them to the scene.
 
@@ -37,7 +51,7 @@ def convert(
         indices: For each of the n Gaussians, its index in the output arrays, int64 (n).
         origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
         size_log: log2 of the scene's size in world units.
-        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         powers: Table of powers of two, from `exponentials`.
         colours: Orthonormal matrix from RGB to Y Co Cg, float64 (3, 3), with entries divided by the value of the
@@ -50,7 +64,7 @@ def convert(
         sh: Output, spherical harmonics, float32 (N, K + 1, 3); only degree 0 is written.
         room: Working array, float64 (9).
     """
-    half = WHOLES[size_log - unit - 1 + OCTAVES]
+    half = WHOLES[size_log - lattice_bits - 1 + OCTAVES]
     for i in range(len(rows)):
         row, index = rows[i], indices[i]
         for a in range(3):

@@ -173,7 +173,12 @@ def transformed(splats: Splats, transform: np.ndarray) -> np.ndarray:
 
 
 def to_splats(
-    rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int, size_log: int, transform: np.ndarray
+    rows: np.ndarray,
+    harmonics: np.ndarray,
+    origins: np.ndarray,
+    lattice_bits: int,
+    size_log: int,
+    transform: np.ndarray,
 ) -> Splats:
     """Converts decoded integers to Gaussians with float attributes.
 
@@ -182,20 +187,20 @@ def to_splats(
         harmonics: int32 (n, 3 K), decoded integers of the K transformed spherical harmonics, three colour components
             each.
         origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
-        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
         transform: int64 (K, K), transform of the K harmonics, from `fit_transform`.
     """
     count = len(rows)
     shapes = (count, 3), (count, 4), (count, 3), (count,), (count, 1 + harmonics.shape[1] // 3, 3)
     splats = Splats(*(np.empty(shape, np.float32) for shape in shapes))
-    write_splats(splats, np.arange(count), rows, harmonics, origins, unit, size_log, transform)
+    write_splats(splats, np.arange(count), rows, harmonics, origins, lattice_bits, size_log, transform)
     return splats
 
 
 def write_splats(
-    splats: Splats, indices: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int,
-    size_log: int, transform: np.ndarray,
+    splats: Splats, indices: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray,
+    lattice_bits: int, size_log: int, transform: np.ndarray,
 ) -> None:  # fmt: skip
     """Converts decoded integers of Gaussians to floats, and writes them into the scene.
 
@@ -205,7 +210,7 @@ def write_splats(
         rows: int64 (n, columns), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
         origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
-        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
         transform: int64 (K, K), transform of the harmonics, from `fit_transform`.
     """
@@ -215,7 +220,7 @@ def write_splats(
     room = np.empty(max(9, width))
     # Contiguous arrays only, because a kernel is compiled again for each layout of its arguments.
     kernels.convert(
-        np.ascontiguousarray(rows), indices, np.ascontiguousarray(origins), size_log, unit, thinness_table(),
+        np.ascontiguousarray(rows), indices, np.ascontiguousarray(origins), size_log, lattice_bits, thinness_table(),
         exponentials(), LUMA_CHROMA / DC, GREY, splats.means, splats.quats, splats.scales,
         splats.opacities, splats.sh, room,
     )  # fmt: skip

@@ -1,6 +1,7 @@
 """Divides Gaussians into spatial blocks with bounding boxes, and orders the Gaussians for coding.
 
-Positions are integer coordinates on a lattice: a cubic grid with a spacing of `2**-unit` times the scene's size.
+Positions are integer coordinates on a lattice: a cubic grid with a spacing of `2 ** -lattice_bits` times the scene's
+size.
 """
 
 import functools
@@ -130,18 +131,18 @@ def choose_cell_shift(positions: np.ndarray, bits: int) -> int:
     return max(extent_bits - depth, bits - MAX_CELL_BITS, 0)
 
 
-def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
+def make_boxes(low: np.ndarray, high: np.ndarray, max_position_shift: int = 0) -> Boxes:
     """Computes the bounding box of each block of Gaussians, with corners on a coarse grid.
 
     Args:
         low: int64 (B, 3), smallest coordinates of each block, in spacings of the position lattice.
         high: int64 (B, 3), largest coordinates of each block, in the same unit.
-        coarsest: log2 of the largest quantisation step of positions, in the same unit. Box corners are multiples of
-            this step.
+        max_position_shift: log2 of the largest quantisation step of positions, in the same unit. Box corners are
+            multiples of this step.
     """
     # Corners are multiples of the largest position cell, so that position cells are the same in every box.
     shifts = np.array(
-        [max(int(e).bit_length() - BOX_BITS + 1, coarsest) for e in (high - low).max(axis=1)], dtype=np.int64
+        [max(int(e).bit_length() - BOX_BITS + 1, max_position_shift) for e in (high - low).max(axis=1)], dtype=np.int64
     )
     origins = low >> shifts[:, None]
     return Boxes(shifts, origins, (high >> shifts[:, None]) - origins)
@@ -171,19 +172,19 @@ def check_codes(used_bits: int, bits: int) -> None:
         raise ValueError(f"positions must be in [0, 2**{bits}) to have a code")
 
 
-def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
+def typical_cell_shift(means: np.ndarray, lattice_bits: int, size_log: int) -> int:
     """Estimates log2 of the cell size of a typical block (`choose_cell_shift`), from a sample of all Gaussians.
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).
-        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
 
     Returns:
         log2 of the cell size, in lattice spacings.
     """
     sample = means[:: -(-len(means) // TYPICAL_SAMPLE)]
-    positions = to_lattice(sample.take(gaussian_order(sample, None), axis=0).astype(np.float64), unit, size_log)
+    positions = to_lattice(sample.take(gaussian_order(sample, None), axis=0).astype(np.float64), lattice_bits, size_log)
     parts = min(max(1, len(means) // TYPICAL_BLOCK), len(sample))
     edges = np.cumsum([0, *(len(part) for part in np.array_split(sample[:, 0], parts))])
     depth = 4 + (min(len(means), TYPICAL_BLOCK).bit_length() + 1) // 2
@@ -191,18 +192,19 @@ def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
     return int(np.clip(np.median(bits) - depth, 0, MAX_LATTICE_BITS - BOX_BITS))
 
 
-def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
+def to_lattice(means: np.ndarray, lattice_bits: int, size_log: int) -> np.ndarray:
     """Converts positions to integer coordinates on a cubic lattice, rounded down, int64 (N, 3).
 
     Args:
         means: float64 (N, 3), positions.
-        unit: Resolution of the lattice: the distance between its points is `2**-unit` times the scene's size.
+        lattice_bits: Resolution of the lattice: the distance between its points is `2 ** -lattice_bits` times the
+            scene's size.
         size_log: log2 of the scene's size in world units.
 
     Raises:
         InvalidValueError: If a position exceeds the range of the lattice.
     """
-    scaled = np.floor(np.ldexp(means, unit - size_log))
+    scaled = np.floor(np.ldexp(means, lattice_bits - size_log))
     check_reach(np.abs(scaled).max(initial=0))
     return scaled.astype(np.int64)
 

@@ -25,8 +25,8 @@ def coding_from_bytes(data: bytes, classes: np.ndarray, degree: int) -> SplatCod
         UnsupportedVersionError: If a newer release wrote the bytes.
         BitstreamError: If the bytes are damaged or belong to a scene of another degree, or a class is out of range.
     """
-    stored_degree, size_log, unit, bases, coarsest, transform = read_header(data)
-    if stored_degree != degree or coarsest < 0 or classes.max(initial=0) >= MAX_CLASSES:
+    stored_degree, size_log, lattice_bits, base_exponents, max_position_shift, transform = read_header(data)
+    if stored_degree != degree or max_position_shift < 0 or classes.max(initial=0) >= MAX_CLASSES:
         raise BitstreamError(f"steps of Gaussians of degree {stored_degree} and classes up to {classes.max(initial=0)}")
-    steps = size_log, unit, coarsest, tuple(bases.tolist())
+    steps = size_log, lattice_bits, max_position_shift, tuple(base_exponents.tolist())
     return SplatCoding(*steps, transform, classes)

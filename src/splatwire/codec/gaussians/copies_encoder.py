@@ -34,14 +34,17 @@ def write_copies(
     """
     if not 0 <= precision_class < MAX_CLASSES:
         raise InvalidValueError(f"there is no class of precision {precision_class}: classes are 0 to {MAX_CLASSES - 1}")
-    lattice = to_lattice(splats.means[indices].astype(np.float64), info.unit, info.size_log)
-    boxes, count = make_boxes(lattice.min(axis=0)[None], lattice.max(axis=0)[None], max(info.coarsest, 0)), len(indices)
+    lattice = to_lattice(splats.means[indices].astype(np.float64), info.lattice_bits, info.size_log)
+    boxes, count = (
+        make_boxes(lattice.min(axis=0)[None], lattice.max(axis=0)[None], max(info.max_position_shift, 0)),
+        len(indices),
+    )
     order = np.argsort(block_codes(lattice - boxes.corners[0], int(boxes.bits[0])), kind="stable")
     indices, classes = indices[order], np.broadcast_to(np.uint8(precision_class), splats.num_gaussians)
     rows = indices.astype(np.uint32)
     scene = SourceScene(
-        splats, splats.means, rows, np.array([0, count]), classes, info.size_log, info.unit, info.bases,
-        info.coarsest, True,
+        splats, splats.means, rows, np.array([0, count]), classes, info.size_log, info.lattice_bits,
+        info.base_exponents, info.max_position_shift, True,
     )  # fmt: skip
     copies_info = replace(info, boxes=boxes, defaults=np.clip([scene.summary(0)[1]], -511, 511))
     payload = encode_block(scene.arranged(0, copies_info), copies_info, 0, np.array([count]), 0).payloads[0]

@@ -150,10 +150,17 @@ def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
     Returns:
         The parameters; None for streams of version 2, whose integers depend on the division into packets.
     """
-    if info.coarsest < 0:
+    if info.max_position_shift < 0:
         # The integers of version 2 depend on the division into packets.
         return None
-    return SplatCoding(info.size_log, info.unit, info.coarsest, tuple(info.bases.tolist()), info.transform, classes)
+    return SplatCoding(
+        info.size_log,
+        info.lattice_bits,
+        info.max_position_shift,
+        tuple(info.base_exponents.tolist()),
+        info.transform,
+        classes,
+    )
 
 
 def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
@@ -236,7 +243,14 @@ def store_block(
         piece = slice(first, first + SLICE_GAUSSIANS)
         origins = np.broadcast_to(info.boxes.corners[block], filled[piece][:, :3].shape)
         write_splats(
-            splats, indices[piece], filled[piece], harmonics[piece], origins, info.unit, info.size_log, info.transform
+            splats,
+            indices[piece],
+            filled[piece],
+            harmonics[piece],
+            origins,
+            info.lattice_bits,
+            info.size_log,
+            info.transform,
         )
     lost_indices = indices[lost]
     splats.opacities[lost_indices] = 0

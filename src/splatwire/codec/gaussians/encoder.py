@@ -102,7 +102,7 @@ def fit_side_info(
     """
     block_summaries = ordered_map(scene.summary, range(scene.num_blocks), threads)
     ends, means = (np.array(values) for values in zip(*block_summaries, strict=True))
-    boxes = make_boxes(ends[:, 0], ends[:, 1], scene.coarsest)
+    boxes = make_boxes(ends[:, 0], ends[:, 1], scene.max_position_shift)
     zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
     num_harmonics = (scene.splats.degree + 1) ** 2 - 1
     transform = (
@@ -111,9 +111,9 @@ def fit_side_info(
     fields = (
         scene.splats.degree,
         scene.size_log,
-        scene.unit,
-        scene.bases,
-        scene.coarsest,
+        scene.lattice_bits,
+        scene.base_exponents,
+        scene.max_position_shift,
         transform,
         boxes,
         np.clip(means, -511, 511),

@@ -57,7 +57,7 @@ class Quality:
         """Returns the number of precision classes for a scene with spherical harmonics of the given degree."""
         return min(self.classes, _SHADED_CLASSES) if degree else self.classes
 
-    def bases(self, degree: int) -> np.ndarray:
+    def base_exponents(self, degree: int) -> np.ndarray:
         """Returns the quantisation steps of all attributes in precision class 0 (the coarsest).
 
         Args:

@@ -30,7 +30,12 @@ def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> 
     source = SourceScene.of(splats, plan, classes, None, quality)
     transform, precision_classes = scene_transform(source), np.array(source.classes)
     return SplatCoding(
-        source.size_log, source.unit, source.coarsest, tuple(source.bases.tolist()), transform, precision_classes
+        source.size_log,
+        source.lattice_bits,
+        source.max_position_shift,
+        tuple(source.base_exponents.tolist()),
+        transform,
+        precision_classes,
     )
 
 
@@ -49,7 +54,7 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
     """
     # Encoding the result with the same steps does not change it, except for a few positions that float32 rounding moves
     # into a neighbouring cell.
-    bases, width = np.array(coding.bases), 3 * (splats.sh.shape[1] - 1)
+    base_exponents, width = np.array(coding.base_exponents), 3 * (splats.sh.shape[1] - 1)
     result = Splats.empty(splats.num_gaussians, splats.degree)
 
     def some(begin: int) -> None:
@@ -57,13 +62,14 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
         part = splats.run(begin, end)
         sources, (rows, harmonics) = to_sources(part, coding.size_log), empty_rows(end - begin, width)
         harmonics[:] = transformed(part, coding.transform)
-        positions = to_lattice(part.means.astype(np.float64), coding.unit, coding.size_log)
+        positions = to_lattice(part.means.astype(np.float64), coding.lattice_bits, coding.size_log)
         kernels.round_rows(
-            positions, sources.logs, sources.axes, sources.colours, coding.classes[begin:end].astype(np.int64), bases,
-            coding.unit, coding.coarsest, thinness_table(), harmonics, rows,
+            positions, sources.logs, sources.axes, sources.colours,
+            coding.precision_classes[begin:end].astype(np.int64), base_exponents, coding.lattice_bits,
+            coding.max_position_shift, thinness_table(), harmonics, rows,
         )  # fmt: skip
         origins = np.zeros((end - begin, 3), np.int64)
-        result.fill(begin, to_splats(rows, harmonics, origins, coding.unit, coding.size_log, coding.transform))
+        result.fill(begin, to_splats(rows, harmonics, origins, coding.lattice_bits, coding.size_log, coding.transform))
 
     share(some, range(0, splats.num_gaussians, _PIECE))
     return result

@@ -52,10 +52,12 @@ class SideInfo:
     Attributes:
         degree: Degree of the spherical harmonics.
         size_log: log2 of the scene's size in world units.
-        unit: Resolution of positions, which lie on a lattice with a spacing of `2 ** (size_log - unit)` world units.
-        bases: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0
-            (the coarsest), in fixed point with `STEP_BITS` fractional bits.
-        coarsest: log2 of the largest quantisation step of positions, in lattice spacings; -1 in streams of version 2.
+        lattice_bits: Resolution of positions, which lie on a lattice with a spacing of `2 ** (size_log - lattice_bits)`
+            world units.
+        base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
+            class 0 (the coarsest), in fixed point with `STEP_BITS` fractional bits.
+        max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings; -1 in streams of
+            version 2.
         transform: int64 (K, K), decorrelating transform of the spherical harmonics, one axis per row, with denominator
             `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
@@ -68,9 +70,9 @@ class SideInfo:
 
     degree: int
     size_log: int
-    unit: int
-    bases: np.ndarray
-    coarsest: int
+    lattice_bits: int
+    base_exponents: np.ndarray
+    max_position_shift: int
     transform: np.ndarray
     boxes: Boxes
     defaults: np.ndarray
@@ -92,9 +94,10 @@ class SideInfo:
         """Returns the parameters that compiled kernels need to compute quantisation steps.
 
         Returns:
-            The attributes `bases`, `unit` and `coarsest`, and the result of `thinness_table`.
+            The attributes `base_exponents`, `lattice_bits` and `max_position_shift`, and the result of
+            `thinness_table`.
         """
-        return self.bases, self.unit, self.coarsest, thinness_table()
+        return self.base_exponents, self.lattice_bits, self.max_position_shift, thinness_table()
 
     def models(self) -> np.ndarray:
         """Returns the initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2)."""
@@ -117,7 +120,7 @@ class SideInfo:
         inverse[:, :number] = np.linalg.inv(self.transform / TRANSFORM_UNIT) if number else 0
         longest = np.sqrt(np.square(inverse).sum(axis=0).max(initial=1e-30))
         # A tolerance covers rounding errors of the product.
-        octaves = self.bases[S_HARMONICS] / (1 << STEP_BITS) + np.arange(MAX_CLASSES)
+        octaves = self.base_exponents[S_HARMONICS] / (1 << STEP_BITS) + np.arange(MAX_CLASSES)
         exponents = np.floor(octaves + 0.5)
         steps = 2.0 ** np.clip(BITS - exponents, 0, BITS - 2)
         return inverse, (np.maximum(steps / 2, 1.0) - 0.5001) / longest
@@ -172,14 +175,14 @@ def write_header(parameters: SideInfo | SplatCoding) -> bytes:
         parameters: Object with these parameters as attributes.
     """
     writer = ByteWriter()
-    writer.u8(RELATIVE if parameters.coarsest < 0 else VERSION)
+    writer.u8(RELATIVE if parameters.max_position_shift < 0 else VERSION)
     writer.u8(math.isqrt(len(parameters.transform) + 1) - 1)
     writer.signed(parameters.size_log)
-    writer.signed(parameters.unit)
-    for base in map(int, parameters.bases):
+    writer.signed(parameters.lattice_bits)
+    for base in map(int, parameters.base_exponents):
         writer.signed(base)
-    if parameters.coarsest >= 0:
-        writer.u8(parameters.coarsest)
+    if parameters.max_position_shift >= 0:
+        writer.u8(parameters.max_position_shift)
     return writer.bytes() + np.asarray(parameters.transform).astype(np.int8).tobytes()
 
 
@@ -187,7 +190,8 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
     """Reads quantisation parameters serialised by `write_header`.
 
     Returns:
-        The fields `degree`, `size_log`, `unit`, `bases`, `coarsest` and `transform` of `SideInfo`.
+        The fields `degree`, `size_log`, `lattice_bits`, `base_exponents`, `max_position_shift` and `transform` of
+        `SideInfo`.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote the header.
@@ -199,25 +203,27 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
         raise UnsupportedVersionError(
             f"side information has version {version}, this release reads versions {RELATIVE} and {VERSION}"
         )
-    degree, size_log, unit = reader.u8(), reader.signed(), reader.signed()
-    bases = np.array([reader.signed() for _ in STEPS], dtype=np.int64)
-    coarsest = -1 if version == RELATIVE else reader.u8()
+    degree, size_log, lattice_bits = reader.u8(), reader.signed(), reader.signed()
+    base_exponents = np.array([reader.signed() for _ in STEPS], dtype=np.int64)
+    max_position_shift = -1 if version == RELATIVE else reader.u8()
     transform = reader.rest()
-    if degree > MAX_DEGREE or abs(size_log) > MAX_SIZE_LOG or not 0 <= unit <= MAX_LATTICE_BITS:
-        raise BitstreamError(f"side information: degree {degree}, size {size_log} or unit {unit} are impossible")
-    if coarsest > MAX_LATTICE_BITS:
-        raise BitstreamError(f"side information: position cells of 2**{coarsest} units are impossible")
-    if np.abs(bases).max() > 64 << STEP_BITS:
-        raise BitstreamError(f"side information: impossible steps {bases.tolist()}")
+    if degree > MAX_DEGREE or abs(size_log) > MAX_SIZE_LOG or not 0 <= lattice_bits <= MAX_LATTICE_BITS:
+        raise BitstreamError(
+            f"side information: degree {degree}, size {size_log} or lattice bits {lattice_bits} are impossible"
+        )
+    if max_position_shift > MAX_LATTICE_BITS:
+        raise BitstreamError(f"side information: position cells of 2**{max_position_shift} units are impossible")
+    if np.abs(base_exponents).max() > 64 << STEP_BITS:
+        raise BitstreamError(f"side information: impossible steps {base_exponents.tolist()}")
     side = (degree + 1) ** 2 - 1
     if len(transform) != side * side:
         raise BitstreamError(f"side information: a transform of {len(transform)} entries, not {side * side}")
     return (
         degree,
         size_log,
-        unit,
-        bases,
-        coarsest,
+        lattice_bits,
+        base_exponents,
+        max_position_shift,
         np.frombuffer(transform, np.int8).astype(np.int64).reshape(side, side),
     )
 

@@ -19,7 +19,7 @@ from splatwire.codec.gaussians.blocks import (
     choose_cell_shift,
     chunks,
     gaussian_order,
-    typical_cell,
+    typical_cell_shift,
 )
 from splatwire.codec.gaussians.layout import (
     BITS,
@@ -96,10 +96,11 @@ class SourceScene:
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
         classes: uint8 (N), precision classes in input order, which select the quantisation steps; 0 is the coarsest.
         size_log: log2 of the scene's size in world units.
-        unit: Positions are multiples of a spacing of `2 ** (size_log - unit)` world units (lattice of positions).
-        bases: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0
-            (the coarsest), in fixed point with `STEP_BITS` fractional bits.
-        coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
+        lattice_bits: Positions are multiples of a spacing of `2 ** (size_log - lattice_bits)` world units (lattice of
+            positions).
+        base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
+            class 0 (the coarsest), in fixed point with `STEP_BITS` fractional bits.
+        max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
         contiguous: True if a packet contains adjacent Gaussians, False if it has Gaussians from all over its block.
     """
 
@@ -109,9 +110,9 @@ class SourceScene:
     edges: np.ndarray
     classes: np.ndarray
     size_log: int
-    unit: int
-    bases: np.ndarray
-    coarsest: int
+    lattice_bits: int
+    base_exponents: np.ndarray
+    max_position_shift: int
     contiguous: bool
 
     @staticmethod
@@ -124,7 +125,7 @@ class SourceScene:
         coding: SplatCoding | None = None,
         *,
         sorted_already: bool = False,
-        max_unit: int = MAX_COORDINATE_BITS,
+        max_lattice_bits: int = MAX_COORDINATE_BITS,
     ) -> "SourceScene":
         """Sorts Gaussians into the blocks of a packet plan, and chooses their quantisation steps.
 
@@ -137,24 +138,27 @@ class SourceScene:
             quality: Quality setting; ignored if `coding` is given.
             coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.
             sorted_already: True if `splats` is sorted by block already, so that the order is kept.
-            max_unit: Upper limit of the chosen `unit`; positions are multiples of `2 ** (size_log - unit)` world units.
-                Ignored if `coding` is given.
+            max_lattice_bits: Upper limit of the chosen `lattice_bits`. Ignored if `coding` is given.
         """
         if coding is not None:
-            size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
-            bases, coded = np.array(coding.bases), coding.classes
+            size_log, lattice_bits, max_position_shift = coding.size_log, coding.lattice_bits, coding.max_position_shift
+            base_exponents, coded = np.array(coding.base_exponents), coding.precision_classes
         else:
             size_log = scene_log(splats)
             splats = within_reach(splats, size_log)
             log_clipped_colours(splats)
-            bases = _step_exponents(splats, quality, size_log)
+            base_exponents = _step_exponents(splats, quality, size_log)
             finest_class = quality.num_classes(splats.degree) - 1
             coded = raise_flat(
-                splats, coded_classes(classes, splats.num_gaussians, finest_class), finest_class, bases, size_log
+                splats,
+                coded_classes(classes, splats.num_gaussians, finest_class),
+                finest_class,
+                base_exponents,
+                size_log,
             )
-            unit = min(_lattice_unit(splats, coded, bases, size_log), max_unit)
-            coarsest = typical_cell(splats.means, unit, size_log)
-        centres = _quantised_positions(splats, coded, bases, size_log, unit, coarsest)
+            lattice_bits = min(_choose_lattice_bits(splats, coded, base_exponents, size_log), max_lattice_bits)
+            max_position_shift = typical_cell_shift(splats.means, lattice_bits, size_log)
+        centres = _quantised_positions(splats, coded, base_exponents, size_log, lattice_bits, max_position_shift)
         order = _input_order(len(centres)) if sorted_already else gaussian_order(centres, tiers)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
@@ -164,9 +168,9 @@ class SourceScene:
             edges,
             coded,
             size_log,
-            unit,
-            bases,
-            coarsest,
+            lattice_bits,
+            base_exponents,
+            max_position_shift,
             plan.packetization.grouping == "contiguous",
         )
 
@@ -225,7 +229,7 @@ class SourceScene:
     @property
     def _steps_per_unit(self) -> float:
         """Number of lattice spacings per world unit, a power of two."""
-        return 2.0 ** (self.unit - self.size_log)
+        return 2.0 ** (self.lattice_bits - self.size_log)
 
     def _kernel_splats(self, indices: np.ndarray) -> tuple[Splats, np.ndarray]:
         """Returns some Gaussians in the array layout for which kernels are compiled.
@@ -352,14 +356,16 @@ def coded_classes(classes: np.ndarray | None, count: int, finest_class: int) -> 
     return coded
 
 
-def raise_flat(splats: Splats, classes: np.ndarray, finest_class: int, bases: np.ndarray, size_log: int) -> np.ndarray:
+def raise_flat(
+    splats: Splats, classes: np.ndarray, finest_class: int, base_exponents: np.ndarray, size_log: int
+) -> np.ndarray:
     """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
     Args:
         splats: The N Gaussians.
         classes: uint8 (N), precision classes from `coded_classes`.
         finest_class: The finest precision class; 0 is the coarsest.
-        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         size_log: log2 of the scene's size in world units.
 
     Returns:
@@ -373,7 +379,7 @@ def raise_flat(splats: Splats, classes: np.ndarray, finest_class: int, bases: np
     logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
     opacity, s0, log_ratio = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
     predictors = np.stack([2 * s0 - log_ratio, log_ratio, np.zeros(len(flat)), opacity])
-    exponents = (COEFFICIENTS[S_SCALE2] @ predictors + bases[S_SCALE2]) / (1 << STEP_BITS)
+    exponents = (COEFFICIENTS[S_SCALE2] @ predictors + base_exponents[S_SCALE2]) / (1 << STEP_BITS)
     # The margin covers the rounding of the exponent and of its inputs.
     min_class = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
     raised = classes.copy()
@@ -393,7 +399,7 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     The step of the largest scale is adapted to the mean scale of the Gaussians.
     """
     # The step of the largest scale is adapted to the mean scale of the scene's Gaussians.
-    bases = quality.bases(splats.degree)
+    base_exponents = quality.base_exponents(splats.degree)
     parts = list(chunks(splats.scales))
     min_size = np.float32(2.0 ** (size_log - POINT_OCTAVES))
 
@@ -407,12 +413,17 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     total = functools.reduce(operator.add, (logs for logs, _ in totals), 0.0)
     count = sum(number for _, number in totals)
     mean = total / count - size_log if count else -POINT_OCTAVES
-    bases[S_SCALE0] += np.rint(COEFFICIENTS[S_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
-    return bases
+    base_exponents[S_SCALE0] += np.rint(COEFFICIENTS[S_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
+    return base_exponents
 
 
 def _quantised_positions(
-    splats: Splats, classes: np.ndarray, bases: np.ndarray, size_log: int, unit: int, coarsest: int
+    splats: Splats,
+    classes: np.ndarray,
+    base_exponents: np.ndarray,
+    size_log: int,
+    lattice_bits: int,
+    max_position_shift: int,
 ) -> np.ndarray:
     """Returns the positions of the Gaussians as a decoder obtains them, float32 (N, 3).
 
@@ -425,21 +436,27 @@ def _quantised_positions(
         output = centres[begin : begin + ROWS]
         piece, shifts = splats.run(begin, begin + len(output)), np.empty(len(output), np.int64)
         piece_classes = classes[begin : begin + len(output)].astype(np.int64)
-        kernels.position_shifts(to_logs(piece, size_log), piece_classes, bases, unit, coarsest, thinness, shifts)
+        kernels.position_shifts(
+            to_logs(piece, size_log), piece_classes, base_exponents, lattice_bits, max_position_shift, thinness, shifts
+        )
         output[:] = piece.means
-        check_reach(sources.snap_to_cells(output, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
+        check_reach(
+            sources.snap_to_cells(
+                output, shifts, 2.0 ** (lattice_bits - size_log), 2.0 ** (size_log - lattice_bits - 1)
+            )
+        )
 
     share(find, range(0, len(centres), ROWS))
     return centres
 
 
-def _lattice_unit(splats: Splats, classes: np.ndarray, bases: np.ndarray, size_log: int) -> int:
+def _choose_lattice_bits(splats: Splats, classes: np.ndarray, base_exponents: np.ndarray, size_log: int) -> int:
     """Returns the resolution of positions: `-log2` of the spacing of their lattice, relative to the scene's size.
 
     The spacing is the finest quantisation step of a position in the scene, or larger if coordinates would otherwise
     exceed the range of the lattice.
     """
-    c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
+    c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), base_exponents[S_POSITION] / (1 << STEP_BITS)
 
     def finest(arrays: tuple[np.ndarray, np.ndarray]) -> float:
         scales, piece_classes = (values.astype(np.float64) for values in arrays)

@@ -158,7 +158,7 @@ class TracksDecoder:
         self._positions[tracks] = scene_positions(whole, keyframes, block, spacing)
         self._shifts[tracks] = motion_shifts(whole, keyframes, self.info.coarser, spacing)
         self._received[tracks] = received
-        exponents = self._shifts[tracks, 0].astype(np.int32) + keyframes.size_log - keyframes.unit - spacing - 1
+        exponents = self._shifts[tracks, 0].astype(np.int32) + keyframes.size_log - keyframes.lattice_bits - spacing - 1
         self._rounding[tracks] = np.ldexp(received.astype(np.float32), exponents)
 
     def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
@@ -214,7 +214,7 @@ class TracksDecoder:
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
         frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
         size_log = keyframes.size_log + int(self._motion_spacings[group])
-        offsets = Offsets(moves, frames, keyframes.unit, size_log)
+        offsets = Offsets(moves, frames, keyframes.lattice_bits, size_log)
         return _combine_packets(
             np.concatenate([np.zeros((0, HEAD), np.int64), *headers]), offsets, covered, complete, not blocks
         )

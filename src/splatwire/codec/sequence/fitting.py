@@ -107,7 +107,9 @@ def fit(
         frames: Range of frames to add: first frame and end (exclusive).
         threads: Number of threads; None for one per processor.
     """
-    add_frames(targets, trajectories, known_tracks.keyframes, track_indices, *frames, info.unit, info.size_log, threads)
+    add_frames(
+        targets, trajectories, known_tracks.keyframes, track_indices, *frames, info.lattice_bits, info.size_log, threads
+    )
 
 
 def motion_masks(

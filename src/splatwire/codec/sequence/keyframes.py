@@ -184,7 +184,7 @@ class KeyframeEncoder:
 
     def _warn_of_coarse_lattice(self, splats: Splats, info: SideInfo) -> None:
         """Logs a warning once if most Gaussians of a group are too small for the position lattice of `info`."""
-        spacing = float(np.ldexp(1.0, info.size_log - info.unit))
+        spacing = float(np.ldexp(1.0, info.size_log - info.lattice_bits))
         small = int((splats.scales.max(axis=1) < 2 * spacing).sum())
         if self._warned or small < max(WARNED_COUNT, WARNED_SHARE * splats.num_gaussians):
             return
@@ -215,7 +215,7 @@ class KeyframeEncoder:
         no new shot can begin then.
         """
         assert self._template is not None
-        apart = np.abs(info.bases - self._template.bases).max() + (
+        apart = np.abs(info.base_exponents - self._template.base_exponents).max() + (
             abs(info.size_log - self._template.size_log) << STEP_BITS
         )
         return bool(apart >= MIN_CHANGE) and abs(self._spacing_to_first(info)) <= MAX_SPACING
@@ -234,7 +234,7 @@ class KeyframeEncoder:
             coding: Quantisation parameters; None to choose them.
             template: Side information with probability tables to use; None to fit new tables.
         """
-        source = SourceScene.of(splats, plan, classes, None, self._quality, coding, max_unit=FINEST_UNIT)
+        source = SourceScene.of(splats, plan, classes, None, self._quality, coding, max_lattice_bits=FINEST_UNIT)
         fixed_transform = None if coding is None else coding.transform
         fitted = fit_side_info(source, {}, fixed_transform, template, self._threads_for(plan))
         return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
@@ -256,8 +256,10 @@ class KeyframeEncoder:
         precision_classes = (
             np.full(count, median_class, np.uint8) if classes is None else coded_classes(classes, count, most)
         )
-        transform, bases = info.transform, tuple(info.bases.tolist())
-        return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, precision_classes)
+        transform, base_exponents = info.transform, tuple(info.base_exponents.tolist())
+        return SplatCoding(
+            info.size_log, info.lattice_bits, info.max_position_shift, base_exponents, transform, precision_classes
+        )
 
     def _threads_for(self, plan: PacketPlan) -> int | None:
         """Returns the number of threads that encode the blocks of a packet plan; None for all cores."""

@@ -178,7 +178,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
     """Returns log2 of the lattice spacing of positions of `info`, relative to the spacing of `reference`."""
-    return (info.size_log - info.unit) - (reference.size_log - reference.unit)
+    return (info.size_log - info.lattice_bits) - (reference.size_log - reference.lattice_bits)
 
 
 def _version_of(shots: Sequence[Shot]) -> int:

@@ -27,7 +27,9 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
     """
     shifts = np.zeros((len(rows), NUM_CHANNELS), dtype=np.int64)
     columns = np.ascontiguousarray(rows[:, [CLASS, OPACITY, SCALE0, SCALE1, SCALE2]])
-    kernels.keyframe_shifts(columns, info.bases, info.unit, max(info.coarsest, 0), thinness_table(), shifts)
+    kernels.keyframe_shifts(
+        columns, info.base_exponents, info.lattice_bits, max(info.max_position_shift, 0), thinness_table(), shifts
+    )
     shifts[:, :3] += spacing
     return np.clip(shifts + coarser[KIND_OF], 0, MAX_SHIFT)
 

@@ -106,7 +106,7 @@ class Targets:
 def add_frames(
     targets: Targets, trajectories: Trajectories, keyframes: Trajectories, keyframe_indices: np.ndarray, begin: int,
         end: int,
-    unit: int, size_log: int, threads: int | None = None,
+    lattice_bits: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
     """Adds further frames to the polynomials that are fitted to the motion of tracks (Gaussians over time).
 
@@ -118,12 +118,12 @@ def add_frames(
             index are skipped.
         begin: First frame to add.
         end: End of the frames to add (exclusive).
-        unit: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
         threads: Number of threads; None for one per processor.
     """
     luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(trajectories.num_frames).copy()
-    keyframe_arrays, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, unit + 1 - size_log))
+    keyframe_arrays, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, lattice_bits + 1 - size_log))
 
     def fit(rows: slice) -> None:
         _target_kernels.fit_motion(
@@ -163,13 +163,14 @@ class Offsets:
     Attributes:
         moves: Motion polynomials of the moving tracks of each packet.
         frames: Number of frames in the group.
-        unit: Resolution of positions: the spacing of their lattice is `2**-unit` times the scene's size.
+        lattice_bits: Resolution of positions: the spacing of their lattice is `2**-lattice_bits` times the scene's
+            size.
         size_log: log2 of the scene's size in world units.
     """
 
     moves: Sequence[PacketMoves]
     frames: int
-    unit: int
+    lattice_bits: int
     size_log: int
 
     def of(self, rows: np.ndarray) -> Callable[[int], np.ndarray]:
@@ -209,7 +210,7 @@ class Offsets:
     def _factors(self) -> np.ndarray:
         """Returns the factors that convert motion from fixed point to floats, by channel, float64 (channels)."""
         factors = np.ones(NUM_CHANNELS)
-        factors[:3] = np.ldexp(1.0, self.size_log - self.unit - 1)
+        factors[:3] = np.ldexp(1.0, self.size_log - self.lattice_bits - 1)
         factors[3:6] = 1 / _TURN
         factors[6:10] = np.log(2.0) / _FIXED
         factors[10:] = 1 / (_FIXED * DC)

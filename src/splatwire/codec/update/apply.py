@@ -100,7 +100,7 @@ def check_base(base: SceneStream) -> SideInfo:
         raise InvalidValueError("a stream with importance tiers cannot be updated: encode it without --tiers")
     _check_complete(base, "the stream to change", "only a complete stream can be changed")
     info = open_side_info(manifest, base.side_info)
-    if info.coarsest < 0:
+    if info.max_position_shift < 0:
         raise InvalidValueError("an older release encoded the stream to change: encode its scene again")
     return info
 
@@ -126,7 +126,10 @@ def changed_stream(
     assert scene.coding is not None
     assert new.coding is not None
     splats = _joined(scene.splats.select(kept), new.splats)
-    coding = replace(scene.coding, classes=np.concatenate([scene.coding.classes[kept], new.coding.classes]))
+    coding = replace(
+        scene.coding,
+        precision_classes=np.concatenate([scene.coding.precision_classes[kept], new.coding.precision_classes]),
+    )
     changed = replace(scene, splats=splats, coding=coding)
     # A preview would show the old scene.
     sections = {name: data for name, data in info.sections.items() if name not in (SKETCH, PREVIEW)}

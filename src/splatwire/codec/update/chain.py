@@ -63,8 +63,8 @@ class UpdateChain:
             return self._with(source, source, update if fits else into_datagrams(update))
         scene = decode_stream(source).scene
         # Each Gaussian keeps its class, also one that `self.scene` does not contain.
-        finest = int(scene.coding.classes.max())
-        classes = (scene.coding.classes.astype(int) - finest).astype("int8")
+        finest = int(scene.coding.precision_classes.max())
+        classes = (scene.coding.precision_classes.astype(int) - finest).astype("int8")
         change = encode_change(self.scene, scene, classes, finest=finest)
         return self._with(source, change.result, change.update)
 

@@ -151,7 +151,7 @@ def encode_change(
     removed = np.ones(before.num_elements, bool)
     removed[match[match >= 0]] = False
     chosen = None if classes is None else classes[kept][new_rows]
-    most = int(coding.classes.max()) if finest is None else finest
+    most = int(coding.precision_classes.max()) if finest is None else finest
     new = _encode_new(base, info, coding, after.select(new_rows), chosen, most, threads)
     result = changed_stream(base, info, before, removed, _decoded(new), new.manifest.writer, threads)
     fields = UpdateFields(
@@ -181,9 +181,9 @@ def _encode_new(
     if not new.num_gaussians:
         return _without_gaussians(base, info)
     levels = raise_flat(
-        new, coded_classes(classes, new.num_gaussians, finest_class), finest_class, info.bases, coding.size_log
+        new, coded_classes(classes, new.num_gaussians, finest_class), finest_class, info.base_exponents, coding.size_log
     )
-    scene = SplatScene(new, coding=replace(coding, classes=np.array(levels)))
+    scene = SplatScene(new, coding=replace(coding, precision_classes=np.array(levels)))
     prepared = prepare_splats(scene, Options(packetization, threads=threads), info)
     return encode_prepared(SCHEMA, prepared, threads, None)
 

@@ -28,16 +28,16 @@ def find_unchanged(
         Index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.
     """
     match = np.full(after.num_gaussians, -1, np.int64)
-    for level in np.unique(coding.classes)[::-1]:
+    for level in np.unique(coding.precision_classes)[::-1]:
         allowed = True if coarsest_class is None else coarsest_class <= level
-        candidates, unmatched = np.flatnonzero(coding.classes == level), np.flatnonzero((match < 0) & allowed)
+        candidates, unmatched = np.flatnonzero(coding.precision_classes == level), np.flatnonzero((match < 0) & allowed)
         if not len(unmatched):
             continue
         classes = np.full(len(unmatched), level, np.uint8)
-        steps = SplatCoding(**{**vars(coding), "classes": classes})
+        steps = SplatCoding(**{**vars(coding), "precision_classes": classes})
         rounded = _attribute_rows(round_splats(after.select(unmatched), steps))
         # The same rounding for both, so that the few positions that it moves are found, too.
-        steps = SplatCoding(**{**vars(coding), "classes": coding.classes[candidates]})
+        steps = SplatCoding(**{**vars(coding), "precision_classes": coding.precision_classes[candidates]})
         rounded_before = _attribute_rows(round_splats(before.select(candidates), steps))
         rows = _find_rows(rounded_before, rounded)
         match[unmatched[rows >= 0]] = candidates[rows[rows >= 0]]

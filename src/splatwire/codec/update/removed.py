@@ -26,7 +26,7 @@ def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
         Entry i is the index in `splats` of the i-th Gaussian along the curve, int64 (N).
     """
     # The input order differs between receivers: a page appends new Gaussians, `apply_update` encodes the scene again.
-    positions = to_lattice(splats.means.astype(np.float64), coding.unit, coding.size_log)
+    positions = to_lattice(splats.means.astype(np.float64), coding.lattice_bits, coding.size_log)
     positions -= positions.min(axis=0)
     shift = max(int(positions.max()).bit_length() - MAX_AXIS_BITS, 0)
     codes = morton_encode(positions >> shift)

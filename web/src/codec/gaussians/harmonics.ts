@@ -12,10 +12,10 @@ export function decodeHarmonics(
   values: Int32Array,
   first: number,
   count: number,
-  level: number,
+  precisionClass: number,
   shift: number,
 ): void {
-  if (!coder.bit(models, FIRST_HARMONIC + Math.min(level & 7, 7))) return;
+  if (!coder.bit(models, FIRST_HARMONIC + Math.min(precisionClass & 7, 7))) return;
   const step = 2 ** shift;
   let running = 0;
   for (let j = 0; j < count; j++) {

@@ -25,7 +25,14 @@ interface Exports {
   readonly memory: WebAssembly.Memory;
   prepare(): void;
   begin(bytes: number): number;
-  decode(bytes: number, count: number, harmonics: number, boxBits: number, unit: number, coarsest: number): number;
+  decode(
+    bytes: number,
+    count: number,
+    harmonics: number,
+    boxBits: number,
+    latticeBits: number,
+    maxPositionShift: number,
+  ): number;
   convert(count: number, harmonics: number, half: number, size: number): number;
   widen(count: number): void;
   lanes(first: number, size: number, low: number, high: number, lanes: number): number;
@@ -136,7 +143,7 @@ export class FastPackets implements GaussianPackets {
 }
 
 function hasSameTables(one: SideInfo, other: SideInfo): boolean {
-  return (["bases", "scales", "models", "transform"] as const).every((name) => {
+  return (["baseExponents", "scales", "models", "transform"] as const).every((name) => {
     const [some, others] = [one[name], other[name]];
     return some.length === others.length && some.every((value, n) => value === others[n]);
   });
@@ -156,7 +163,7 @@ export class NativePackets implements GaussianPackets {
       inverses: INVERSE_SCALES,
       widths: HALF_WIDTHS,
       coefficients: Int32Array.from(COEFFICIENTS.flat()),
-      bases: constantTerms(info.bases),
+      constants: constantTerms(info.baseExponents),
       scales: info.scales,
       initial: info.models,
       fractions: FRACTIONS,
@@ -185,14 +192,14 @@ export class NativePackets implements GaussianPackets {
   }
 
   decode(payload: Uint8Array, block: number, count: number, brief = false, wide = !brief): Decoded {
-    const { boxes, defaults, degree, numHarmonics, unit, sizeLog, coarsest } = this.info,
+    const { boxes, defaults, degree, numHarmonics, latticeBits, sizeLog, maxPositionShift } = this.info,
       { memory, begin, decode, convert, widen } = this.#exports,
       address = begin(payload.length);
     this.#fill("defaults", defaults.subarray(7 * block, 7 * block + 7));
     this.#fill("corner", boxes.corners.subarray(3 * block, 3 * block + 3));
     new Uint8Array(memory.buffer, address, payload.length).set(payload);
-    const at = decode(payload.length, count, numHarmonics, boxes.bits[block], unit, coarsest);
-    const floats = convert(count, numHarmonics, 2 ** (sizeLog - unit - 1), 2 ** sizeLog),
+    const at = decode(payload.length, count, numHarmonics, boxes.bits[block], latticeBits, maxPositionShift);
+    const floats = convert(count, numHarmonics, 2 ** (sizeLog - latticeBits - 1), 2 ** sizeLog),
       sizes = 8 * COLUMNS * count;
     if (wide) widen(count);
     const part = (begin: number, bytes: number): readonly [ArrayBuffer, number] =>

@@ -96,10 +96,10 @@ export class PacketDecoder implements GaussianPackets {
   #residualMagnitude = 16;
 
   constructor(readonly info: SideInfo) {
-    this.#absolute = info.coarsest >= 0;
+    this.#absolute = info.maxPositionShift >= 0;
     this.#mixtures = Array.from({ length: MEANS * info.scales.length }, () => undefined);
     this.#models = new Int32Array(info.models.length);
-    this.#steps = new Steps(info.bases);
+    this.#steps = new Steps(info.baseExponents);
   }
 
   decode(payload: Uint8Array, block: number, count: number): Decoded {
@@ -119,9 +119,17 @@ export class PacketDecoder implements GaussianPackets {
       this.#decodeGaussian(i * COLUMNS, this.#neighbours.predict(defaults), cells, 3 * i, at, boxBits);
       this.#neighbours.remember(rows, i);
       if (info.numHarmonics) {
-        const level = rows[i * COLUMNS + CLASS],
-          shift = clip(BITS - this.#steps.exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);
-        decodeHarmonics(coder, this.#models, harmonics, i * info.numHarmonics, info.numHarmonics, level, shift);
+        const precisionClass = rows[i * COLUMNS + CLASS],
+          shift = clip(BITS - this.#steps.exponent(S_HARMONICS, precisionClass, 0, 0, 0, 0), 0, BITS - 2);
+        decodeHarmonics(
+          coder,
+          this.#models,
+          harmonics,
+          i * info.numHarmonics,
+          info.numHarmonics,
+          precisionClass,
+          shift,
+        );
       }
     }
     return { rows, harmonics };
@@ -137,46 +145,54 @@ export class PacketDecoder implements GaussianPackets {
   ): void {
     this.#residualMagnitude = 16;
     const rows = this.#rows,
-      { unit } = this.info,
-      level = (rows[row + CLASS] = this.#decodeClass(classContext));
-    const opacity = clip(this.#decodePredicted(0, S_OPACITY, level, 0, 0, 0, BITS), MIN_OPACITY, MAX_OPACITY);
+      { latticeBits } = this.info,
+      precisionClass = (rows[row + CLASS] = this.#decodeClass(classContext));
+    const opacity = clip(this.#decodePredicted(0, S_OPACITY, precisionClass, 0, 0, 0, BITS), MIN_OPACITY, MAX_OPACITY);
     rows[row + OPACITY] = opacity;
     const expected = this.#absolute ? 0 : 2 * this.#neighbours.means[1] - (2 << BITS);
-    const s0 = clip(this.#decodePredicted(1, S_SCALE0, level, expected, 0, opacity, BITS - 1), -MAX_LOG, MAX_LOG);
+    const s0 = clip(
+      this.#decodePredicted(1, S_SCALE0, precisionClass, expected, 0, opacity, BITS - 1),
+      -MAX_LOG,
+      MAX_LOG,
+    );
     rows[row + SCALE0] = s0;
-    const long = clip(
-      this.#decodePredicted(2, S_SCALE1, level, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1),
+    const elongation = clip(
+      this.#decodePredicted(2, S_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1),
       0,
       MAX_LOG,
     );
-    rows[row + SCALE1] = long;
-    const area = 2 * s0 - long;
-    const ratio = this.#decodePredicted(3, S_SCALE2, level, area, long, opacity, BITS - 1);
+    rows[row + SCALE1] = elongation;
+    const area = 2 * s0 - elongation;
+    const ratio = this.#decodePredicted(3, S_SCALE2, precisionClass, area, elongation, opacity, BITS - 1);
     const companded = clip(ratio, 0, this.#absolute ? (MAX_THIN >> this.#shift) << this.#shift : MAX_THIN);
     rows[row + SCALE2] = companded;
-    const thin = thinness()[companded];
+    const flatness = thinness()[companded];
     const finest = Math.max(
-      this.#steps.exponent(S_POSITION, level, area, long, thin, opacity),
-      1 - ((s0 - long) >> BITS),
+      this.#steps.exponent(S_POSITION, precisionClass, area, elongation, flatness, opacity),
+      1 - ((s0 - elongation) >> BITS),
     );
     this.#decodePosition(
       row,
       cells,
       cell,
       at,
-      Math.min(Math.max(unit - finest, 0), this.#absolute ? this.info.coarsest : boxBits),
+      Math.min(Math.max(latticeBits - finest, 0), this.#absolute ? this.info.maxPositionShift : boxBits),
     );
-    const primary = (rows[row + PRIMARY] = thin >= long ? 2 : 0);
+    const primary = (rows[row + PRIMARY] = flatness >= elongation ? 2 : 0);
     const shift = clip(
-      DIRECTION_BITS - this.#steps.exponent(S_DIRECTION, level, area, long, thin, opacity),
+      DIRECTION_BITS - this.#steps.exponent(S_DIRECTION, precisionClass, area, elongation, flatness, opacity),
       0,
       DIRECTION_BITS - 2,
     );
     this.#decodeAxis(row, primary, shift);
-    const bits = clip(this.#steps.exponent(S_SPIN, level, area, long, thin, opacity), 0, DIRECTION_BITS);
+    const bits = clip(
+      this.#steps.exponent(S_SPIN, precisionClass, area, elongation, flatness, opacity),
+      0,
+      DIRECTION_BITS,
+    );
     rows[row + SPIN_BITS] = bits;
     rows[row + SPIN] = this.#coder.raw(bits);
-    this.#decodeColour(row, level);
+    this.#decodeColour(row, precisionClass);
   }
 
   #decodeClass(context: number): number {
@@ -190,14 +206,14 @@ export class PacketDecoder implements GaussianPackets {
   #decodePredicted(
     stream: number,
     step: number,
-    level: number,
+    precisionClass: number,
     area: number,
-    long: number,
+    elongation: number,
     opacity: number,
-    most: number,
+    maxShift: number,
   ): number {
     const { count, means, deviations } = this.#neighbours;
-    const shift = clip(BITS - this.#steps.exponent(step, level, area, long, 0, opacity), 0, most);
+    const shift = clip(BITS - this.#steps.exponent(step, precisionClass, area, elongation, 0, opacity), 0, maxShift);
     return this.#decodeValue(stream, deviationContext(count, deviations[stream], shift), means[stream], shift);
   }
 
@@ -250,8 +266,8 @@ export class PacketDecoder implements GaussianPackets {
   }
 
   /**
-   * Decodes the primary axis in a frame given by the coordinate axis nearest to the neighbours' mean axis: as two
-   * coordinates, or as their sum and difference (octahedral map).
+   * Decodes the primary axis of a Gaussian. Two of its coordinates are coded, directly or as their sum and difference
+   * (octahedral map). The third one follows from them; it is the largest coordinate of the neighbours' mean axis.
    */
   #decodeAxis(row: number, primary: number, shift: number): void {
     const rows = this.#rows,
@@ -271,8 +287,8 @@ export class PacketDecoder implements GaussianPackets {
       expected0 = isSumDifference ? p + q : p,
       expected1 = isSumDifference ? p - q : q;
     const e0 = clip(this.#decodeValue(4, spread, Math.floor((expected0 * ONE) / norm), shift), -ONE, ONE),
-      most = isSumDifference ? ONE : ONE - Math.abs(e0);
-    const e1 = clip(this.#decodeValue(4, spread, Math.floor((expected1 * ONE) / norm), shift), -most, most);
+      limit = isSumDifference ? ONE : ONE - Math.abs(e0);
+    const e1 = clip(this.#decodeValue(4, spread, Math.floor((expected1 * ONE) / norm), shift), -limit, limit);
     const x = isSumDifference ? (e0 + e1) >> 1 : e0,
       y = isSumDifference ? (e0 - e1) >> 1 : e1;
     rows[row + AXIS + first] = x;
@@ -290,9 +306,9 @@ export class PacketDecoder implements GaussianPackets {
   }
 
   /** Decodes luma and chroma. */
-  #decodeColour(row: number, level: number): void {
+  #decodeColour(row: number, precisionClass: number): void {
     const { count, means, deviations } = this.#neighbours,
-      shift = clip(BITS - this.#steps.exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
+      shift = clip(BITS - this.#steps.exponent(S_COLOUR, precisionClass, 0, 0, 0, 0), 0, BITS - 2);
     for (let c = 0; c < 3; c++) {
       const spread = deviationContext(count, deviations[LUMA_MEAN + c], shift),
         value = this.#decodeValue(5 + c, spread, means[LUMA_MEAN + c], shift);

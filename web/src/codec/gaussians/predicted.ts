@@ -77,7 +77,7 @@ function predictedCentre(
     const from = 3 * Math.floor((gone * (near.length / 3)) / lost);
     return near.subarray(from, from + 3);
   }
-  const unit = 2 ** (info.sizeLog - info.unit),
+  const unit = 2 ** (info.sizeLog - info.latticeBits),
     { shifts, corners, extents } = info.boxes;
   return R_SEQUENCE.map((step, a) => {
     const side = (extents[3 * block + a] + 1) * 2 ** shifts[block];
@@ -86,9 +86,9 @@ function predictedCentre(
 }
 
 function meanSize(info: SideInfo, block: number): number {
-  const [, s0, long, companded] = info.defaults.subarray(7 * block, 7 * block + 7),
+  const [, s0, elongation, companded] = info.defaults.subarray(7 * block, 7 * block + 7),
     clip = (v: number, a: number, b: number): number => Math.min(Math.max(v, a), b);
   const first = clip(s0, -MAX_LOG, MAX_LOG),
-    second = first - clip(long, 0, MAX_LOG);
+    second = first - clip(elongation, 0, MAX_LOG);
   return 2 ** (info.sizeLog + (first + 2 * second - thinness()[clip(companded, 0, MAX_THIN)]) / 3 / 2 ** BITS);
 }

@@ -21,7 +21,7 @@ import {
 } from "./layout.ts";
 
 const VERSION = 3,
-  DEFAULTS = 7;
+  NUM_DEFAULTS = 7;
 /** Version with integers in whole steps from the prediction by neighbours in the same packet. */
 const RELATIVE = 2;
 
@@ -29,11 +29,14 @@ export interface SideInfo {
   readonly degree: number;
   /** Coefficients of degree 1 and above, all channels. */
   readonly numHarmonics: number;
+  /** log2 of the scene's size in world units. */
   readonly sizeLog: number;
-  readonly unit: number;
-  readonly bases: Int32Array;
+  /** Positions lie on a lattice with a spacing of `2^(sizeLog - latticeBits)` world units. */
+  readonly latticeBits: number;
+  /** `-log2` of the quantisation step of each quantity in precision class 0, `STEP_BITS` fractional bits. */
+  readonly baseExponents: Int32Array;
   /** log2 of the largest position step in lattice units; -1 in version 2, where values are relative to predictions. */
-  readonly coarsest: number;
+  readonly maxPositionShift: number;
   /**
    * Transform, shape (K, K), out of `TRANSFORM_UNIT`. Row k is the contribution of a channel's k-th number to its K
    * harmonics.
@@ -76,31 +79,31 @@ export function readSideInfo(bytes: Uint8Array, numBlocks: number): SideInfo {
 
 function readHeader(
   bytes: Uint8Array,
-): Pick<SideInfo, "degree" | "sizeLog" | "unit" | "bases" | "coarsest" | "transform"> {
+): Pick<SideInfo, "degree" | "sizeLog" | "latticeBits" | "baseExponents" | "maxPositionShift" | "transform"> {
   const reader = new ByteReader(bytes, "side information header"),
     version = reader.u8();
   if (version !== RELATIVE && version !== VERSION)
     throw new BitstreamError(`side information has version ${version}, this version reads ${RELATIVE} and ${VERSION}`);
   const degree = reader.u8(),
     sizeLog = reader.signed(),
-    unit = reader.signed();
-  const stepExponents = Array.from({ length: STEPS }, () => reader.signed());
-  const coarsest = version === RELATIVE ? -1 : reader.u8();
+    latticeBits = reader.signed();
+  const baseExponents = Array.from({ length: STEPS }, () => reader.signed());
+  const maxPositionShift = version === RELATIVE ? -1 : reader.u8();
   const transform = Int8Array.from(reader.rest(), (byte) => (byte << 24) >> 24),
     side = (degree + 1) ** 2 - 1;
   if (
     degree > MAX_DEGREE ||
     Math.abs(sizeLog) > MAX_SIZE_LOG ||
-    unit < 0 ||
-    unit > MAX_LATTICE_BITS ||
-    coarsest > MAX_LATTICE_BITS ||
-    stepExponents.some((exponent) => Math.abs(exponent) > 64 << STEP_BITS)
+    latticeBits < 0 ||
+    latticeBits > MAX_LATTICE_BITS ||
+    maxPositionShift > MAX_LATTICE_BITS ||
+    baseExponents.some((exponent) => Math.abs(exponent) > 64 << STEP_BITS)
   ) {
     throw new BitstreamError("side information: a number of the header is out of range");
   }
   if (transform.length !== side * side)
     throw new BitstreamError(`side information: a transform of ${transform.length} entries, not ${side * side}`);
-  return { degree, sizeLog, unit, bases: Int32Array.from(stepExponents), coarsest, transform };
+  return { degree, sizeLog, latticeBits, baseExponents: Int32Array.from(baseExponents), maxPositionShift, transform };
 }
 
 /** Reads the boxes and means of blocks. */
@@ -112,7 +115,7 @@ export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo,
     corners = new Float64Array(3 * numBlocks),
     extents = new Uint8Array(3 * numBlocks);
   const bits = new Int32Array(numBlocks),
-    defaults = new Int32Array(DEFAULTS * numBlocks);
+    defaults = new Int32Array(NUM_DEFAULTS * numBlocks);
   for (let block = 0; block < numBlocks; block++) {
     const shift = (shifts[block] = reader.u8()),
       unit = 2 ** shift;
@@ -123,9 +126,9 @@ export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo,
       throw new BitstreamError("side information: the box of a block is out of range");
     bits[block] = shift + 32 - Math.clz32(Math.max(...extents.subarray(3 * block, 3 * block + 3)));
   }
-  for (let c = 0; c < DEFAULTS; c++) {
+  for (let c = 0; c < NUM_DEFAULTS; c++) {
     readIntegers(reader, numBlocks).forEach(
-      (value, block) => (defaults[DEFAULTS * block + c] = clip(value, -512, 512) * 2 ** (BITS - 4)),
+      (value, block) => (defaults[NUM_DEFAULTS * block + c] = clip(value, -512, 512) * 2 ** (BITS - 4)),
     );
   }
   reader.finish();

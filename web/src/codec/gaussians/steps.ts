@@ -12,26 +12,48 @@ export function constantTerms(coded: Int32Array): Int32Array {
 }
 
 export class Steps {
-  readonly #exponents: Int32Array;
+  readonly #constantTerms: Int32Array;
 
-  constructor(stepExponents: Int32Array) {
-    this.#exponents = constantTerms(stepExponents);
+  constructor(baseExponents: Int32Array) {
+    this.#constantTerms = constantTerms(baseExponents);
   }
 
   /**
    * Returns `-log2` of a step, rounded. It grows with the class and with the scales and opacity, as `COEFFICIENTS`
    * defines.
    */
-  exponent(which: number, level: number, area: number, long: number, thin: number, opacity: number): number {
-    const c = 4 * which;
+  exponent(
+    quantity: number,
+    precisionClass: number,
+    area: number,
+    elongation: number,
+    flatness: number,
+    opacity: number,
+  ): number {
+    const c = 4 * quantity;
     return (
-      (C[c] * area + C[c + 1] * long + C[c + 2] * thin + C[c + 3] * opacity + this.#exponents[8 * which + level]) >>
+      (C[c] * area +
+        C[c + 1] * elongation +
+        C[c + 2] * flatness +
+        C[c + 3] * opacity +
+        this.#constantTerms[8 * quantity + precisionClass]) >>
       (BITS + STEP_BITS)
     );
   }
 
-  /** Returns log2 of a step in fixed-point units, 0 to `most`. */
-  shift(which: number, level: number, area: number, long: number, thin: number, opacity: number, most: number): number {
-    return Math.min(Math.max(BITS - this.exponent(which, level, area, long, thin, opacity), 0), most);
+  /** Returns log2 of a step in fixed-point units, 0 to `maxShift`. */
+  shift(
+    quantity: number,
+    precisionClass: number,
+    area: number,
+    elongation: number,
+    flatness: number,
+    opacity: number,
+    maxShift: number,
+  ): number {
+    return Math.min(
+      Math.max(BITS - this.exponent(quantity, precisionClass, area, elongation, flatness, opacity), 0),
+      maxShift,
+    );
   }
 }

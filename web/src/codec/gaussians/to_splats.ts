@@ -66,7 +66,7 @@ export function convert({ rows, harmonics }: Decoded, info: SideInfo, block: num
     { numHarmonics, transform } = info,
     number = numHarmonics / 3;
   const corner = info.boxes.corners.subarray(3 * block, 3 * block + 3),
-    half = 2 ** (info.sizeLog - info.unit - 1),
+    half = 2 ** (info.sizeLog - info.latticeBits - 1),
     size = 2 ** info.sizeLog;
   for (let i = 0, row = 0; i < count; i++, row += COLUMNS) {
     for (let a = 0; a < 3; a++) means[3 * i + a] = (2 * corner[a] + rows[row + LATTICE + a]) * half;

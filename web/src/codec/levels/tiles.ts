@@ -79,8 +79,8 @@ function cumulativeSums(values: readonly number[]): Float64Array {
   return sums;
 }
 
-function corners({ boxes, sizeLog, unit }: SideInfo, count: number): Pick<Tiles, "low" | "high"> {
-  const scale = 2 ** (sizeLog - unit),
+function corners({ boxes, sizeLog, latticeBits }: SideInfo, count: number): Pick<Tiles, "low" | "high"> {
+  const scale = 2 ** (sizeLog - latticeBits),
     high = (n: number): number => boxes.corners[n] + (boxes.extents[n] + 1) * 2 ** boxes.shifts[Math.floor(n / 3)];
   return {
     low: Float64Array.from({ length: 3 * count }, (_, n) => boxes.corners[n] * scale),

@@ -4,8 +4,8 @@
 import { KIND_OF, MAX_COEFFICIENT, NUM_CHANNELS, NUM_NEIGHBOURS, PLACE_BITS, WEIGHT } from "./layout.ts";
 
 const RADIUS = 1 << 10,
-  SPREAD = 2 ** 16,
-  MAX_MOMENT = 2 ** 33,
+  MAX_MOMENT = 2 ** 16,
+  MAX_SOLUTION = 2 ** 33,
   RIDGE = 2 ** 14,
   MIN_RIDGE = 4,
   TILT_UNIT = 2 ** 20;
@@ -242,15 +242,15 @@ class Plane {
     yz = total * yz - sy * sz;
     zz = total * zz - sz * sz;
     const trace = xx + yy + zz;
-    let spread = 1;
-    while (Math.floor(trace / spread) >= SPREAD) spread *= 2;
-    const ridge = Math.floor(trace / (spread * RIDGE)) + MIN_RIDGE;
-    xx = Math.floor(xx / spread) + ridge;
-    xy = Math.floor(xy / spread);
-    xz = Math.floor(xz / spread);
-    yy = Math.floor(yy / spread) + ridge;
-    yz = Math.floor(yz / spread);
-    zz = Math.floor(zz / spread) + ridge;
+    let momentDivisor = 1;
+    while (Math.floor(trace / momentDivisor) >= MAX_MOMENT) momentDivisor *= 2;
+    const ridge = Math.floor(trace / (momentDivisor * RIDGE)) + MIN_RIDGE;
+    xx = Math.floor(xx / momentDivisor) + ridge;
+    xy = Math.floor(xy / momentDivisor);
+    xz = Math.floor(xz / momentDivisor);
+    yy = Math.floor(yy / momentDivisor) + ridge;
+    yz = Math.floor(yz / momentDivisor);
+    zz = Math.floor(zz / momentDivisor) + ridge;
     const a = yy * zz - yz * yz,
       b = xz * yz - xy * zz,
       c = xy * yz - xz * yy,
@@ -263,11 +263,11 @@ class Plane {
       hz = c * sx + e * sy + g * sz,
       solutionDivisor = 1;
     const most = Math.max(Math.abs(hx), Math.abs(hy), Math.abs(hz));
-    while (Math.floor(most / solutionDivisor) >= MAX_MOMENT) solutionDivisor *= 2;
+    while (Math.floor(most / solutionDivisor) >= MAX_SOLUTION) solutionDivisor *= 2;
     hx = Math.floor(hx / solutionDivisor);
     hy = Math.floor(hy / solutionDivisor);
     hz = Math.floor(hz / solutionDivisor);
-    const scale = (TILT_UNIT * solutionDivisor) / spread;
+    const scale = (TILT_UNIT * solutionDivisor) / momentDivisor;
     for (let m = 0; m < count; m++) {
       const moment = hx * (total * o[3 * m] - sx) + hy * (total * o[3 * m + 1] - sy) + hz * (total * o[3 * m + 2] - sz),
         tilt = Math.floor((moment / determinant) * scale + 0.5),

@@ -416,7 +416,7 @@ export class Sequence implements SequenceDecoder {
     const { info } = this,
       keyframes = this.#keyframes,
       room = keyframes.count * NUM_CHANNELS,
-      unit = 2 ** (info.keyframeInfo.sizeLog - info.keyframeInfo.unit - 1);
+      unit = 2 ** (info.keyframeInfo.sizeLog - info.keyframeInfo.latticeBits - 1);
     return {
       splats: keyframes.splats,
       lastOffsets: before ? resized(before.offsets, room) : new Float32Array(room),

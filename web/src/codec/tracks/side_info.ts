@@ -115,7 +115,7 @@ function readShots(
       motion = motions[number],
       keyframeInfo = readSideInfo(parts[number], blocks[firsts[number + 1] ?? groups.length] - firstBlock),
       first = shots[0]?.keyframeInfo ?? keyframeInfo,
-      apart = keyframeInfo.sizeLog - keyframeInfo.unit - (first.sizeLog - first.unit),
+      apart = keyframeInfo.sizeLog - keyframeInfo.latticeBits - (first.sizeLog - first.latticeBits),
       spacing = apart - motion;
     if (
       keyframeInfo.degree !== first.degree ||

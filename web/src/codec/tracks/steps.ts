@@ -38,35 +38,38 @@ export class MotionSteps {
     /** Half the lattice spacing of `info` in units of motion, log2. */
     readonly spacing: number,
   ) {
-    this.#steps = new Steps(info.bases);
+    this.#steps = new Steps(info.baseExponents);
   }
 
   /** Computes the steps for the keyframe Gaussian with integers from index `row`. Writes them to `out` from `at`. */
   of(rows: Float64Array, row: number, out: Int32Array, at: number): void {
     const steps = this.#steps,
-      { unit, coarsest } = this.info,
-      level = rows[row + CLASS],
+      { latticeBits, maxPositionShift } = this.info,
+      precisionClass = rows[row + CLASS],
       opacity = rows[row + OPACITY],
       s0 = rows[row + SCALE0],
-      long = rows[row + SCALE1],
-      thin = thinness()[rows[row + SCALE2]],
-      area = 2 * s0 - long;
-    const finest = Math.max(steps.exponent(S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS)),
-      place = Math.min(Math.max(unit - finest, 0), Math.max(coarsest, 0)) + 1,
-      turn = DIRECTION_BITS - steps.exponent(S_DIRECTION, level, area, long, thin, opacity),
-      last = steps.shift(S_SCALE2, level, area, long, 0, opacity, BITS - 1),
+      elongation = rows[row + SCALE1],
+      flatness = thinness()[rows[row + SCALE2]],
+      area = 2 * s0 - elongation;
+    const finest = Math.max(
+        steps.exponent(S_POSITION, precisionClass, area, elongation, flatness, opacity),
+        1 - ((s0 - elongation) >> BITS),
+      ),
+      position = Math.min(Math.max(latticeBits - finest, 0), Math.max(maxPositionShift, 0)) + 1,
+      turn = DIRECTION_BITS - steps.exponent(S_DIRECTION, precisionClass, area, elongation, flatness, opacity),
+      last = steps.shift(S_SCALE2, precisionClass, area, elongation, 0, opacity, BITS - 1),
       own = [
-        place,
+        position,
         Math.min(Math.max(turn, 0), DIRECTION_BITS - 2),
         0,
-        steps.shift(S_OPACITY, level, 0, 0, 0, 0, BITS),
-        steps.shift(S_COLOUR, level, 0, 0, 0, 0, BITS - 2),
+        steps.shift(S_OPACITY, precisionClass, 0, 0, 0, 0, BITS),
+        steps.shift(S_COLOUR, precisionClass, 0, 0, 0, 0, BITS - 2),
       ];
     own[0] += this.spacing;
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = own[KIND_OF[c]];
-    out[at + 6] = steps.shift(S_SCALE0, level, 0, 0, 0, opacity, BITS - 1);
-    out[at + 7] = steps.shift(S_SCALE1, level, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
-    out[at + 8] = Math.min(last + (thin >> BITS), BITS - 1);
+    out[at + 6] = steps.shift(S_SCALE0, precisionClass, 0, 0, 0, opacity, BITS - 1);
+    out[at + 7] = steps.shift(S_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
+    out[at + 8] = Math.min(last + (flatness >> BITS), BITS - 1);
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = limitShift(out[at + c] + this.coarser[KIND_OF[c]]);
   }
 }

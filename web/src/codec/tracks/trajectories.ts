@@ -38,7 +38,7 @@ export function polynomials(frames: number): Float64Array {
 
 /** Returns the unit of each channel: world units, tangents, natural logarithms, colours. */
 export function unitsOf({ keyframeInfo }: SequenceInfo): Float64Array {
-  const place = 2 ** (keyframeInfo.sizeLog - keyframeInfo.unit - 1),
+  const place = 2 ** (keyframeInfo.sizeLog - keyframeInfo.latticeBits - 1),
     rotate = 2 ** -DIRECTION_BITS,
     log = Math.LN2 / 2 ** BITS,
     colour = 2 ** -BITS;

@@ -163,8 +163,8 @@ export class UpdatedScene {
 
   /** Returns the lattice coordinates of the visible Gaussians, shape (count, 3). */
   #coords(): Float64Array {
-    const { unit, sizeLog } = this.info,
-      scale = 2 ** (unit - sizeLog),
+    const { latticeBits, sizeLog } = this.info,
+      scale = 2 ** (latticeBits - sizeLog),
       coords = new Float64Array(3 * this.count);
     let part = 0;
     this.#visible.forEach((n, to) => {
