@@ -78,6 +78,12 @@ class Browser(Page):
             self._origins.add("/".join(url.split("/")[:3]))
         self._call("Page.navigate", self._session, url=url)
 
+    def go_back(self) -> None:
+        """Returns to the page before, as the back button does."""
+        history = self._call("Page.getNavigationHistory", self._session)
+        before = history["entries"][history["currentIndex"] - 1]
+        self._call("Page.navigateToHistoryEntry", self._session, entryId=before["id"])
+
     def prepare(self, script: str) -> None:
         """Runs a script at the beginning of each document that is opened later, before the scripts of the page."""
         self._call("Page.enable", self._session)

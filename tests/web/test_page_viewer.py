@@ -168,6 +168,23 @@ def test_reduced_motion_preference_prevents_automatic_rotation(page: Browser) ->
     assert view_of(page) == before
 
 
+def test_automatic_rotation_stops_while_reduced_motion_is_preferred(page: Browser) -> None:
+    page.emulate(800, 600, prefers_reduced_motion="no-preference")
+    page.evaluate(f"window.moved = 0; {ELEMENT}.addEventListener('camerachange', () => window.moved++)")
+    page.evaluate(f"{ELEMENT}.autorotate = '90'")
+    button = f"{ROOT}.querySelector('[aria-pressed]')"
+    for _ in range(2):
+        page.wait_for(f"window.moved > 3 && {button}.ariaPressed === 'true'")
+        page.emulate(800, 600, prefers_reduced_motion="reduce")
+        page.wait_for(f"{button}.ariaPressed === 'false'")
+        page.resolve(NEXT_FRAMES)
+        stopped = view_of(page)
+        page.resolve(NEXT_FRAMES)
+        assert view_of(page) == stopped
+        page.evaluate("window.moved = 0")
+        page.emulate(800, 600, prefers_reduced_motion="no-preference")
+
+
 def test_help_opens_by_its_key_and_closes_by_escape(page: Browser) -> None:
     shown = f"!{ROOT}.querySelector('.help').hidden"
     page.evaluate(f"{ROOT}.querySelector('.scene').focus()")

@@ -214,6 +214,7 @@ export async function* receive(url: string | URL, options: ReceiveOptions = {}):
 class Transfer {
   readonly store = new PacketStore();
   readonly live = false;
+  numReceived = 0;
   ended = false;
   error: unknown = null;
   #received: DecodedStream | null = null;
@@ -307,7 +308,9 @@ class Transfer {
   }
 
   packets(packets: readonly ReceivedPacket[]): void {
-    this.#waiting.push(...this.store.add(packets));
+    const added = this.store.add(packets);
+    this.numReceived += added.length;
+    this.#waiting.push(...added);
     this.#wake();
   }
 

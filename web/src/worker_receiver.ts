@@ -74,6 +74,8 @@ export class WorkerReceiver implements Receiver {
   cache: PacketCache | null = null;
   /** Error that ended decoding; null without one. */
   failed: Error | null = null;
+  /** Number of received packets of this visit. It never decreases. */
+  numReceived = 0;
   #stream: DecodedStream | null = null;
   readonly #sequenceFrames = new SequenceFrames(post);
   #size = 1;
@@ -160,6 +162,7 @@ export class WorkerReceiver implements Receiver {
   /** Returns true if the head is that of the current stream. A growing stream keeps only its id. */
   #isSameStream({ manifest }: Head, file: Uint8Array, live: boolean): boolean {
     const before = this.#stream?.decoder.head.manifest;
+    if (live !== this.live) return false;
     return before?.streamId === manifest.streamId && (live || !this.store.hasHead || this.store.isSame(file));
   }
 
@@ -191,7 +194,7 @@ export class WorkerReceiver implements Receiver {
     this.#sequenceFrames.reportPlayable();
   }
 
-  /** True for live clips. They have no file and no last packet. */
+  /** True for live clips. They have no last packet. */
   get live(): boolean {
     return this.#sequenceFrames.live;
   }
@@ -225,6 +228,7 @@ export class WorkerReceiver implements Receiver {
 
   packets(packets: readonly ReceivedPacket[]): void {
     const added = this.live ? packets : this.store.add(packets);
+    this.numReceived += added.length;
     this.cache?.add(added);
     this.#enqueue(added);
   }

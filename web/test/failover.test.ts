@@ -192,6 +192,65 @@ test("a still in place of a live clip is received over its session, and is compl
   assert.equal(server.asked.length, 0);
 });
 
+/** Sessions of a live clip, in turn: packets that arrive before a session breaks, null for one that does not open. */
+function liveSessions(
+  packets: readonly (readonly number[] | null)[],
+): Partial<Transports> & { readonly opened: number[] } {
+  const opened: number[] = [],
+    container = new ContainerReader(),
+    all = container.feed(fileOf(CLIP)).map((bytes) => ({ source: NO_SOURCE, position: 0, bytes }));
+  const receiveDatagrams: Transports["receiveDatagrams"] = async (_session, _name, listener): Promise<string> => {
+    const now = packets[opened.length];
+    opened.push(opened.length);
+    if (now === undefined) return "complete";
+    if (!now) throw down();
+    listener.head(container.head!, container.headBytes, false, true);
+    listener.packets(now.map((n) => all[n]));
+    throw new Error("the server fell silent");
+  };
+  return { receiveDatagrams, opened };
+}
+
+for (const [kind, file] of [
+  ["a recording", otherStream(fileOf(CLIP))],
+  ["a recording with the same id", fileOf(CLIP)],
+  ["a still", STILL],
+] as const)
+  test(`${kind} in place of a live clip is received by HTTP if no session opens`, async () => {
+    new Server((asked) => part(file, asked));
+    const { opened, ...ways } = liveSessions([[0, 1], ...Array.from({ length: 20 }, () => null)]),
+      { complete, verified, reception } = await visit(null, { session: SESSION }, ways);
+    assert.deepEqual([complete, verified, reception.live], [true, true, false]);
+    assert.equal(opened.length, 3);
+  });
+
+test("a live clip whose session breaks now and then stays live, although there is a file of its name", async () => {
+  const server = new Server((asked) => part(STILL, asked)),
+    { opened, ...ways } = liveSessions([[0], null, [1], null, [2], [3]]),
+    { text, reception } = await visit(null, { session: SESSION }, ways);
+  assert.deepEqual([text, reception.live, opened.length, server.asked.length], ["complete", true, 7, 0]);
+});
+
+test("a live clip without a file waits for its session, and names both reasons", async () => {
+  for (const answer of [noFile, () => Promise.reject(new TypeError("Failed to fetch")), () => new Response("<html>")]) {
+    new Server(answer);
+    const { opened, ...ways } = liveSessions([[0], null, null, null, [1]]),
+      { text, lost } = await visit(null, { session: SESSION }, ways);
+    assert.deepEqual([text, opened.length, lost.length], ["complete", 6, 5]);
+    assert.match(lost[3], /no answer to a WebTransport session; and /);
+  }
+});
+
+test("the backoff of a live clip begins again after packets have arrived", async () => {
+  new Server(noFile);
+  const { opened: _, ...ways } = liveSessions([[0], null, null, null, [1], [2]]),
+    { said } = await visit(null, { session: SESSION }, ways);
+  assert.deepEqual(
+    said.flatMap((one) => (one.kind === "lost" ? [one.retryMs] : [])),
+    [500, 1000, 2000, 4000, 500, 500],
+  );
+});
+
 test("few handshakes fail in one attempt, because each failure delays the next ones", async () => {
   const world = globalThis as Record<string, unknown>;
   let begun = 0;

@@ -8,6 +8,8 @@ const DEFAULT_SPEED = 12;
 const PAUSE_MS = 3000;
 
 export class AutoRotation {
+  readonly #reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
+  readonly #destroyed = new AbortController();
   /** Radians per second; 0 stops. */
   #speed = 0;
   #frame = 0;
@@ -15,21 +17,34 @@ export class AutoRotation {
   #inputAt = -Infinity;
   #isVisible = true;
 
-  constructor(readonly orbit: Orbit) {}
+  /** `changed` is called when the rotation starts or stops because the visitor's preference for motion changes. */
+  constructor(
+    readonly orbit: Orbit,
+    changed: () => void,
+  ) {
+    const { signal } = this.#destroyed;
+    this.#reducedMotion.addEventListener(
+      "change",
+      () => {
+        this.#run();
+        changed();
+      },
+      { signal },
+    );
+  }
 
   /**
    * Sets the speed by an attribute: degrees per second, the default for an empty text or `true`, none for null or no
-   * number.
+   * number. Nothing rotates while the visitor prefers reduced motion.
    */
   set(value: string | null): void {
-    const degrees = value === null ? 0 : /^(true)?$/.test(value.trim()) ? DEFAULT_SPEED : Number(value),
-      still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    this.#speed = Number.isFinite(degrees) && !still ? (degrees * Math.PI) / 180 : 0;
+    const degrees = value === null ? 0 : /^(true)?$/.test(value.trim()) ? DEFAULT_SPEED : Number(value);
+    this.#speed = Number.isFinite(degrees) ? (degrees * Math.PI) / 180 : 0;
     this.#run();
   }
 
   get running(): boolean {
-    return this.#speed !== 0;
+    return this.#speed !== 0 && !this.#reducedMotion.matches;
   }
 
   /** Pauses the rotation for some seconds, because the visitor uses the scene. */
@@ -43,13 +58,14 @@ export class AutoRotation {
   }
 
   destroy(): void {
+    this.#destroyed.abort();
     cancelAnimationFrame(this.#frame);
   }
 
   #run(): void {
     cancelAnimationFrame(this.#frame);
     this.#last = 0;
-    if (this.#speed && this.#isVisible) this.#frame = requestAnimationFrame((now) => this.#step(now));
+    if (this.running && this.#isVisible) this.#frame = requestAnimationFrame((now) => this.#step(now));
   }
 
   #step(now: number): void {

@@ -123,7 +123,7 @@ export class Controller {
       (error) => failWith(this.#drawingFailed, error),
       title,
     );
-    this.#rotation = new AutoRotation(this.stage.orbit);
+    this.#rotation = new AutoRotation(this.stage.orbit, () => (this.panel.rotating = this.#rotation.running));
     const src = host.getAttribute("src"),
       address = src && addressOf(src, host.baseURI),
       embed = (): string | null => address && embedCode(address, import.meta.url, attributesOf(host, EMBEDDED)),
@@ -259,10 +259,8 @@ export class Controller {
         this.#playback.setVisible(stage.isVisible);
         this.#rotation.setVisible(stage.isVisible);
       });
-    navigator.xr?.isSessionSupported("immersive-vr").then(
-      (supported) => supported && this.panel.addHeadset(() => this.#enterHeadset()),
-      () => undefined, // the page may not use it
-    );
+    // only once the controls are used: Chromium keeps no page that has used WebXR for the back button
+    this.panel.onFirstUse(() => this.#offerHeadset());
     this.onAdopted();
     sizes.observe(stage.surface);
     visibility.observe(host);
@@ -275,6 +273,13 @@ export class Controller {
     for (const name of ["pointerdown", "pointermove", "wheel", "keydown", "focusin"] as const)
       host.addEventListener(name, () => this.#onInput(name), { signal, passive: true });
     this.#onInput("");
+  }
+
+  #offerHeadset(): void {
+    navigator.xr?.isSessionSupported("immersive-vr").then(
+      (supported) => supported && this.panel.addHeadset(() => this.#enterHeadset()),
+      () => undefined, // the page may not use it
+    );
   }
 
   #enterHeadset(): void {

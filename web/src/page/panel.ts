@@ -49,6 +49,7 @@ export class Panel {
     "aria-label": "received",
   });
   readonly #bar = createElement("div", { class: "bar", part: "controls" });
+  readonly #texts = createElement("div", { class: "texts" }, this.#title, this.#state);
   readonly #laboratory = createElement("section", {
     class: "laboratory",
     part: "laboratory",
@@ -104,7 +105,7 @@ export class Panel {
     const first = iconButton("first view", "reset");
     first.addEventListener("click", reset);
     this.#bar.append(
-      createElement("div", { class: "texts" }, this.#title, this.#state),
+      this.#texts,
       first,
       this.#rotation,
       this.#helpSwitch,
@@ -143,11 +144,25 @@ export class Panel {
     return this.#help.open;
   }
 
-  /** Adds a button that shows the scene in a headset. */
+  /** Calls `used` once, when a pointer or the focus first reaches the controls. */
+  onFirstUse(used: () => void): void {
+    const first = new AbortController();
+    for (const name of ["pointerenter", "focusin"])
+      this.#bar.addEventListener(
+        name,
+        () => {
+          first.abort();
+          used();
+        },
+        { signal: first.signal },
+      );
+  }
+
+  /** Adds a button that shows the scene in a headset. It is the first one, so that no other button moves. */
   addHeadset(enter: () => void): void {
     const button = iconButton("show in a headset", "headset");
     button.addEventListener("click", enter);
-    this.#helpSwitch.before(button);
+    this.#texts.after(button);
   }
 
   /** Shows whether the camera rotates automatically. */

@@ -1,12 +1,17 @@
 // Virtual reality (WebXR): draws the scene for both eyes of a headset, from the camera's position on the page.
 
-import { type AppBase, Entity, Quat, Vec3, XRSPACE_LOCAL, XRTYPE_VR } from "playcanvas";
+import { type AppBase, Entity, Quat, Vec3, XRSPACE_LOCAL, XRTYPE_VR, XrManager } from "playcanvas";
 
 import type { Orbit } from "./orbit.ts";
 import type { Pose } from "./projection.ts";
 
 /** Distance from the eyes to the camera's target at the start, metres. It determines the size of the scene. */
 const TARGET_M = 2;
+
+/** Internals of PlayCanvas: the types of sessions that it starts. */
+interface XrInternals {
+  readonly _available: Record<string, boolean>;
+}
 
 export class Headset {
   /** Parent of the camera. During a session it has the position, direction and size of the visitor. */
@@ -24,13 +29,13 @@ export class Headset {
     this.#visitor = new Entity("visitor", app);
     app.root.addChild(this.#visitor);
     this.#visitor.addChild(camera);
-    app.xr!.on("end", () => this.#leave());
   }
 
   /** Starts a session. Throws if the browser refuses it. */
   start(): Promise<void> {
+    const xr = (this.app.xr ??= this.#createManager());
     return new Promise((resolve, reject) =>
-      this.app.xr!.start(this.camera.camera!, XRTYPE_VR, XRSPACE_LOCAL, {
+      xr.start(this.camera.camera!, XRTYPE_VR, XRSPACE_LOCAL, {
         callback: (error) => {
           if (error) return reject(error);
           this.#enter();
@@ -38,6 +43,17 @@ export class Headset {
         },
       }),
     );
+  }
+
+  /**
+   * Creates PlayCanvas's manager of sessions. It uses WebXR at once, and Chromium keeps no page that has used WebXR for
+   * the back button. The page has found out that sessions are supported.
+   */
+  #createManager(): XrManager {
+    const xr = new XrManager(this.app);
+    (xr as unknown as XrInternals)._available[XRTYPE_VR] = true;
+    xr.on("end", () => this.#leave());
+    return xr;
   }
 
   /** Pose of the visitor's head. */

@@ -14,7 +14,6 @@ import {
   Quat,
   RESOLUTION_FIXED,
   TONEMAP_NONE,
-  XrManager,
 } from "playcanvas";
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
@@ -151,7 +150,6 @@ export class View {
     const options = new AppOptions();
     options.graphicsDevice = device;
     options.componentSystems = [CameraComponentSystem, GSplatComponentSystem];
-    options.xr = XrManager;
     this.#app = new AppBase(canvas);
     this.#app.init(options);
     this.#app.setCanvasFillMode(FILLMODE_NONE);

@@ -14,6 +14,8 @@ import { lookUpSession, NoWebTransport, receiveDatagrams, type Session } from ".
 const MAX_REFUSALS = 4;
 /** Largest number of sessions that end as complete although packets are missing. */
 const MAX_INCOMPLETE = 3;
+/** Number of sessions in a row without a packet after which the file of a live clip is requested, too. */
+const MAX_EMPTY_SESSIONS = 2;
 
 /** Sources of a stream: WebTransport session and file. */
 export interface Source {
@@ -25,8 +27,10 @@ export interface Source {
 /** Listener with the received packets and the state of the connection. */
 export interface Receiver extends Listener {
   readonly store: PacketStore;
-  /** True for live clips, which have no file. */
+  /** True for live clips. They have no file before their server offers one in their place. */
   readonly live: boolean;
+  /** Number of received packets of this visit. It never decreases. */
+  readonly numReceived: number;
   note(text: string): void;
   lost(reason: string, retryMs: number): void;
 }
@@ -54,7 +58,7 @@ export function receiveAll(source: Source, receiver: Receiver, transports = TRAN
   const failover = new Failover(source, receiver, transports);
   return withBackoff(() => failover.attempt(), {
     isRetryable: (error) => !receiver.stopped() && failover.canRetry(error),
-    progress: () => receiver.store.count,
+    progress: () => receiver.numReceived,
     lost: (reason, retryMs) => receiver.lost(reason, retryMs),
     wait: transports.wait,
   });
@@ -65,6 +69,8 @@ class Failover {
   #session: Session | null;
   #incomplete = 0;
   #numSessions = 0;
+  /** Number of sessions in a row without a packet. */
+  #numEmpty = 0;
   /** True once the server has refused the file, as for live clips. */
   #isWithoutFile = false;
 
@@ -87,29 +93,30 @@ class Failover {
 
   /**
    * Makes one attempt: missing packets are received over a session or, without one, from the file. A session that
-   * breaks after delivering packets is retried.
+   * breaks after delivering packets is retried, and so is the first one of a live clip that delivers none.
    */
   async attempt(): Promise<string> {
     const { receiver } = this,
-      { store } = receiver,
-      { count } = store,
+      { store, numReceived } = receiver,
       begun = this.#session !== null && !store.complete;
-    let broken: unknown = null;
+    let broken: Error | null = null;
     if (begun) {
       try {
         return await this.#receiveSession(this.#session!);
       } catch (error) {
-        broken = error;
+        broken = error as Error;
       }
-      const reason = (broken as Error).message;
-      if (receiver.live || store.count > count) throw broken;
-      receiver.note(`${store.hasHead ? "The rest comes" : "The stream comes"} by HTTP: ${reason}.`);
+      this.#numEmpty = receiver.numReceived > numReceived ? 0 : this.#numEmpty + 1;
+      if (this.#numEmpty < (receiver.live ? MAX_EMPTY_SESSIONS : 1)) throw broken;
+      receiver.note(`${store.hasHead ? "The rest comes" : "The stream comes"} by HTTP: ${broken.message}.`);
     }
     try {
       return await receiveFile(this.#file, receiver, store);
     } catch (error) {
+      // the session of a live clip may return at any time
+      if (broken && receiver.live) throw new Error(`${broken.message}; and ${(error as Error).message}`);
       if (!(error instanceof HttpError && error.final)) throw error;
-      return this.#withoutFile(error, begun, broken as Error | null);
+      return this.#withoutFile(error, begun, broken);
     }
   }
 

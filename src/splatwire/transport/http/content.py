@@ -220,7 +220,9 @@ class PageContent:
             return make_part(kind, body, headers, request, self._entity_tag(body), packed=packed, private=private)
         if is_current("", request.headers.get("if-none-match", "")):
             return make_answer("304 Not Modified", kind, headers=headers, bodiless=True)
-        return make_answer(status, kind, body, headers)
+        # With "no-store", browsers would not keep the page for the back button.
+        kept = request.target == "/" and not self._is_private(self._shown_name(request.query))
+        return make_answer(status, kind, body, headers, cache="no-cache" if kept else "no-store")
 
     def _requested_scene(self, request: Request) -> str:
         """Returns the name of the scene that a request is for; empty for a request that needs no access token."""
