@@ -3,6 +3,7 @@
 import io
 import json
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from close import assert_close
 from splat_io.formats.handmade import some_splats
 from splatwire.errors import DatasetError
 from splatwire.io.formats import is_antialiased, read_splats, splats_kind, write_splats
+from splatwire.io.formats._columns import FREE_GAUSSIANS
 from splatwire.types.splats import Splats
 
 
@@ -128,6 +130,78 @@ def test_archive_with_a_nested_folder_is_read(prefix: str, tmp_path: Path) -> No
     assert is_antialiased(path)
     for name, values in vars(read_splats(tmp_path / "a.sog")).items():
         assert np.array_equal(getattr(read_splats(path), name), values)
+
+
+def _named(files: dict[str, bytes], rename: Callable[[str], str]) -> dict[str, bytes]:
+    """Renames the images of a SOG in its `meta.json` only."""
+    meta = json.loads(files["meta.json"])
+    for section in meta.values():
+        if isinstance(section, dict) and "files" in section:
+            section["files"] = [rename(name) for name in section["files"]]
+    return {**files, "meta.json": json.dumps(meta).encode()}
+
+
+def _moved(files: dict[str, bytes], folder: str) -> dict[str, bytes]:
+    return {name if name == "meta.json" else f"{folder}{name}": data for name, data in files.items()}
+
+
+def _folder(path: Path, files: dict[str, bytes]) -> Path:
+    for name, data in files.items():
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("stated", ["images/", "./images/", "images\\", "images/./"])
+@pytest.mark.parametrize("form", ["folder", "meta.json", "archive", "nested archive", "archive of Windows"])
+def test_images_in_a_subfolder_are_read(stated: str, form: str, tmp_path: Path) -> None:
+    files = _files(tmp_path / "a.sog", some_splats(70, 1))
+    named = _moved(_named(files, lambda name: stated + name), "images/")
+    if form == "archive of Windows":
+        path = _archive(tmp_path / "b.sog", {name.replace("/", "\\"): data for name, data in named.items()}, "x\\")
+    elif "archive" in form:
+        path = _archive(tmp_path / "b.sog", named, "" if form == "archive" else "x/y/")
+    else:
+        path = _folder(tmp_path / "b", named) / ("" if form == "folder" else "meta.json")
+    expected = read_splats(tmp_path / "a.sog")
+    for name, values in vars(expected).items():
+        assert np.array_equal(getattr(read_splats(path), name), values)
+
+
+@pytest.mark.parametrize("stated", ["../b/", "images/../../b/", "/b/", "C:\\b\\", "..\\b\\"])
+@pytest.mark.parametrize("archived", [False, True])
+def test_images_outside_the_folder_are_refused(stated: str, archived: bool, tmp_path: Path) -> None:
+    files = _named(_files(tmp_path / "a.sog", some_splats(70, 0)), lambda name: stated + name)
+    path = _archive(tmp_path / "b.zip", files, "b/") if archived else _folder(tmp_path / "b", files)
+    with pytest.raises(DatasetError, match="which is no file in its folder or below"):
+        read_splats(path)
+
+
+def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
+    files = _files(tmp_path / "a.sog", some_splats(70, 0))
+    _folder(tmp_path / "other/images", files)
+    named = _named(files, lambda name: f"images/{name}")
+    path = _folder(tmp_path / "b", {"meta.json": named["meta.json"]})
+    (path / "images").symlink_to(tmp_path / "other/images")
+    with pytest.raises(DatasetError, match="is a link out of its folder"):
+        read_splats(path)
+
+
+def test_members_of_one_path_are_refused(tmp_path: Path) -> None:
+    files = _files(tmp_path / "a.sog", some_splats(70, 0))
+    path = _archive(tmp_path / "b.sog", {**files, "./means_l.webp": files["means_u.webp"]})
+    with pytest.raises(DatasetError, match=r"two members 'means_l\.webp'"):
+        read_splats(path)
+
+
+def test_chunks_with_images_in_subfolders_are_read(tmp_path: Path) -> None:
+    """The number of Gaussians is compared with the size of the images in subfolders, too."""
+    count = FREE_GAUSSIANS + 1
+    files = _files(tmp_path / "a.sog", some_splats(count, 0))
+    _folder(tmp_path / "s/0_0", _moved(_named(files, lambda name: f"images/{name}"), "images/"))
+    tree = {"lods": {"0": {"file": 0, "offset": 0, "count": count}}}
+    (tmp_path / "s/lod-meta.json").write_text(json.dumps({"filenames": ["0_0/meta.json"], "tree": tree}))
+    assert read_splats(tmp_path / "s").num_gaussians == count
 
 
 def test_archive_of_several_scenes_is_refused_with_a_reason(tmp_path: Path) -> None:

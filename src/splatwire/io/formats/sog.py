@@ -1,5 +1,7 @@
 """SOG (github.com/playcanvas/splat-transform): a `meta.json` and lossless WebP images, as folder or zip; RDF axes.
 
+Images may be in subfolders: `meta.json` has their paths relative to its own folder.
+
 Pixel i of each image belongs to Gaussian i. Positions are 16 bits of sign(x) log(1 + |x|) between bounds. Rotations are
 the smallest three of w, x, y, z in 8 bits each. Scales and constant coefficients are entries of code books with 256
 numbers. The other coefficients of a Gaussian are an entry of a palette of vectors, whose components are entries of
@@ -14,7 +16,7 @@ import io
 import json
 import logging
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -22,11 +24,12 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from splatwire.errors import DatasetError
-from splatwire.files.archive import open_archive
+from splatwire.files.archive import Archive, open_archive
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.files.read_limited import read_limited
 from splatwire.io.formats._asset import metadata_of_asset, origin_of_asset, warn_of_unused_extras
 from splatwire.io.formats._columns import build_splats, check_count
-from splatwire.io.formats._files import warn_of_bytes_outside
+from splatwire.io.formats._files import is_in_folder_of, warn_of_bytes_outside
 from splatwire.io.formats._placement import warn_of_unused_fields
 from splatwire.io.formats._rotations import from_smallest_three
 from splatwire.io.formats.content import FileContent
@@ -91,19 +94,86 @@ def read_asset(path: Path) -> object:
 @contextlib.contextmanager
 def _opened(path: Path) -> "Iterator[_Sog]":
     if path.is_dir() or path.name == SOG_META_NAME:
-        folder = path if path.is_dir() else path.parent
-        names = {entry.name: entry.stat().st_size for entry in folder.iterdir() if entry.is_file()}
-        yield _Sog(path, names, sum(names.values()), lambda name: (folder / name).read_bytes())
+        yield _Sog(path, _FolderFiles(path / SOG_META_NAME if path.is_dir() else path))
         return
     with open_archive(path, DatasetError) as bundle:
-        prefix = _folder_of(path, bundle.sizes)
-        names = {name[len(prefix) :]: size for name, size in bundle.sizes.items() if name.startswith(prefix)}
-        sog = _Sog(path, names, path.stat().st_size, lambda name: bundle.read(prefix + name, names[name]))
+        sog = _Sog(path, _ArchiveFiles(path, bundle))
         sog.bytes_outside = bundle.bytes_outside()
         yield sog
 
 
-def _folder_of(path: Path, names: Iterable[str]) -> str:
+def stored_bytes(path: Path) -> int:
+    """Returns the number of bytes that a valid SOG takes on disk."""
+    with _opened(path) as sog:
+        return sog.stored_bytes()
+
+
+class _FolderFiles:
+    """Files in the folder of a `meta.json`, or below this folder, by their relative paths."""
+
+    def __init__(self, meta: Path) -> None:
+        self._meta = meta
+
+    def size(self, name: str) -> int | None:
+        """Returns the size of a file in bytes; None if there is no such file.
+
+        Raises:
+            DatasetError: If it is a link out of the folder.
+        """
+        file = self._meta.parent / name
+        if not file.is_file():
+            return None
+        if not is_in_folder_of(self._meta, file):
+            raise DatasetError(f"{self._meta}: {name[:80]!r} is a link out of its folder: replace it by a copy")
+        return file.stat().st_size
+
+    def stored_bytes(self, names: set[str]) -> int:
+        """Returns the number of bytes that the named files take on disk."""
+        return sum(self.size(name) or 0 for name in names)
+
+    def read(self, name: str, limit: int) -> bytes:
+        """Reads an existing file of at most `limit` bytes."""
+        return read_limited(self._meta.parent / name, limit, DatasetError)
+
+
+class _ArchiveFiles:
+    """Files in the folder of the `meta.json` of an archive, or below this folder, by their relative paths.
+
+    Raises:
+        DatasetError: If the archive has no `meta.json`, or several; or if two members have the same path, such as
+            `a.webp` and `./a.webp`.
+    """
+
+    def __init__(self, path: Path, bundle: Archive) -> None:
+        self._path, self._bundle = path, bundle
+        members: dict[str, str] = {}
+        for member in bundle.sizes:
+            name = _plain_name(member)
+            if not member.endswith("/") and members.setdefault(name, member) != member:
+                raise DatasetError(f"{path}: the zip has two members {name[:80]!r}")
+        folder = _folder_of(path, members)
+        self._members = {name[len(folder) :]: member for name, member in members.items() if name.startswith(folder)}
+
+    def size(self, name: str) -> int | None:
+        """Returns the decompressed size of a file in bytes; None if there is no such file."""
+        member = self._members.get(name)
+        return None if member is None else self._bundle.sizes[member]
+
+    def stored_bytes(self, names: set[str]) -> int:
+        """Returns the size of the archive in bytes, because its members may be compressed."""
+        return self._path.stat().st_size
+
+    def read(self, name: str, limit: int) -> bytes:
+        """Decompresses an existing file of at most `limit` bytes."""
+        return self._bundle.read(self._members[name], limit)
+
+
+def _plain_name(name: str) -> str:
+    """Returns a relative path with slashes and without `.` parts; some programs write backslashes or a leading `./`."""
+    return str(PurePosixPath(name.replace("\\", "/")))
+
+
+def _folder_of(path: Path, names: Collection[str]) -> str:
     """Returns the folder of `meta.json` in an archive, with trailing slash; empty for the top level.
 
     Args:
@@ -138,8 +208,8 @@ class _Sog:
 
     bytes_outside = 0
 
-    def __init__(self, path: Path, sizes: dict[str, int], file_bytes: int, load: Callable[[str], bytes]) -> None:
-        self._path, self._sizes, self._load = path, sizes, load
+    def __init__(self, path: Path, files: _FolderFiles | _ArchiveFiles) -> None:
+        self._path, self._files = path, files
         self.meta = self._read_meta()
         version = self.meta.get("version", 1)
         if version not in (1, 2) or type(version) is not int:
@@ -148,7 +218,11 @@ class _Sog:
         count = self._version1_count() if self._first else self.meta.get("count")
         if type(count) is not int:  # bool is a subclass of int
             raise DatasetError(f"{path}: {SOG_META_NAME}: count is {count!r:.40}, not a number of Gaussians")
-        self._count = check_count(path, count, file_bytes)
+        self._count = check_count(path, count, self.stored_bytes())
+
+    def stored_bytes(self) -> int:
+        """Returns the number of bytes that `meta.json` and its images take on disk."""
+        return self._files.stored_bytes({SOG_META_NAME, *self._named_files()})
 
     def is_antialiased(self) -> bool:
         """Returns the flag `antialias` of `meta.json`. An invalid value is logged and counts as False."""
@@ -186,11 +260,35 @@ class _Sog:
         return meta
 
     def _bytes(self, name: str, limit: int) -> bytes:
-        if name not in self._sizes:
+        size = self._files.size(name)
+        if size is None:
             raise DatasetError(f"{self._path}: {name[:80]} is missing")
-        if self._sizes[name] > limit:
-            raise DatasetError(f"{self._path}: {name[:80]} has {self._sizes[name]} bytes, the limit is {limit}")
-        return self._load(name)
+        if size > limit:
+            raise DatasetError(f"{self._path}: {name[:80]} has {size} bytes, the limit is {limit}")
+        return self._files.read(name, limit)
+
+    def _named_files(self) -> list[str]:
+        """Returns the relative path of each image file that `meta.json` names.
+
+        Raises:
+            DatasetError: If a path is absolute or leads out of the folder of `meta.json`.
+        """
+        sections = [section for section in self.meta.values() if isinstance(section, dict)]
+        lists = [names for section in sections if isinstance(names := section.get("files"), list)]
+        return [self._image_name(name) for names in lists for name in names if isinstance(name, str)]
+
+    def _image_name(self, stated: str) -> str:
+        """Returns the relative path of an image file that `meta.json` names.
+
+        Raises:
+            DatasetError: If the path is absolute or leads out of the folder of `meta.json`.
+        """
+        path = PurePosixPath(_plain_name(stated))
+        if not path.parts or path.is_absolute() or ".." in path.parts or ":" in path.parts[0] or "\0" in stated:
+            raise DatasetError(
+                f"{self._path}: {SOG_META_NAME} names {stated[:80]!r}, which is no file in its folder or below"
+            )
+        return str(path)
 
     def _check_names(self) -> None:
         """Checks that no image file is referenced twice.
@@ -198,9 +296,7 @@ class _Sog:
         Raises:
             DatasetError: If a file is named twice.
         """
-        sections = [section for section in self.meta.values() if isinstance(section, dict)]
-        lists = [names for section in sections if isinstance(names := section.get("files"), list)]
-        named = [name for names in lists for name in names if isinstance(name, str)]
+        named = self._named_files()
         if twice := next((name for name in named if named.count(name) > 1), None):
             raise DatasetError(f"{self._path}: {SOG_META_NAME} names {twice[:80]} twice: a picture has one meaning")
 
@@ -361,7 +457,7 @@ class _Sog:
         names = self._field(section, "files")
         if not isinstance(names, list) or len(names) <= file or not isinstance(names[file], str):
             raise DatasetError(f"{self._path}: {SOG_META_NAME}: {section}.files names no file {file}")
-        return names[file]
+        return self._image_name(names[file])
 
     def _width(self, section: str, file: int) -> int:
         """Returns the width of an image from its header, without decoding the pixels.

@@ -154,10 +154,6 @@ def _first_of_same(chunks: list[Path], exist: list[bool]) -> list[int]:
     return first_indices
 
 
-def _bytes_of(chunk: Path) -> int:
-    return sum(entry.stat().st_size for entry in (chunk.iterdir() if chunk.is_dir() else (chunk,)))
-
-
 def _finest(
     index: Path, content: dict[str, Any], chunks: list[Path]
 ) -> tuple[dict[int, list[Piece]], dict[int, list[Piece]], list[str], int]:
@@ -253,7 +249,7 @@ def _read_pieces(
     whole_ones = {n: read_sog(chunks[n]).splats for n, runs in pieces.items() if runs[0].count < 0}
     counts = {n: sum(run.count for run in runs) for n, runs in pieces.items()}
     counts |= {n: part.num_gaussians for n, part in whole_ones.items()}
-    total, offset = check_count(index, sum(counts.values()), sum(_bytes_of(chunks[n]) for n in pieces)), 0
+    total, offset = check_count(index, sum(counts.values()), sum(sog.stored_bytes(chunks[n]) for n in pieces)), 0
     joined: Splats | None = None
     for chunk, runs in sorted(pieces.items()):
         part = whole_ones.pop(chunk, None)
