@@ -63,7 +63,6 @@ def test_selected_columns_are_the_columns_of_these_names(types, names, step):
 
 BAD = {
     "truncated": (GOOD[:-1], "ends early"),
-    "too long": (GOOD + b"\0", "goes on after the last row"),
     "no header end": (b"ply\n" * 30, "no end_header"),
     "endless header": (b"ply\n" * 100_000, "the PLY header is longer than 65,536 bytes"),
     "empty": (b"", "no end_header"),
@@ -181,7 +180,6 @@ TEXT = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty uch
     ("body", "reason"),
     [
         (b"1 2 3", "ends early: 2 vertex rows of 2 numbers were promised"),
-        (b"1 2 3 4 5", "goes on after the last row"),
         (b"1 2 3 x", "'x' stands where a number should be"),
         (b"1 2 3 " + b"1" * 5000, "stands where a number should be"),
         (b"1 2 3 " + b"1" * (3 << 20), "stands where a number should be"),
@@ -210,6 +208,64 @@ def test_text_numbers_across_chunk_borders_are_read(tmp_path):
     rows = read_ply_elements(tmp_path / "a.ply")["vertex"].rows
     assert np.array_equal(rows["x"], values[:, 0])
     assert np.array_equal(rows["y"], values[:, 1])
+
+
+def _gaussians(folder, kind):
+    write_splats([some_splats(20, 0)], folder / "a.ply")
+    return ply(kind, {"vertex": read_ply_elements(folder / "a.ply")["vertex"].rows})
+
+
+@pytest.mark.parametrize("kind", ["binary_little_endian", "ascii"])
+@pytest.mark.parametrize("more", [b"\n", b"\r\n" * 8, b"\n" * (2 << 20)])
+def test_line_ends_after_the_last_row_are_accepted(kind, more, tmp_path, caplog):
+    path = write(tmp_path / "b.ply", _gaussians(tmp_path, kind) + more)
+    assert read_splats(path).num_gaussians == 20
+    assert not caplog.messages
+
+
+@pytest.mark.parametrize(
+    ("kind", "more", "stated"),
+    [
+        ("binary_little_endian", b"\0", "1 bytes"),
+        ("binary_little_endian", b"\n" + b"x" * 30, "31 bytes"),
+        ("binary_little_endian", b"x" + b"\n" * ((2 << 20) + 1), "2,097,154 bytes"),
+        ("ascii", b"1 2 3 and more", "5 words"),
+        ("ascii", b"\nx" * ((1 << 20) + 1), "1,048,577 words"),
+    ],
+)
+def test_bytes_after_the_last_row_give_a_warning(kind, more, stated, tmp_path, caplog):
+    path = write(tmp_path / "b.ply", _gaussians(tmp_path, kind) + more)
+    assert read_splats(path).num_gaussians == 20
+    (message,) = caplog.messages
+    assert f"b.ply: {stated} after the last row are not read" in message
+
+
+@pytest.mark.parametrize(("kind", "more"), [("binary_little_endian", bytes(80)), ("ascii", b" 1" * 20)])
+def test_rows_that_may_be_longer_than_the_header_says_are_refused(kind, more, tmp_path):
+    path = write(tmp_path / "b.ply", _gaussians(tmp_path, kind) + more)
+    with pytest.raises(DatasetError, match=r"goes on after the last row: 20 vertex rows of .* were promised"):
+        read_splats(path)
+
+
+def test_elements_after_lists_give_a_warning(tmp_path, caplog):
+    head, rows = _gaussians(tmp_path, "binary_little_endian").split(b"end_header\n", 1)
+    faces = b"element face 1\nproperty list uchar int vertex_indices\n"
+    camera = b"element camera 1\nproperty float view_px\n"
+    lists = struct.pack("<B3i", 3, 0, 1, 2)
+    path = write(tmp_path / "faces.ply", head + faces + b"end_header\n" + rows + lists)
+    assert read_splats(path).num_gaussians == 20
+    assert not caplog.messages
+    path = write(tmp_path / "both.ply", head + faces + camera + b"end_header\n" + rows + lists + bytes(4))
+    assert read_splats(path).num_gaussians == 20
+    assert "both.ply: elements camera follow the lists of element face and are not read" in caplog.text
+
+
+def test_chunks_beside_gaussians_of_single_properties_are_ignored(tmp_path):
+    write_splats([some_splats(20, 0)], tmp_path / "a.ply")
+    rows = read_ply_elements(tmp_path / "a.ply")["vertex"].rows
+    chunks = np.zeros(1, [("min_x", "f4"), ("max_x", "f4")])
+    path = write(tmp_path / "b.ply", ply("binary_little_endian", {"chunk": chunks, "vertex": rows}))
+    assert np.array_equal(read_splats(path).means, read_splats(tmp_path / "a.ply").means)
 
 
 @pytest.mark.parametrize(("kind", "dtype"), [("half", "f2"), ("float16", "f2"), ("int64", "i8"), ("uint64", "u8")])

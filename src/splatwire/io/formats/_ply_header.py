@@ -55,6 +55,7 @@ class PlyHeader:
         elements: Number of rows and row type (structured dtype) of each element, up to the first one with lists.
         lists: Name of the first element with list properties, which is not read; None if no element has lists.
         list_names: Names of the list properties of this element.
+        unread: Names of the elements after this element, which have rows and are not read.
         comments: Text of each comment, without the word `comment`.
     """
 
@@ -63,6 +64,7 @@ class PlyHeader:
     lists: str | None
     comments: tuple[str, ...] = ()
     list_names: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
     @property
     def num_bytes(self) -> int:
@@ -126,8 +128,8 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
     ):
         raise DatasetError(is_not(path, "a PLY file of version 1.0", f"it starts with {' / '.join(texts[:2])[:80]!r}"))
     order = _ORDERS[format_words[1]]
-    rows, lists = _elements(path, words[2:], order or "<")
-    return PlyHeader(order, rows, next(iter(lists), None), comments, next(iter(lists.values()), ()))
+    rows, lists, unread = _elements(path, words[2:], order or "<")
+    return PlyHeader(order, rows, next(iter(lists), None), comments, next(iter(lists.values()), ()), unread)
 
 
 def _comments(path: Path, lines: list[bytes]) -> tuple[str, ...]:
@@ -153,7 +155,7 @@ def _comments(path: Path, lines: list[bytes]) -> tuple[str, ...]:
 
 def _elements(
     path: Path, lines: list[list[str]], order: str
-) -> tuple[dict[str, tuple[int, np.dtype]], dict[str, tuple[str, ...]]]:
+) -> tuple[dict[str, tuple[int, np.dtype]], dict[str, tuple[str, ...]], tuple[str, ...]]:
     """Parses the lines of the elements of a PLY header.
 
     Args:
@@ -162,8 +164,11 @@ def _elements(
         order: Byte order of binary data, `<` or `>`.
 
     Returns:
-        Number of rows and row type by element, up to the first element with list properties; and the names of the list
-        properties by element.
+        Three items:
+
+        * Number of rows and row type by element, up to the first element with list properties.
+        * Names of the list properties by element.
+        * Names of the elements with rows after the first element with list properties.
     """
     elements: dict[str, tuple[int, list[tuple[str, str]]]] = {}
     lists: dict[str, tuple[str, ...]] = {}
@@ -191,7 +196,8 @@ def _elements(
             limits = f"1 to {_MAX_PROPERTIES}, all different, are allowed"
             raise DatasetError(f"{path}: element {name} has {len(fields)} properties ({limits})")
         elements_without_lists[name] = (count, np.dtype(fields))
-    return elements_without_lists, lists
+    after = list(elements)[len(elements_without_lists) + 1 :]
+    return elements_without_lists, lists, tuple(name for name in after if elements[name][0])
 
 
 def _element(path: Path, words: list[str]) -> tuple[str, int]:

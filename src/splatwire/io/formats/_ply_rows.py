@@ -1,6 +1,8 @@
 """Reader of the rows of PLY elements: binary of either byte order, or text."""
 
+import logging
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +11,13 @@ from splatwire.errors import DatasetError
 from splatwire.files.mmap_array import large_empty
 from splatwire.io.formats._ply_header import PlyHeader
 
+LOG = logging.getLogger(__name__)
 _BLOCK_NUMBERS = 1 << 16
 _MAX_WORD = 64
+_LINE_ENDS = b"\r\n"
+"""Bytes that some programs write after the last row of a binary file."""
+_MIN_ROWS = 16
+"""Minimum number of rows for which a multiple of them is unlikely to be the length of something else."""
 _AXES = ("x", "y", "z")
 _FAR = 1000.0
 """Distance from 0 beyond which the declared precision of a text's positions is checked against their digits."""
@@ -29,15 +36,22 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
         Structured array of the rows of each element, by name.
 
     Raises:
-        DatasetError: If there are fewer or more bytes than the rows have.
+        DatasetError: If there are fewer bytes than the rows have; or more, as many as longer rows would have.
     """
-    expected, num_received = header.num_bytes, 0
+    expected, num_received, num_more = header.num_bytes, 0, 0
     data = large_empty((expected,), np.uint8)
-    while num_received <= expected and (piece := next(source, b"")):
-        data[num_received : num_received + len(piece)] = np.frombuffer(piece, np.uint8)[: expected - num_received]
-        num_received += len(piece)
-    if num_received < expected or (num_received > expected and header.lists is None):
-        raise _wrong_length(path, header, num_received < expected)
+    while num_received < expected or header.lists is None:
+        piece = next(source, b"")
+        if not piece:
+            break
+        part = piece[: expected - num_received]
+        data[num_received : num_received + len(part)] = np.frombuffer(part, np.uint8)
+        num_received += len(part)
+        num_more += len(piece) - len(part) if piece[len(part) :].strip(_LINE_ENDS) or num_more else 0
+    if num_received < expected:
+        raise _wrong_length(path, header, early=True)
+    if header.lists is None:
+        _check_rest(path, header, num_more, "bytes")
     elements, offset = {}, 0
     for name, (count, dtype) in header.elements.items():
         elements[name] = np.frombuffer(data, dtype=dtype, count=count, offset=offset)
@@ -59,7 +73,8 @@ def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[st
         Structured array of the rows of each element, by name.
 
     Raises:
-        DatasetError: If there are fewer or more numbers than expected, or a word is not a number.
+        DatasetError: If there are fewer numbers than expected; or more words, as many as longer rows would have; or if
+            a word of a row is not a number.
     """
     numbers, elements = _Numbers(path, header, source), {}
     for name, (count, dtype) in header.elements.items():
@@ -71,9 +86,32 @@ def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[st
             for index, field in enumerate(names):
                 rows[field][start:stop] = _as_type(path, values[:, index], rows.dtype[field], field)
         elements[name] = rows if rows.dtype == dtype or _has_more_digits(rows) else rows.astype(dtype)
-    if header.lists is None and not numbers.at_end():
-        raise _wrong_length(path, header, early=False)
+    if header.lists is None:
+        _check_rest(path, header, numbers.num_left(), "words")
     return elements
+
+
+def _check_rest(path: Path, header: PlyHeader, num_more: int, unit: str) -> None:
+    """Logs a warning about content after the last row of a PLY.
+
+    Args:
+        path: The file, for messages.
+        header: The parsed header.
+        num_more: Number of bytes or words after the last row.
+        unit: `bytes` or `words`.
+
+    Raises:
+        DatasetError: If each row of the largest element may have more properties than the header names.
+    """
+    if not num_more:
+        return
+    most = max(count for count, _ in header.elements.values())
+    if most >= _MIN_ROWS and num_more % most == 0:
+        raise _wrong_length(path, header, early=False)
+    LOG.warning(
+        "%s: %s %s after the last row are not read: the file may be damaged, or several files in one",
+        path, f"{num_more:,}", unit,
+    )  # fmt: skip
 
 
 def _with_wide_axes(dtype: np.dtype) -> np.dtype:
@@ -119,9 +157,13 @@ class _Numbers:
             done += len(part)
         return values
 
-    def at_end(self) -> bool:
-        """Returns True if only white space remains."""
-        return self._at == len(self._words) and not self._more()
+    def num_left(self) -> int:
+        """Returns the number of words that remain."""
+        count, in_word = len(self._words) - self._at, False
+        for piece in chain([self._rest], self._source):
+            count += len(piece.split()) - (in_word and not piece[:1].isspace())
+            in_word = not piece[-1:].isspace() if piece else in_word
+        return count
 
     def _more(self) -> bool:
         """Reads from the file until the buffer contains a complete number.

@@ -189,13 +189,15 @@ def _last_iteration(folder: Path) -> Path:
 def _read_ply(path: Path) -> FileContent:
     elements = read_ply_elements(path)
     warn_of_files_beside(path)
-    if "chunk" in elements:
+    vertices = elements.get("vertex")
+    # other elements of this name, beside Gaussians of single properties, are not bounds of positions
+    if "chunk" in elements and (vertices is None or "x" not in vertices.names):
         return content_of_chunks(elements)
-    if "vertex" not in elements:
+    if vertices is None:
         raise DatasetError(f"{path}: has no element vertex")
     warn_of_colour_space(elements)
     warn_of_other_gaussians(elements)
-    return content_of_vertices(elements["vertex"])
+    return content_of_vertices(vertices)
 
 
 def _content(file_format: FileFormat, path: Path) -> FileContent:

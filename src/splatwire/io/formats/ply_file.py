@@ -1,5 +1,6 @@
 """A strict reader of PLY files, binary or text: elements of scalar properties; elements with lists are skipped."""
 
+import logging
 import lzma
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from splatwire.files.read_limited import open_regular
 from splatwire.io.formats._ply_header import read_header
 from splatwire.io.formats._ply_rows import binary_rows, text_rows
 
+LOG = logging.getLogger(__name__)
 _MAX_RATIO, _FREE_BYTES = 32, 16 << 20
 """Maximum decompression ratio of xz archives, and decompressed bytes accepted for archives of any size."""
 _CHUNK_BYTES = 1 << 20
@@ -173,6 +175,11 @@ def _read_elements(path: Path, file: BinaryIO, file_bytes: int) -> dict[str, Ply
             )
         why = f"element {header.lists} has lists, so neither it nor what follows is read"
         raise DatasetError(f"{path}: no vertices: {why}; write element vertex first")
+    if header.unread:
+        LOG.warning(
+            "%s: elements %s follow the lists of element %s and are not read", path, ", ".join(header.unread)[:120],
+            header.lists,
+        )  # fmt: skip
     return {name: PlyElement(path, name, rows, header.comments) for name, rows in elements.items()}
 
 
