@@ -1,13 +1,16 @@
 """`publish` writes a static site, and `thumb` a picture of a scene."""
 
+import errno
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from explicit import ball_of_gaussians
+from splatwire.cli._run_publish import _write
 from splatwire.io.formats import write_splats
 
 
@@ -33,6 +36,26 @@ def test_a_site_is_written_and_updated(run, cloud, tmp_path):
     assert written <= {
         str(path.relative_to(tmp_path / "site")) for path in (tmp_path / "site").rglob("*") if path.is_file()
     }
+
+
+def test_a_full_disk_leaves_no_part_of_a_site(cloud, tmp_path, monkeypatch):
+    files = {"index.html": b"a", "streams/a.swz": b"b", "streams.json": b"c"}
+    write = Path.write_bytes
+
+    def full(path, data):
+        if path.name == "a.swz":
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        return write(path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(OSError, match="No space left"):
+            _write(files, tmp_path / "site")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply"]
+    _write(files, tmp_path / "site")
+    _write({"index.html": b"d", "b/x.html": b"e"}, tmp_path / "site")
+    written = {str(path.relative_to(tmp_path / "site")): path.read_bytes() for path in (tmp_path / "site").rglob("*.*")}
+    assert written == files | {"index.html": b"d", "b/x.html": b"e"}
 
 
 def test_warnings_about_published_files_are_printed(run, cloud, tmp_path):

@@ -1,5 +1,6 @@
 """Clips on the command line: from a folder of frames to packets, losses and a folder of frames."""
 
+import errno
 import json
 import shutil
 import signal
@@ -12,10 +13,12 @@ import pytest
 from moving_sequences import GAUSSIANS, darkened, moving_frames, shuffled, splatv
 from splatwire.bitstream import read_stream
 from splatwire.cli import _run_serve
+from splatwire.cli._received_scenes import write_scene
+from splatwire.cli.receive import Receive
 from splatwire.cli.serve import Serve
 from splatwire.io import open_scene
 from splatwire.io.formats import write_splats
-from splatwire.sequence import open_sequence
+from splatwire.sequence import open_sequence, written_frames
 
 pytestmark = pytest.mark.slow
 
@@ -101,6 +104,24 @@ def test_decode_writes_one_file_per_frame(run, clip, tmp_path, words, suffix):
     assert [file.name for file in files] == [f"frame_{number}{suffix}" for number in range(FRAMES)]
     assert (content["num_frames"], content["num_concealed"]) == (FRAMES, 0)
     assert open_scene(files[0]).num_elements == 294  # six of 300 appear later
+
+
+def test_a_full_disk_leaves_no_part_of_received_frames(clip, tmp_path, monkeypatch):
+    stream, command = read_stream(clip)[0], Receive("udp://127.0.0.1/clip", str(tmp_path / "frames"), conceal="motion")
+    write = written_frames.write_splats
+
+    def full(parts, path, **facts):
+        if path.stem == "frame_3":
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        return write(parts, path, **facts)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(written_frames, "write_splats", full)
+        with pytest.raises(OSError, match="No space left"):
+            write_scene(command, stream, tmp_path / "frames", lambda task, share: None)
+    assert not list(tmp_path.iterdir())
+    write_scene(command, stream, tmp_path / "frames", lambda task, share: None)
+    assert len(list((tmp_path / "frames").iterdir())) == FRAMES
 
 
 @pytest.mark.parametrize(("most", "words"), [(20_000, ("--max-frames", FRAMES - 1)), (FRAMES - 1, ())])

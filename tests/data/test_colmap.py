@@ -193,6 +193,23 @@ def test_a_byte_order_mark_and_indented_comments_are_skipped(capture):
     assert len(read_views(folder)) == 12
 
 
+def test_map_coordinates_are_relative_to_one_origin(capture):
+    capture.write_images()
+    expected = capture.points.copy()
+    local = [capture.viewmat(view) for view in range(12)]
+    there = np.array([451234.25, 5411876.5, 118.75])
+    capture.points = capture.points + there
+    capture.translations = np.array([pose[:3, 3] - pose[:3, :3] @ there for pose in local])
+    capture.write_binary()
+    dataset = open_dataset(capture.root, split="all")
+    points = dataset.points.relative_to(tuple(there))
+    assert dataset.points.origin == dataset.cameras.origin != (0, 0, 0)
+    assert np.abs(points.positions - expected).max() < 1e-5
+    cameras = dataset.cameras.relative_to(tuple(there))
+    for view, number in enumerate(capture.sorted_views):
+        assert np.abs(cameras.viewmats[view] - local[number]).max() < 1e-5
+
+
 def test_rounding_of_map_coordinates_gives_a_warning_in_training(capture, caplog):
     viewmats = np.repeat(np.eye(4)[None], 4, axis=0)
     viewmats[:, :3, 3] = [-451234, -5411876, -118]
@@ -200,7 +217,7 @@ def test_rounding_of_map_coordinates_gives_a_warning_in_training(capture, caplog
     there = make_cameras(capture.root, names, viewmats, Ks, 40, 24)
     assert without_origin(capture.root, there).origin == (0, 0, 0)
     assert "cameras are around (451234 5411876 118)" in caplog.text
-    assert "steps of 0.5: subtract this point from cameras and points" in caplog.text
+    assert "steps of 0.5: train explicit Gaussians" in caplog.text
     caplog.clear()
     near = make_cameras(capture.root, names, np.repeat(np.eye(4)[None], 4, axis=0), Ks, 40, 24)
     without_origin(capture.root, near)

@@ -9,7 +9,7 @@ from splatwire.bitstream import SceneStream, write_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.bitstream.view import Viewpoint
 from splatwire.cli._concealers import check_concealer
-from splatwire.cli._files import STANDARD, prepared_output
+from splatwire.cli._files import STANDARD, output_folder, prepared_output
 from splatwire.cli._output import Reporter
 from splatwire.cli.receive import Receive
 from splatwire.codec import decode_stream
@@ -73,8 +73,8 @@ def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporte
     explicit = command.explicit
     if stream.manifest.schema.timed and not explicit:
         check_num_frames(stream, None, f"receive it to a {FILE_SUFFIX} file, and decode that with --max-frames")
-        path.mkdir(exist_ok=True)
-        write_frames(stream, path, ".ply", command.conceal or "", None, show)
+        with output_folder(str(path)) as folder:
+            write_frames(stream, folder, ".ply", command.conceal or "", None, show)
         return
     if explicit != stream.manifest.schema.explicit or stream.manifest.schema.timed:
         kept = real_path(Path(command.output)).with_suffix(FILE_SUFFIX)

@@ -1,6 +1,7 @@
 """Implementation of `splatwire publish`: writes the files of a static web site."""
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -11,7 +12,7 @@ from splatwire.cli._subprocess import in_fresh_process
 from splatwire.cli.publish import Publish
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.evaluation.thumbnail import picture_bytes, stream_thumbnail
-from splatwire.files.atomic_write import atomic_write
+from splatwire.files.atomic_write import atomic_output, atomic_write
 from splatwire.files.scene_formats import FORMATS
 from splatwire.transport.http.pack import check_page_support
 from splatwire.transport.http.publish import PublishedScene, published_files
@@ -38,8 +39,7 @@ def run(command: Publish) -> None:
         }
         report("reading and drawing", 1.0)
     files = published_files(scenes, command.public_url)
-    for path, data in files.items():
-        atomic_write(command.output / path, data, parents=True)
+    _write(files, command.output)
     num_bytes = sum(map(len, files.values()))
     if command.json:
         print_json(
@@ -51,6 +51,23 @@ def run(command: Publish) -> None:
         )
     else:
         print_summary(f"{len(scenes)} scenes, {len(files)} files, {num_bytes:,} bytes -> {command.output}")
+
+
+def _write(files: Mapping[str, bytes], folder: Path) -> None:
+    """Writes the files of a site: all at once into a new folder, one after another into that of an earlier `publish`.
+
+    Args:
+        files: Contents of the files by relative path.
+        folder: Folder of the site.
+    """
+    if folder.is_dir() and any(folder.iterdir()):
+        for path, data in files.items():
+            atomic_write(folder / path, data, parents=True)
+        return
+    with atomic_output(folder) as unfinished:
+        for path, data in files.items():
+            (unfinished / path).parent.mkdir(parents=True, exist_ok=True)
+            (unfinished / path).write_bytes(data)
 
 
 def _check_url(url: str | None) -> None:

@@ -85,7 +85,7 @@ def run_gaussians(command: Train, device: str, device_name: str) -> None:
     if command.resume:
         state, config = load_gaussian_checkpoint(checkpoint)
         check_same_recipe(changed_options(command), _config(command), config, GAUSSIAN_RECIPE)
-        train, test = training_data(command, config.test_views, config.background)
+        train, test = training_data(command, config.test_views, config.background, keep_origin=True)
     else:
         state, config, train, test = _initial_training(command, device_name)
         save_gaussian_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint at once
@@ -118,7 +118,7 @@ def _write(scene: SplatScene, train: Dataset, output: Path) -> int | None:
     if not output.name.lower().endswith(FILE_SUFFIX):
         save_scene(scene, output)
         return None
-    stream = add_concealment(encode_scene(scene), VIEWPOINT, viewpoint_section(train.cameras))
+    stream = add_concealment(encode_scene(scene), VIEWPOINT, viewpoint_section(train.cameras.relative_to(scene.origin)))
     write_stream(stream, output)
     return stream.num_bytes
 
@@ -138,7 +138,7 @@ def _initial_training(
     """
     config = _config(command)
     start = None if command.init is None else open_scene(command.init)
-    train, test = training_data(command, config.test_views, config.background)
+    train, test = training_data(command, config.test_views, config.background, keep_origin=True)
     if start is not None:
         train = dataclasses.replace(train, points=points_of(start))
     chosen = " (chosen by the data)" if command.preset == "auto" else ""

@@ -28,7 +28,6 @@ from splatwire.files.atomic_write import atomic_output
 from splatwire.neural.training import Listener, Progress, QualityReport
 from splatwire.neural.training.size import stream_bytes
 from splatwire.types import AnchorScene
-from splatwire.types.origin import NO_ORIGIN
 
 Config = TypeVar("Config")
 _SIZE = re.compile(r"(\d+(?:\.\d+)?) *(B|kB|KB|MB)?")
@@ -52,7 +51,7 @@ def preset_of(command: Train) -> str:
 
 
 def training_data(
-    command: Train, test_views: str, background: tuple[float, float, float]
+    command: Train, test_views: str, background: tuple[float, float, float], *, keep_origin: bool
 ) -> tuple[Dataset, Dataset | None]:
     """Opens the training and test views of the dataset; prints a message if there are no test views.
 
@@ -60,6 +59,8 @@ def training_data(
         command: Options of `splatwire train`.
         test_views: Rule that selects the test views.
         background: RGB behind transparent parts of photos.
+        keep_origin: True to keep the origin of the cameras; False for cameras in world coordinates, with a warning if
+            they are rounded noticeably.
     """
 
     def opened(split: str) -> Dataset:
@@ -73,13 +74,14 @@ def training_data(
         )
 
     train = opened("train")
-    train = replace(train, cameras=without_origin(Path(command.data), train.cameras))  # training has no origin
+    if not keep_origin:
+        train = replace(train, cameras=without_origin(Path(command.data), train.cameras))
     try:
         test = opened("test")
     except NoViewsError as error:
         print(f"no test views: {error}", file=sys.stderr)
         return train, None
-    return train, replace(test, cameras=test.cameras.relative_to(NO_ORIGIN))
+    return train, replace(test, cameras=test.cameras.relative_to(train.cameras.origin))
 
 
 def changed_options(command: Train) -> list[str]:

@@ -13,9 +13,10 @@ from splatwire.data._checks import pinhole
 from splatwire.data._colmap_types import RawCamera, RawImage
 from splatwire.data.fisheye import DivisionLens, EucmLens, FisheyeLens, FovLens, RadTanThinPrismLens
 from splatwire.data.lens import NO_LENS, Lens, LensModel
-from splatwire.data.point_cloud import SparsePoints
+from splatwire.data.point_cloud import SparsePoints, positions_from
 from splatwire.errors import DatasetError
 from splatwire.ops.quaternions import rotation_rows
+from splatwire.types.origin import NO_ORIGIN, Origin
 
 LOG = logging.getLogger(__name__)
 _MAX_SIDE = 1 << 20
@@ -174,8 +175,12 @@ def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
     return sorted(views, key=lambda view: (Path(view.name).stem, view.name))
 
 
-def read_points(folder: Path) -> SparsePoints | None:
+def read_points(folder: Path, origin: Origin = NO_ORIGIN) -> SparsePoints | None:
     """Reads the sparse points of a COLMAP reconstruction, or None without a points file.
+
+    Args:
+        folder: Folder of the reconstruction.
+        origin: World coordinates that the positions of the result are relative to.
 
     Raises:
         DatasetError: If the file is damaged or a point is not finite.
@@ -183,11 +188,10 @@ def read_points(folder: Path) -> SparsePoints | None:
     if not _has(folder, "points3D"):
         return None
     positions, colors = _read(folder, "points3D")
-    with np.errstate(over="ignore"):
-        positions = positions.astype(np.float32)
+    positions = positions_from(positions, origin)
     if not np.isfinite(positions).all():
         raise DatasetError(f"{folder}: a point of points3D is not finite")
-    return SparsePoints(positions, colors.astype(np.float32) / 255)
+    return SparsePoints(positions, colors.astype(np.float32) / 255, origin)
 
 
 def _read(folder: Path, table: str, suffixes: tuple[str, ...] = _SUFFIXES):  # type: ignore[no-untyped-def]  # the return type depends on `table`

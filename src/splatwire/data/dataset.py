@@ -47,7 +47,7 @@ class Dataset(CheckedFields):
     Attributes:
         cameras: The cameras, for images of `cameras.width` x `cameras.height`.
         image_paths: Photo of each view; larger photos are reduced to the size of the cameras when loaded.
-        points: Sparse points of the reconstruction, if there are any.
+        points: Sparse points of the reconstruction, if there are any; relative to the origin of the cameras.
         background: RGB visible where a photo's alpha is below 1.
         mask_paths: Mask file of each view, or None for a view without mask; empty if no view has a mask.
         undistortions: Undistortion of each view, or None for a pinhole view; empty if all views are pinhole views.
@@ -162,15 +162,19 @@ def open_dataset(
         warn_of_other_reconstructions(folder)
         beside = folder == path and images is None and not (path / "images").is_dir()
         views, image_paths = _colmap_views(folder, path if beside else path / (images or "images"), split, chosen)
-        points, source = read_points(folder), folder
+        cloud, source = None, folder
     else:
         views, source, cloud = _transforms_views(path, split, images, test_views)
         image_paths = [view.image_path for view in views]
-        points = None if cloud is None else read_point_cloud(cloud)
     if not views:
         raise NoViewsError(f"{source}: has no views in the split '{split}': there are too few in all")
     upright = views_are_upright(views, image_paths)
     cameras, bent = _cameras(source, views, image_paths, max_width, upright)
+    points: SparsePoints | None = None
+    if folder is not None:
+        points = read_points(folder, cameras.origin)
+    elif cloud is not None:
+        points = read_point_cloud(cloud, cameras.origin)
     masks = _masks(views, image_paths, upright)
     if not masks:
         _warn_of_unread_masks(path)

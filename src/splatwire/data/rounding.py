@@ -1,4 +1,4 @@
-"""Conversion of cameras to world coordinates for training; warns of noticeable rounding errors in float32."""
+"""Conversion of cameras to world coordinates for training anchors; warns of noticeable rounding errors in float32."""
 
 import logging
 from pathlib import Path
@@ -12,7 +12,7 @@ LOG = logging.getLogger(__name__)
 
 
 def without_origin(source: Path, cameras: Cameras) -> Cameras:
-    """Converts cameras to world coordinates without an origin, for training.
+    """Converts cameras to world coordinates without an origin, for training anchors.
 
     Logs a warning if the cameras are so far from 0 that float32 rounds positions noticeably.
 
@@ -23,8 +23,9 @@ def without_origin(source: Path, cameras: Cameras) -> Cameras:
     if cameras.origin != NO_ORIGIN:
         step = float(np.spacing(np.float32(np.abs(cameras.origin).max())))
         LOG.warning(
-            "%s: cameras are around (%s), and training rounds positions to float32, here steps of %.2g: subtract "
-            "this point from cameras and points, for example with COLMAP's `model_transformer`, and train again",
+            "%s: cameras are around (%s), and scenes of anchors have no origin, so that positions are rounded to "
+            "float32, here steps of %.2g: train explicit Gaussians (`--model gaussians`), or subtract this point from "
+            "cameras and points, for example with COLMAP's `model_transformer`",
             source, describe_origin(cameras.origin), step,
         )  # fmt: skip
     return cameras.relative_to(NO_ORIGIN)

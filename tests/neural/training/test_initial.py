@@ -88,7 +88,18 @@ def test_untrainable_data_is_refused_at_once(dataset: Dataset, config: TrainConf
             initial_state(broken, config)
 
 
-def test_points_of_a_world_scene_are_in_world_coordinates(tmp_path: Path) -> None:
-    geo_ply(some_splats(400, 1), np.array(UTM), tmp_path / "world.ply")
+def test_points_of_a_world_scene_keep_its_origin(tmp_path: Path) -> None:
+    splats = some_splats(400, 1)
+    geo_ply(splats, np.array(UTM), tmp_path / "world.ply")
     points = points_of(open_scene(tmp_path / "world.ply"))
-    assert np.median(points.positions.astype(np.float64), axis=0) == pytest.approx(UTM, abs=2)
+    assert np.abs(np.array(points.origin) - UTM).max() < 2
+    relative = points.relative_to(UTM).positions
+    assert np.abs(relative - splats.means[splats.opacities > 1 / 255]).max() < 1e-4
+
+
+def test_anchors_start_in_world_coordinates(dataset: Dataset, config: TrainConfig) -> None:
+    assert dataset.points is not None
+    origin = (16.0, -8.0, 4.0)
+    cameras, points = dataset.cameras.relative_to(origin), dataset.points.relative_to(origin)
+    moved = initial_state(dataclasses.replace(dataset, cameras=cameras, points=points), config)
+    assert torch.equal(moved.voxels, initial_state(dataset, config).voxels)

@@ -1,5 +1,6 @@
 """Initial state of a training: anchors at the dataset's sparse points, random network weights."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -49,6 +50,8 @@ _BOUNDS_MARGIN = 0.2
 def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
     """Creates the state of a training before the first iteration.
 
+    Scenes of anchors have no origin, so that the state is in world coordinates.
+
     Args:
         dataset: Training views. The points of the dataset become anchors; without points, anchors are random.
         config: The configuration.
@@ -57,6 +60,7 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
         DatasetError: If the cameras or points are unusable; the message states the reason.
     """
     generator = torch.Generator().manual_seed(config.seed)
+    dataset = dataclasses.replace(dataset, cameras=dataset.cameras.relative_to(NO_ORIGIN))
     check_cameras(dataset)
     points, _ = initial_points(dataset, config.random_points, generator)
     voxel_size = config.voxel_size or _derived_voxel_size(points)
@@ -92,11 +96,10 @@ def points_of(scene: Scene) -> SparsePoints:
     splats = explicit_gaussians(scene)
     if splats is None:
         raise InvalidValueError(f"a scene of {scene.ELEMENTS} has no Gaussians to start from")
-    splats = splats.moved_origin(origin_of(scene), NO_ORIGIN)
     shown = splats.select(splats.opacities > 1 / 255)
     if not shown.num_gaussians:
         raise InvalidValueError("all Gaussians to start from are transparent")
-    return SparsePoints(shown.means, np.clip(0.5 + DC * shown.sh[:, 0], 0, 1))
+    return SparsePoints(shown.means, np.clip(0.5 + DC * shown.sh[:, 0], 0, 1), origin_of(scene))
 
 
 def camera_extent(cameras: Cameras) -> float:
@@ -177,13 +180,15 @@ def initial_points(
         generator: Random generator for random points, on the CPU.
 
     Returns:
-        Positions of the points, float64; and their colours, RGB in [0, 1], or None for random points.
+        Positions of the points relative to the origin of the cameras, float64; and their colours, RGB in [0, 1], or
+        None for random points.
 
     Raises:
         DatasetError: If the dataset has points, but fewer than four of them have finite positions.
     """
     if dataset.points is not None and dataset.points.num_points:
-        points, colors = torch.as_tensor(dataset.points.positions).double(), torch.as_tensor(dataset.points.colors)
+        sparse = dataset.points.relative_to(dataset.cameras.origin)
+        points, colors = torch.as_tensor(sparse.positions).double(), torch.as_tensor(sparse.colors)
         finite = torch.isfinite(points).all(dim=1)
         points = points[finite]
         if len(points) < 4:

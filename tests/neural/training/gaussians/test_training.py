@@ -10,6 +10,8 @@ import torch
 
 import fake_gsplat
 from fake_device import DEVICE, fake_device
+from neural.training.conftest import NUM_VIEWS
+from splat_io.formats.test_origin import UTM
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.data import Dataset
 from splatwire.errors import BitstreamError, DatasetError, DivergedError, InvalidValueError
@@ -73,6 +75,35 @@ def test_held_out_views_improve(dataset: Dataset, with_points: bool) -> None:
     assert result.test is not None
     assert result.test.psnr > before + 3
     assert result.state.num_gaussians == 400
+
+
+def test_a_geo_referenced_training_equals_a_local_one(
+    dataset: Dataset, uninterrupted: GaussianResult, tmp_path: Path
+) -> None:
+    assert dataset.points is not None
+    cameras = dataclasses.replace(dataset.cameras, origin=UTM)
+    points = dataclasses.replace(dataset.points, origin=UTM)
+    there = dataclasses.replace(dataset, cameras=cameras, points=points)
+    result = train_gaussians(there, there, CONFIG, options=RunOptions(tmp_path / "a.checkpoint", 30))
+    assert result.scene.origin == result.state.origin == UTM
+    assert same(result.scene, uninterrupted.scene)
+    assert result.test is not None
+    assert result.test.psnr == pytest.approx(assess_scene(uninterrupted.scene, dataset, NUM_VIEWS, 0).psnr, abs=1e-3)
+    state, config = load_gaussian_checkpoint(tmp_path / "a.checkpoint")
+    assert state.origin == UTM
+    moved = dataclasses.replace(there, cameras=cameras.relative_to((UTM[0] + 2, UTM[1], UTM[2] - 1)))
+    resumed = train_gaussians(moved, None, config, state=state)
+    assert resumed.scene.origin == UTM
+    assert np.abs(resumed.scene.splats.means - result.scene.splats.means).max() < 1e-3
+
+
+def test_points_of_another_origin_than_the_cameras_are_moved(dataset: Dataset) -> None:
+    assert dataset.points is not None
+    cameras = dataclasses.replace(dataset.cameras, origin=UTM)
+    points = dataclasses.replace(dataset.points, origin=UTM).relative_to((UTM[0] - 16, UTM[1] + 8, UTM[2]))
+    state = initial_gaussians(dataclasses.replace(dataset, cameras=cameras, points=points), CONFIG)
+    expected = initial_gaussians(dataset, CONFIG).parameters["means"].detach()
+    assert torch.allclose(state.parameters["means"], expected, atol=1e-5)
 
 
 def test_trained_gaussians_are_encoded_without_loss(uninterrupted: GaussianResult, tmp_path: Path) -> None:

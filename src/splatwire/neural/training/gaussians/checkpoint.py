@@ -14,6 +14,7 @@ from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.checkpoint import expect, read_moments, record_from_json
 from splatwire.neural.training.gaussians.config import GaussianConfig
 from splatwire.neural.training.gaussians.state import GaussianState, parameter_shapes
+from splatwire.types.origin import NO_ORIGIN, check_origin
 
 FORMAT = "splatwire-gaussian-checkpoint"
 VERSION = 1
@@ -43,6 +44,7 @@ def save_gaussian_checkpoint(state: GaussianState, config: GaussianConfig, path:
         "iteration": state.iteration,
         "camera_extent": state.camera_extent.hex(),
         "queue": state.queue,
+        "origin": state.origin,
         "steps": {name: moments.steps for name, moments in state.moments.items()},
         "config": dataclasses.asdict(config),
     }
@@ -77,5 +79,6 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[Gaussian
         float.fromhex(header["camera_extent"]),
         generator,
         [int(view) for view in header["queue"]],
+        check_origin(header.get("origin", NO_ORIGIN)),  # earlier releases trained in world coordinates
     )
     return state, config

@@ -9,6 +9,7 @@ from torch import Tensor
 from splatwire.neural.training.state import Moments
 from splatwire.ops.spherical_harmonics import num_functions
 from splatwire.types import SplatScene
+from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
 
 
@@ -24,6 +25,7 @@ class GaussianState:
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.
         queue: Indices of the training views not yet used in the current round over all views.
+        origin: World coordinates that `means` are relative to.
     """
 
     iteration: int
@@ -32,6 +34,7 @@ class GaussianState:
     camera_extent: float
     generator: torch.Generator
     queue: list[int] = field(default_factory=list)
+    origin: Origin = NO_ORIGIN
 
     @property
     def num_gaussians(self) -> int:
@@ -83,7 +86,7 @@ class GaussianState:
             torch.sigmoid(values["logits"]).numpy(),
             torch.cat(bands, dim=1).numpy(),
         )
-        return SplatScene(splats, background=background)
+        return SplatScene(splats, background=background, origin=self.origin)
 
 
 def parameter_shapes(num_gaussians: int, degree: int) -> dict[str, tuple[int, ...]]:

@@ -90,7 +90,7 @@ def train_gaussians(
     photos = loop.read_photos()
     if state is None:
         state = initial_gaussians(train, config)
-    model = _GaussianTraining(state.moved(torch_device), config, train.cameras, kernels)
+    model = _GaussianTraining(state.moved(torch_device), config, train.cameras.relative_to(state.origin), kernels)
     stopped = loop.run(model, photos)
     scene = model.scene(torch_device)
     if config.tuning and not stopped:
