@@ -517,7 +517,10 @@ export class View {
   /** True if a depth sort is pending or running. */
   get isSorting(): boolean {
     if (this.#destroyed) return false;
-    if (!this.#ready || this.#moved || this.#replaced) return true;
+    return !this.#ready || this.#moved || this.#replaced || this.#isWorkerSorting;
+  }
+
+  get #isWorkerSorting(): boolean {
     return this.#managers.some(({ cpuSorter }) => cpuSorter?.jobsInFlight || cpuSorter?.pendingSorted);
   }
 
@@ -576,7 +579,8 @@ export class View {
     if (!pose.equals(this.#pose)) {
       this.#pose.copy(pose);
       this.#moved = true;
-    } else if (this.#moved && this.#isSorted) {
+    } else if (this.#moved && !this.#replaced && !this.#isWorkerSorting) {
+      // the sorter ignores requests while it works, and #changed() requests nothing while Gaussians are replaced
       this.#moved = false;
       this.#changed();
     }
