@@ -177,6 +177,28 @@ def test_subpixel_gaussians_follow_the_antialiasing_flag(tmp_path: Path) -> None
     assert means[1] < 0.6 * means[0]
 
 
+SLOW_SORTER = """
+globalThis.Worker = class extends Worker {
+  addEventListener(type, listener) {
+    super.addEventListener(type, (event) => event.data?.order ? setTimeout(listener, 600, event) : listener(event));
+  }
+};
+"""
+"""Script that delays each result of a sorting worker by 0.6 s, as on a busy machine."""
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_a_picture_waits_for_the_depth_sort_of_its_camera(stream: SceneStream, tmp_path: Path) -> None:
+    """Requests a picture while the Gaussians of another concealer are still sorted for the camera before."""
+    packed = tmp_path / "packed.html"
+    packed.write_bytes(pack_stream(stream, "a ball"))
+    with isolated_page() as page:
+        page.prepare(SLOW_SORTER)
+        assert opened(page, packed.as_uri()) == "complete"
+        for concealer in ("drop", "grow", "drop"):
+            check_pictures(page, stream, 40, concealer)
+
+
 def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
     """Every integer in the browser equals Python's."""
     assert status(page, "packets") == len(stream.packets)
