@@ -40,7 +40,7 @@ from splatwire.transport.quic.client import Trust, receive_quic
 from splatwire.transport.quic.common import FULL, QuicLimits
 from splatwire.transport.quic.server import QuicServer
 from splatwire.transport.quic.sessions import Session
-from splatwire.transport.udp import connected_socket
+from splatwire.transport.udp import UdpServer, connected_socket, receive_udp
 
 pytestmark = pytest.mark.slow
 
@@ -74,6 +74,19 @@ async def fetch(
 ) -> Receiver:
     address = Address("127.0.0.1", port, scheme="quic")
     return await receive_quic(address, options or ReceiverOptions(), trust, on_event)
+
+
+def test_a_port_of_the_other_transport_is_named():
+    async def work() -> None:
+        udp = UdpServer(PROGRAMS, "127.0.0.1", 0)
+        reason = (await fetch(udp.port)).finished.reason
+        assert reason == "this port serves udp://, not quic://: use a udp:// address"
+        udp.close()
+        async with serving() as server:
+            reason = (await receive_udp(Address("127.0.0.1", server.port), ReceiverOptions())).finished.reason
+            assert reason == "this port serves quic://, not udp://: use a quic:// address"
+
+    run(work())
 
 
 @pytest.mark.parametrize("focal", [200.0, 1e5])

@@ -220,14 +220,17 @@ def test_unreachable_server_ends_the_transfer():
 
 
 @pytest.mark.parametrize(
-    ("reliable", "reason"),
+    ("reliable", "connected", "reason"),
     [
-        (False, "nothing seems to serve UDP there"),
-        (True, "the server accepts connections, but sends nothing"),
+        (False, False, "nothing seems to serve UDP there"),
+        (True, False, "nothing seems to serve QUIC there"),
+        (True, True, "the server accepts connections, but sends nothing"),
     ],
 )
-def test_a_server_without_an_answer_is_described_for_the_transport(reliable, reason):
+def test_a_server_without_an_answer_is_described_for_the_transport(reliable, connected, reason):
     receiver, now = Receiver(5, 0.0, reliable=reliable), 0.0
+    if connected:
+        receiver.on_connected(now)
     while not receiver.finished and now < 60:
         now += 0.05
         receiver.poll(now)

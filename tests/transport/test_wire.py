@@ -1,4 +1,5 @@
 import contextlib
+import random
 import zlib
 
 import numpy as np
@@ -13,6 +14,7 @@ from splatwire.transport.protocol.datagrams import (
     MAX_NACKS,
     MAX_PARITY_RANGES,
     MAX_PREVIEW,
+    OTHER_TRANSPORT,
     OTHER_VERSION,
     Bye,
     Challenge,
@@ -167,3 +169,18 @@ def test_random_bytes_raise_at_most_one_error_type():
         with contextlib.suppress(BitstreamError):
             accepted += not isinstance(wire.decode(data), Data)
     assert accepted == 0
+
+
+def test_datagrams_of_the_other_transport_are_refused_with_the_nonce_of_the_client():
+    rng = random.Random(4)
+    initial = b"\xc3\0\0\0\1\x08" + rng.randbytes(8) + b"\x08" + (77).to_bytes(8, "little") + rng.randbytes(1177)
+    assert wire.decode(wire.refuse_other_transport(initial)) == Refuse(77, OTHER_TRANSPORT)
+    assert wire.decode(wire.refuse_other_transport(wire.encode(Hello(78, "scene")))) == Refuse(78, OTHER_TRANSPORT)
+    assert wire.refuse_other_transport(initial[:-1]) is None
+    assert wire.refuse_other_transport(initial.replace(b"\0\0\0\1", b"\0\0\0\2")) is None
+    assert wire.refuse_other_transport(b"\x41" + wire.encode(Hello(78, "scene"))[2:] + b"\0") is None
+    for _ in range(2000):
+        data = bytearray(initial)
+        data[rng.randrange(40)] = rng.randrange(256)
+        wire.refuse_other_transport(bytes(data))
+        assert wire.refuse_other_transport(rng.randbytes(rng.randrange(40))) is None

@@ -85,6 +85,8 @@ class _ServerCollector(Collector):
             yield _gauge("quic_connections", "Open QUIC connections.", len(server.connections))
             yield _counter("quic_connections_refused", "QUIC connections that were refused.", server.num_refused)
             yield _counter("quic_connections_malformed", "QUIC connections with invalid input.", server.num_malformed)
+            dropped = "QUIC connection attempts that were dropped before the handshake."
+            yield _counter("quic_connections_dropped", dropped, server.num_dropped)
             end = "End of the validity of the certificate, seconds since 1970."
             yield _gauge("certificate_expiry_timestamp_seconds", end, server.certificate_end)
         if page is not None:

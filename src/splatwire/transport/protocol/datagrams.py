@@ -26,10 +26,12 @@ DIGEST_BYTES = 32
 REFUSALS = (
     "", "no such stream", "the server is full", "the server stopped", "too many transfers from this network",
     "nothing is there yet", "the server has another protocol version", "the scene needs a valid token",
+    "the port serves another transport",
 )  # fmt: skip
-NOT_YET, OTHER_VERSION, NEEDS_TOKEN = 5, 6, 7
+NOT_YET, OTHER_VERSION, NEEDS_TOKEN, OTHER_TRANSPORT = 5, 6, 7, 8
 """Indices in `REFUSALS`: no stream is available yet, after which a client retries; the protocol version of the client
-differs; the requested scene is private, and the request has no valid token for it.
+differs; the requested scene is private, and the request has no valid token for it; the port serves QUIC to a client of
+plain UDP, or plain UDP to a client of QUIC.
 """
 
 

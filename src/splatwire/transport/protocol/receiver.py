@@ -13,6 +13,7 @@ from splatwire.transport.protocol.collect import check_welcome, read_init_segmen
 from splatwire.transport.protocol.datagrams import (
     NEEDS_TOKEN,
     NOT_YET,
+    OTHER_TRANSPORT,
     OTHER_VERSION,
     REFUSALS,
     Bye,
@@ -62,6 +63,8 @@ MISSING_STREAM = 1
 ATTEMPT_TIMEOUT_S = 4.0
 """Time after which a connection attempt gets a new nonce, seconds: a server starts only one transfer per nonce."""
 SMALL_MTU = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
+NO_UDP = "nothing seems to serve UDP there (`serve` with --page or --quic has a quic:// address)"
+NO_QUIC = "nothing seems to serve QUIC there (`serve` without --page and --quic has a udp:// address)"
 FEEDBACK_INTERVAL_S = 0.02
 """Interval between feedback datagrams, which contain the NACKs, seconds."""
 REORDER_THRESHOLD = 48
@@ -119,6 +122,7 @@ class Receiver(ReceiveState):
         )
         self._attempt: HandshakeAttempt | None = self._last_attempt
         self._refusal = ""
+        self._connected = False
         self._view: View | None = None
         self._viewpoint: tuple[Viewpoint, int] | None = None
         self._moved_at = -math.inf
@@ -224,6 +228,24 @@ class Receiver(ReceiveState):
         within = now - self._heard_at <= self.options.reconnect_s
         return self.finished is None and self._welcome is not None and within
 
+    def may_connect(self, now: float) -> bool:
+        """True if a new connection may be tried before the first response of the server.
+
+        Args:
+            now: Time, seconds.
+        """
+        within = now - self._connecting_since <= CONNECT_TIMEOUT_S
+        return self.finished is None and self._welcome is None and within
+
+    def on_connected(self, now: float) -> None:
+        """Records that a QUIC connection to the server was established.
+
+        Args:
+            now: Time, seconds.
+        """
+        if not self._connected:
+            self._connected, self._connecting_since = True, now
+
     def stop(self, reason: str = "stopped") -> tuple[list[bytes], list[Event]]:
         """Ends the transfer and keeps all received data.
 
@@ -255,6 +277,10 @@ class Receiver(ReceiveState):
         self.num_rejected += 1
         return [], []
 
+    def refuse_transport(self) -> tuple[list[bytes], list[Event]]:
+        """Ends the transfer because the port serves plain UDP and not QUIC; returns datagrams to send, and events."""
+        return self._on_refusal(self._last_attempt, OTHER_TRANSPORT, self._began_at)
+
     def _on_refusal(self, attempt: HandshakeAttempt, reason: int, now: float) -> tuple[list[bytes], list[Event]]:
         """Handles the server's refusal of a request: schedules a retry, or ends the transfer.
 
@@ -271,7 +297,10 @@ class Receiver(ReceiveState):
             attempt.on_refusal(now, RETRY_S if now - self._began_at < FAST_RETRY_PERIOD_S else WAIT_S)
             return [], []
         self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
-        if self._welcome is None or reason in (MISSING_STREAM, OTHER_VERSION, NEEDS_TOKEN):
+        if reason == OTHER_TRANSPORT:
+            wrong, right = ("quic", "udp") if self._reliable else ("udp", "quic")
+            self._refusal = f"this port serves {right}://, not {wrong}://: use a {right}:// address"
+        if self._welcome is None or reason in (MISSING_STREAM, OTHER_VERSION, NEEDS_TOKEN, OTHER_TRANSPORT):
             return self._finish(self._refusal)
         attempt.on_refusal(now)
         return [], []
@@ -435,10 +464,11 @@ class Receiver(ReceiveState):
         if self._welcome is None:
             if now - self._connecting_since <= CONNECT_TIMEOUT_S:
                 return None
+            if self._reliable and not self._connected:
+                return f"no answer: {NO_QUIC}, or {SMALL_MTU}"
             if self._reliable:
                 return "no answer: the server accepts connections, but sends nothing"
-            quic = "`serve` with --page or --quic has a quic:// address"
-            return f"no answer: nothing seems to serve UDP there ({quic}), or {SMALL_MTU}"
+            return f"no answer: {NO_UDP}, or {SMALL_MTU}"
         if now - self._heard_at > max(self.options.silence_s, self.options.reconnect_s):
             return f"the server fell silent{f', then: {self._refusal}' if self._refusal else ''}"
         unlimited = self._welcome.is_live or self.options.keep_open

@@ -41,7 +41,14 @@ from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.server_limits import ServerLimits
 from splatwire.transport.protocol.token import TokenMint
 from splatwire.transport.protocol.transfer import ServerTransfer
-from splatwire.transport.protocol.wire import TO_SERVER, decode, encode, kind_of, refuse_other_version
+from splatwire.transport.protocol.wire import (
+    TO_SERVER,
+    decode,
+    encode,
+    kind_of,
+    refuse_other_transport,
+    refuse_other_version,
+)
 
 LOG = logging.getLogger(__name__)
 UNKNOWN_STREAM, SERVER_FULL, STOPPED, TOO_MANY = 1, 2, 3, 4
@@ -144,7 +151,7 @@ class Server:
         self._now = now
         if kind_of(data) not in TO_SERVER:
             self.num_rejected += 1
-            return refuse_other_version(data)
+            return refuse_other_version(data) or (None if reliable else refuse_other_transport(data))
         try:
             frame = decode(data)
         except BitstreamError:

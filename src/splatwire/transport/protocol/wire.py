@@ -20,6 +20,7 @@ from splatwire.transport.protocol.datagrams import (
     MAX_PARITY_RANGES,
     MAX_PREVIEW,
     MAX_SCENE_TOKEN,
+    OTHER_TRANSPORT,
     OTHER_VERSION,
     TOKEN_BYTES,
     Bye,
@@ -60,6 +61,7 @@ its matrix from a rotation.
 
 LIVE, VIEWABLE = 1, 2
 """Flags of a welcome: live stream; view-dependent sending order."""
+_QUIC_VERSIONS = (b"\x00\x00\x00\x01", b"\x6b\x33\x43\xcf")
 _CRC = struct.Struct("<I")
 _HELLO = struct.Struct("<BQB")
 _CHALLENGE = struct.Struct(f"<BQ{TOKEN_BYTES}s")
@@ -170,6 +172,26 @@ def refuse_other_version(data: bytes) -> bytes | None:
         return None
     (nonce,) = struct.unpack_from("<Q", data, 1)
     return _closed(_REFUSE.pack(data[0] & 0xF0 | REFUSE, nonce, OTHER_VERSION))
+
+
+def refuse_other_transport(data: bytes) -> bytes | None:
+    """Returns the refusal of a client that uses plain UDP at a QUIC port, or QUIC at a port for plain UDP.
+
+    Args:
+        data: First datagram of a client.
+
+    Returns:
+        The refusal, whose nonce is that of the client's hello or request, or the first 8 bytes of its QUIC connection
+        id; None if the datagram starts no connection.
+    """
+    if kind_of(data) in (HELLO, REQUEST):
+        if len(data) <= _REFUSE.size + _CRC.size or not _is_intact(data):
+            return None
+        return encode(Refuse(struct.unpack_from("<Q", data, 1)[0], OTHER_TRANSPORT))
+    if len(data) < MAX_DATAGRAM or data[0] & 0xC0 != 0xC0 or data[1:5] not in _QUIC_VERSIONS:
+        return None
+    at = 6 + data[5]
+    return encode(Refuse(int.from_bytes(data[at + 1 : at + 1 + min(data[at], 8)], "little"), OTHER_TRANSPORT))
 
 
 def decode(data: bytes) -> Frame:

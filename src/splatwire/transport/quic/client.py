@@ -14,9 +14,11 @@ from aioquic.quic.packet import QuicErrorCode
 
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.address import Address
+from splatwire.transport.protocol.datagrams import OTHER_TRANSPORT, Refuse
 from splatwire.transport.protocol.events import Event
-from splatwire.transport.protocol.receiver import SMALL_MTU, Receiver
+from splatwire.transport.protocol.receiver import NO_QUIC, SMALL_MTU, Receiver
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
+from splatwire.transport.protocol.wire import decode
 from splatwire.transport.quic.certificate import check_authority, check_fingerprint, fingerprint
 from splatwire.transport.quic.common import (
     ALPN,
@@ -26,6 +28,7 @@ from splatwire.transport.quic.common import (
     STREAM,
     FrameReader,
     configuration,
+    limit_backoff,
     on_stream,
     send_on_stream,
     stream_frame,
@@ -178,9 +181,27 @@ class _Client(QuicConnectionProtocol):
         assert isinstance(data, bytes)
         self._tap_datagram(False, data)
         try:
+            if not self._established and self._is_refusal(data):
+                self._send_and_report(*self._receiver.refuse_transport())
+                self._finish()
+                return
             super().datagram_received(data, self._target)
         except Exception as error:  # raised by the caller's callback: re-raised in `receive_quic`
             self._fail(error)
+
+    def transmit(self) -> None:
+        """Sends the datagrams that are due, and sets the timer of QUIC."""
+        limit_backoff(self._quic)
+        super().transmit()
+
+    def _is_refusal(self, data: bytes) -> bool:
+        """True if a datagram is the refusal of a server that serves plain UDP at this port."""
+        try:
+            frame = decode(data)
+        except BitstreamError:
+            return False
+        own = int.from_bytes(self._quic.host_cid, "little")
+        return isinstance(frame, Refuse) and frame == Refuse(own, OTHER_TRANSPORT)
 
     def error_received(self, exc: Exception) -> None:
         if not isinstance(exc, ConnectionRefusedError) or self._established:
@@ -210,7 +231,8 @@ class _Client(QuicConnectionProtocol):
         """Processes the end of the QUIC connection, which may also end the transfer."""
         by_application = event.frame_type is None
         final = event.error_code in ((MALFORMED, INTERNAL) if by_application else UNTRUSTED)
-        if not final and self._receiver.may_resume(self._loop.time()):
+        now, idle = self._loop.time(), not by_application and _is_timeout(event)
+        if not final and (self._receiver.may_resume(now) or (idle and self._receiver.may_connect(now))):
             self._lost = True
             self._finish()
         else:
@@ -226,6 +248,7 @@ class _Client(QuicConnectionProtocol):
             self.close(REFUSED, "certificate")
             return
         self._established = True
+        self._receiver.on_connected(self._loop.time())
 
     def _stream_data(self, event: events.StreamDataReceived) -> None:
         try:
@@ -290,6 +313,11 @@ class _Client(QuicConnectionProtocol):
             self._tap(*(ends if outgoing else ends[::-1]), data)
 
 
+def _is_timeout(event: events.ConnectionTerminated) -> bool:
+    """True if a connection ended because nothing arrived for the idle timeout."""
+    return event.error_code == QuicErrorCode.INTERNAL_ERROR and "timeout" in event.reason_phrase.lower()
+
+
 def _end_message(event: events.ConnectionTerminated, *, established: bool) -> str:
     """Returns a message with the reason why a connection ended, and advice for known causes.
 
@@ -298,9 +326,8 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
         established: True if the handshake of the connection was complete.
     """
     reason = event.reason_phrase or hex(event.error_code)
-    if not established and event.error_code == QuicErrorCode.INTERNAL_ERROR and "timeout" in reason.lower():
-        udp = "`serve` without --page and --quic has a udp:// address"
-        return f"no answer: nothing seems to serve QUIC there ({udp}), or {SMALL_MTU}"
+    if not established and _is_timeout(event):
+        return f"no answer: {NO_QUIC}, or {SMALL_MTU}"
     if event.error_code in UNTRUSTED:
         return (
             f"the server's certificate is not trusted: {reason}. Trust it with --fingerprint (which the server "

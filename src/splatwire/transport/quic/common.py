@@ -6,10 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from aioquic.buffer import Buffer
 from aioquic.quic.configuration import QuicConfiguration
 from aioquic.quic.congestion.base import QuicCongestionControl, register_congestion_control
-from aioquic.quic.packet import pull_quic_header
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.congestion.delivery_rate import DeliveryRateWindow
@@ -39,6 +37,10 @@ MIN_BYTES = 16
 STREAMS = 16
 """Maximum number of open QUIC streams per client and direction."""
 RATE_CONTROL = "splatwire"
+MAX_BACKOFF = 1
+"""Maximum number of times that the interval of QUIC's probes (PTO) doubles. Without a limit, a path that loses half of
+its packets, or a flood at the server, delays a handshake by many seconds. The idle timeout limits the number of probes.
+"""
 
 REFUSED, MALFORMED, FULL, INTERNAL = 1, 2, 3, 4
 """Application error codes with which the server closes connections."""
@@ -113,6 +115,15 @@ def send_on_stream(quic: Any, stream: int, data: bytes) -> bool:
     return True
 
 
+def limit_backoff(quic: Any) -> None:
+    """Limits the interval of QUIC's probes (`MAX_BACKOFF`); aioquic has no option for it.
+
+    Args:
+        quic: Connection of aioquic.
+    """
+    quic._loss._pto_count = min(quic._loss._pto_count, MAX_BACKOFF)
+
+
 def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:
     """Returns an aioquic configuration for a client or server.
 
@@ -168,11 +179,3 @@ def _register_rate_control() -> None:
 
     register_congestion_control(RATE_CONTROL, Bounded)
     logging.getLogger("quic").addHandler(logging.NullHandler())  # errors are reported as events, not printed
-
-
-def has_token(data: bytes) -> bool:
-    """Returns True if a QUIC packet with long header contains a token from a Retry packet."""
-    try:
-        return bool(pull_quic_header(Buffer(data=data)).token)
-    except ValueError:
-        return False

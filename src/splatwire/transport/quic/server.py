@@ -1,8 +1,10 @@
 """QUIC server: sessions of native clients, and WebTransport sessions of browsers."""
 
 import asyncio
+import logging
 import os
-from collections import Counter
+import socket
+from collections import Counter, deque
 from collections.abc import Callable, Hashable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -11,12 +13,20 @@ from aioquic.asyncio.protocol import QuicConnectionProtocol
 from aioquic.asyncio.server import QuicServer as AioquicServer
 from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
-from aioquic.quic.retry import QuicRetryTokenHandler
 
+from splatwire.transport.event_log import log_event
 from splatwire.transport.protocol.admission import Network, choose_eviction, network_of
 from splatwire.transport.protocol.sender import Server
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.server_limits import ServerLimits
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, kind_of, refuse_other_transport
+from splatwire.transport.quic.address_validation import (
+    HandshakeBudget,
+    ResponseBudget,
+    RetryTokens,
+    is_unknown_version,
+    parse_initial,
+)
 from splatwire.transport.quic.certificate import FileIdentity, Identity
 from splatwire.transport.quic.common import (
     ALPN,
@@ -28,19 +38,30 @@ from splatwire.transport.quic.common import (
     UNREAD_BYTES,
     QuicLimits,
     configuration,
-    has_token,
+    limit_backoff,
 )
 from splatwire.transport.quic.sessions import NativeSession, Session, WebTransportSessions
-from splatwire.transport.udp import SocketServer
+from splatwire.transport.udp import MAX_DATAGRAM_READ, SocketServer
 
+LOG = logging.getLogger(__name__)
 BATCH = 64
 """Maximum number of datagrams passed to QUIC before the socket is read again."""
+READ_BATCH = 256
+"""Maximum number of datagrams read in one turn of the event loop; timers run between turns."""
+MAX_UNSENT = 1024
+"""Maximum number of datagrams that wait while the socket accepts none; further ones are lost, as on the path."""
 SPARE = 16
 """Number of connections that may start a handshake beyond twice `QuicLimits.connections`. A full server can then still
 tell clients the reason of its refusal, which needs a complete handshake.
 """
 RETRY_HANDSHAKES = 4
 """Number of concurrent handshakes from which on clients must first return a token (QUIC Retry)."""
+MAX_HANDSHAKES_FACTOR = 4
+"""Number of handshakes that a network may start within `HANDSHAKE_WINDOW_S`, as a multiple of
+`QuicLimits.per_network`, plus `SPARE`.
+"""
+FLOOD_LOG_S, FLOOD_DROPPED = 10.0, 100
+"""Minimum interval of log lines about dropped connection attempts, seconds, and their minimum number for a line."""
 FULL_REASON = "the server is full, or your network has its share of it"
 REQUEST_TIMEOUT_S = 10.0
 """Time after which a connection without a request is closed, seconds."""
@@ -72,6 +93,7 @@ class QuicServer(SocketServer):
         self.limits = quic_limits or QuicLimits()
         self.num_refused = 0
         self.num_malformed = 0
+        self.num_dropped = 0
         self.connections: dict[_Connection, None] = {}  # the oldest first
         self.networks: Counter[Network] = Counter()
         self.handshaking: set[_Connection] = set()
@@ -82,9 +104,8 @@ class QuicServer(SocketServer):
 
     async def start(self) -> "QuicServer":
         """Starts to listen for connections and returns this server."""
-        _, self._endpoint = await self._loop.create_datagram_endpoint(
-            lambda: _LimitedEndpoint(self, self._configuration), sock=self._socket
-        )
+        self._endpoint = _LimitedEndpoint(self, self._configuration)
+        self._endpoint.connection_made(_SocketTransport(self._socket, self._endpoint, self._on_sent))
         return self
 
     def load_identity(self) -> None:
@@ -113,7 +134,7 @@ class QuicServer(SocketServer):
         self._cancel_timer()
         (self._endpoint or self._socket).close()
 
-    def sent(self, num_bytes: int) -> None:
+    def _on_sent(self, num_bytes: int) -> None:
         """Counts the bytes of a UDP datagram that was sent."""
         self.bytes_sent += num_bytes
 
@@ -208,14 +229,16 @@ class QuicServer(SocketServer):
 
 
 class _LimitedEndpoint(AioquicServer):
-    """Listening socket of aioquic that limits new connections and counts sent bytes."""
+    """Listening socket of aioquic that validates addresses and limits new connections."""
 
     def __init__(self, owner: QuicServer, settings: Any) -> None:
         super().__init__(configuration=settings, create_protocol=self._accept)
         self._owner = owner
         self._network: Network = ()
-        self._retries: Any = QuicRetryTokenHandler()
+        self._tokens = RetryTokens()
+        self._responses, self._handshakes = ResponseBudget(), HandshakeBudget()
         self._retry: Any = None
+        self._num_dropped_before, self._logged_at = 0, -FLOOD_LOG_S
 
     def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
         while self._owner.is_full(self._network, begins=True):  # the address has been validated by now
@@ -229,9 +252,6 @@ class _LimitedEndpoint(AioquicServer):
         self._owner.accept(connection)
         return connection
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        super().connection_made(_CountingTransport(transport, self._owner.sent))
-
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Passes a UDP datagram to aioquic, or drops a datagram that would start an excess connection.
 
@@ -240,35 +260,137 @@ class _LimitedEndpoint(AioquicServer):
             addr: Socket address of the client.
         """
         assert isinstance(data, bytes)
-        if len(data) > 6 and data[0] & 0x80 and data[6 : 6 + data[5]] not in self._protocols:
-            self._network = network_of(addr)
-            # Beyond the limit, some more connections are accepted, so that their clients can be refused with a reason.
-            # After that, a client must return a token (QUIC Retry), and replaces a connection of another network.
-            is_full, token = self._owner.is_full(self._network, begins=True), has_token(data)
-            if is_full and token and self._owner.connection_to_evict(self._network) is None:
-                self._owner.num_refused += 1
-                return
-            self._owner.load_identity()
-            retried = is_full or token or len(self._owner.handshaking) >= RETRY_HANDSHAKES
-            self._retry = self._retries if retried else None
-        super().datagram_received(data, addr)
+        if len(data) < 9 or not data[0] & 0x80:  # aioquic gives all its connections ids of 8 bytes
+            known = self._protocols.get(data[1:9])
+            if known is not None:
+                known.datagram_received(data, addr)
+            elif kind_of(data):
+                self._refuse_udp(data, addr)
+        elif data[6 : 6 + data[5]] in self._protocols or self._may_begin(data, addr):
+            super().datagram_received(data, addr)
+
+    def _may_begin(self, data: bytes, addr: Any) -> bool:
+        """True if a datagram of no known connection is passed to aioquic, which may then start a connection.
+
+        Clients must first return a token (QUIC Retry) while the server has many handshakes or connections. Cheap checks
+        come first, because these datagrams may be a flood with forged addresses.
+        """
+        owner, now = self._owner, self._loop.time()
+        initial = parse_initial(data)
+        if initial is None:  # aioquic answers unknown versions with a list of its versions
+            return is_unknown_version(data) and self._responses.take(addr, now)
+        has_token = bool(initial.token)
+        if has_token and not self._tokens.is_valid(initial, addr, now):
+            self._dropped(now)
+            return False
+        if not has_token and len(owner.handshaking) >= RETRY_HANDSHAKES:
+            self._send_retry(initial, addr, now)
+            return False
+        self._network = network_of(addr)
+        # Beyond the limit, some more connections are accepted, so that their clients can be refused with a reason.
+        # After that, a client must return a token, and replaces a connection of another network.
+        if owner.is_full(self._network, begins=True):
+            if not has_token:
+                self._send_retry(initial, addr, now)
+                return False
+            if owner.connection_to_evict(self._network) is None:
+                owner.num_refused += 1
+                return False
+        if not self._handshakes.take(addr, MAX_HANDSHAKES_FACTOR * owner.limits.per_network + SPARE, now):
+            self._dropped(now)
+            return False
+        owner.load_identity()
+        self._retry = self._tokens if has_token else None
+        return True
+
+    def _refuse_udp(self, data: bytes, addr: Any) -> None:
+        """Tells a client of plain UDP that this port serves QUIC."""
+        refusal = refuse_other_transport(data) if len(data) == MAX_DATAGRAM else None
+        if refusal is not None and self._responses.take(addr, self._loop.time()):
+            assert self._transport is not None
+            self._transport.sendto(refusal, addr)
+
+    def _send_retry(self, initial: Any, addr: Any, now: float) -> None:
+        assert self._transport is not None
+        if self._responses.take(addr, now):
+            self._transport.sendto(self._tokens.retry_packet(initial, addr, now), addr)
+        else:
+            self._dropped(now)
+
+    def _dropped(self, now: float) -> None:
+        """Counts a dropped connection attempt, and logs a flood of them."""
+        self._owner.num_dropped += 1
+        count = self._owner.num_dropped - self._num_dropped_before
+        if count >= FLOOD_DROPPED and now - self._logged_at >= FLOOD_LOG_S:
+            self._logged_at, self._num_dropped_before = now, self._owner.num_dropped
+            log_event(LOG, logging.WARNING, "connection attempts dropped", attempts=count)
 
     def error_received(self, exc: Exception) -> None:
         """Ignores an ICMP error, such as "port unreachable"."""
 
 
-class _CountingTransport:
-    """Datagram transport of asyncio that reports the size of each sent datagram to a function."""
+class _SocketTransport:
+    """Datagram transport on a UDP socket that reads many datagrams at once.
 
-    def __init__(self, transport: Any, sent: Callable[[int], None]) -> None:
-        self._transport, self._sent = transport, sent
+    asyncio's own transport reads one datagram in each turn of the event loop, which is too slow for a flood.
+
+    Args:
+        server_socket: Bound socket.
+        protocol: Object that gets the received datagrams.
+        on_sent: Called with the size of each sent datagram, bytes.
+    """
+
+    def __init__(
+        self, server_socket: socket.socket, protocol: asyncio.DatagramProtocol, on_sent: Callable[[int], None]
+    ) -> None:
+        self._socket, self._protocol, self._on_sent = server_socket, protocol, on_sent
+        self._loop = asyncio.get_running_loop()
+        self._unsent: deque[tuple[bytes, Any]] = deque()
+        self._loop.add_reader(server_socket, self._readable)
+
+    def _readable(self) -> None:
+        for _ in range(READ_BATCH):
+            try:
+                data, address = self._socket.recvfrom(MAX_DATAGRAM_READ)
+            except BlockingIOError:
+                return
+            except OSError:  # ICMP error of an earlier datagram, or closed meanwhile
+                return
+            self._protocol.datagram_received(data, address)
 
     def sendto(self, data: bytes, addr: Any = None) -> None:
-        self._sent(len(data))
-        self._transport.sendto(data, addr)
+        """Sends a datagram now, or as soon as the socket accepts it.
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._transport, name)
+        Args:
+            data: Payload of the datagram.
+            addr: Socket address of the client.
+        """
+        if self._unsent:
+            if len(self._unsent) < MAX_UNSENT:
+                self._unsent.append((data, addr))
+            return
+        try:
+            self._socket.sendto(data, addr)
+        except BlockingIOError:
+            self._unsent.append((data, addr))
+            self._loop.add_writer(self._socket, self._writable)
+        except OSError:  # the client is unreachable, or the socket closed
+            pass
+        else:
+            self._on_sent(len(data))
+
+    def _writable(self) -> None:
+        self._loop.remove_writer(self._socket)
+        waiting, self._unsent = self._unsent, deque()
+        for data, address in waiting:
+            self.sendto(data, address)
+
+    def close(self) -> None:
+        """Closes the socket; waiting datagrams are lost."""
+        if self._socket.fileno() >= 0:
+            self._loop.remove_reader(self._socket)
+            self._loop.remove_writer(self._socket)
+            self._socket.close()
 
 
 class _Connection(QuicConnectionProtocol):
@@ -313,6 +435,11 @@ class _Connection(QuicConnectionProtocol):
                 self._ended()
             case _ if self._sessions is not None and not self._over:
                 self._sessions.event(event)
+
+    def transmit(self) -> None:
+        """Sends the datagrams that are due, and sets the timer of QUIC."""
+        limit_backoff(self.quic)
+        super().transmit()
 
     def guarded(self, work: Callable[..., object], *arguments: object) -> None:
         """Calls a function for this connection.
