@@ -1,6 +1,7 @@
 import dataclasses
 import errno
 import json
+import os
 import struct
 
 import numpy as np
@@ -11,6 +12,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from splatwire.anchors import tensor_file
+from splatwire.anchors.safetensors_file import open_tensor_file
 from splatwire.anchors.scene_file import load_partial, load_scene, save_partial, save_scene
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.types import TierSizes
@@ -277,3 +279,73 @@ def test_a_full_disk_is_an_error_of_the_system_that_names_the_file(tmp_path, mon
         tensor_file.write_tensors({"a": np.zeros(3)}, {}, tmp_path / "a.scene")
     assert (failed.value.errno, failed.value.filename) == (errno.ENOSPC, str(tmp_path / "a.scene"))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_truncated_while_it_is_read_is_an_error(tmp_path):
+    path = tmp_path / "a"
+    tensor_file.write_tensors({"a": np.zeros(1 << 20), "b": np.zeros(1 << 20)}, {}, path)
+    with open_tensor_file(path) as file:
+        assert not file.tensor("a").any()
+        os.truncate(path, 4096)
+        with pytest.raises(BitstreamError, match="it ends early"):
+            file.tensor("b")
+
+
+def test_a_file_that_is_replaced_while_it_is_read_stays_the_same(tmp_path):
+    path = tmp_path / "a"
+    tensor_file.write_tensors({"a": np.zeros(5), "b": np.ones(5)}, {}, path)
+    with open_tensor_file(path) as file:
+        tensor_file.write_tensors({"a": np.full(9, 7.0), "b": np.full(9, 8.0)}, {}, path)
+        assert file.tensor("b").tolist() == [1.0] * 5
+
+
+@pytest.mark.parametrize("kind", ["f8", "f4", "f2", "i8", "i4", "i2", "i1", "u8", "u4", "u2", "u1", "?"])
+@pytest.mark.parametrize("shape", [(), (0,), (3, 0, 2), (2, 3)])
+def test_tensors_are_those_of_the_library(kind, shape, tmp_path):
+    value = np.arange(int(np.prod(shape)), dtype=np.int8).reshape(shape).astype(kind)
+    save_file({"a": value, "b": np.ones(3, np.uint8)}, tmp_path / "a", metadata={"text": "x"})
+    with open_tensor_file(tmp_path / "a") as file:
+        assert (set(file.names), file.metadata) == ({"a", "b"}, {"text": "x"})
+        assert (file.shape("a"), file.num_bytes("a")) == (shape, value.nbytes)
+        read = file.tensor("a")
+    assert read.dtype == value.dtype
+    assert np.array_equal(read, value)
+
+
+def _entry(start=0, stop=4, shape=(1,), dtype="F32"):
+    return {"dtype": dtype, "shape": list(shape), "data_offsets": [start, stop]}
+
+
+@pytest.mark.parametrize(
+    ("header", "size", "reason"),
+    [
+        ({"a": _entry()}, 5, "its tensors need"),
+        ({"a": _entry()}, 3, "bytes, its tensors need"),
+        ({"a": _entry(4, 8)}, 8, "overlap or leave a gap"),
+        ({"a": _entry(), "b": _entry(0, 4)}, 4, "overlap or leave a gap"),
+        ({"a": _entry(shape=(1 << 40, 1 << 40))}, 4, "has 4 bytes, its shape needs"),
+        ({"a": _entry(shape=(-1,))}, 4, "no valid shape"),
+        ({"a": _entry(shape=(1.0,))}, 4, "no valid shape"),
+        ({"a": _entry(shape=(True,))}, 4, "no valid shape"),
+        ({"a": {"dtype": "F32", "shape": 1, "data_offsets": 4}}, 4, "no valid shape"),
+        ({"a": {"dtype": "F32", "shape": [1], "data_offsets": [0, 4, 4]}}, 4, "no valid shape"),
+        ({"a": 3}, 4, "no valid shape"),
+        ({"a": _entry(dtype="F8_E4M3")}, 4, "type 'F8_E4M3', which is not read"),
+        ({"a": _entry(dtype=["F32"])}, 4, "which is not read"),
+        ({"__metadata__": {"splatwire": 3}}, 0, "does not hold texts"),
+        ({"__metadata__": [3]}, 0, "does not hold texts"),
+        ([3], 0, "no JSON object"),
+    ],
+)
+def test_a_damaged_header_is_refused_with_the_reason(header, size, reason, tmp_path):
+    text = json.dumps(header).encode()
+    (tmp_path / "a").write_bytes(struct.pack("<Q", len(text)) + text + bytes(size))
+    with pytest.raises(BitstreamError, match=reason), open_tensor_file(tmp_path / "a"):
+        pass
+
+
+@pytest.mark.parametrize("data", [b"", b"\1\0", struct.pack("<Q", 1 << 60) + b"{}", struct.pack("<Q", 3) + b"{}"])
+def test_a_file_without_a_whole_header_is_refused(data, tmp_path):
+    (tmp_path / "a").write_bytes(data)
+    with pytest.raises(BitstreamError, match=r"safetensors file|ends early"), open_tensor_file(tmp_path / "a"):
+        pass

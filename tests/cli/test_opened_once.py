@@ -95,7 +95,6 @@ def test_commands_open_a_stream_once(run, zoo, tmp_path, verb):
 
 @pytest.mark.parametrize("verb", ["encode", "inspect", "render"])
 def test_commands_open_a_scene_file_of_anchors_once(run, zoo, journey, tmp_path, verb):
-    """The library safetensors also opens the path to map the tensors into memory, which is not counted here."""
     path = tmp_path / "tiny.scene"
     path.write_bytes((journey / "tiny.scene").read_bytes())
     (tmp_path / "cameras.json").write_bytes((zoo / "cameras.json").read_bytes())

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
 
+from splatwire.anchors.safetensors_file import TensorFile, open_tensor_file
 from splatwire.anchors.tensor_file import parse_header
 from splatwire.anchors.voxels import check_voxel_size, voxel_indices
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
@@ -28,11 +28,11 @@ class SceneReader:
         header: JSON header of the file.
     """
 
-    def __init__(self, path: Path, file: Any, header: dict[str, Any]) -> None:
+    def __init__(self, path: Path, file: TensorFile, header: dict[str, Any]) -> None:
         self.path = path
         self.header = header
         self._file = file
-        self._left = set(file.keys())
+        self._left = set(file.names)
 
     def error(self, reason: str) -> BitstreamError:
         """Returns an error for a damaged scene file, with file name and reason in the message."""
@@ -46,7 +46,7 @@ class SceneReader:
         """
         if name not in self._left:
             raise self.error(f"tensor '{name}' is missing")
-        return tuple(self._file.get_slice(name).get_shape())
+        return self._file.shape(name)
 
     def has(self, name: str) -> bool:
         """True if the scene file has an unread tensor of the given name."""
@@ -69,10 +69,10 @@ class SceneReader:
         Raises:
             BitstreamError: If the tensor is missing, has another shape or type, or contains values that are not finite.
         """
-        actual_shape, kind = self.shape(name), self._file.get_slice(name).get_dtype()
+        actual_shape, kind = self.shape(name), self._file.type_name(name)
         if actual_shape != shape or kind != _TYPES[dtype]:
             raise self.error(f"tensor '{name}' is {kind} {actual_shape}, expected {_TYPES[dtype]} {shape}")
-        value: np.ndarray = self._file.get_tensor(name)
+        value = self._file.tensor(name)
         if dtype is np.float32 and not bool(np.isfinite(value).all()):
             raise self.error(f"tensor '{name}' is not finite everywhere")
         if dtype is np.bool_ and bool((value.view(np.uint8) > 1).any()):
@@ -155,18 +155,15 @@ def open_scene_file(path: Path, file_format: str, version: int, kind: str | None
     """
     if file_kind(path) not in (SCENE, PARTIAL, TENSORS):
         raise BitstreamError(is_not(path, "a scene file"))
-    try:
-        with safe_open(path, framework="np") as file:
-            header = _read_header(path, file.metadata(), file_format, version)
-            if kind is not None and header["kind"] != kind:
-                raise BitstreamError(f"{path}: holds a {header['kind']!r}, not a {kind!r} scene")
-            yield SceneReader(path, file, header)
-    except (SafetensorError, OSError) as error:
-        raise BitstreamError(f"{path}: a damaged scene file: {error}") from error
+    with open_tensor_file(path) as file:
+        header = _read_header(path, file.metadata, file_format, version)
+        if kind is not None and header["kind"] != kind:
+            raise BitstreamError(f"{path}: holds a {header['kind']!r}, not a {kind!r} scene")
+        yield SceneReader(path, file, header)
 
 
-def _read_header(path: Path, metadata: dict[str, str] | None, file_format: str, version: int) -> dict[str, Any]:
-    header = parse_header((metadata or {}).get("splatwire"))
+def _read_header(path: Path, metadata: dict[str, str], file_format: str, version: int) -> dict[str, Any]:
+    header = parse_header(metadata.get("splatwire"))
     if header.get("format") != file_format:
         raise BitstreamError(is_not(path, "a scene file"))
     if header.get("version") != version:

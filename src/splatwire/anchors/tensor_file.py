@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
+from safetensors import SafetensorError
 from safetensors.numpy import save_file
 
+from splatwire.anchors.safetensors_file import open_tensor_file
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.files.atomic_write import atomic_output
-from splatwire.files.kinds import is_not
-from splatwire.files.read_limited import open_regular
+from splatwire.files.kinds import EMPTY, TEXT, file_kind, is_not
 from splatwire.ops.arrays import to_numpy
 
 _SYSTEM_ERROR = re.compile(r"\(os error ([0-9]+)\)")
@@ -69,19 +69,15 @@ def read_tensors(path: Path, format_name: str, version: int) -> tuple[dict[str, 
         UnsupportedVersionError: If this release does not support the file's version.
         BitstreamError: If the file is absent, damaged or of another format.
     """
-    open_regular(path, BitstreamError).close()
-    try:
-        with safe_open(path, framework="np") as file:
-            header = parse_header((file.metadata() or {}).get("splatwire"))
-            if header.get("format") != format_name:
-                raise BitstreamError(is_not(path, f"a file of {format_name}"))
-            if header.get("version") != version:
-                raise UnsupportedVersionError(
-                    f"{path}: version {header.get('version')!s:.20} of {format_name} is not read"
-                )
-            return {name: file.get_tensor(name) for name in file.keys()}, header  # noqa: SIM118 - not a dictionary
-    except (SafetensorError, OSError) as error:
-        raise BitstreamError(is_not(path, f"a file of {format_name}", str(error))) from error
+    if file_kind(path) in (EMPTY, TEXT):
+        raise BitstreamError(is_not(path, f"a file of {format_name}"))
+    with open_tensor_file(path) as file:
+        header = parse_header(file.metadata.get("splatwire"))
+        if header.get("format") != format_name:
+            raise BitstreamError(is_not(path, f"a file of {format_name}"))
+        if header.get("version") != version:
+            raise UnsupportedVersionError(f"{path}: version {header.get('version')!s:.20} of {format_name} is not read")
+        return {name: file.tensor(name) for name in file.names}, header
 
 
 def parse_header(text: str | None) -> dict[str, Any]:
@@ -102,12 +98,8 @@ def tensor_bytes(path: Path) -> dict[str, int]:
     The name of a group is the part of its tensors' names before the first dot, or `header` for all other bytes.
     """
     parts: dict[str, int] = {}
-    with open_regular(path, BitstreamError) as file:
-        header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
-    for name, entry in header.items():
-        if name != "__metadata__":
-            begin, end = entry["data_offsets"]
+    with open_tensor_file(path) as file:
+        for name in file.names:
             group = name.split(".")[0]
-            parts[group] = parts.get(group, 0) + end - begin
-    parts["header"] = path.stat().st_size - sum(parts.values())
-    return parts
+            parts[group] = parts.get(group, 0) + file.num_bytes(name)
+        return {**parts, "header": file.header_bytes}
