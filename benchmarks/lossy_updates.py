@@ -44,7 +44,7 @@ RATE, QUEUE_S, DELAY_S, LOSSES = 2.5e6, 0.1, 0.02, (0.0, 0.2)
 """Bytes per second, longest wait in the queue and one-way delay in seconds, shares of lost datagrams."""
 TIMES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 TRANSFERS, VIEWS, SIZE = 3, 4, 192
-AHEAD = Protection(side_repair=0.6, tier_repair=(0.6,))
+AHEAD = Protection(init_repair=0.6, tier_repair=(0.6,))
 """Redundancy without feedback."""
 MAX_REQUESTS = 20
 

@@ -49,8 +49,8 @@ def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.
                            rendered_trials=4, seed=PLANNING_SEED, max_protection=arguments.limit)  # fmt: skip
     found = variants[plan.variant].expected(plan.protection, loss_name, 1e12, arguments.pictures)
     return {"unit": "datagram", "loss": loss_name, **found,
-            "protection_share": plan.protection_share, "head_share": plan.protection.head_share,
-            "repair": plan.protection.tier_repair, "side_repair": plan.protection.side_repair,
+            "protection_share": plan.protection_share, "head_share": plan.protection.bundled_share,
+            "repair": plan.protection.tier_repair, "side_repair": plan.protection.init_repair,
             "tier_spread": plan.protection.tier_spread, "concealment_bytes": plan.concealment_bytes}  # fmt: skip
 
 

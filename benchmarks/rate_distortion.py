@@ -153,7 +153,7 @@ class Bench:
 
 
 def unprotected_bytes(load: StreamLoad) -> float:
-    return float(model_transfer(load, Protection(side_repair=0.0)).num_bytes.sum())
+    return float(model_transfer(load, Protection(init_repair=0.0)).num_bytes.sum())
 
 
 def rate_distortion_rows(variants: list[Variant], arguments: argparse.Namespace) -> list[dict]:
@@ -173,9 +173,9 @@ def rate_distortion_rows(variants: list[Variant], arguments: argparse.Namespace)
                 baseline_candidates(plain.planned.load, traces, PlanConstraints(budget)).items()}  # fmt: skip
         ways["planner"] = (variants[plan.variant], plan.protection)
         row = {"loss": name, "budget": factor, "expected": plan.psnr, "tiers": plan.variant > 0,
-               "repair": plan.protection.tier_repair, "side_repair": plan.protection.side_repair,
+               "repair": plan.protection.tier_repair, "side_repair": plan.protection.init_repair,
                "tier_spread": plan.protection.tier_spread, "protection_share": plan.protection_share,
-               "head_share": plan.protection.head_share, "pictures": arguments.pictures}  # fmt: skip
+               "head_share": plan.protection.bundled_share, "pictures": arguments.pictures}  # fmt: skip
         for way, (variant, protection) in ways.items():
             row[way] = variant.expected(protection, name, budget, arguments.pictures)
         rows = [other for other in rows if (other["loss"], other["budget"]) != (name, factor)] + [row]

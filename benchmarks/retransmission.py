@@ -1,9 +1,9 @@
 """Quality at 20 % datagram loss with limited retransmission of side information and important packets.
 
 No repair symbols are sent ahead: the head object leaves first, then the tiers. The head object is always retransmitted,
-and the first packets (`Protection.resend_until`) equally in every transfer. Their share is chosen such that the mean
-over other losses, plus one standard error, keeps `--limit` of all bytes, sketches included. So a transfer that loses
-more spends more. There is no preview: the side information always arrives. Both ends and a network of 40 ms and 8
+and the first packets (`Protection.retransmit_until`) equally in every transfer. Their share is chosen such that the
+mean over other losses, plus one standard error, keeps `--limit` of all bytes, sketches included. So a transfer that
+loses more spends more. There is no preview: the side information always arrives. Both ends and a network of 40 ms and 8
 Mbit/s are simulated datagram by datagram. The server's greetings arrive; a fifth of the receiver's datagrams is lost at
 random. The use of a sketch is chosen on training photos. The mean PSNR against test photos includes all `--transfers`;
 of the lossy ones, `--pictures` are rendered.
@@ -124,13 +124,13 @@ def planned(
     variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name: str, options
 ) -> RetransmissionPlan | None:
     """Finds the largest number of packets that may be retransmitted within the byte limit."""
-    sizes = make_served_stream(stream, Protection(side_repair=0.0)).sizes()
+    sizes = make_served_stream(stream, Protection(init_repair=0.0)).sizes()
     plain = sum(sizes.values()) - sketch_bytes
     lost = 1 - parse_loss(loss_name).received(200_000, np.random.Generator(np.random.PCG64(FIRST_PLANNED))).mean()
     per_packets = lost / (1 - lost) * sizes["packets"] / plain  # spent where all packets may be sent again
-    share, best = float(np.clip((options.limit - sizes["side"] / plain * lost) / per_packets, 0, 1)), None
+    share, best = float(np.clip((options.limit - sizes["init_segment"] / plain * lost) / per_packets, 0, 1)), None
     for _ in range(ROUNDS):
-        protection = Protection(side_repair=0.0, resend_until=share)
+        protection = Protection(init_repair=0.0, retransmit_until=share)
         served = make_served_stream(stream, protection)
         seeds = range(FIRST_PLANNED, FIRST_PLANNED + options.planned)
         outcomes = [simulate_transfer(served, plain, loss_name, seed) for seed in seeds]
@@ -156,7 +156,7 @@ def row_of(found: list[tuple[Variant, SceneStream, int]], loss_name: str, option
     spent = [outcome.spent for outcome in outcomes]
     return row | {
         "drop_db": whole_psnr(plan.variant.pictures) - row["psnr"], "spent_mean": float(np.mean(spent)),
-        "spent_most": max(spent), "resend_until": plan.served.num_retransmittable / len(plan.served.packets),
+        "spent_most": max(spent), "retransmit_until": plan.served.num_retransmittable / len(plan.served.packets),
         "sketch_bytes": plan.sketch_bytes,
     }  # fmt: skip
 

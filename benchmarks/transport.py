@@ -191,8 +191,8 @@ def main() -> None:
     result = {
         "core": core_throughput(big),
         "loopback_1": asyncio.run(loopback(big, 1, one.fixed_rate)),
-        "two_processes_udp": two_processes(huge, "--side-repair", "0.05"),
-        "two_processes_quic": two_processes(large, "--side-repair", "0.05", "--quic"),
+        "two_processes_udp": two_processes(huge, "--init-repair", "0.05"),
+        "two_processes_quic": two_processes(large, "--init-repair", "0.05", "--quic"),
         "receivers_50": many_receivers(stream, 50, 2.0),
         "load_average": os.getloadavg(),
     }

@@ -43,7 +43,7 @@ NAMES = {
     "planning": (
         "candidates.PlanConstraints", "candidates.arrival_within", "candidates.baseline_candidates",
         "candidates.candidates",
-        "candidates.largest_head", "distortion.DistortionModel", "distortion.StreamVariant",
+        "candidates.max_init_segment_bytes", "distortion.DistortionModel", "distortion.StreamVariant",
         "distortion.lost_fractions", "feedback.plan_retransmission", "measure.LossyPictures",
         "measure.received_elements", "measure.measure_distortion", "measure.measured_variant",
         "measure.packet_members", "measure.variant_of_stream",
@@ -340,7 +340,7 @@ class Pool:
 
     @functools.cached_property
     def _transfer(self) -> Any:
-        protection = importlib.import_module("splatwire.transport").Protection(side_repair=0.5)
+        protection = importlib.import_module("splatwire.transport").Protection(init_repair=0.5)
         return importlib.import_module("splatwire.planning.transfer_model").model_transfer(self._load, protection)
 
     @functools.cached_property

@@ -21,7 +21,7 @@ from splatwire.transport import (
 )
 from splatwire.transport.protocol.live_session import PROTECTION
 from splatwire.transport.protocol.sender import Server
-from splatwire.transport.protocol.wire import DATA, decode, kind_of
+from splatwire.transport.protocol.wire import DATA, decode, message_kind
 from splatwire.types.splats import Splats
 
 STEP_S, STREAM_ID, FRAME_RATE = 0.004, 4711, 30
@@ -89,7 +89,7 @@ class LivePath:
             if self._receiver is None and self._now >= self._joins:
                 self._receiver = Receiver(5, self._now, ReceiverOptions(nack=self._asks))
             for _, data in self._server.poll(self._now):
-                if keep and kind_of(data) == DATA:
+                if keep and message_kind(data) == DATA:
                     self.watched.sent.append((decode(data).packet_index, self._groups - 1))
                 self._arrive(data)
             if self._receiver:

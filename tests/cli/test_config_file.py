@@ -52,6 +52,13 @@ def test_options_of_the_command_line_win(file):
     assert parsed("--config", file("port = 5000"), "--port", 4840).port == 4840
 
 
+def test_former_names_of_options_work_in_files_and_on_the_command_line(file, capsys):
+    current = parsed("a.swz", "--init-repair", 0.5)
+    assert parsed("--config", file('streams = ["a.swz"]\nside-repair = 0.5')).init_repair == current.init_repair
+    assert parsed("a.swz", "--side-repair", 0.5) == current
+    assert capsys.readouterr().err.count("--side-repair is now --init-repair") == 2
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -25,7 +25,7 @@ from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.sequence.live_ingest import NUM_FRAMES_TO_ADOPT, LiveIngest
 from splatwire.sequence.written_frames import numbered
 from splatwire.transport import fec
-from splatwire.transport.protocol.layout import Segments, split_init_segment
+from splatwire.transport.protocol.layout import SourceBlocks, split_init_segment
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -313,9 +313,9 @@ def decoded(editions):
 
 def head_of(edition):
     """Bytes of manifest, side information and source symbols of a served stream."""
-    segments = Segments(edition.init_segment_bytes, edition.symbol_bytes)
-    for number in range(segments.num_segments):
-        span, size = segments.span(number), segments.size(number)
+    source_blocks = SourceBlocks(edition.init_segment_bytes, edition.symbol_bytes)
+    for number in range(source_blocks.num_blocks):
+        span, size = source_blocks.span(number), source_blocks.size(number)
         symbols = dict(list(enumerate(edition.init_symbols[number]))[:size])
         yield b"".join(fec.recover(symbols, size, edition.symbol_bytes))[: span.stop - span.start]
 

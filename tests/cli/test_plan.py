@@ -6,7 +6,7 @@ from splatwire.bitstream import read_stream
 from splatwire.cli import _run_serve
 from splatwire.cli.serve import Serve
 from splatwire.errors import InvalidValueError, UnsupportedVersionError
-from splatwire.planning.plan_file import MAX_BYTES, plan_content, read_plan
+from splatwire.planning.plan_file import FORMER_KEYS, MAX_BYTES, plan_content, read_plan
 from splatwire.transport import Protection, make_served_stream
 
 pytestmark = pytest.mark.slow
@@ -43,14 +43,14 @@ def test_plan_of_another_stream_or_with_conflicting_options_is_refused(run, jour
     target = tmp_path / "plan.json"
     target.write_text(json.dumps(plan_content(Protection(), 7, {})))
     assert "is for the stream 00000007" in run("serve", datagrams, "--plan", target).err
-    for words in (("--side-repair", 0.1), ("--protect", "tier0=0.1")):
+    for words in (("--init-repair", 0.1), ("--protect", "tier0=0.1")):
         assert "--plan sets the protection" in run("serve", datagrams, "--plan", target, *words).err
     assert "No such file" in run("serve", datagrams, "--plan", tmp_path / "none.json").err
 
 
 @pytest.mark.parametrize(
     "protection",
-    [Protection(), Protection(0.1, 0.5, 80, 0.02, (0.5, 0.1), 0.8, 0.3, 0.25, 0.5), Protection(side_symbol_bytes=64)],
+    [Protection(), Protection(0.1, 0.5, 80, 0.02, (0.5, 0.1), 0.8, 0.3, 0.25, 0.5), Protection(init_symbol_bytes=64)],
 )
 def test_plan_round_trips_through_json(protection):
     content = plan_content(protection, 0xFEED, {"psnr": 30.0})
@@ -79,25 +79,37 @@ def test_invalid_plan_file_is_one_error_line():
         refused({"stream_id": wrong}, "8 hexadecimal digits")
     refused({"protection": 3}, "must have")
     refused(protected(more=1), "must have")
-    refused({"protection": {"side_repair": 0.1}}, "must have")
+    refused({"protection": {"init_repair": 0.1}}, "must have")
     for wrong in (None, "1", True, [1], float("nan"), float("inf")):
-        refused(protected(side_repair=wrong), "side_repair is no number")
-    refused(json.dumps({**good, **protected(side_repair="X")}).encode().replace(b'"X"', b"9" * 5000), "no number")
-    refused(protected(side_repair=-1), "from 0 to")
+        refused(protected(init_repair=wrong), "init_repair is no number")
+    refused(json.dumps({**good, **protected(init_repair="X")}).encode().replace(b'"X"', b"9" * 5000), "no number")
+    refused(protected(init_repair=-1), "from 0 to")
     refused(protected(tier_repair=[0.1] * 9), "at most 8")
     refused(protected(tier_repair=[None]), "tier_repair is no number")
     refused(protected(tier_repair=[3.0]), "from 0 to")
-    refused(protected(side_symbol_bytes=80.5), "no whole number")
-    refused(protected(side_symbol_bytes=81), "multiple of")
-    refused(protected(resend=5), "from 0 to")
+    refused(protected(init_symbol_bytes=80.5), "no whole number")
+    refused(protected(init_symbol_bytes=81), "multiple of")
+    refused(protected(retransmit_share=5), "from 0 to")
+
+
+def test_plan_files_with_former_keys_are_read():
+    protection = Protection(0.5, 0.25, 128, 0.1, (0.2,), retransmit_share=1.0, retransmit_until=0.5)
+    content = plan_content(protection, 7, {})
+    former = {current: name for name, current in FORMER_KEYS.items()}
+    renamed = {former.get(key, key): value for key, value in content["protection"].items()}
+    assert len(renamed.keys() - content["protection"].keys()) == len(FORMER_KEYS)
+    assert read_plan(json.dumps({**content, "protection": renamed}).encode(), "plan.json") == (protection, 7)
+    both = {**content["protection"], "side_repair": 0.1}
+    with pytest.raises(InvalidValueError, match="must have"):
+        read_plan(json.dumps({**content, "protection": both}).encode(), "plan.json")
 
 
 def test_plan_with_feedback_states_what_is_retransmitted(run, datagrams):
     words = ("--loss", "bernoulli:0.2", "--views", 1, "--json", "--feedback")
     whole, part = (run("plan", datagrams, *words, "--budget", budget).json for budget in (2.0, 1.25))
-    assert whole["protection"] == {**vars(Protection(0.0, resend=4.0)), "tier_repair": [], "motion": []}
+    assert whole["protection"] == {**vars(Protection(0.0, retransmit_share=4.0)), "tier_repair": [], "motion": []}
     assert whole["lost"] == [0.0, 0.0]
-    assert 0 < part["protection"]["resend_until"] < 1
+    assert 0 < part["protection"]["retransmit_until"] < 1
     assert part["lost"][0] < part["lost"][1]
     assert part["sent_bytes"] <= part["budget_bytes"]
     outcome = run("plan", datagrams, *words, "--most-protection", 0.001)

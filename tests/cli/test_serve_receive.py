@@ -39,7 +39,7 @@ from splatwire.types import SplatScene
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 from splatwire.transport import Protection
 from splatwire.transport.http.server import PageLimits
-from splatwire.transport.protocol.wire import DATA, decode, kind_of
+from splatwire.transport.protocol.wire import DATA, decode, message_kind
 
 pytestmark = pytest.mark.slow
 
@@ -292,7 +292,7 @@ def test_serve_accepts_parity_per_tier():
 
     assert parse_tiers(["tier2=0.5", "tier0=1"]) == (1.0, 0.0, 0.5)
     assert protection(Serve(("x.swz",), protect=("tier0=0.4",))) == (Protection(tier_repair=(0.4,)), None)
-    assert protection(Serve(("x.swz",), side_repair=0.1)) == (Protection(side_repair=0.1), None)
+    assert protection(Serve(("x.swz",), init_repair=0.1)) == (Protection(init_repair=0.1), None)
 
 
 def test_receive_with_a_camera_gets_only_visible_tiles(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -376,7 +376,7 @@ def relay_losing_one(server_port: int) -> Iterator[int]:
 
         def down() -> None:
             data = back.recv(2048)
-            if kind_of(data) == DATA:
+            if message_kind(data) == DATA:
                 place = decode(data).packet_index
                 lost[:] = lost or [place]
                 if place == lost[0]:

@@ -13,7 +13,7 @@ import pytest
 from splatwire.errors import EXTRAS
 from splatwire.sequence.live_encoder import PERIOD_GROUPS
 from splatwire.sequence.options import GROUP_FRAMES
-from splatwire.transport.protocol.datagrams import MAX_NACKS
+from splatwire.transport.protocol.messages import MAX_NACKS
 from splatwire.transport.protocol.nack import MAX_NACK_ATTEMPTS, NACK_INTERVAL_S
 from splatwire.transport.protocol.receiver import REORDER_THRESHOLD
 

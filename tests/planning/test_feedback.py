@@ -22,7 +22,7 @@ def offer() -> StreamVariant:
 
 
 def _bare(offer: StreamVariant) -> dict[str, int]:
-    return model_transfer(offer.load, Protection(side_repair=0.0)).bytes_by_kind()
+    return model_transfer(offer.load, Protection(init_repair=0.0)).bytes_by_kind()
 
 
 def test_first_packets_are_retransmitted_within_the_limit(offer: StreamVariant) -> None:
@@ -30,12 +30,12 @@ def test_first_packets_are_retransmitted_within_the_limit(offer: StreamVariant) 
         plan_retransmission([offer], Bernoulli(0.2), budget_bytes=1e7, max_protection=limit)
         for limit in (0.06, 0.1, 0.5)
     ]
-    untils = [plan.protection.resend_until for plan in plans]
+    untils = [plan.protection.retransmit_until for plan in plans]
     assert 0 < untils[0] < untils[1] < untils[2] == 1.0
     assert plans[0].psnr < plans[1].psnr < plans[2].psnr == pytest.approx(30.0)
     for plan, limit in zip(plans[:2], (0.06, 0.1), strict=True):
         assert limit - 0.004 < plan.protection_share <= limit
-        first = round(plan.protection.resend_until * 300)
+        first = round(plan.protection.retransmit_until * 300)
         again = OVERHEAD * 0.25 * offer.load.packet_bytes[:first].sum()  # four of five sent bytes arrive
         assert plan.sizes["packet_protection"] == pytest.approx(again, rel=0.02)
         assert plan.head_arrives == 1.0
@@ -52,7 +52,7 @@ def test_budget_limits_retransmission(offer: StreamVariant) -> None:
 def test_lossless_channel_needs_no_retransmission(offer: StreamVariant) -> None:
     plan = plan_retransmission([offer], NoLoss(), budget_bytes=1e7, max_protection=0.01)
     assert plan.protection_share == 0.0
-    assert plan.protection.resend_until == 1.0
+    assert plan.protection.retransmit_until == 1.0
     assert plan.protection.limits_retransmission  # new repair symbols replace the remaining losses
 
 
@@ -63,7 +63,7 @@ def test_better_stream_is_chosen_including_concealment_bytes(offer: StreamVarian
     limited = plan_retransmission([offer, sketched], Bernoulli(0.2), budget_bytes=1e7, max_protection=0.08)
     assert limited.variant == 1
     alone = plan_retransmission([offer], Bernoulli(0.2), budget_bytes=1e7, max_protection=0.08)
-    assert limited.protection.resend_until < alone.protection.resend_until
+    assert limited.protection.retransmit_until < alone.protection.retransmit_until
 
 
 def test_invalid_arguments_are_refused(offer: StreamVariant) -> None:

@@ -10,7 +10,7 @@ from splatwire.planning.distortion import BLANK_MSE, BLANK_PSNR, DistortionModel
 from splatwire.planning.planner import draw_transfer_losses, plan_protection
 from splatwire.planning.transfer_model import StreamLoad, TransferModel, draw_losses, model_transfer, simulate
 from splatwire.transport.protocol.protection import Protection
-from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
+from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY
 
 pytestmark = pytest.mark.slow
 
@@ -32,22 +32,22 @@ def damage() -> DistortionModel:
 
 
 def _budget(load: StreamLoad, factor: float) -> float:
-    return factor * float(model_transfer(load, Protection(side_repair=0.0)).num_bytes.sum())
+    return factor * float(model_transfer(load, Protection(init_repair=0.0)).num_bytes.sum())
 
 
 def test_lossless_transfer_delivers_everything(load: StreamLoad) -> None:
-    model = model_transfer(load, Protection(side_repair=0.0))
+    model = model_transfer(load, Protection(init_repair=0.0))
     arrival = simulate(model, draw_losses(NoLoss(), 3, len(model.kind), 0))
     assert arrival.side_info.all()
     assert arrival.packets.all()
 
 
 def test_transfer_model_contains_each_datagram_once(load: StreamLoad) -> None:
-    model = model_transfer(load, Protection(side_repair=0.5, tier_repair=(0.5, 0.25)))
+    model = model_transfer(load, Protection(init_repair=0.5, tier_repair=(0.5, 0.25)))
     assert sorted(model.symbol[model.kind == DATA]) == list(range(150))
     assert (model.kind == PARITY).sum() == 8 + 9
-    source = sum(model.segment_sizes)
-    assert (model.kind == SIDE).sum() == source + round(0.5 * source)
+    source = sum(model.source_block_sizes)
+    assert (model.kind == INIT_SYMBOL).sum() == source + round(0.5 * source)
     assert sum(model.bytes_by_kind().values()) == model.num_bytes.sum()
 
 
@@ -58,7 +58,7 @@ def _arrivals_by_hand(model: TransferModel, received: np.ndarray) -> tuple[bool,
     for kind, group, symbol, ok in zip(model.kind, model.group, model.symbol, received, strict=True):
         if not ok:
             continue
-        if kind == SIDE:
+        if kind == INIT_SYMBOL:
             head.setdefault(int(group), set()).add(int(symbol))
         elif kind == DATA:
             packets.add(int(symbol))
@@ -71,8 +71,8 @@ def _arrivals_by_hand(model: TransferModel, received: np.ndarray) -> tuple[bool,
         if len(members & packets) + parity[number] > group.size:
             recovered |= members
     complete = all(
-        set(range(size)) <= head.get(segment, set()) or len(head.get(segment, set())) > size
-        for segment, size in enumerate(model.segment_sizes)
+        set(range(size)) <= head.get(source_block, set()) or len(head.get(source_block, set())) > size
+        for source_block, size in enumerate(model.source_block_sizes)
     )
     return complete, [place in recovered for place in range(model.num_packets)]
 
@@ -80,7 +80,7 @@ def _arrivals_by_hand(model: TransferModel, received: np.ndarray) -> tuple[bool,
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.2])
 @pytest.mark.parametrize("loss", ["bernoulli:0.25", "gilbert:0.2,8"])
 def test_simulation_equals_explicit_counting(load: StreamLoad, loss: str, share: float) -> None:
-    model = model_transfer(load, Protection(side_repair=0.36, tier_repair=(0.45, 0.3), head_share=share))
+    model = model_transfer(load, Protection(init_repair=0.36, tier_repair=(0.45, 0.3), bundled_share=share))
     received = draw_losses(parse_loss(loss), 40, len(model.kind), 1)
     arrival = simulate(model, received)
     outcomes = [_arrivals_by_hand(model, row) for row in received]
@@ -109,7 +109,7 @@ def test_larger_budget_is_never_worse_and_protects_important_tiers_first(
     assert plans[1].psnr <= plans[2].psnr + 0.05
     assert plans[2].lost == (0.0, 0.0, 0.0)
     for plan in plans:
-        inside = round(plan.protection.head_share * 150)
+        inside = round(plan.protection.bundled_share * 150)
         assert inside in (0, 15, 50)  # whole tiers
         repair = plan.protection.tier_repair[(0, 15, 50).index(inside) :]
         assert list(repair) == sorted(repair, reverse=True)
@@ -265,7 +265,7 @@ def test_baseline_is_chosen_without_a_clear_gain_of_another_plan(load: StreamLoa
 
 def test_tiers_are_interleaved_over_the_transfer(load: StreamLoad) -> None:
     plain, half, mixed = (
-        model_transfer(load, Protection(side_lead=0.4, tier_repair=(0.4,), tier_spread=spread))
+        model_transfer(load, Protection(init_until=0.4, tier_repair=(0.4,), tier_spread=spread))
         for spread in (0.0, 0.5, 1.0)
     )
 

@@ -26,11 +26,11 @@ from splatwire.sequence.importance import stream_importance
 from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import Receiver, ServerLimits
-from splatwire.transport.protocol.datagrams import ParityRange, Welcome
 from splatwire.transport.protocol.layout import parity_groups
 from splatwire.transport.protocol.live_session import PROTECTION, LiveSession
+from splatwire.transport.protocol.messages import ParityRange, Welcome
 from splatwire.transport.protocol.sender import Server
-from splatwire.transport.protocol.wire import DATA, PARITY, decode, encode, kind_of
+from splatwire.transport.protocol.wire import DATA, PARITY, decode, encode, message_kind
 
 pytestmark = pytest.mark.slow
 
@@ -299,8 +299,8 @@ def test_packets_ahead_of_their_welcome_are_kept(frames):
             if receiver.welcome is None:
                 deliver(left)
                 left = []
-        deliver([data for data in left if kind_of(data) == DATA])
-        deliver([data for data in left if kind_of(data) != DATA])
+        deliver([data for data in left if message_kind(data) == DATA])
+        deliver([data for data in left if message_kind(data) != DATA])
         left = []
         stream = receiver.stream()
         assert stream is not None

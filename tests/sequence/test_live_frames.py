@@ -70,8 +70,8 @@ def test_memory_is_bounded_for_every_kind_of_event(monkeypatch: pytest.MonkeyPat
         for event in (of_stream(number), PACKET, PACKET, of_stream(number), StreamReplaced(STREAM)):
             queue.put(event)
             most = max(most, queue.num_bytes)
-    head_bytes = len(HEAD.side_info) + (1 + len(HEAD.manifest.tiers)) * OBJECT_BYTES
-    assert 10 * SIZE <= most < 11 * SIZE + 2 * head_bytes
+    init_segment_bytes = len(HEAD.side_info) + (1 + len(HEAD.manifest.tiers)) * OBJECT_BYTES
+    assert 10 * SIZE <= most < 11 * SIZE + 2 * init_segment_bytes
 
 
 def test_only_the_newest_of_adjacent_manifests_waits() -> None:

@@ -17,8 +17,8 @@ from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.sequence.importance import packet_importance, stream_importance
 from splatwire.transport import Protection, make_served_stream
 from splatwire.transport.protocol.collect import PacketCollector
-from splatwire.transport.protocol.datagrams import Data, Parity, Welcome
-from splatwire.transport.protocol.wire import DATA, SIDE
+from splatwire.transport.protocol.messages import Data, Parity, Welcome
+from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL
 
 pytestmark = pytest.mark.slow
 
@@ -76,7 +76,7 @@ def test_importance_grows_with_visible_motion(stream, worth):
 def test_simulated_arrivals_equal_received_packets(stream, load, worth, loss):
     protection = Protection(motion=((0.5, 0.6), (1.0, 0.3), (1.0, 0.0)))
     program = make_served_stream(stream, protection, importance=worth)
-    items = [item for item in program.schedule if item[0] != SIDE]
+    items = [item for item in program.schedule if item[0] != INIT_SYMBOL]
     assert items == schedule_of(model_motion_transfer(load, protection))
     for seed in range(6):
         fates = loss.received(len(items), np.random.Generator(np.random.PCG64(seed)))

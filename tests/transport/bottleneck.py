@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from splatwire.transport.protocol.datagrams import Feedback, ParityRange
 from splatwire.transport.protocol.live_session import LiveState
+from splatwire.transport.protocol.messages import Feedback, ParityRange
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.receiver import FEEDBACK_INTERVAL_S
 from splatwire.transport.protocol.served_stream import ServedStream, make_served_stream
 from splatwire.transport.protocol.server_limits import ServerLimits
 from splatwire.transport.protocol.transfer import ServerTransfer
-from splatwire.transport.protocol.wire import DATA, SIDE, decode, kind_of
+from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, decode, message_kind
 from transport.network import datagram_stream
 
 IP_UDP_BYTES = 28
@@ -112,17 +112,17 @@ class _Endless(tuple[tuple[int, int, int], ...]):
         return 1 << 60
 
     def __getitem__(self, place):
-        return (DATA, 0, 0) if place else (SIDE, 0, 0)
+        return (DATA, 0, 0) if place else (INIT_SYMBOL, 0, 0)
 
 
 def endless(packet_bytes: int = 1100) -> ServedStream:
     """Prepared stream that never ends."""
-    short = make_served_stream(datagram_stream(num_anchors=40, side_bytes=600), Protection(side_repair=0.0))
+    short = make_served_stream(datagram_stream(num_anchors=40, side_bytes=600), Protection(init_repair=0.0))
     return dataclasses.replace(
         short,
         packets=(bytes(packet_bytes),),
-        schedule=_Endless([(SIDE, 0, 0)]),
-        resend=0.0,
+        schedule=_Endless([(INIT_SYMBOL, 0, 0)]),
+        retransmit_share=0.0,
         parity=(),
         parity_ranges=(),
     )
@@ -168,13 +168,13 @@ class Splatwire:
     def _report(self) -> None:
         now = self.network.now
         received = min(self._received, self._largest + 1)
-        frame = Feedback(1, max(self._largest, 0), received, int(self._largest_at * 1e6) & 0xFFFFFFFF, 0, ())
+        message = Feedback(1, max(self._largest, 0), received, int(self._largest_at * 1e6) & 0xFFFFFFFF, 0, ())
         if not self.deaf[0] <= now < self.deaf[1]:
-            self.network.back(lambda: self._on_feedback(frame))
+            self.network.back(lambda: self._on_feedback(message))
         self.network.at(now + FEEDBACK_INTERVAL_S, self._report)
 
-    def _on_feedback(self, frame: Feedback) -> None:
-        self.transfer.feedback(frame, self.network.now)
+    def _on_feedback(self, message: Feedback) -> None:
+        self.transfer.feedback(message, self.network.now)
         self.rates.append((self.network.now, self.transfer.control.rate))
         self._plan()
 
@@ -228,12 +228,12 @@ class LiveSplatwire(Splatwire):
         self.firsts.append(first)
         self.network.at(self.network.now + GROUP_S, self._renew)
         fields = {f.name: getattr(_PROGRAM, f.name) for f in dataclasses.fields(ServedStream)}
-        schedule = ((SIDE, 0, 0), *((DATA, 0, index) for index in indices))
+        schedule = ((INIT_SYMBOL, 0, 0), *((DATA, 0, index) for index in indices))
         changes = {
             "packets": packets,
             "schedule": schedule,
             "parity_ranges": (ParityRange(0, 0, 0),),
-            "resend": None,
+            "retransmit_share": None,
             "is_live": True,
         }
         return LiveState(**{**fields, **changes}, persistent=persistent, newest=first)
@@ -243,7 +243,7 @@ class LiveSplatwire(Splatwire):
         self._plan()
 
     def _left(self, data: bytes) -> None:
-        if kind_of(data) == DATA:
+        if message_kind(data) == DATA:
             self.left.add(decode(data).packet_index)
 
 

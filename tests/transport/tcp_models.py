@@ -7,7 +7,7 @@ from transport.bottleneck import Network, count
 
 SEGMENT, HEADERS = 1448, 52
 INITIAL_WINDOW = 10.0
-"""Segments (RFC 6928)."""
+"""SourceBlocks (RFC 6928)."""
 REORDERING = 3
 """A segment is lost once one sent this many later is acknowledged (RFC 6675), or when it is late (RFC 8985)."""
 MIN_TIMEOUT_S = 0.2
@@ -200,7 +200,7 @@ class Bbr(Tcp):
 
     @property
     def _rate(self) -> float:
-        """Segments per second."""
+        """SourceBlocks per second."""
         return max((rate for _, rate in self._rates), default=INITIAL_WINDOW / (self.round_trip or 0.001))
 
     @property

@@ -23,7 +23,7 @@ from splatwire.transport.access import Access
 from splatwire.transport.http.content import Link, PageContent
 from splatwire.transport.http.downloads import DownloadedFile
 from splatwire.transport.http.tokens import make_token, read_key, token_problem
-from splatwire.transport.protocol.datagrams import NEEDS_TOKEN, REFUSALS, Request, Welcome
+from splatwire.transport.protocol.messages import NEEDS_TOKEN, REFUSALS, Request, Welcome
 from splatwire.transport.protocol.wire import decode, encode
 
 KEY = b"0123456789abcdef0123456789abcdef"

@@ -18,7 +18,7 @@ from splatwire.transport.protocol.admission import (
     largest_holder,
     network_of,
 )
-from splatwire.transport.protocol.datagrams import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
+from splatwire.transport.protocol.messages import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
 from splatwire.transport.protocol.sender import MAX_STARTS_FACTOR, TOO_MANY, UNKNOWN_STREAM
 from splatwire.transport.protocol.transfer import MAX_WELCOMES, WELCOME_INTERVAL_S
 from splatwire.transport.protocol.wire import decode, encode
@@ -35,9 +35,9 @@ def server(limits: ServerLimits = LIMITS) -> Server:
 
 
 def token(of: Server, address: Address, nonce: int, now: float, name: str = "") -> bytes:
-    frame = decode(of.receive(address, encode(Hello(nonce, name)), now))
-    assert isinstance(frame, Challenge)
-    return frame.token
+    message = decode(of.receive(address, encode(Hello(nonce, name)), now))
+    assert isinstance(message, Challenge)
+    return message.token
 
 
 def begin(of: Server, address: Address, nonce: int, now: float) -> Welcome | Refuse:
@@ -160,7 +160,7 @@ def test_transfer_starts_per_network_are_rate_limited():
 
 @pytest.mark.parametrize("reliable", [False, True])
 def test_refusals_per_network_are_rate_limited(reliable, caplog):
-    """A client repeats requests for a stream that does not exist, which over QUIC cost one frame each."""
+    """A client repeats requests for a stream that does not exist, which over QUIC cost one message each."""
     serving, here = server(), ("192.0.2.1", 1)
     caplog.set_level(logging.INFO, "splatwire")
 
@@ -250,9 +250,9 @@ def test_three_clients_with_many_requests_leave_slots_for_others(seed: int):
         answer = serving.receive(here, data, now)
         if answer is not None:
             answered[here[0]] += len(answer)
-            frame = decode(answer)
-            if isinstance(frame, Welcome) and (here, frame.session) not in sessions:
-                sessions.append((here, frame.session))
+            message = decode(answer)
+            if isinstance(message, Welcome) and (here, message.session) not in sessions:
+                sessions.append((here, message.session))
                 begun[here[0]] += 1
         for address, datagram in serving.poll(now):
             sent[address[0]] += len(datagram)

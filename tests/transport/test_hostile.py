@@ -7,18 +7,18 @@ import pytest
 
 from splatwire.bitstream import PacketId, make_packet
 from splatwire.transport import Event, PacketArrived, Receiver, Server, ServerLimits, make_served_stream
-from splatwire.transport.protocol.datagrams import (
+from splatwire.transport.protocol.messages import (
     Bye,
     Challenge,
     Data,
     End,
     Feedback,
     Hello,
+    InitSymbol,
     Parity,
     ParityRange,
     Refuse,
     Request,
-    Side,
     Welcome,
 )
 from splatwire.transport.protocol.wire import VERSION, decode, encode
@@ -84,14 +84,14 @@ def hostile(rng: random.Random, seen: list[bytes], session: int, stream_id: int)
         case 5:  # well-formed, of other transfers
             other = rng.getrandbits(32)
             return encode(
-                rng.choice([Bye(other), End(other, 1), Side(other, 1, 0, 0, bytes(256)), Data(other, 1, 0, b"x")])
+                rng.choice([Bye(other), End(other, 1), InitSymbol(other, 1, 0, 0, bytes(256)), Data(other, 1, 0, b"x")])
             )
         case 6:  # well-formed, impossible numbers
             mine = rng.choice([session, number()])
             return encode(
                 rng.choice(
                     [
-                        Side(mine, number(), number() & 0xFFFF, number(), rng.randbytes(rng.randrange(1, 1150))),
+                        InitSymbol(mine, number(), number() & 0xFFFF, number(), rng.randbytes(rng.randrange(1, 1150))),
                         Parity(mine, number(), number() & 0xFFFF, number(), rng.randbytes(rng.randrange(1, 1153))),
                         Feedback(mine, number(), number(), number(), number(), tuple(number() for _ in range(250))),
                         Welcome(number(), mine, number(), number(), bytes(32), 65535, number(), 65535,
@@ -228,7 +228,7 @@ def test_poisoned_side_information_is_discarded_and_requested_again():
     receiver = Receiver(rng.getrandbits(64), 0.0)
     handshake(server, receiver)
     session, size = receiver.welcome.session, PROGRAM.symbol_bytes
-    receiver.receive(encode(Side(session, 1, 0, 3, bytes(size))), 0.0)
+    receiver.receive(encode(InitSymbol(session, 1, 0, 3, bytes(size))), 0.0)
     finish(server, receiver)
     assert receiver.finished.reason == "complete"
     assert receiver.stream() == STREAM

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.protocol.datagrams import NOT_YET, Refuse, Request
+from splatwire.transport.protocol.messages import NOT_YET, Refuse, Request
 from splatwire.transport.protocol.wire import decode, encode
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
@@ -15,7 +15,7 @@ from aioquic.asyncio.protocol import QuicConnectionProtocol
 from aioquic.asyncio.server import serve
 from aioquic.quic import events
 
-from splatwire.transport.quic.common import ALPN, STREAM, FrameReader, configuration, stream_frame
+from splatwire.transport.quic.common import ALPN, STREAM, MessageReader, configuration, length_prefixed
 from transport.test_quic import IDENTITY, fetch, run
 
 pytestmark = pytest.mark.slow
@@ -29,10 +29,10 @@ async def reason(malice: Malice) -> str:
     class Hostile(QuicConnectionProtocol):
         def quic_event_received(self, event: events.QuicEvent) -> None:
             if isinstance(event, events.StreamDataReceived) and event.data:
-                (frame,) = FrameReader().feed(event.data)
-                request = decode(frame)
+                (message,) = MessageReader().feed(event.data)
+                request = decode(message)
                 assert isinstance(request, Request)
-                malice(self._quic, stream_frame(encode(Refuse(request.nonce, NOT_YET))))
+                malice(self._quic, length_prefixed(encode(Refuse(request.nonce, NOT_YET))))
                 self.transmit()
 
     settings = configuration(is_client=False, alpn=[ALPN], idle_s=10.0)

@@ -16,8 +16,8 @@ from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.proxies import client_address, parse_networks
 from splatwire.transport.http.server import PageLimits, PageServer
 from splatwire.transport.protocol.admission import network_of, network_text
-from splatwire.transport.protocol.datagrams import Bye, Hello, Welcome
-from splatwire.transport.protocol.datagrams import Request as Asked
+from splatwire.transport.protocol.messages import Bye, Hello, Welcome
+from splatwire.transport.protocol.messages import Request as Asked
 from splatwire.transport.protocol.sender import Server
 from splatwire.transport.protocol.wire import decode, encode
 from transport.network import SECRET, datagram_stream

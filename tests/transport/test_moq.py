@@ -142,7 +142,7 @@ def truth(stream: SceneStream) -> dict[str, list[bytes]]:
 
 
 def test_hostile_relay_answers_are_validated():
-    limits = ReceiverLimits(head_bytes=1 << 16, stream_bytes=1 << 18)
+    limits = ReceiverLimits(init_segment_bytes=1 << 16, stream_bytes=1 << 18)
     tracks, rng = truth(LEVELS), random.Random(4)
     honest = RelayReceiver(ReceiverOptions(limits=limits), None)
     assert asyncio.run(honest.receive(HostileRelay(tracks))) == "complete"

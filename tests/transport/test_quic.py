@@ -33,7 +33,7 @@ from transport.network import FailingCallbackError, at_most, bernoulli, bursts, 
 from transport.relay import Relay
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
-from splatwire.transport.protocol.wire import DATA, decode, kind_of
+from splatwire.transport.protocol.wire import DATA, decode, message_kind
 from splatwire.transport.quic import client
 from splatwire.transport.quic.certificate import from_pem, self_signed
 from splatwire.transport.quic.client import Trust, receive_quic
@@ -49,7 +49,7 @@ OTHER = datagram_stream(num_anchors=500, seed=9, side_bytes=3000)
 PREVIEW = bytes(range(256)) * 4
 PROGRAMS = {
     "scene": make_served_stream(STREAM, preview=PREVIEW),
-    "other": make_served_stream(OTHER, Protection(head_share=0.4)),
+    "other": make_served_stream(OTHER, Protection(bundled_share=0.4)),
 }
 IDENTITY = self_signed()
 PINNED = Trust(fingerprint=IDENTITY.fingerprint)
@@ -128,7 +128,7 @@ def test_server_error_ends_one_session_only(caplog):
     send = Session.send
 
     def broken(self: Session, data: bytes) -> None:
-        if kind_of(data) == DATA and decode(data).packet in PROGRAMS["other"].packets:
+        if message_kind(data) == DATA and decode(data).packet in PROGRAMS["other"].packets:
             raise RuntimeError("broken")
         send(self, data)
 
@@ -145,7 +145,7 @@ def test_stream_is_sent_with_side_information_first_and_few_duplicates():
             receiver = await fetch(server.port, on_event=events.append)
             assert receiver.finished.reason == "complete"
             assert receiver.stream() == STREAM
-            plain = sum(PROGRAMS["scene"].sizes().values()) - PROGRAMS["scene"].sizes()["side_protection"]
+            plain = sum(PROGRAMS["scene"].sizes().values()) - PROGRAMS["scene"].sizes()["init_protection"]
             assert receiver.num_bytes < 1.03 * plain
             assert server.core.num_served == 1
         kinds = [type(event) for event in events]

@@ -16,7 +16,7 @@ from transport.network import SECRET
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from splatwire.transport.quic import client as quic_client
 from splatwire.transport.quic.client import receive_quic
-from splatwire.transport.quic.common import QuicLimits, stream_frame
+from splatwire.transport.quic.common import QuicLimits, length_prefixed
 from transport.test_hostile import PROGRAM, handshake, hostile
 from transport.test_quic import PINNED, STREAM, run, serving
 from transport.test_quic_hostile import ALPN, close_client, connected, still_serves, until
@@ -166,17 +166,17 @@ def test_hostile_frames_do_not_change_a_session(alpn):
 
     async def work() -> None:
         async with serving() as server:
-            heard, take = [], server.on_frame
-            server.on_frame = lambda session, data: (heard.append(len(data)), take(session, data))
+            heard, take = [], server.on_message
+            server.on_message = lambda session, data: (heard.append(len(data)), take(session, data))
             client = await connected(server.port, alpn)
             session = client.connect_to() if alpn == "h3" else 0
             stream = client.http.create_webtransport_stream(session) if alpn == "h3" else 0
             said = client.http.send_datagram if alpn == "h3" else lambda _, data: client.quic.send_datagram_frame(data)
-            client.quic.send_stream_data(stream, stream_frame(b"\0"))
+            client.quic.send_stream_data(stream, length_prefixed(b"\0"))
             for _ in range(FRAMES // 20):
                 for _ in range(10):
                     said(session, frame())
-                    client.quic.send_stream_data(stream, stream_frame(frame()))
+                    client.quic.send_stream_data(stream, length_prefixed(frame()))
                 client.transmit()
                 for _ in range(25):  # the loop reads one datagram at a time; more would be lost
                     await asyncio.sleep(0)

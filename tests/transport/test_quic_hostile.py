@@ -10,8 +10,16 @@ from typing import Any
 import pytest
 
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.protocol.datagrams import Feedback, ParityRange, Request, Welcome
-from splatwire.transport.protocol.wire import DATA, SIDE, WELCOME, encode, encode_data, encode_symbol, kind_of
+from splatwire.transport.protocol.messages import Feedback, ParityRange, Request, Welcome
+from splatwire.transport.protocol.wire import (
+    DATA,
+    INIT_SYMBOL,
+    WELCOME,
+    encode,
+    encode_data,
+    encode_symbol,
+    message_kind,
+)
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.asyncio.protocol import QuicConnectionProtocol
@@ -26,13 +34,13 @@ from splatwire.transport.quic.common import (
     ALPN,
     WEBTRANSPORT_PATH,
     WINDOW_BYTES,
-    FrameReader,
+    MessageReader,
     QuicLimits,
     configuration,
-    stream_frame,
+    length_prefixed,
 )
 from splatwire.transport.quic.server import RETRY_HANDSHAKES
-from splatwire.transport.quic.sessions import MAX_PENDING, MAX_PENDING_FRAMES
+from splatwire.transport.quic.sessions import MAX_PENDING, MAX_PENDING_MESSAGES
 from transport.test_quic import OTHER, fetch, run, serving
 
 pytestmark = pytest.mark.slow
@@ -50,7 +58,7 @@ class Client(QuicConnectionProtocol):
         self.got = 0
         self.frames: list[bytes] = []
         self.stream: int | None = None
-        self._reader = FrameReader()
+        self._reader = MessageReader()
 
     def quic_event_received(self, event: events.QuicEvent) -> None:
         if isinstance(event, events.ConnectionTerminated):
@@ -111,7 +119,7 @@ async def close_client(*clients: Client) -> None:
     [
         lambda quic: quic.send_stream_data(0, b"\0\0rest"),
         lambda quic: quic.send_stream_data(0, b"\xff\xff" + bytes(2000)),
-        lambda quic: quic.send_stream_data(4, stream_frame(encode(Request(1, bytes(16), "")))),
+        lambda quic: quic.send_stream_data(4, length_prefixed(encode(Request(1, bytes(16), "")))),
         lambda quic: quic.send_stream_data(2, b"a stream of one direction"),
         lambda quic: (quic.send_stream_data(0, b"\5"), quic.reset_stream(0, 7)),
     ],
@@ -144,7 +152,7 @@ def test_thousands_of_invalid_frames_are_ignored():
             for _ in range(100):
                 for _ in range(20):
                     client.quic.send_datagram_frame(rng.choice(frames)()[:1180])
-                    client.quic.send_stream_data(0, stream_frame(rng.choice(frames)()[:1180]))
+                    client.quic.send_stream_data(0, length_prefixed(rng.choice(frames)()[:1180]))
                 client.transmit()
                 await asyncio.sleep(0)
             await until(lambda: server.core.num_rejected > 2000)
@@ -229,10 +237,10 @@ def test_datagram_request_before_the_stream_is_answered_on_the_stream():
             client.transmit()
             await until(lambda: server.core.num_served)
             client.stream = client.http.create_webtransport_stream(session)
-            client.quic.send_stream_data(client.stream, stream_frame(request()))
+            client.quic.send_stream_data(client.stream, length_prefixed(request()))
             client.transmit()
             await until(lambda: client.frames)
-            assert kind_of(client.frames[0]) == WELCOME
+            assert message_kind(client.frames[0]) == WELCOME
             assert server.core.num_served == 1
             assert server.num_malformed == 0
             await close_client(client)
@@ -247,7 +255,7 @@ def test_session_without_a_stream_buffers_little():
             client.connect_to()
             await until(lambda: client.statuses == [200])
             (connection,) = server.connections
-            for _ in range(MAX_PENDING_FRAMES):
+            for _ in range(MAX_PENDING_MESSAGES):
                 connection._sessions._session.send(request())
             assert server.num_malformed == 0
             connection._sessions._session.send(request())
@@ -264,7 +272,7 @@ def test_a_client_that_acknowledges_nothing_fills_no_memory():
     async def work() -> None:
         async with serving() as server:
             client = await connected(server.port, ALPN)
-            client.quic.send_stream_data(0, stream_frame(b"\0"))
+            client.quic.send_stream_data(0, length_prefixed(b"\0"))
             client.transmit()
             await until(lambda: server.connections and next(iter(server.connections))._sessions.has_request)
             (connection,) = server.connections
@@ -275,7 +283,7 @@ def test_a_client_that_acknowledges_nothing_fills_no_memory():
             head = encode(
                 Welcome(1, 1, 1, WINDOW_BYTES, bytes(32), 1000, 1, 1000, 0, (ParityRange(1, 0, 0),), b"", True, False)
             )
-            symbol = encode_symbol(SIDE, 1, 0, 0, 0, bytes(1000))
+            symbol = encode_symbol(INIT_SYMBOL, 1, 0, 0, 0, bytes(1000))
             session.send(head)
             for _ in range(2 * WINDOW_BYTES // len(symbol)):  # one head may wait, and a second one
                 session.send(symbol)
@@ -347,7 +355,7 @@ def test_broken_http_ends_the_connection():
 def test_frames_are_reassembled_from_any_chunks():
     rng = random.Random(3)
     frames = [rng.randbytes(rng.randrange(1, 1200)) for _ in range(50)]
-    data, reader, found = b"".join(map(stream_frame, frames)), FrameReader(), []
+    data, reader, found = b"".join(map(length_prefixed, frames)), MessageReader(), []
     while data:
         cut = rng.randrange(1, 900)
         found += reader.feed(data[:cut])

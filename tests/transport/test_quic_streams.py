@@ -11,7 +11,7 @@ pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.buffer import encode_uint_var
 from aioquic.quic.connection import stream_is_unidirectional
 
-from splatwire.transport.quic.common import ALPN, OUTSIDE_BYTES, STREAMS, UNREAD_BYTES, stream_frame
+from splatwire.transport.quic.common import ALPN, OUTSIDE_BYTES, STREAMS, UNREAD_BYTES, length_prefixed
 from transport.test_quic import run, serving
 from transport.test_quic_hostile import Client, close_client, connected, request, still_serves, until
 
@@ -145,7 +145,7 @@ def abort_streams(client: Client, kind: str, session: int) -> None:
             http.send_datagram(session, request())
         case "the session's stream stopped" | "the session's stream stopped, then a datagram":
             stream = http.create_webtransport_stream(session)
-            quic.send_stream_data(stream, stream_frame(request()))
+            quic.send_stream_data(stream, length_prefixed(request()))
             quic.stop_stream(stream, 1)
             if kind.endswith("datagram"):
                 http.send_datagram(session, request(2))
@@ -156,7 +156,7 @@ def abort_streams(client: Client, kind: str, session: int) -> None:
             client.connect_to("/elsewhere")
             client.transmit = transmit
         case "everything reset":
-            quic.send_stream_data(http.create_webtransport_stream(session), stream_frame(request()))
+            quic.send_stream_data(http.create_webtransport_stream(session), length_prefixed(request()))
             for stream in [*quic._streams]:
                 if stream % 2 == 0:
                     quic.reset_stream(stream, 1)

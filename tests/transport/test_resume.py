@@ -10,9 +10,9 @@ import pytest
 from splatwire.bitstream import PacketId, make_packet
 from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, StreamReplaced, make_served_stream
 from splatwire.transport.protocol import nack
-from splatwire.transport.protocol.datagrams import Data, End, Feedback, ParityRange, Welcome
 from splatwire.transport.protocol.events import Finished, Interrupted, Resumed
 from splatwire.transport.protocol.gap_tracker import MAX_GAPS, GapTracker
+from splatwire.transport.protocol.messages import Data, End, Feedback, ParityRange, Welcome
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.wire import decode, encode
 from transport.network import SECRET, datagram_stream
@@ -148,7 +148,7 @@ def test_transfer_resumes_with_a_restarted_server_of_the_same_stream(pause):
     ("program", "stream"),
     [
         (make_served_stream(OTHER), OTHER),
-        (make_served_stream(STREAM, Protection(side_repair=1.0, tier_repair=(0.5,))), STREAM),
+        (make_served_stream(STREAM, Protection(init_repair=1.0, tier_repair=(0.5,))), STREAM),
     ],
     ids=["another stream", "another protection"],
 )
@@ -261,8 +261,8 @@ def test_packets_of_a_live_stream_are_requested_a_limited_number_of_times(is_liv
     receiver.receive(encode(Data(1, 0, 59, packet.data)), now)
     while now < 4.0:
         now += 0.05
-        frames = (decode(data) for data in receiver.poll(now)[0])
-        requests += sum(isinstance(frame, Feedback) and 0 in frame.nacks for frame in frames)
+        messages = (decode(data) for data in receiver.poll(now)[0])
+        requests += sum(isinstance(message, Feedback) and 0 in message.nacks for message in messages)
     assert requests == nack.MAX_NACK_ATTEMPTS if is_live else requests > 20
 
 

@@ -14,7 +14,7 @@ from splatwire.transport import Server, ServerLimits, make_served_stream
 from splatwire.transport.congestion.pacing import Pacer
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageLimits, PageServer
-from splatwire.transport.protocol.datagrams import Request
+from splatwire.transport.protocol.messages import Request
 from splatwire.transport.protocol.wire import encode
 from transport.network import SECRET, datagram_stream
 

@@ -22,21 +22,21 @@ from splatwire.transport import (
     Welcomed,
     make_served_stream,
 )
-from splatwire.transport.protocol.datagrams import (
+from splatwire.transport.protocol.layout import init_segment, split_init_segment
+from splatwire.transport.protocol.messages import (
     MAX_PREVIEW,
     Data,
     Feedback,
     Have,
     Hello,
+    InitSymbol,
     Refuse,
     Request,
-    Side,
     Welcome,
 )
-from splatwire.transport.protocol.layout import init_segment, split_init_segment
 from splatwire.transport.protocol.preview import SECTION, stream_preview
 from splatwire.transport.protocol.transfer import ServerTransfer
-from splatwire.transport.protocol.wire import DATA, PARITY, SIDE, decode, encode
+from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY, decode, encode
 from transport.network import SECRET, Link, bernoulli, bursts, datagram_stream, tiered_stream, transfer
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -83,7 +83,7 @@ def test_transfer_without_nack_sends_everything_once():
 
 
 def test_parity_restores_the_first_tier():
-    stream, protection = tiered_stream(), Protection(side_lead=0.1, tier_repair=(0.9,))
+    stream, protection = tiered_stream(), Protection(init_until=0.1, tier_repair=(0.9,))
     result = transfer(
         stream, protection=protection, down=Link(bernoulli(0.2, random.Random(6))), options=ReceiverOptions(nack=False)
     )
@@ -109,7 +109,7 @@ def test_deadline_ends_the_transfer_and_keeps_received_packets():
 
 def test_side_information_is_retransmitted_on_request():
     """No redundancy and no retransmission."""
-    program = make_served_stream(STREAM, Protection(side_repair=0.0))
+    program = make_served_stream(STREAM, Protection(init_repair=0.0))
     result = transfer(program, down=Link(bernoulli(0.3, random.Random(1))), options=ReceiverOptions(nack=False))
     assert result.receiver.finished.ok
     assert result.receiver.stream().side_info == STREAM.side_info
@@ -119,7 +119,7 @@ def test_side_information_is_retransmitted_on_request():
 def test_retransmission_is_limited_and_ordered_by_importance(burst):
     """The init segment is sent first, then tier 0; the receiver learns of the end."""
     stream = tiered_stream()
-    program = make_served_stream(stream, Protection(side_repair=0.0, side_lead=0.0, resend=0.08))
+    program = make_served_stream(stream, Protection(init_repair=0.0, init_until=0.0, retransmit_share=0.08))
     one_pass = sum(program.sizes().values())
     important = sum(packet.id.block < 1 for packet in stream.packets)
     lost_important, spent = 0, []
@@ -147,7 +147,7 @@ def test_only_the_first_packets_are_retransmitted(burst):
     stream = tiered_stream()
     important = sum(packet.id.block < 1 for packet in stream.packets)
     share = important / len(stream.packets)
-    program = make_served_stream(stream, Protection(side_repair=0.0, side_lead=0.0, resend_until=share))
+    program = make_served_stream(stream, Protection(init_repair=0.0, init_until=0.0, retransmit_until=share))
     for seed in range(4):
         rng = random.Random(seed)
         lost = bernoulli(0.2, rng) if burst == 1 else bursts(0.2, burst, rng)
@@ -164,7 +164,7 @@ def test_only_the_first_packets_are_retransmitted(burst):
 @pytest.mark.parametrize("rate", [5e4, 1e6])
 def test_retransmitted_bytes_barely_exceed_lost_bytes(rate):
     """Packets that wait to be sent are not requested again, even from a slow sender."""
-    protection = Protection(side_repair=0.0, resend_until=0.5)
+    protection = Protection(init_repair=0.0, retransmit_until=0.5)
     program = make_served_stream(datagram_stream(num_anchors=30_000), protection)
     limits, again = ServerLimits(fixed_rate=rate), 0
     for seed in range(3):
@@ -176,19 +176,19 @@ def test_retransmitted_bytes_barely_exceed_lost_bytes(rate):
 
 
 def test_nothing_is_retransmitted_when_disabled():
-    program = make_served_stream(STREAM, Protection(side_repair=2.0, resend=0.0))
+    program = make_served_stream(STREAM, Protection(init_repair=2.0, retransmit_share=0.0))
     result = transfer(program, down=Link(bernoulli(0.1, random.Random(3))))
     assert result.receiver.finished == Finished("sent", True)
     assert len(result.receiver.stream().packets) < len(STREAM.packets)
-    with pytest.raises(InvalidValueError, match="resend"):
-        Protection(resend=-0.1)
-    with pytest.raises(InvalidValueError, match="resend_until"):
-        Protection(resend_until=1.1)
+    with pytest.raises(InvalidValueError, match="retransmit_share"):
+        Protection(retransmit_share=-0.1)
+    with pytest.raises(InvalidValueError, match="retransmit_until"):
+        Protection(retransmit_until=1.1)
 
 
 def test_side_information_is_retransmitted_before_the_schedule_ends():
     program = make_served_stream(
-        datagram_stream(num_anchors=60_000), Protection(side_repair=0.0, side_lead=0.0, resend=4.0)
+        datagram_stream(num_anchors=60_000), Protection(init_repair=0.0, init_until=0.0, retransmit_share=4.0)
     )
     result = transfer(program, down=Link(bernoulli(0.2, random.Random(4)), rate=1e6))
     kinds = [type(event) for event in result.events]
@@ -245,7 +245,11 @@ def test_refusals_are_reported():
 
 
 def test_stream_beyond_the_limits_is_refused():
-    for limits in (ReceiverLimits(head_bytes=1000), ReceiverLimits(stream_bytes=100_000), ReceiverLimits(packets=10)):
+    for limits in (
+        ReceiverLimits(init_segment_bytes=1000),
+        ReceiverLimits(stream_bytes=100_000),
+        ReceiverLimits(packets=10),
+    ):
         result = transfer(PROGRAM, options=ReceiverOptions(limits=limits))
         assert "the server announces" in result.receiver.finished.reason
         assert result.receiver.collector is None
@@ -265,8 +269,8 @@ def test_bursts_leave_packets_of_every_block():
 
 def test_init_segment_is_interleaved_with_a_share_of_the_packets():
     def packets_before_its_end(lead: float) -> float:
-        schedule = make_served_stream(STREAM, Protection(side_lead=lead)).schedule
-        last = max(n for n, item in enumerate(schedule) if item[0] == SIDE)
+        schedule = make_served_stream(STREAM, Protection(init_until=lead)).schedule
+        last = max(n for n, item in enumerate(schedule) if item[0] == INIT_SYMBOL)
         return sum(item[0] == DATA for item in schedule[:last]) / len(STREAM.packets)
 
     assert packets_before_its_end(0.0) == 0
@@ -285,7 +289,7 @@ def test_unservable_streams_are_refused():
     )  # fmt: skip
     with pytest.raises(InvalidValueError, match="--preset datagram"):
         make_served_stream(paper)
-    for wrong in ({"side_repair": 3.0}, {"head_share": 1.1}, {"tier_repair": (0.5, 3.0)}):
+    for wrong in ({"init_repair": 3.0}, {"bundled_share": 1.1}, {"tier_repair": (0.5, 3.0)}):
         with pytest.raises(InvalidValueError):
             Protection(**wrong)
 
@@ -318,7 +322,7 @@ def test_parity_for_absent_tiers_is_refused():
 def test_packets_bundled_in_the_init_segment_are_protected_with_it():
     """Packets of the head are never sent separately, not even with retransmission of all missing packets."""
     stream = tiered_stream()
-    protection = Protection(head_share=23 / 227, tier_repair=(0.0, 0.1))
+    protection = Protection(bundled_share=23 / 227, tier_repair=(0.0, 0.1))
     program = make_served_stream(stream, protection)
     assert [tier.num_packets for tier in program.parity_ranges] == [23, 204]
     assert sorted(n for kind, _, n in program.schedule if kind == DATA) == list(range(23, 227))
@@ -334,14 +338,14 @@ def test_packets_bundled_in_the_init_segment_are_protected_with_it():
     complete_one = transfer(program, down=Link(bursts(0.2, 20, random.Random(3))))
     assert complete_one.receiver.stream() == stream
     everything = transfer(
-        make_served_stream(stream, Protection(head_share=1.0)), down=Link(bernoulli(0.2, random.Random(4)))
+        make_served_stream(stream, Protection(bundled_share=1.0)), down=Link(bernoulli(0.2, random.Random(4)))
     )
     assert everything.receiver.stream() == stream
 
 
 def test_init_segment_with_undeclared_packets_ends_the_transfer():
     stream = tiered_stream()
-    program = make_served_stream(stream, Protection(head_share=0.1))
+    program = make_served_stream(stream, Protection(bundled_share=0.1))
     for wrong in (program.num_bundled - 1, program.num_bundled + 1, 0):
         result = transfer(dataclasses.replace(program, num_bundled=wrong))
         assert not result.receiver.finished.ok
@@ -354,12 +358,12 @@ def test_init_segment_with_undeclared_packets_ends_the_transfer():
 
 
 def test_small_symbols_are_transferred():
-    program = make_served_stream(STREAM, Protection(side_symbol_bytes=128, side_lead=1.0))
+    program = make_served_stream(STREAM, Protection(init_symbol_bytes=128, init_until=1.0))
     assert program.symbol_bytes == 128
     complete(transfer(program, down=Link(bursts(0.2, 20, random.Random(3)))))
     for size in (60, 100, 2000):
         with pytest.raises(InvalidValueError, match="symbols of side information"):
-            Protection(side_symbol_bytes=size)
+            Protection(init_symbol_bytes=size)
 
 
 def test_silent_client_is_paused():
@@ -389,15 +393,15 @@ def test_one_address_cannot_hold_all_sessions():
 
 def test_retransmission_of_the_init_segment_sends_new_symbols():
     """New symbols are useful to every client, whereas repeated ones would mostly be duplicates."""
-    program = make_served_stream(STREAM, Protection(side_repair=0.1))
+    program = make_served_stream(STREAM, Protection(init_repair=0.1))
     run = ServerTransfer(program, 7, ServerLimits(fixed_rate=1e9), 0.0)
     sent: list[tuple[int, int]] = []
 
     def polled(now: float) -> None:
         while (data := run.poll(now)) is not None:
-            frame = decode(data)
-            if isinstance(frame, Side):
-                sent.append((frame.segment, frame.symbol))
+            message = decode(data)
+            if isinstance(message, InitSymbol):
+                sent.append((message.source_block, message.symbol))
 
     run.feedback(Feedback(7, 0, 0, 0, 0, ()), 0.0)
     now = 0.0
@@ -405,7 +409,7 @@ def test_retransmission_of_the_init_segment_sends_new_symbols():
         now = max(now, at)
         polled(now)
         run.heard_at = now
-    scheduled = {(group, symbol) for kind, group, symbol in program.schedule if kind == SIDE}
+    scheduled = {(group, symbol) for kind, group, symbol in program.schedule if kind == INIT_SYMBOL}
     assert set(sent) == scheduled
     missing = len(scheduled) // 5
     run.feedback(Feedback(7, 0, 0, 0, missing, ()), 1.0)
@@ -467,11 +471,11 @@ def answers_to_request(server: Server, nonce: int, haves: list[Have], name: str 
     for have in haves:
         server.receive(name, encode(have), 0.0, reliable=True)
     found = [decode(data) for step in range(400) for _, data in server.poll(step / 400)]
-    return [frame for frame in found if not isinstance(frame, Welcome)]
+    return [message for message in found if not isinstance(message, Welcome)]
 
 
 def test_packets_held_by_the_client_are_not_sent_but_counted():
-    program = make_served_stream(STREAM, Protection(side_repair=0.0))
+    program = make_served_stream(STREAM, Protection(init_repair=0.0))
     limits = ServerLimits(fixed_rate=1e9)
     server = Server({"scene": program}, secret=SECRET, random=random.Random(0).randbytes, limits=limits)
     count, rng = len(program.packets), random.Random(3)
@@ -480,11 +484,11 @@ def test_packets_held_by_the_client_are_not_sent_but_counted():
     cut = len(bits) // 2
     for nonce, stream_id, left_out in ((1, program.stream_id, True), (2, program.stream_id ^ 1, False)):
         haves = [Have(nonce, stream_id, 1, 0, bits[:cut]), Have(nonce, stream_id, 1, 8 * cut, bits[cut:] + bytes(9))]
-        frames = answers_to_request(server, nonce, haves * 3, f"client {nonce}")
-        places = {frame.packet_index for frame in frames if isinstance(frame, Data)}
+        messages = answers_to_request(server, nonce, haves * 3, f"client {nonce}")
+        places = {message.packet_index for message in messages if isinstance(message, Data)}
         scheduled = set(range(program.num_bundled, count))
         assert places == ({place for place in scheduled if not held[place]} if left_out else scheduled)
-        assert any(isinstance(frame, Side) for frame in frames) is not left_out
+        assert any(isinstance(message, InitSymbol) for message in messages) is not left_out
         key = (f"client {nonce}", nonce)
         most = server._transfers[key]._max_bytes
         assert most < 0.6 * server._limits.max_sent_ratio * sum(program.sizes().values()) if left_out else most > 0

@@ -24,7 +24,7 @@ from splatwire.transport import (
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
-from splatwire.transport.protocol.datagrams import Hello
+from splatwire.transport.protocol.messages import Hello
 from splatwire.transport.protocol.wire import encode
 from splatwire.transport.udp import (
     MAX_PENDING_RESPONSES,

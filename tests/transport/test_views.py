@@ -20,10 +20,10 @@ from splatwire.errors import BitstreamError
 from splatwire.lod import Viewpoint, encode_levels
 from splatwire.transport import PacketArrived, Receiver, ReceiverOptions, Server, make_served_stream
 from splatwire.transport.protocol import served_stream
-from splatwire.transport.protocol.datagrams import Feedback, Request, View
+from splatwire.transport.protocol.messages import Feedback, Request, View
 from splatwire.transport.protocol.send_queue import VIEW_UPDATE_COST_S, SendQueue, ViewUpdateBudget
 from splatwire.transport.protocol.transfer import ServerLimits, ServerTransfer
-from splatwire.transport.protocol.wire import DATA, SIDE, decode, encode
+from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, decode, encode
 from splatwire.types import SplatScene
 from transport.network import SECRET, Link, bernoulli, transfer
 
@@ -168,9 +168,9 @@ def test_view_updates_of_all_clients_are_scheduled_in_turns():
 
 
 def test_view_update_round_trips():
-    frame = view(FAR, 7, 9)
-    assert np.allclose(decode(encode(frame)).viewmat, frame.viewmat, atol=1e-6 * 60)
-    assert decode(encode(frame))[:5] == frame[:5]
+    message = view(FAR, 7, 9)
+    assert np.allclose(decode(encode(message)).viewmat, message.viewmat, atol=1e-6 * 60)
+    assert decode(encode(message))[:5] == message[:5]
 
 
 @pytest.mark.parametrize("field", ["focal", "viewmat", "width", "budget"])
@@ -227,8 +227,9 @@ def test_opening_is_counted_in_the_sent_schedule(opening_bytes, reliable, late):
     while order:
         left.append(order.pop())
         if order.is_init_segment_sent:
-            assert sum(item[0] == SIDE for item in left) == sum(
-                item[0] == SIDE for item in (served.reliable_schedule if reliable else served.send_schedule).datagrams
+            assert sum(item[0] == INIT_SYMBOL for item in left) == sum(
+                item[0] == INIT_SYMBOL
+                for item in (served.reliable_schedule if reliable else served.send_schedule).datagrams
             )
     packets = [item[2] for item in left if item[0] == DATA]
     assert sorted(packets) == list(range(served.num_bundled, len(served.packets)))  # each one, once

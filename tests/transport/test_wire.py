@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.transport.protocol import wire
-from splatwire.transport.protocol.datagrams import (
+from splatwire.transport.protocol.messages import (
     MAX_HELD_BYTES,
     MAX_NACKS,
     MAX_PARITY_RANGES,
@@ -23,11 +23,11 @@ from splatwire.transport.protocol.datagrams import (
     Feedback,
     Have,
     Hello,
+    InitSymbol,
     Parity,
     ParityRange,
     Refuse,
     Request,
-    Side,
     View,
     Welcome,
 )
@@ -43,13 +43,13 @@ previews = st.binary(max_size=MAX_PREVIEW)
 sides = st.integers(1, (1 << 16) - 1)
 asked = st.lists(u32, max_size=MAX_NACKS // 2).map(tuple)
 places = st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 3).map(lambda p: (0, -1, 0, p[0], 1, 0, 0, p[1], 0, 0, 1, p[2]))
-frames = st.one_of(
+messages = st.one_of(
     st.builds(Hello, u64, names),
     st.builds(Challenge, u64, st.binary(min_size=16, max_size=16)),
     st.builds(Request, u64, st.binary(min_size=16, max_size=16), names, st.text("aZ09-_.", max_size=1024)),
     st.builds(Welcome, u64, u32, u32, u64, digests, u16, u32, u16, u32, tiers, previews, flag, flag),
     st.builds(Welcome, u64, u32, u32, u64, digests, u16, u32, u16, u32, many, st.just(b""), flag),
-    st.builds(Side, u32, u32, u16, u32, st.binary(min_size=1, max_size=1100)),
+    st.builds(InitSymbol, u32, u32, u16, u32, st.binary(min_size=1, max_size=1100)),
     st.builds(Data, u32, u32, u32, st.binary(min_size=1, max_size=1150)),
     st.builds(Parity, u32, u32, u16, u32, st.binary(min_size=1, max_size=1152)),
     st.builds(Feedback, u32, u32, u32, u32, u32, asked, asked),
@@ -69,20 +69,20 @@ frames = st.one_of(
 
 
 @settings(deadline=None)  # independent of machine load
-@given(frames)
-def test_frames_round_trip_within_the_minimum_path_mtu(frame):
-    data = wire.encode(frame)
+@given(messages)
+def test_messages_round_trip_within_the_minimum_path_mtu(message):
+    data = wire.encode(message)
     assert len(data) <= wire.MAX_DATAGRAM
-    assert wire.decode(data) == frame
+    assert wire.decode(data) == message
 
 
 @settings(deadline=None)  # independent of machine load
-@given(frames, st.data())
-def test_every_flipped_bit_and_truncation_is_detected(frame, data):
+@given(messages, st.data())
+def test_every_flipped_bit_and_truncation_is_detected(message, data):
     """The checksum of the inner packet protects `DATA`, so it is left out here."""
-    if isinstance(frame, Data):
+    if isinstance(message, Data):
         return
-    good = wire.encode(frame)
+    good = wire.encode(message)
     bit = data.draw(st.integers(8, 8 * len(good) - 1))
     damaged = bytearray(good)
     damaged[bit // 8] ^= 1 << bit % 8
@@ -96,7 +96,7 @@ def test_wire_bytes_are_pinned():
     """A change of these bytes needs a new protocol version."""
     assert wire.encode(Data(1, 2, 3, b"packet")).hex() == "46010000000200000003000000" + b"packet".hex()
     assert wire.encode(Bye(0x01020304)).hex() == "49040302013fb6d45b"
-    assert wire.encode(Side(1, 2, 3, 4, b"symbol")).hex() == "45010000000200000003000400000073796d626f6caaf47ef9"
+    assert wire.encode(InitSymbol(1, 2, 3, 4, b"symbol")).hex() == "45010000000200000003000400000073796d626f6caaf47ef9"
     assert wire.encode(Have(1, 2, 1, 8, b"\x05")).hex() == "4c010000000000000002000000010800000005173f2817"
     feedback = wire.encode(Feedback(1, 2, 3, 4, 5, (6, 7), (8,)))
     assert feedback.hex() == "480100000002000000030000000400000005000000020001000600000007000000080000004b76f37c"

@@ -26,7 +26,7 @@ from splatwire.sequence import SequenceOptions
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import Event, Finished, PacketArrived, Receiver, SideInfoArrived, Welcomed, fec
 from splatwire.transport.protocol.events import Resumed
-from splatwire.transport.protocol.layout import Segments, split_init_segment
+from splatwire.transport.protocol.layout import SourceBlocks, split_init_segment
 from splatwire.view import Relay, relay
 from splatwire.view.page import page_of_relay, page_of_stream
 
@@ -161,9 +161,9 @@ def test_page_gets_the_current_period_of_a_live_clip() -> None:
 
 def head_of(edition) -> tuple[Manifest, bytes]:
     """Manifest and side information of an edition."""
-    segments, data = Segments(edition.init_segment_bytes, edition.symbol_bytes), b""
-    for number in range(segments.num_segments):
-        span, size = segments.span(number), segments.size(number)
+    source_blocks, data = SourceBlocks(edition.init_segment_bytes, edition.symbol_bytes), b""
+    for number in range(source_blocks.num_blocks):
+        span, size = source_blocks.span(number), source_blocks.size(number)
         found = fec.recover(dict(list(enumerate(edition.init_symbols[number]))[:size]), size, edition.symbol_bytes)
         assert found is not None
         data += b"".join(found)[: span.stop - span.start]

@@ -26,7 +26,7 @@ from splatwire.concealment import conceal
 from splatwire.concealment.sketch.section import SECTION
 from splatwire.entropy.tables import exp2_table, half_width_table, inverse_scale_table, normal_table, weight_table
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.transport.protocol.datagrams import ParityRange, Request, Welcome
+from splatwire.transport.protocol.messages import ParityRange, Request, Welcome
 from splatwire.transport.protocol.wire import encode
 from splatwire.types import Cameras
 from web.pictures import concealers_of

@@ -11,8 +11,8 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError
 from splatwire.transport import make_served_stream
 from splatwire.transport.http.content import served_stream_file
-from splatwire.transport.protocol.datagrams import Data, Have
-from splatwire.transport.protocol.wire import DATA, END, HAVE, decode, kind_of
+from splatwire.transport.protocol.messages import Data, Have
+from splatwire.transport.protocol.wire import DATA, END, HAVE, decode, message_kind
 from transport.chromium import executable, isolated_page
 from web.host import hosting
 from web.pictures import ELEMENT
@@ -37,11 +37,11 @@ class HalfServer(QuicServer):
         def poll(now: float, most: int = 64) -> list[Any]:
             sent = []
             for session, data in plain(now, most):
-                place = decode(data).packet_index if kind_of(data) == DATA else None
+                place = decode(data).packet_index if message_kind(data) == DATA else None
                 if place is not None and (place in places or len(places) < half):
                     places.add(place)
                     last[session] = data
-                elif place is not None or kind_of(data) == END:
+                elif place is not None or message_kind(data) == END:
                     data = last.get(session)
                 if data is not None:
                     sent.append((session, data))
@@ -63,22 +63,24 @@ class RestServer(QuicServer):
 
         def receive(address: Any, data: bytes, *given: Any, **more: Any) -> bytes | None:
             answer = plain_receive(address, data, *given, **more)
-            if kind_of(data) == HAVE:
-                frame = decode(data)
-                assert isinstance(frame, Have)
-                self.held |= {frame.first + n for n in range(8 * len(frame.held)) if frame.held[n // 8] >> n % 8 & 1}
+            if message_kind(data) == HAVE:
+                message = decode(data)
+                assert isinstance(message, Have)
+                self.held |= {
+                    message.first + n for n in range(8 * len(message.held)) if message.held[n // 8] >> n % 8 & 1
+                }
             return answer
 
         def poll(now: float, most: int = 64) -> list[Any]:
             sent = []
             for session, data in plain_poll(now, most):
-                frame = decode(data)
-                if isinstance(frame, Data):
+                message = decode(data)
+                if isinstance(message, Data):
                     if not self.held:
                         continue
-                    self.places.add(frame.packet_index)
-                    if frame.packet_index in self.held:
-                        self.repeated.add(frame.packet_index)
+                    self.places.add(message.packet_index)
+                    if message.packet_index in self.held:
+                        self.repeated.add(message.packet_index)
                 sent.append((session, data))
             return sent
 

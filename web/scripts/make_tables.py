@@ -31,7 +31,7 @@ from splatwire.codec.sequence import lifetimes
 from splatwire.concealment.sketch import section as sketch
 from splatwire.entropy import integers
 from splatwire.sequence.encoding import FIRST_FRAME
-from splatwire.transport.protocol import datagrams, gap_tracker, nack, receiver, wire
+from splatwire.transport.protocol import gap_tracker, messages, nack, receiver, wire
 from splatwire.transport.protocol.collect import ReceiverLimits
 
 SOURCES = Path(__file__).parents[1] / "src"
@@ -53,10 +53,10 @@ SECTION_NAMES = {
 }  # fmt: skip
 WIRE_NAMES = {
     wire: (
-        "VERSION", "REQUEST", "WELCOME", "SIDE", "DATA", "FEEDBACK", "BYE", "REFUSE", "END", "HAVE", "VIEW",
+        "VERSION", "REQUEST", "WELCOME", "INIT_SYMBOL", "DATA", "FEEDBACK", "BYE", "REFUSE", "END", "HAVE", "VIEW",
         "LIVE", "VIEWABLE", "MAX_DATAGRAM",
     ),
-    datagrams: (
+    messages: (
         "REFUSALS", "NOT_YET", "OTHER_VERSION", "MAX_NACKS", "MAX_PARITY_RANGES", "MAX_DECLARED", "MAX_PREVIEW",
         "MAX_HELD_BYTES",
     ),
@@ -124,7 +124,10 @@ def section_names_module() -> str:
 def wire_module() -> str:
     """Returns a TypeScript module with kinds and limits of wire messages, as far as browsers need them."""
     values = {name: getattr(module, name) for module, names in WIRE_NAMES.items() for name in names}
-    limits_of_receivers = {"MAX_HEAD_BYTES": ReceiverLimits.head_bytes, "MAX_PACKETS": ReceiverLimits.packets}
+    limits_of_receivers = {
+        "MAX_INIT_SEGMENT_BYTES": ReceiverLimits.init_segment_bytes,
+        "MAX_PACKETS": ReceiverLimits.packets,
+    }
     intervals = {"NACK_INTERVAL_MS": nack.NACK_INTERVAL_S, "FEEDBACK_MS": receiver.FEEDBACK_INTERVAL_S}
     milliseconds = {name: round(1000 * seconds) for name, seconds in intervals.items()}
     return MADE + WIRE + _exported({**values, **limits_of_receivers, **milliseconds})

@@ -10,7 +10,7 @@ from splatwire.bitstream.sections import sections_of
 from splatwire.codec.update.apply import apply_update
 from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
 from splatwire.errors import InvalidValueError, SplatwireError, UnknownHostError
-from splatwire.transport.protocol.datagrams import REFUSALS
+from splatwire.transport.protocol.messages import REFUSALS
 from splatwire.transport.protocol.receiver import MISSING_STREAM, Receiver
 from splatwire.transport.udp import NO_ROUTE_ERRORS
 

@@ -3,7 +3,7 @@
 import dataclasses
 import difflib
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -25,7 +25,7 @@ def config_path(words: Sequence[str]) -> Path | None:
     return None
 
 
-def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
+def words_of_file(path: Path, settings: type, positional: str, former: Iterable[str] = ()) -> list[str]:
     """Converts a configuration file to the command-line arguments with the same meaning.
 
     Args:
@@ -33,11 +33,12 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
             option with several values is a list.
         settings: Options class of the subcommand.
         positional: Name of the positional argument, which has several values.
+        former: Former names of options, which are also accepted and stay in the result.
 
     Raises:
         InvalidValueError: If the file is missing or no TOML, or has a key or a type of value that no option has.
     """
-    names = set(_names(settings)) - {OPTION}
+    names = {*_names(settings), *(name.replace("-", "_") for name in former)} - {OPTION}
     first, options = list[str](), list[str]()
     for key, value in _content(path).items():
         name = key.replace("-", "_")

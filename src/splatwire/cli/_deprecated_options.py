@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Mapping, Sequence
 
-DEPRECATED_OPTIONS = {"plan": {"way-back": "feedback"}}
+DEPRECATED_OPTIONS = {"plan": {"way-back": "feedback"}, "serve": {"side-repair": "init-repair"}}
 """For each verb: former option names and their replacements, both without leading dashes. Entries are removed after one
 minor release."""
 

@@ -65,7 +65,8 @@ def parse_verb(verb: str, arguments: Sequence[str]) -> Any:
 
 def _parse_with_file(verb: str, settings: Any, words: Sequence[str], path: Path) -> Any:
     """Parses the options of a subcommand from a configuration file and the command line, which takes precedence."""
-    in_file = words_of_file(path, settings, "streams")
+    former = DEPRECATED_OPTIONS.get(verb, {})
+    in_file = with_current_names(verb, words_of_file(path, settings, "streams", former), DEPRECATED_OPTIONS)
     configured = tyro.cli(settings, prog=f"splatwire {verb} --{OPTION} {path}:", args=in_file, config=_CONFIG)
     parsed = tyro.cli(
         settings, prog=f"splatwire {verb}", args=words, config=_CONFIG, default=without_flags(configured)

@@ -19,11 +19,11 @@ def plan_of_file(path: Path) -> tuple[Protection, int]:
         return read_plan(file.read(MAX_BYTES + 1), str(path))
 
 
-def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:
+def protection_of(init_repair: float, texts: Sequence[str]) -> Protection:
     """Converts the options for redundancy to a `Protection`.
 
     Args:
-        side_repair: Repair symbols per source symbol of the side information.
+        init_repair: Repair symbols per source symbol of the side information.
         texts: `motion=SHARE` for the motion of clips, or `tierN=SHARE` for importance tier N.
 
     Raises:
@@ -32,7 +32,7 @@ def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:
     motion = [match for match in (re.fullmatch(r"motion=([0-9]*\.?[0-9]+)", text.strip()) for text in texts) if match]
     tiers = parse_tiers([text for text in texts if not text.strip().startswith("motion=")])
     return Protection(
-        side_repair=side_repair, tier_repair=tiers, motion=tuple((1.0, float(match[1])) for match in motion[-1:])
+        init_repair=init_repair, tier_repair=tiers, motion=tuple((1.0, float(match[1])) for match in motion[-1:])
     )
 
 

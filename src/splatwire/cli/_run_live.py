@@ -56,7 +56,7 @@ def run(command: Live) -> None:
 
 def _protection(command: Live) -> Protection:
     if command.plan is None:
-        protection = protection_of(PROTECTION.side_repair, command.protect)
+        protection = protection_of(PROTECTION.init_repair, command.protect)
     elif command.protect:
         raise InvalidValueError("--plan sets the protection: give either --plan or --protect")
     else:

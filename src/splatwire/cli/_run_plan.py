@@ -49,7 +49,7 @@ def run(options: PlanCommand) -> None:
             )
             for stream in streams
         ]  # fmt: skip
-        bare = [model_transfer(offer.load, Protection(side_repair=0.0)) for offer in offers]
+        bare = [model_transfer(offer.load, Protection(init_repair=0.0)) for offer in offers]
         plain = min(int(outline.num_bytes.sum()) for outline in bare)
         budget = _budget_bytes(options, plain)
         plan = _plan(options, offers, loss, budget, lambda share: report("planning", share))

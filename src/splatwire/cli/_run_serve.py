@@ -144,10 +144,10 @@ def protection(command: Serve) -> tuple[Protection, int | None]:
             redundancy are given.
     """
     if command.plan is None:
-        side_repair = Protection().side_repair if command.side_repair is None else command.side_repair
-        return protection_of(side_repair, command.protect), None
-    if command.side_repair is not None or command.protect:
-        raise InvalidValueError("--plan sets the protection: give either --plan, or --side-repair and --protect")
+        init_repair = Protection().init_repair if command.init_repair is None else command.init_repair
+        return protection_of(init_repair, command.protect), None
+    if command.init_repair is not None or command.protect:
+        raise InvalidValueError("--plan sets the protection: give either --plan, or --init-repair and --protect")
     return plan_of_file(command.plan)
 
 
@@ -216,7 +216,7 @@ async def _serve(command: Serve, scenes: _Scenes, access: Access | None) -> None
         sizes = {name: stream.sizes() for name, stream in streams.items()}
         for name, parts in () if command.json else sizes.items():
             print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
-                  f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
+                  f"{parts['init_protection'] + parts['packet_protection']:,}")  # fmt: skip
         if command.updates is not None:
             running.publish(streams, scenes.updates)
             if running.page is not None and isinstance(content := running.page.content, PageContent):

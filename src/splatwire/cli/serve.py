@@ -35,7 +35,7 @@ class Serve(Listening):
     """Time after SIGTERM or Ctrl-C for which running transfers may continue, seconds; new ones are refused."""
     plan: Path | None = None
     """Protection of this stream: a file that `splatwire plan -o FILE` wrote."""
-    side_repair: float | None = None
+    init_repair: float | None = None
     """Without --plan: repair symbols per symbol of the side information, default 0.35."""
     protect: tuple[str, ...] = ()
     """Without --plan: repair symbols per packet of a tier, tierN=REPAIR, e.g. tier0=0.4. A stream encoded without

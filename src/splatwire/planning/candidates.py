@@ -26,20 +26,21 @@ SAFETIES = (None, 0.0, 1.5, 3.0, 6.0, 12.0)
 no repair symbols.
 Bursts have a larger variance and need the larger margins.
 """
-SIDE_MULTIPLES = (0.0, *(1 + step / 50 for step in range(1, 61)), *(2.2 * 1.1**step for step in range(1, 15)))
+INIT_REPAIR_FACTORS = (0.0, *(1 + step / 50 for step in range(1, 61)), *(2.2 * 1.1**step for step in range(1, 15)))
 """Candidate numbers of repair symbols of the side information, in multiples of the mean loss."""
-LEADS = (0.35, 0.7, 1.0)
+INIT_UNTIL_FACTORS = (0.35, 0.7, 1.0)
 FINE_SYMBOL_BYTES = 96
 """Small symbol size of the side information in bytes: needs less repair against bursts, but has more headers."""
-SPREADS = (0.0, 0.6, 1.0)
-BEST_SIDES = 2
-SAFER = 1.3
+TIER_SPREADS = (0.0, 0.6, 1.0)
+NUM_INIT_CANDIDATES = 2
+"""Number of settings of the init segment that are combined with all settings of the packets."""
+SAFE_REPAIR_FACTOR = 1.3
 """Factor on the number of repair symbols with which 999 of 1000 transfers succeed; used if the budget allows, because
 one failure in 1000 costs 0.02 dB."""
 MAX_BUNDLED_SHARE = 0.35
 """Maximum fraction of the packets that are sent in the init segment with the side information; only complete tiers
 are."""
-PLAIN_LEAD = 0.7
+PLAIN_INIT_UNTIL = 0.7
 MAX_REPAIR = 2.0
 _ALIKE_STEPS = 50
 _NEARLY = 0.95
@@ -53,13 +54,13 @@ class PlanConstraints(CheckedFields):
     Attributes:
         budget_bytes: Maximum number of bytes to send.
         max_protection: Maximum share of redundancy in the sent bytes, 0 to 1.
-        head_target: Minimum fraction of the simulated transfers in which the side information arrives, 0 to 1.
+        init_segment_target: Minimum fraction of the simulated transfers in which the side information arrives, 0 to 1.
         concealment_bytes: Bytes of the side information that serve loss concealment only; they count as redundancy.
     """
 
     budget_bytes: float | int
     max_protection: float | int = 1.0
-    head_target: float = 0.999
+    init_segment_target: float = 0.999
     concealment_bytes: int = 0
 
     def allows(self, sizes: dict[str, int]) -> bool:
@@ -68,7 +69,7 @@ class PlanConstraints(CheckedFields):
         Args:
             sizes: Bytes of the transfer by purpose, from `TransferModel.bytes_by_kind`.
         """
-        spent = sizes["side_protection"] + sizes["packet_protection"] + self.concealment_bytes
+        spent = sizes["init_protection"] + sizes["packet_protection"] + self.concealment_bytes
         return spent <= self.max_protection * sum(sizes.values())
 
 
@@ -85,22 +86,23 @@ def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraint
     rate = min(1 - float(traces.mean()), 0.95)
     need, counts = rate / (1 - rate), np.bincount(load.tiers, minlength=load.num_tiers).tolist()
     tried = []
-    for inside, share in _head_shares(counts):
+    for num_bundled, share in _bundled_shares(counts):
         repairs = dict.fromkeys(
-            (0.0,) * inside + tuple(_repair_per_packet(s, need, n) for s, n in zip(c, counts[inside:], strict=True))
-            for c in _margin_assignments(load.num_tiers - inside)
+            (0.0,) * num_bundled
+            + tuple(_repair_per_packet(s, need, n) for s, n in zip(c, counts[num_bundled:], strict=True))
+            for c in _margin_assignments(load.num_tiers - num_bundled)
         )
-        for side in _init_segment_candidates(load, traces, rate, constraints, share):
+        for start in _init_segment_candidates(load, traces, rate, constraints, share):
             for repair in repairs:
-                protection = replace(side, tier_repair=repair)
+                protection = replace(start, tier_repair=repair)
                 end = _spread_end(constraints, float(model_transfer(load, protection).num_bytes.sum()))
-                spreads = [spread * end for spread in SPREADS] if load.num_tiers - inside > 1 else [0.0]
+                spreads = [spread * end for spread in TIER_SPREADS] if load.num_tiers - num_bundled > 1 else [0.0]
                 tried += [replace(protection, tier_spread=spread, parity_until=end) for spread in spreads]
     return tried
 
 
 @checked
-def largest_head(load: StreamLoad) -> int:
+def max_init_segment_bytes(load: StreamLoad) -> int:
     """Returns the approximate size of the largest init segment that the planner considers, in bytes.
 
     The init segment has the side information, and may also have the most important packets.
@@ -108,10 +110,10 @@ def largest_head(load: StreamLoad) -> int:
     Args:
         load: Sizes of the stream's packets.
     """
-    return load.head_bytes + int(MAX_BUNDLED_SHARE * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
+    return load.init_segment_bytes + int(MAX_BUNDLED_SHARE * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
 
 
-def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
+def _bundled_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
     """Lists the numbers of importance tiers that the planner may bundle in the init segment.
 
     The init segment has all packets of the bundled tiers, which are the most important ones.
@@ -124,9 +126,9 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
         to 1. The first pair is (0, 0).
     """
     shares = [(0, 0.0)]
-    for inside, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
+    for num_bundled, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
         if packets <= MAX_BUNDLED_SHARE * sum(counts):
-            shares.append((inside, packets / sum(counts)))
+            shares.append((num_bundled, packets / sum(counts)))
     return shares
 
 
@@ -147,7 +149,7 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanC
 
     def alike(step: int) -> Protection:
         repair = step / _ALIKE_STEPS
-        return Protection(side_repair=repair, side_lead=1.0, tier_repair=(repair,) * load.num_tiers, tier_spread=mixed)
+        return Protection(init_repair=repair, init_until=1.0, tier_repair=(repair,) * load.num_tiers, tier_spread=mixed)
 
     def size(step: int) -> int:
         return int(model_transfer(load, alike(step)).num_bytes.sum())
@@ -157,7 +159,9 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanC
     rate = min(1 - float(traces.mean()), 0.95)
     return {
         "whole": whole,
-        "conceal": _least_repair(load, traces, rate, constraints, Protection(side_lead=PLAIN_LEAD, tier_spread=mixed)),
+        "conceal": _least_repair(
+            load, traces, rate, constraints, Protection(init_until=PLAIN_INIT_UNTIL, tier_spread=mixed)
+        ),
     }
 
 
@@ -181,7 +185,7 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
 
 
 def _init_segment_candidates(
-    load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, head_share: float
+    load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, bundled_share: float
 ) -> list[Protection]:
     """Returns the settings of redundancy for the init segment (side information) that the planner compares.
 
@@ -190,20 +194,20 @@ def _init_segment_candidates(
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
         constraints: Limits that the plan must meet.
-        head_share: Fraction of the packets that are bundled in the init segment.
+        bundled_share: Fraction of the packets that are bundled in the init segment.
     """
-    bare = model_transfer(load, Protection(side_repair=0.0, head_share=head_share)).bytes_by_kind()
-    lead = _spread_end(constraints, sum(bare.values()) + rate / (1 - rate) * bare["side"])
-    starts = [Protection(side_lead=lead * part, side_symbol_bytes=size, head_share=head_share)
-              for part in LEADS for size in (None, FINE_SYMBOL_BYTES)]  # fmt: skip
+    bare = model_transfer(load, Protection(init_repair=0.0, bundled_share=bundled_share)).bytes_by_kind()
+    until = _spread_end(constraints, sum(bare.values()) + rate / (1 - rate) * bare["init_segment"])
+    starts = [Protection(init_until=until * part, init_symbol_bytes=size, bundled_share=bundled_share)
+              for part in INIT_UNTIL_FACTORS for size in (None, FINE_SYMBOL_BYTES)]  # fmt: skip
     protections = []
     for start in starts:
-        side = _least_repair(load, traces, rate, constraints, start)
-        model = model_transfer(load, side)
+        protection = _least_repair(load, traces, rate, constraints, start)
+        model = model_transfer(load, protection)
         share = float(side_info_arrivals(model, _received_within(model, traces, constraints.budget_bytes)).mean())
-        protections.append((-min(share, constraints.head_target), int(model.num_bytes.sum()), side))
-    best = [side for _, _, side in sorted(protections, key=lambda entry: entry[:2])[:BEST_SIDES]]
-    return [*best, replace(best[0], side_repair=min(SAFER * best[0].side_repair, MAX_REPAIR))]
+        protections.append((-min(share, constraints.init_segment_target), int(model.num_bytes.sum()), protection))
+    best = [protection for _, _, protection in sorted(protections, key=lambda entry: entry[:2])[:NUM_INIT_CANDIDATES]]
+    return [*best, replace(best[0], init_repair=min(SAFE_REPAIR_FACTOR * best[0].init_repair, MAX_REPAIR))]
 
 
 def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
@@ -236,10 +240,10 @@ def _least_repair(
         The settings `start` with the chosen number of repair symbols for the side information.
     """
     need = rate / (1 - rate)
-    repairs = sorted({min(multiple * need, MAX_REPAIR) for multiple in SIDE_MULTIPLES})
+    repairs = sorted({min(multiple * need, MAX_REPAIR) for multiple in INIT_REPAIR_FACTORS})
 
     def with_repair(number: int) -> Protection:
-        return replace(start, side_repair=repairs[number])
+        return replace(start, init_repair=repairs[number])
 
     def exceeds_limit(number: int) -> bool:
         return not constraints.allows(model_transfer(load, with_repair(number)).bytes_by_kind())
@@ -247,7 +251,7 @@ def _least_repair(
     def often_enough(number: int) -> bool:
         model = model_transfer(load, with_repair(number))
         received = _received_within(model, traces, constraints.budget_bytes)
-        return float(side_info_arrivals(model, received).mean()) >= constraints.head_target
+        return float(side_info_arrivals(model, received).mean()) >= constraints.init_segment_target
 
     allowed = range(max(bisect.bisect_left(range(len(repairs)), True, key=exceeds_limit), 1))
     return with_repair(min(bisect.bisect_left(allowed, True, key=often_enough), len(allowed) - 1))

@@ -94,10 +94,10 @@ class StreamVariant:
             raise InvalidValueError(
                 f"damage of {len(self.distortion.mse)} tiers, and the stream has {self.load.num_tiers}"
             )
-        if not 0 <= self.concealment_bytes <= self.load.head_bytes:
+        if not 0 <= self.concealment_bytes <= self.load.init_segment_bytes:
             raise InvalidValueError(
-                f"StreamVariant.concealment_bytes: {shown(self.concealment_bytes)} bytes for concealers in a "
-                f"head of {self.load.head_bytes}"
+                f"StreamVariant.concealment_bytes: {shown(self.concealment_bytes)} bytes for concealers in an "
+                f"init segment of {self.load.init_segment_bytes}"
             )
         whole_number(self.preview_bytes, "StreamVariant.preview_bytes")
         if not abs(self.blank_psnr) < math.inf:

@@ -88,12 +88,12 @@ def _plan(
     Returns:
         The plan; None if the budget is too small for the side information.
     """
-    sizes = model_transfer(variant.load, Protection(side_repair=0.0)).bytes_by_kind()
+    sizes = model_transfer(variant.load, Protection(init_repair=0.0)).bytes_by_kind()
     again = OVERHEAD * _lost_per_received(received)
     extra = variant.concealment_bytes + variant.preview_bytes
-    plain = sizes["side"] + sizes["packets"] - variant.concealment_bytes
+    plain = sizes["init_segment"] + sizes["packets"] - variant.concealment_bytes
     most = min(budget_bytes - plain, plain * max_protection / (1 - max_protection) if max_protection < 1 else np.inf)
-    room = most - extra - again * sizes["side"]
+    room = most - extra - again * sizes["init_segment"]
     if room < 0:
         return None
     ends = np.cumsum(variant.load.packet_bytes)
@@ -105,11 +105,11 @@ def _plan(
         variant, SimulatedTransfers(np.ones(len(packets), dtype=np.bool_), packets), rendered_trials
     )
     resent = again * float(variant.load.packet_bytes[:count].sum())
-    spent = {"side_protection": round(again * sizes["side"]), "packet_protection": round(resent)}
+    spent = {"init_protection": round(again * sizes["init_segment"]), "packet_protection": round(resent)}
     total = sum(sizes.values()) + sum(spent.values()) + variant.preview_bytes
     # Any limit, however large, makes the sender keep unsent repair symbols of the init segment.
     limit = MAX_RETRANSMITTED if count == len(ends) else None
-    protection = Protection(side_repair=0.0, resend=limit, resend_until=until)
+    protection = Protection(init_repair=0.0, retransmit_share=limit, retransmit_until=until)
     return ScenePlan(protection, number, result.psnr, result.lost, total, 1.0, sizes | spent, extra)
 
 

@@ -12,6 +12,11 @@ from splatwire.transport.protocol.protection import Protection
 FORMAT, VERSION = "splatwire plan", 1
 MAX_BYTES = 1 << 18
 MAX_TIERS = 8
+FORMER_KEYS = {
+    "side_repair": "init_repair", "side_lead": "init_until", "side_symbol_bytes": "init_symbol_bytes",
+    "head_share": "bundled_share", "resend": "retransmit_share", "resend_until": "retransmit_until",
+}  # fmt: skip
+"""Current names of the keys of a plan's protection, by the names that releases before 0.3.0 wrote."""
 MAX_GROUPS = 4096
 """Maximum number of groups of pictures with their own amount of redundancy."""
 
@@ -92,20 +97,25 @@ def _stream_id(value: Any) -> int:
 
 def _protection(values: Any) -> Protection:
     known = {field.name for field in fields(Protection)}
-    if not (isinstance(values, dict) and set(values) | {"motion"} == known):
+    current = (
+        {FORMER_KEYS.get(str(key), str(key)): value for key, value in values.items()}
+        if isinstance(values, dict)
+        else {}
+    )
+    if set(current) | {"motion"} != known or len(current) != len(values):
         raise InvalidValueError(f"the plan's protection must have {', '.join(sorted(known))} and nothing else")
-    repair, optional = values["tier_repair"], {"side_symbol_bytes", "resend"}
+    repair, optional = current["tier_repair"], {"init_symbol_bytes", "retransmit_share"}
     if not (isinstance(repair, list) and len(repair) <= MAX_TIERS):
         raise InvalidValueError(f"the plan's tier_repair is not a list of at most {MAX_TIERS} numbers")
-    numbers = {key: _number(key, value) for key, value in values.items()
+    numbers = {key: _number(key, value) for key, value in current.items()
                if key not in {"tier_repair", "motion"} and not (value is None and key in optional)}  # fmt: skip
-    size = numbers.pop("side_symbol_bytes", None)
+    size = numbers.pop("init_symbol_bytes", None)
     if size is not None and not size.is_integer():
-        raise InvalidValueError(f"the plan's side_symbol_bytes is no whole number, but {size}")
+        raise InvalidValueError(f"the plan's init_symbol_bytes is no whole number, but {size}")
     return Protection(
-        **numbers, side_symbol_bytes=None if size is None else int(size),
+        **numbers, init_symbol_bytes=None if size is None else int(size),
         tier_repair=tuple(_number("tier_repair", value) for value in repair),
-        motion=_parse_motion_protection(values.get("motion", [])),
+        motion=_parse_motion_protection(current.get("motion", [])),
     )  # fmt: skip
 
 

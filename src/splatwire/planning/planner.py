@@ -19,7 +19,7 @@ from splatwire.planning.candidates import (
     arrival_within,
     baseline_candidates,
     candidates,
-    largest_head,
+    max_init_segment_bytes,
 )
 from splatwire.planning.distortion import StreamVariant, lost_fractions
 from splatwire.planning.plan_file import Plan
@@ -78,7 +78,7 @@ class ScenePlan(Plan):
     @property
     def protection_bytes(self) -> int:
         """Number of bytes spent on protection from losses: redundancy, and additional data for loss concealment."""
-        return self.sizes["side_protection"] + self.sizes["packet_protection"] + self.concealment_bytes
+        return self.sizes["init_protection"] + self.sizes["packet_protection"] + self.concealment_bytes
 
     @property
     def protection_share(self) -> float:
@@ -96,7 +96,7 @@ def plan_protection(
     rendered_trials: int = 6,
     seed: int = 0,
     max_protection: float = 1.0,
-    head_target: float = 0.999,
+    init_segment_target: float = 0.999,
     progress: Callable[[float], None] | None = None,
 ) -> ScenePlan:
     """Chooses the stream variant and the redundancy with the best expected picture.
@@ -110,21 +110,23 @@ def plan_protection(
         rendered_trials: Number of simulated transfers to render for the best settings.
         seed: Random seed of the simulated losses.
         max_protection: Maximum bytes of redundancy as a fraction of all bytes, 0 to 1.
-        head_target: Minimum fraction of transfers in which the side information must arrive.
+        init_segment_target: Minimum fraction of transfers in which the side information must arrive.
         progress: Called with the completed fraction.
 
     Raises:
         InvalidValueError: If a number is out of range, or every setting exceeds `max_protection`.
     """
     check_request(variants, budget_bytes, max_protection, trials, rendered_trials)
-    if not 0 < head_target <= 1:
-        raise InvalidValueError(f"head_target must be above 0 and at most 1, not {shown(head_target)}")
+    if not 0 < init_segment_target <= 1:
+        raise InvalidValueError(f"init_segment_target must be above 0 and at most 1, not {shown(init_segment_target)}")
     report = progress or (lambda _: None)
     traces = draw_transfer_losses(variants, loss, max(HEAD_TRIALS, trials), seed)
     plans, plain = list[ScenePlan](), list[ScenePlan]()
     for number, variant in enumerate(variants):
         spent = variant.concealment_bytes + variant.preview_bytes
-        constraints = PlanConstraints(variant.budget_after_preview(budget_bytes), max_protection, head_target, spent)
+        constraints = PlanConstraints(
+            variant.budget_after_preview(budget_bytes), max_protection, init_segment_target, spent
+        )
         first = [] if traces.all() else list(baseline_candidates(variant.load, traces, constraints).values())
         tried = candidates(variant.load, traces, constraints)
         for done, candidate in enumerate([*tried, *first]):
@@ -138,7 +140,7 @@ def plan_protection(
         [_predict_plan(variants[plan.variant], plan.variant, plan.protection, traces, budget_bytes) for plan in chosen]
         for chosen in (_leaders(plans, SHORT_LIST), plain)
     )
-    finalists = _finalists(plans, plain, head_target)
+    finalists = _finalists(plans, plain, init_segment_target)
     new_traces = draw_transfer_losses(
         variants, loss, min(FINAL_TRIALS, max(MAX_SIMULATED_DATAGRAMS // traces.shape[1], trials)), seed + 1
     )
@@ -194,9 +196,9 @@ def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, tri
     """
     if not len(variants):
         raise InvalidValueError("variants: there is none to simulate")
-    bare = [len(model_transfer(variant.load, Protection(side_repair=0.0)).kind) for variant in variants]
-    head = max(largest_head(variant.load) for variant in variants)
-    return draw_losses(loss, trials, 3 * max(bare) + 3 * head // FINE_SYMBOL_BYTES, seed)
+    bare = [len(model_transfer(variant.load, Protection(init_repair=0.0)).kind) for variant in variants]
+    most_bytes = max(max_init_segment_bytes(variant.load) for variant in variants)
+    return draw_losses(loss, trials, 3 * max(bare) + 3 * most_bytes // FINE_SYMBOL_BYTES, seed)
 
 
 def _predict_plan(
@@ -227,15 +229,17 @@ def _leaders(plans: Sequence[ScenePlan], count: int) -> list[ScenePlan]:
     return sorted(plans, key=lambda plan: (-plan.psnr, -plan.protection_bytes))[:count]
 
 
-def _finalists(plans: Sequence[ScenePlan], baselines: Sequence[ScenePlan], head_target: float) -> list[ScenePlan]:
+def _finalists(
+    plans: Sequence[ScenePlan], baselines: Sequence[ScenePlan], init_segment_target: float
+) -> list[ScenePlan]:
     """Selects the plans to check by rendering: the best ones, and baselines with nearly the PSNR of the best.
 
     Args:
         plans: Plans found by the search.
         baselines: Baseline plans with simple redundancy.
-        head_target: Minimum fraction of transfers in which the side information must arrive.
+        init_segment_target: Minimum fraction of transfers in which the side information must arrive.
     """
-    enough = head_target - math.sqrt(head_target * (1 - head_target) / HEAD_TRIALS)
+    enough = init_segment_target - math.sqrt(init_segment_target * (1 - init_segment_target) / HEAD_TRIALS)
     everything = [*plans, *baselines]
     safe = [plan for plan in everything if plan.head_arrives >= enough] or everything
     best = _leaders(safe, FINALISTS)

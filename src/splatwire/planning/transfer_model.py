@@ -10,11 +10,18 @@ from splatwire.bitstream import SceneStream, send_sequence
 from splatwire.channel import LossModel
 from splatwire.errors import InvalidValueError, shown, whole_number
 from splatwire.transport.fec import MAX_REPAIR, symbol_bytes_for
-from splatwire.transport.protocol.layout import Group, Segments, bundled_bytes, init_segment, parity_groups
+from splatwire.transport.protocol.layout import Group, SourceBlocks, bundled_bytes, init_segment, parity_groups
 from splatwire.transport.protocol.protection import Protection, num_bundled_packets, packets_in_tiers, protected_tiers
 from splatwire.transport.protocol.send_schedule import build_send_schedule
-from splatwire.transport.protocol.served_stream import side_symbol_bytes
-from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
+from splatwire.transport.protocol.served_stream import default_symbol_bytes
+from splatwire.transport.protocol.wire import (
+    DATA,
+    DATA_OVERHEAD,
+    INIT_SYMBOL,
+    INIT_SYMBOL_OVERHEAD,
+    PARITY,
+    PARITY_OVERHEAD,
+)
 
 MAX_MASK_ENTRIES = 1_000_000_000
 """Maximum number of datagrams in all simulated transfers."""
@@ -28,13 +35,13 @@ class StreamLoad(CheckedFields):
     """Sizes of the packets of a stream, in sending order.
 
     Attributes:
-        head_bytes: Bytes of manifest and side information.
+        init_segment_bytes: Bytes of the init segment without bundled packets: manifest and side information.
         packet_bytes: Bytes of each packet, int64 (P).
         elements: Number of elements of each packet, int64 (P).
         tiers: Importance tier of each packet, int64 (P), ascending.
     """
 
-    head_bytes: int
+    init_segment_bytes: int
     packet_bytes: np.ndarray
     elements: np.ndarray
     tiers: np.ndarray
@@ -61,11 +68,12 @@ class TransferModel:
     """Datagrams of a simulated transfer in sending order: kind and size, without content.
 
     Attributes:
-        kind: Kind of each datagram: `SIDE` (init segment), `DATA` (packet) or `PARITY` (repair symbol), int64 (n).
+        kind: Kind of each datagram: `INIT_SYMBOL` (init segment), `DATA` (packet) or `PARITY` (repair symbol),
+            int64 (n).
         group: Source block of an init segment symbol, or parity group of a repair symbol; int64 (n).
         symbol: Index of a symbol in its block or group; for a packet, its index in sending order; int64 (n).
         num_bytes: Size of each datagram with headers, bytes, int64 (n).
-        segment_sizes: Number of source symbols of each source block of the init segment.
+        source_block_sizes: Number of source symbols of each source block of the init segment.
         groups: Parity groups: packets that share repair symbols.
         num_packets: Number of packets.
         num_bundled: Number of the first packets that are sent inside the init segment; they have no `DATA` datagrams of
@@ -76,7 +84,7 @@ class TransferModel:
     group: np.ndarray
     symbol: np.ndarray
     num_bytes: np.ndarray
-    segment_sizes: tuple[int, ...]
+    source_block_sizes: tuple[int, ...]
     groups: tuple[Group, ...]
     num_packets: int
     num_bundled: int = 0
@@ -85,21 +93,25 @@ class TransferModel:
         """Returns the bytes of a complete transfer by purpose.
 
         Returns:
-            Total size of the datagrams, in bytes, by purpose: `side` (side information), `side_protection` (parity of
-            the side information), `packets`, and `packet_protection` (parity of the packets).
+            Total size of the datagrams, in bytes, by purpose: `init_segment`, `init_protection` (its
+            repair symbols), `packets`, and `packet_protection` (parity of the packets).
         """
-        sizes = np.array((*self.segment_sizes, 0), dtype=np.int64)[self._segment()]
-        repair = (self.kind == SIDE) & (self.symbol >= sizes)
-        masks = {"side": (self.kind == SIDE) & ~repair, "side_protection": repair, "packets": self.kind == DATA,
-                 "packet_protection": self.kind == PARITY}  # fmt: skip
+        sizes = np.array((*self.source_block_sizes, 0), dtype=np.int64)[self._source_block()]
+        repair = (self.kind == INIT_SYMBOL) & (self.symbol >= sizes)
+        masks = {
+            "init_segment": (self.kind == INIT_SYMBOL) & ~repair,
+            "init_protection": repair,
+            "packets": self.kind == DATA,
+            "packet_protection": self.kind == PARITY,
+        }
         return {name: int(self.num_bytes[mask].sum()) for name, mask in masks.items()}
 
     def sent_within(self, budget_bytes: float | int) -> int:
         """Returns the number of datagrams that fit into a budget of bytes, in sending order."""
         return int(np.searchsorted(np.cumsum(self.num_bytes), budget_bytes, side="right"))
 
-    def _segment(self) -> np.ndarray:
-        return np.where(self.kind == SIDE, self.group, 0)
+    def _source_block(self) -> np.ndarray:
+        return np.where(self.kind == INIT_SYMBOL, self.group, 0)
 
 
 @checked
@@ -114,11 +126,13 @@ def model_transfer(load: StreamLoad, protection: Protection) -> TransferModel:
         InvalidValueError: If the protection does not fit the stream.
     """
     num_bundled = num_bundled_packets(len(load.packet_bytes), protection)
-    head_bytes = load.head_bytes + bundled_bytes(int(load.packet_bytes[:num_bundled].sum()), num_bundled)
-    symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(head_bytes)
-    segments = Segments(head_bytes, symbol_bytes)
-    head = tuple(segments.size(s) for s in range(segments.num_segments))
-    with_repair = [size + min(round(protection.side_repair * size), MAX_REPAIR) for size in head]
+    init_segment_bytes = load.init_segment_bytes + bundled_bytes(
+        int(load.packet_bytes[:num_bundled].sum()), num_bundled
+    )
+    symbol_bytes = protection.init_symbol_bytes or default_symbol_bytes(init_segment_bytes)
+    source_blocks = SourceBlocks(init_segment_bytes, symbol_bytes)
+    block_sizes = tuple(source_blocks.size(s) for s in range(source_blocks.num_blocks))
+    with_repair = [size + min(round(protection.init_repair * size), MAX_REPAIR) for size in block_sizes]
     members = load.tiers.tolist()
     tiers = protected_tiers(members, protection)
     groups = tuple(parity_groups(tiers))
@@ -127,10 +141,12 @@ def model_transfer(load: StreamLoad, protection: Protection) -> TransferModel:
     )
     table = np.array(items, dtype=np.int64).reshape(-1, 3)
     parity_bytes = symbol_bytes_for(int(load.packet_bytes.max(initial=0))) + PARITY_OVERHEAD
-    size = np.where(table[:, 0] == SIDE, symbol_bytes + SIDE_OVERHEAD, parity_bytes)
+    size = np.where(table[:, 0] == INIT_SYMBOL, symbol_bytes + INIT_SYMBOL_OVERHEAD, parity_bytes)
     data = table[:, 0] == DATA
     size[data] = load.packet_bytes[table[data, 2]] + DATA_OVERHEAD
-    return TransferModel(table[:, 0], table[:, 1], table[:, 2], size, head, groups, len(load.packet_bytes), num_bundled)
+    return TransferModel(
+        table[:, 0], table[:, 1], table[:, 2], size, block_sizes, groups, len(load.packet_bytes), num_bundled
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +194,11 @@ def side_info_arrivals(model: TransferModel, received: np.ndarray) -> np.ndarray
     """
     received = transfer_masks(received, "received", len(model.kind))
     complete = np.ones(len(received), dtype=np.bool_)
-    for segment, size in enumerate(model.segment_sizes):
-        mine = (model.kind == SIDE) & (model.group == segment)
-        of_segment = received[:, mine]
-        all_sources = of_segment[:, model.symbol[mine] < size].all(axis=1)
-        complete &= all_sources | (of_segment.sum(axis=1) >= size + SYMBOLS_TO_SPARE)
+    for source_block, size in enumerate(model.source_block_sizes):
+        mine = (model.kind == INIT_SYMBOL) & (model.group == source_block)
+        of_block = received[:, mine]
+        all_sources = of_block[:, model.symbol[mine] < size].all(axis=1)
+        complete &= all_sources | (of_block.sum(axis=1) >= size + SYMBOLS_TO_SPARE)
     return complete
 
 

@@ -12,6 +12,7 @@ import { InitSegment } from "./init_segment.ts";
 import {
   DATA,
   END,
+  INIT_SYMBOL,
   MAX_FRUITLESS_ENDS,
   MAX_GAPS,
   MAX_NACK_ATTEMPTS,
@@ -23,12 +24,11 @@ import {
   REFUSALS,
   REFUSE,
   REORDER_THRESHOLD,
-  SIDE,
   WELCOME,
 } from "./wire.ts";
 import {
   dataView,
-  messageType,
+  messageKind,
   readWelcome,
   type Welcome,
   writeBye,
@@ -151,19 +151,19 @@ export class Transfer {
 
   receive(bytes: Uint8Array, now: number): void {
     if (this.finished) return;
-    const kind = messageType(bytes);
+    const kind = messageKind(bytes);
     this.counts.bytes += bytes.length;
     if (kind === WELCOME && !this.welcome) return this.#onWelcome(bytes, now);
     if (kind === WELCOME) return this.#onLaterWelcome(bytes, now);
     if (kind === REFUSE && bytes[9] === NOT_YET) return void (this.waitUntil = now + NOT_YET_MS);
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
     const isValid =
-      kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
+      kind === INIT_SYMBOL ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
     if (!this.welcome && isValid && this.#earlyDatagrams.length < MAX_EARLY_DATAGRAMS)
       return void this.#earlyDatagrams.push(bytes);
     if (!this.welcome || !isValid || dataView(bytes).getUint32(1, true) !== this.welcome.session)
       return void this.counts.rejected++;
-    if (kind === SIDE) return this.#onSideInfo(bytes, now);
+    if (kind === INIT_SYMBOL) return this.#onSideInfo(bytes, now);
     const sequence = dataView(bytes).getUint32(5, true);
     if (sequence > this.#largestSequence + MAX_SEQUENCE_JUMP) return void this.counts.rejected++;
     this.counts.datagrams++;

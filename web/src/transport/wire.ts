@@ -5,7 +5,7 @@
 export const VERSION = 4;
 export const REQUEST = 3;
 export const WELCOME = 4;
-export const SIDE = 5;
+export const INIT_SYMBOL = 5;
 export const DATA = 6;
 export const FEEDBACK = 8;
 export const BYE = 9;
@@ -25,6 +25,7 @@ export const REFUSALS = [
   "nothing is there yet",
   "the server has another protocol version",
   "the scene needs a valid token",
+  "the port serves another transport",
 ];
 export const NOT_YET = 5;
 export const OTHER_VERSION = 6;
@@ -38,7 +39,7 @@ export const MAX_GAPS = 4096;
 export const REORDER_THRESHOLD = 48;
 export const MAX_SEQUENCE_JUMP = 131072;
 export const MAX_FRUITLESS_ENDS = 25;
-export const MAX_HEAD_BYTES = 268435456;
+export const MAX_INIT_SEGMENT_BYTES = 268435456;
 export const MAX_PACKETS = 2097152;
 export const NACK_INTERVAL_MS = 120;
 export const FEEDBACK_MS = 20;

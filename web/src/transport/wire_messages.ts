@@ -12,8 +12,8 @@ import {
   LIVE,
   MAX_DATAGRAM,
   MAX_DECLARED,
-  MAX_HEAD_BYTES,
   MAX_HELD_BYTES,
+  MAX_INIT_SEGMENT_BYTES,
   MAX_PACKETS,
   MAX_PARITY_RANGES,
   MAX_PREVIEW,
@@ -42,7 +42,7 @@ function message(kind: number, size: number, fill: (numbers: DataView, bytes: Ui
  * Returns the type of a message with a correct checksum, 0 for anything else. Packets in `DATA` have their own
  * checksum.
  */
-export function messageType(bytes: Uint8Array): number {
+export function messageKind(bytes: Uint8Array): number {
   if (bytes.length < 6 || bytes[0] >> 4 !== VERSION) return 0;
   const kind = bytes[0] & 15,
     end = bytes.length - 4;
@@ -102,7 +102,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
   const isValid =
     numbers.getBigUint64(1, true) === nonce &&
     initSegmentBytes > 0 &&
-    initSegmentBytes <= MAX_HEAD_BYTES &&
+    initSegmentBytes <= MAX_INIT_SEGMENT_BYTES &&
     welcome.symbolBytes > 0 &&
     welcome.packets <= MAX_PACKETS &&
     welcome.bundled <= welcome.packets;

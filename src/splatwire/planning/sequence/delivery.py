@@ -22,14 +22,14 @@ class SequenceLoad:
 
     Attributes:
         ids: Ids of the packets.
-        head_bytes: Bytes of manifest and side information.
+        init_segment_bytes: Bytes of manifest and side information.
         packet_bytes: Size of the datagram with each packet, bytes, int64 (P).
         importance: Expected loss of quality if a packet is missing, float64 (P).
         groups: Indices of the packets of each group of pictures.
     """
 
     ids: tuple[PacketId, ...]
-    head_bytes: int
+    init_segment_bytes: int
     packet_bytes: np.ndarray
     importance: np.ndarray
     groups: tuple[GroupPackets, ...]
@@ -54,7 +54,7 @@ class SequenceLoad:
     @property
     def num_bytes(self) -> int:
         """Bytes of the whole sequence without parity."""
-        return self.head_bytes + int(self.packet_bytes.sum())
+        return self.init_segment_bytes + int(self.packet_bytes.sum())
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from splatwire.transport.protocol.protection import Protection
 PARTS = (0.25, 0.5, 0.75, 1.0)
 """Candidate fractions of a group's motion packets that parity protects, most important packets first."""
 REPAIRS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.25, 1.5, 2.0)
-SIDE_REPAIR = 0.6
+INIT_REPAIR = 0.6
 """Repair symbols per source symbol of the init segment, which is small."""
 MIN_GAIN_DB = 0.02
 """Minimum gain in dB over a plan without parity, below which no parity is used, because simulations cannot resolve
@@ -191,7 +191,7 @@ def _distribute_bytes(choices: Sequence[Sequence[_Choice]], room: float | int) -
 
 def _plan(variant: SequenceVariant, number: int, chosen: Sequence[_Choice]) -> SequencePlan:
     parity = sum(choice.num_bytes for choice in chosen)
-    protection = Protection(side_repair=SIDE_REPAIR, motion=tuple(choice.pair for choice in chosen))
+    protection = Protection(init_repair=INIT_REPAIR, motion=tuple(choice.pair for choice in chosen))
     psnr = float(np.average([choice.psnr for choice in chosen], weights=[choice.frames for choice in chosen]))
     return SequencePlan(
         protection, number, psnr, tuple(choice.lost for choice in chosen), variant.load.num_bytes + parity, psnr, parity

@@ -33,7 +33,7 @@ from splatwire.transport.http.messages import (
 )
 from splatwire.transport.http.origins import host_of, is_loopback, is_loopback_origin
 from splatwire.transport.http.scene_list import preview_attributes, scene_list, start_attributes
-from splatwire.transport.protocol.layout import Segments, split_init_segment
+from splatwire.transport.protocol.layout import SourceBlocks, split_init_segment
 from splatwire.transport.protocol.served_stream import ServedStream
 
 SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
@@ -445,9 +445,11 @@ def served_stream_file(stream: ServedStream) -> bytes:
 
 def _head(stream: ServedStream) -> tuple[Manifest, bytes]:
     """Parses the init segment of a stream, and returns manifest and side information (data that all packets need)."""
-    segments = Segments(stream.init_segment_bytes, stream.symbol_bytes)
+    source_blocks = SourceBlocks(stream.init_segment_bytes, stream.symbol_bytes)
     symbols = (
-        symbol for number, segment in enumerate(stream.init_symbols) for symbol in segment[: segments.size(number)]
+        symbol
+        for number, source_block in enumerate(stream.init_symbols)
+        for symbol in source_block[: source_blocks.size(number)]
     )
     manifest, side_info, _ = split_init_segment(b"".join(symbols)[: stream.init_segment_bytes])
     return manifest, side_info

@@ -146,7 +146,7 @@ class RelayReceiver:
         """
         self._subscriptions.clear()
         self._bytes_before = self.num_bytes
-        most = self.options.limits.head_bytes
+        most = self.options.limits.init_segment_bytes
         data = b"".join([frame async for frame in self._frames(broadcast, HEAD, FOREMOST, most, most // 64 + 1)])
         manifest, self._side_info, bundled = split_init_segment(data)
         check_side_info(manifest, self._side_info, "the side information that was sent")

@@ -11,8 +11,8 @@ from splatwire.bitstream import Manifest, Packet, PacketIntake, packet_from_byte
 from splatwire.bitstream.container import check_side_info
 from splatwire.errors import BitstreamError
 from splatwire.transport import fec
-from splatwire.transport.protocol.datagrams import MAX_HELD_BYTES, Data, Parity, Side, Welcome
-from splatwire.transport.protocol.layout import GroupFinder, Segments, split_init_segment
+from splatwire.transport.protocol.layout import GroupFinder, SourceBlocks, split_init_segment
+from splatwire.transport.protocol.messages import MAX_HELD_BYTES, Data, InitSymbol, Parity, Welcome
 from splatwire.transport.protocol.protection import MIN_SYMBOL_BYTES
 from splatwire.transport.protocol.served_stream import MAX_PACKET_BYTES
 from splatwire.transport.protocol.wire import MAX_DATAGRAM
@@ -26,12 +26,12 @@ class ReceiverLimits(CheckedFields):
     """Maximum sizes of a stream that a receiver accepts.
 
     Attributes:
-        head_bytes: Maximum size of manifest and side information together, bytes.
+        init_segment_bytes: Maximum size of manifest and side information together, bytes.
         stream_bytes: Maximum size of the whole stream, bytes.
         packets: Maximum number of packets of the stream.
     """
 
-    head_bytes: int = 1 << 28
+    init_segment_bytes: int = 1 << 28
     stream_bytes: int = 1 << 30
     packets: int = 1 << 21
 
@@ -57,7 +57,7 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
         for parity_range in w.parity_ranges
     )
     checks = (
-        (0 < w.init_segment_bytes <= limits.head_bytes, f"side information of {w.init_segment_bytes} bytes"),
+        (0 < w.init_segment_bytes <= limits.init_segment_bytes, f"side information of {w.init_segment_bytes} bytes"),
         (w.num_packets <= limits.packets, f"{w.num_packets} packets"),
         (total <= limits.stream_bytes, f"a stream of {total} bytes"),
         (w.packet_bytes <= MAX_PACKET_BYTES, f"packets of {w.packet_bytes} bytes"),
@@ -72,56 +72,56 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
 
 
 class InitSegmentCollector:
-    """Collects the symbols of the init segment (manifest, side information, bundled packets) and decodes the segment.
+    """Decodes the init segment (manifest, side information, bundled packets) from its symbols.
 
     Args:
         welcome: Server's response with the sizes of the stream, already checked.
     """
 
     def __init__(self, welcome: Welcome) -> None:
-        self._segments = Segments(welcome.init_segment_bytes, welcome.symbol_bytes)
+        self._source_blocks = SourceBlocks(welcome.init_segment_bytes, welcome.symbol_bytes)
         self._digest = welcome.digest
-        self._symbols: list[dict[int, bytes]] = [{} for _ in range(self._segments.num_segments)]
-        self._pieces: list[bytes | None] = [None] * self._segments.num_segments
+        self._symbols: list[dict[int, bytes]] = [{} for _ in range(self._source_blocks.num_blocks)]
+        self._pieces: list[bytes | None] = [None] * self._source_blocks.num_blocks
         self.num_poisoned = 0
 
     @property
     def num_symbols(self) -> int:
         """Total number of source symbols of the init segment."""
-        return self._segments.num_symbols
+        return self._source_blocks.num_symbols
 
     @property
     def num_missing(self) -> int:
         """Minimum number of symbols that are still needed to decode the init segment."""
         missing = 0
-        for segment, piece in enumerate(self._pieces):
+        for source_block, piece in enumerate(self._pieces):
             if piece is None:
-                missing += max(1, self._segments.size(segment) - len(self._symbols[segment]))
+                missing += max(1, self._source_blocks.size(source_block) - len(self._symbols[source_block]))
         return missing
 
-    def add(self, frame: Side) -> bytes | None:
+    def add(self, message: InitSymbol) -> bytes | None:
         """Adds a received symbol of the init segment.
 
         Args:
-            frame: The datagram with the symbol; invalid and repeated symbols are ignored.
+            message: The datagram with the symbol; invalid and repeated symbols are ignored.
 
         Returns:
             Bytes of the init segment if it is complete now, else None.
         """
-        if frame.segment >= len(self._pieces) or self._pieces[frame.segment] is not None:
+        if message.source_block >= len(self._pieces) or self._pieces[message.source_block] is not None:
             return None
-        size, symbols = self._segments.size(frame.segment), self._symbols[frame.segment]
-        useless = frame.symbol in symbols or frame.symbol >= size + fec.MAX_REPAIR
-        if useless or len(frame.payload) != self._segments.symbol_bytes:
+        size, symbols = self._source_blocks.size(message.source_block), self._symbols[message.source_block]
+        useless = message.symbol in symbols or message.symbol >= size + fec.MAX_REPAIR
+        if useless or len(message.payload) != self._source_blocks.symbol_bytes:
             return None
-        symbols[frame.symbol] = frame.payload
-        segment_data = fec.recover(symbols, size, self._segments.symbol_bytes) if len(symbols) >= size else None
-        if segment_data is None:
+        symbols[message.symbol] = message.payload
+        block_data = fec.recover(symbols, size, self._source_blocks.symbol_bytes) if len(symbols) >= size else None
+        if block_data is None:
             if len(symbols) > size + SPARE_SYMBOLS:  # improbable for valid symbols: at least one is corrupt
-                self._restart(frame.segment)
+                self._restart(message.source_block)
             return None
-        span = self._segments.span(frame.segment)
-        self._pieces[frame.segment] = b"".join(segment_data)[: span.stop - span.start]
+        span = self._source_blocks.span(message.source_block)
+        self._pieces[message.source_block] = b"".join(block_data)[: span.stop - span.start]
         symbols.clear()
         return self._whole()
 
@@ -132,19 +132,19 @@ class InitSegmentCollector:
         data = b"".join(pieces)
         if hashlib.sha256(data).digest() == self._digest:
             return data
-        for segment in range(len(self._pieces)):
-            self._restart(segment)
+        for source_block in range(len(self._pieces)):
+            self._restart(source_block)
         return None
 
-    def _restart(self, segment: int) -> None:
+    def _restart(self, source_block: int) -> None:
         """Discards all received symbols of a source block of the init segment, because one of them is corrupt.
 
         Args:
-            segment: Index of the source block (part of the init segment that is coded separately).
+            source_block: Index of the source block (part of the init segment that is coded separately).
         """
         self.num_poisoned += 1
-        self._symbols[segment].clear()
-        self._pieces[segment] = None
+        self._symbols[source_block].clear()
+        self._pieces[source_block] = None
 
 
 def read_init_segment(data: bytes, welcome: Welcome) -> tuple[Manifest, bytes, tuple[bytes, ...]]:
@@ -242,45 +242,45 @@ class PacketCollector:
                 taken.append(new)
         return self._intake, taken
 
-    def add(self, frame: Data) -> list[Packet]:
+    def add(self, message: Data) -> list[Packet]:
         """Adds a received packet.
 
         Args:
-            frame: Datagram with the packet. An invalid or repeated packet is counted and ignored.
+            message: Datagram with the packet. An invalid or repeated packet is counted and ignored.
 
         Returns:
             The packets that can be decoded now: the new packet, and all lost packets that can be recovered with it.
             Before a manifest lists the new packet, it is only stored; `open` then returns it later.
         """
-        if frame.packet_index >= self._welcome.num_packets or len(frame.packet) > self._welcome.packet_bytes:
+        if message.packet_index >= self._welcome.num_packets or len(message.packet) > self._welcome.packet_bytes:
             self.num_bad += 1
             return []
-        if self._is_received[frame.packet_index]:
+        if self._is_received[message.packet_index]:
             self.num_duplicate += 1
             return []
-        new = self._take(frame.packet_index, frame.packet)
+        new = self._take(message.packet_index, message.packet)
         if new is None:
             return []
-        self.highest = max(self.highest, frame.packet_index)
-        member = self._finder.find(frame.packet_index)
-        out = [new] if self._intake and frame.packet_index < self._known else []
+        self.highest = max(self.highest, message.packet_index)
+        member = self._finder.find(message.packet_index)
+        out = [new] if self._intake and message.packet_index < self._known else []
         return out + self._solve(member[0]) if member else out
 
-    def add_parity(self, frame: Parity) -> list[Packet]:
+    def add_parity(self, message: Parity) -> list[Packet]:
         """Adds a received repair symbol, and returns the lost packets that can now be recovered."""
-        if frame.group >= self._finder.num_groups or len(frame.payload) != self._symbol_bytes:
+        if message.group >= self._finder.num_groups or len(message.payload) != self._symbol_bytes:
             self.num_bad += 1
             return []
-        group = self._finder.group(frame.group)
-        if frame.symbol >= group.repair:
+        group = self._finder.group(message.group)
+        if message.symbol >= group.repair:
             self.num_bad += group.repair > 0  # else it is late, for an expired parity group
             return []
-        if len(self._members.get(frame.group, ())) == group.size:
+        if len(self._members.get(message.group, ())) == group.size:
             return []
-        repair = self._repair.setdefault(frame.group, {})
+        repair = self._repair.setdefault(message.group, {})
         if len(repair) < group.size + SPARE_SYMBOLS:
-            repair[group.size + frame.symbol] = frame.payload
-        return self._solve(frame.group)
+            repair[group.size + message.symbol] = message.payload
+        return self._solve(message.group)
 
     def missing(self, start: int, stop: int) -> Iterator[int]:
         """Yields the indices of missing packets from `start` to `stop` (exclusive), ascending."""

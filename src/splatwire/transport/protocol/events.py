@@ -4,7 +4,7 @@ import warnings
 from dataclasses import dataclass
 
 from splatwire.bitstream import Manifest, Packet, PacketIntake, SceneStream
-from splatwire.transport.protocol.datagrams import Welcome
+from splatwire.transport.protocol.messages import Welcome
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,13 @@ class Welcomed:
         return self.init_segment_bytes
 
     @staticmethod
-    def of(frame: Welcome) -> "Welcomed":
+    def of(message: Welcome) -> "Welcomed":
         """Creates the event from the server's response.
 
         Args:
-            frame: The response, with the sizes of the stream.
+            message: The response, with the sizes of the stream.
         """
-        return Welcomed(frame.num_packets, frame.init_segment_bytes, frame.preview, frame.is_live)
+        return Welcomed(message.num_packets, message.init_segment_bytes, message.preview, message.is_live)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from collections import deque
 from typing import NamedTuple
 
-from splatwire.transport.protocol.datagrams import Feedback
+from splatwire.transport.protocol.messages import Feedback
 
 MAX_LOGGED_DATAGRAMS = 8192
 """Number of sending times that are stored, those of the latest datagrams."""
@@ -56,33 +56,33 @@ class FeedbackTracker:
         self.sequence += 1
         self._num_bytes += num_bytes
 
-    def is_plausible(self, frame: Feedback) -> bool:
+    def is_plausible(self, message: Feedback) -> bool:
         """Returns False if the counters of a report decrease, or exceed the number of datagrams sent."""
         last = self._last
-        grows = last is None or (frame.largest >= last.largest and frame.received >= last.received)
-        return grows and frame.received <= frame.largest + 1 and frame.largest < max(self.sequence, 1)
+        grows = last is None or (message.largest >= last.largest and message.received >= last.received)
+        return grows and message.received <= message.largest + 1 and message.largest < max(self.sequence, 1)
 
-    def on_feedback(self, frame: Feedback, now: float) -> FeedbackSample | None:
+    def on_feedback(self, message: Feedback, now: float) -> FeedbackSample | None:
         """Returns delay and loss since the previous report.
 
         Args:
-            frame: Plausible report of the receiver.
+            message: Plausible report of the receiver.
             now: Time, seconds.
 
         Returns:
             The measurement; None if unknown, such as for the first report.
         """
         times, last = self._times, self._last
-        if last is not None and frame.largest == last.largest:
+        if last is not None and message.largest == last.largest:
             return None
-        while times and times[0][0] < frame.largest:
+        while times and times[0][0] < message.largest:
             times.popleft()
-        self._last = frame
-        if not times or times[0][0] != frame.largest or last is None:
+        self._last = message
+        if not times or times[0][0] != message.largest or last is None:
             return None
-        sent, arrived = frame.largest - last.largest, frame.received - last.received
-        mean, seconds = self._num_bytes / max(self.sequence, 1), ((frame.time_us - last.time_us) & 0xFFFFFFFF) / 1e6
-        transit = self._unwrapped(frame.time_us) - times[0][1]
+        sent, arrived = message.largest - last.largest, message.received - last.received
+        mean, seconds = self._num_bytes / max(self.sequence, 1), ((message.time_us - last.time_us) & 0xFFFFFFFF) / 1e6
+        transit = self._unwrapped(message.time_us) - times[0][1]
         return FeedbackSample(now - times[0][1], transit, sent, min(arrived, sent), arrived * mean, seconds)
 
     def _unwrapped(self, time_us: int) -> float:

@@ -2,7 +2,7 @@
 
 import hashlib
 
-from splatwire.transport.protocol.datagrams import TOKEN_BYTES, Hello, Request
+from splatwire.transport.protocol.messages import TOKEN_BYTES, Hello, Request
 from splatwire.transport.protocol.wire import encode
 
 RETRY_S = 0.2

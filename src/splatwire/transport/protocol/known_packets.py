@@ -1,6 +1,6 @@
 """Packets that a client already has when it resumes a transfer, and that the server does not send again."""
 
-from splatwire.transport.protocol.datagrams import Have
+from splatwire.transport.protocol.messages import Have
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, WELCOME
 
@@ -12,22 +12,22 @@ class KnownPackets:
         self._packets = bytearray()
         self._has_init_segment = False
 
-    def take(self, frame: Have, stream: ServedStream) -> int:
+    def take(self, message: Have, stream: ServedStream) -> int:
         """Records which packets a client already has, and returns the number of bytes that therefore need not be sent.
 
         Args:
-            frame: Datagram of the client with a list of its packets. Ignored if the list is for another stream.
+            message: Datagram of the client with a list of its packets. Ignored if the list is for another stream.
             stream: Stream that the server sends to the client.
         """
-        count, at = len(stream.packets), frame.first // 8
-        if frame.stream_id != stream.stream_id or stream.is_live or frame.first >= count:
+        count, at = len(stream.packets), message.first // 8
+        if message.stream_id != stream.stream_id or stream.is_live or message.first >= count:
             return 0
-        size = stream.init_segment_bytes if frame.has_init_segment and not self._has_init_segment else 0
-        self._has_init_segment = self._has_init_segment or bool(frame.has_init_segment)
-        end = min(at + len(frame.held), -(-count // 8))
+        size = stream.init_segment_bytes if message.has_init_segment and not self._has_init_segment else 0
+        self._has_init_segment = self._has_init_segment or bool(message.has_init_segment)
+        end = min(at + len(message.held), -(-count // 8))
         self._packets.extend(bytes(max(end - len(self._packets), 0)))
         for byte in range(at, end):
-            if new := frame.held[byte - at] & ~self._packets[byte]:
+            if new := message.held[byte - at] & ~self._packets[byte]:
                 self._packets[byte] |= new
                 new_packets = (8 * byte + n for n in range(8) if new >> n & 1)
                 size += sum(DATA_OVERHEAD + len(packet) for n in new_packets for packet in stream.packets[n : n + 1])
@@ -37,7 +37,7 @@ class KnownPackets:
         """True if the client already has the content of a datagram, so that the server can skip the datagram.
 
         Args:
-            kind: Kind of the datagram, such as `DATA` (packet) or `SIDE` (init segment).
+            kind: Kind of the datagram, such as `DATA` (packet) or `INIT_SYMBOL` (init segment).
             symbol: Index of the packet in sending order; ignored for other kinds.
         """
         if kind != DATA:

@@ -1,6 +1,7 @@
 """Divides data into source blocks of the erasure code, in the same way on sender and receiver.
 
-The init segment (manifest, side information, first packets) is split into segments, and the packets into parity groups.
+The init segment (manifest, side information, first packets) is split into source blocks, and the packets into parity
+groups.
 """
 
 import struct
@@ -11,7 +12,7 @@ from splatwire.bitstream.limits import MAX_MANIFEST_BYTES
 from splatwire.bitstream.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.errors import BitstreamError
 from splatwire.transport.fec import MAX_SYMBOLS, num_symbols
-from splatwire.transport.protocol.datagrams import ParityRange
+from splatwire.transport.protocol.messages import ParityRange
 
 _HEAD = struct.Struct("<I")
 _CARRIED = struct.Struct("<H")
@@ -69,7 +70,7 @@ def _carried(data: bytes) -> tuple[bytes, ...]:
     return tuple(packets)
 
 
-class Segments(NamedTuple):
+class SourceBlocks(NamedTuple):
     """Division of the init segment into source blocks of the erasure code, of nearly equal size.
 
     Attributes:
@@ -86,18 +87,21 @@ class Segments(NamedTuple):
         return num_symbols(self.num_bytes, self.symbol_bytes)
 
     @property
-    def num_segments(self) -> int:
+    def num_blocks(self) -> int:
         """Number of source blocks into which the init segment is divided."""
         return -(-self.num_symbols // MAX_SYMBOLS)
 
-    def size(self, segment: int) -> int:
-        """Returns the number of source symbols of the source block with index `segment`."""
-        return self.num_symbols * (segment + 1) // self.num_segments - self.num_symbols * segment // self.num_segments
+    def size(self, source_block: int) -> int:
+        """Returns the number of source symbols of the source block with index `source_block`."""
+        return (
+            self.num_symbols * (source_block + 1) // self.num_blocks
+            - self.num_symbols * source_block // self.num_blocks
+        )
 
-    def span(self, segment: int) -> slice:
-        """Returns the byte range within the init segment of the source block with index `segment`."""
-        first = self.num_symbols * segment // self.num_segments
-        last = first + self.size(segment)
+    def span(self, source_block: int) -> slice:
+        """Returns the byte range within the init segment of the source block with index `source_block`."""
+        first = self.num_symbols * source_block // self.num_blocks
+        last = first + self.size(source_block)
         return slice(first * self.symbol_bytes, min(last * self.symbol_bytes, self.num_bytes))
 
 

@@ -7,21 +7,21 @@ from dataclasses import dataclass, replace
 from splatwire.bitstream import Manifest, Packet, make_packet
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import MAX_SYMBOLS, symbol_bytes_for
-from splatwire.transport.protocol.datagrams import ParityRange
 from splatwire.transport.protocol.layout import init_segment
+from splatwire.transport.protocol.messages import ParityRange
 from splatwire.transport.protocol.motion_parity import Arranged, GroupPackets, arrange
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.send_schedule import build_send_schedule
 from splatwire.transport.protocol.served_stream import (
     MAX_PACKET_BYTES,
     ServedStream,
+    default_symbol_bytes,
     encode_init_segment,
     parity_symbols,
-    side_symbol_bytes,
 )
-from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
+from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY
 
-PROTECTION = Protection(side_repair=0.6)
+PROTECTION = Protection(init_repair=0.6)
 """Default redundancy of live streams: repair symbols for the init segment, which is small and sent with every group of
 pictures.
 """
@@ -143,13 +143,17 @@ class LiveSession:
 
     def _state(self, manifest: Manifest, side_info: bytes, *, more: bool) -> LiveState:
         data = init_segment(manifest, side_info)
-        symbol_bytes = side_symbol_bytes(len(data))
+        symbol_bytes = default_symbol_bytes(len(data))
         init_symbols, scheduled = encode_init_segment(data, symbol_bytes, self._protection)
-        side = [(SIDE, segment, symbol) for segment, count in enumerate(scheduled) for symbol in range(count)]
+        init_items = [
+            (INIT_SYMBOL, source_block, symbol)
+            for source_block, count in enumerate(scheduled)
+            for symbol in range(count)
+        ]
         keyframes = ((DATA, 0, n) for n in range(self._first_of_group) if self._persistent[n])
         return LiveState(
             manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols,
             tuple(self._packets), MAX_PACKET_BYTES, 0, self._parity_ranges or (ParityRange(0, 0, 0),), self._parity,
-            (*side, *keyframes, *self._group_schedule), is_live=more, persistent=bytes(self._persistent),
+            (*init_items, *keyframes, *self._group_schedule), is_live=more, persistent=bytes(self._persistent),
             newest=self._first_of_group,
         )  # fmt: skip

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from splatwire.bitstream import Packet, PacketPlan
 from splatwire.transport.fec import MAX_REPAIR, MAX_SYMBOLS
-from splatwire.transport.protocol.datagrams import MAX_PARITY_RANGES, ParityRange
+from splatwire.transport.protocol.messages import MAX_PARITY_RANGES, ParityRange
 from splatwire.transport.protocol.protection import Protection
 
 MAX_CODES = (MAX_PARITY_RANGES - 2) // 2

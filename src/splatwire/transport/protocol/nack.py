@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterable
 
-from splatwire.transport.protocol.datagrams import MAX_NACKS
+from splatwire.transport.protocol.messages import MAX_NACKS
 
 # Several modules limit requests and retransmissions. Limits of a receiver:
 #
@@ -22,8 +22,8 @@ from splatwire.transport.protocol.datagrams import MAX_NACKS
 #   longer;
 # * packets that are retransmitted at all: `may_retransmit` of the served stream. For a live stream, these are keyframe
 #   Gaussians and the packets of the newest group (`live_session`), otherwise the packets up to
-#   `Protection.resend_until`;
-# * retransmitted bytes as a share of the stream: `Protection.resend`;
+#   `Protection.retransmit_until`;
+# * retransmitted bytes as a share of the stream: `Protection.retransmit_share`;
 # * number of latest datagrams that NACKs may name by sequence number: `send_queue.MAX_LOGGED_DATAGRAMS`;
 # * bytes sent to a client: `ServerLimits.max_sent_ratio`.
 #

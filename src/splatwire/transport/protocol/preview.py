@@ -2,7 +2,7 @@
 
 from splatwire.bitstream.sections import split_sections
 from splatwire.errors import BitstreamError
-from splatwire.transport.protocol.datagrams import MAX_PREVIEW
+from splatwire.transport.protocol.messages import MAX_PREVIEW
 
 SECTION = "preview"
 

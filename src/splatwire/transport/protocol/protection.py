@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from splatwire.arguments import check_fields
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, MAX_SYMBOLS, num_symbols
-from splatwire.transport.protocol.datagrams import ParityRange
-from splatwire.transport.protocol.wire import MAX_DATAGRAM, SIDE_OVERHEAD
+from splatwire.transport.protocol.messages import ParityRange
+from splatwire.transport.protocol.wire import INIT_SYMBOL_OVERHEAD, MAX_DATAGRAM
 
-SIDE_SYMBOL_BYTES = (MAX_DATAGRAM - SIDE_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32
+MAX_INIT_SYMBOL_BYTES = (MAX_DATAGRAM - INIT_SYMBOL_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32
 MIN_SYMBOL_BYTES = 64
 MAX_RETRANSMITTED = 4.0
 
@@ -19,13 +19,13 @@ class Protection:
     """Redundancy of a transfer: repair symbols of the erasure code, sending order, and limits on retransmission.
 
     Attributes:
-        side_repair: Repair symbols per source symbol of the init segment, 0 to 2.
-        side_lead: Part of the transfer during which the symbols of the init segment are sent, as a share of the
+        init_repair: Repair symbols per source symbol of the init segment, 0 to 2.
+        init_until: Part of the transfer during which the symbols of the init segment are sent, as a share of the
             packets, 0 to 1. 0 sends the init segment first, for an early picture; larger values survive longer bursts
             of losses.
-        side_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default.
-        head_share: Share of the packets, from the start of the sending order, that are bundled in the init segment, 0
-            to 1. The repair symbols of the init segment protect them, too.
+        init_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default.
+        bundled_share: Share of the packets, from the start of the sending order, that are bundled in the init segment,
+            0 to 1. The repair symbols of the init segment protect them, too.
         tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, the most important first. Further
             tiers have no parity.
         parity_until: End of the time in which the repair symbols of a tier are sent, as a share of the packets, 0 to 1;
@@ -33,8 +33,9 @@ class Protection:
             longer bursts.
         tier_spread: Overlap of the tiers in time, 0 to 1: 0 sends the tiers one after another, 1 mixes all tiers
             evenly. Overlap protects small tiers from bursts of losses.
-        resend: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4; None for no limit.
-        resend_until: Share of the packets, from the start of the sending order, that may be retransmitted, 0 to 1.
+        retransmit_share: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4; None for
+            no limit.
+        retransmit_until: Share of the packets, from the start of the sending order, that may be retransmitted, 0 to 1.
         motion: For a sequence, one pair of numbers per group of pictures: share of its motion packets with parity, 0 to
             1; and repair symbols per packet with parity, 0 to 2. The last pair applies to all later groups.
 
@@ -42,34 +43,37 @@ class Protection:
         InvalidValueError: If a number is out of range.
     """
 
-    side_repair: float = 0.35
-    side_lead: float = 0.0
-    side_symbol_bytes: int | None = None
-    head_share: float = 0.0
+    init_repair: float = 0.35
+    init_until: float = 0.0
+    init_symbol_bytes: int | None = None
+    bundled_share: float = 0.0
     tier_repair: tuple[float, ...] = ()
     parity_until: float = 1.0
     tier_spread: float = 0.0
-    resend: float | None = None
-    resend_until: float = 1.0
+    retransmit_share: float | None = None
+    retransmit_until: float = 1.0
     motion: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self)
-        checks = [("side_repair", self.side_repair, 2.0), ("side_lead", self.side_lead, 1.0)]
+        checks = [("init_repair", self.init_repair, 2.0), ("init_until", self.init_until, 1.0)]
         checks += [("parity_until", self.parity_until, 1.0), ("tier_spread", self.tier_spread, 1.0)]
-        checks += [("head_share", self.head_share, 1.0), ("resend", self.resend or 0.0, MAX_RETRANSMITTED)]
-        checks += [("resend_until", self.resend_until, 1.0)]
+        checks += [
+            ("bundled_share", self.bundled_share, 1.0),
+            ("retransmit_share", self.retransmit_share or 0.0, MAX_RETRANSMITTED),
+        ]
+        checks += [("retransmit_until", self.retransmit_until, 1.0)]
         checks += [("repair of a tier", repair, 2.0) for repair in self.tier_repair]
         checks += [("share of motion", share, 1.0) for share, _ in self.motion]
         checks += [("repair of motion", repair, 2.0) for _, repair in self.motion]
         for name, value, high in checks:
             if not 0.0 <= value <= high:
                 raise InvalidValueError(f"{name} must be from 0 to {high}, not {value}")
-        size = self.side_symbol_bytes
-        if size is not None and not (MIN_SYMBOL_BYTES <= size <= SIDE_SYMBOL_BYTES and size % ALIGNMENT == 0):
+        size = self.init_symbol_bytes
+        if size is not None and not (MIN_SYMBOL_BYTES <= size <= MAX_INIT_SYMBOL_BYTES and size % ALIGNMENT == 0):
             raise InvalidValueError(
                 f"symbols of side information have a multiple of {ALIGNMENT} bytes from {MIN_SYMBOL_BYTES} to "
-                f"{SIDE_SYMBOL_BYTES}, not {size}"
+                f"{MAX_INIT_SYMBOL_BYTES}, not {size}"
             )
 
     def motion_of(self, group: int) -> tuple[float, float]:
@@ -86,12 +90,12 @@ class Protection:
     @property
     def limits_retransmission(self) -> bool:
         """True if retransmission is limited to certain packets or to a number of bytes."""
-        return self.resend is not None or self.resend_until < 1
+        return self.retransmit_share is not None or self.retransmit_until < 1
 
 
 def num_bundled_packets(num_packets: int, protection: Protection) -> int:
     """Returns how many packets are bundled in the init segment."""
-    return round(protection.head_share * num_packets)
+    return round(protection.bundled_share * num_packets)
 
 
 def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[ParityRange, ...]:

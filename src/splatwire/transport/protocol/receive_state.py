@@ -2,8 +2,8 @@
 
 from splatwire.bitstream import Manifest, ReadReport, SceneStream
 from splatwire.transport.protocol.collect import InitSegmentCollector, PacketCollector
-from splatwire.transport.protocol.datagrams import Data, Welcome
 from splatwire.transport.protocol.events import Finished
+from splatwire.transport.protocol.messages import Data, Welcome
 
 MAX_WAITING_PACKETS = 512
 """Maximum number of packets kept until the server's updated declaration (welcome) of a live stream arrives. Over QUIC,
@@ -49,8 +49,8 @@ class ReceiveState:
         else:
             self._collector.update(welcome)
         newer, self._waiting_packets = self._waiting_packets, []
-        for frame in newer:
-            self._collector.add(frame)
+        for message in newer:
+            self._collector.add(message)
 
     def _resume(self, before: Welcome, welcome: Welcome) -> bool:
         """Continues an interrupted transfer with the data received before the interruption.
@@ -75,22 +75,22 @@ class ReceiveState:
             self._begin(welcome, discard=False)
         return True
 
-    def _is_for_next_state(self, frame: Data) -> bool:
+    def _is_for_next_state(self, message: Data) -> bool:
         """Returns True if a datagram belongs to a newer state of a live stream than the server has declared so far.
 
         Such a datagram is stored until the server declares that state. If too many are stored already, it is dropped.
 
         Args:
-            frame: Datagram with a packet.
+            message: Datagram with a packet.
         """
         welcome = self._welcome
         if welcome is None or not welcome.is_live:
             return False
-        is_declared = frame.packet_index < welcome.num_packets and frame.packet[1:5] == welcome.stream_id.to_bytes(
+        is_declared = message.packet_index < welcome.num_packets and message.packet[1:5] == welcome.stream_id.to_bytes(
             4, "little"
         )
         if not is_declared and len(self._waiting_packets) < MAX_WAITING_PACKETS:
-            self._waiting_packets.append(frame)
+            self._waiting_packets.append(message)
         return not is_declared
 
     @property

@@ -10,25 +10,6 @@ from splatwire.bitstream.origin import AT_ZERO, ORIGIN
 from splatwire.bitstream.view import BUDGET, Viewpoint
 from splatwire.errors import BitstreamError
 from splatwire.transport.protocol.collect import check_welcome, read_init_segment
-from splatwire.transport.protocol.datagrams import (
-    NEEDS_TOKEN,
-    NOT_YET,
-    OTHER_TRANSPORT,
-    OTHER_VERSION,
-    REFUSALS,
-    Bye,
-    Challenge,
-    Data,
-    End,
-    Feedback,
-    Frame,
-    Have,
-    Parity,
-    Refuse,
-    Side,
-    View,
-    Welcome,
-)
 from splatwire.transport.protocol.events import (
     Event,
     Finished,
@@ -41,6 +22,25 @@ from splatwire.transport.protocol.events import (
 )
 from splatwire.transport.protocol.gap_tracker import GapTracker
 from splatwire.transport.protocol.handshake import RETRY_S, WAIT_S, HandshakeAttempt
+from splatwire.transport.protocol.messages import (
+    NEEDS_TOKEN,
+    NOT_YET,
+    OTHER_TRANSPORT,
+    OTHER_VERSION,
+    REFUSALS,
+    Bye,
+    Challenge,
+    Data,
+    End,
+    Feedback,
+    Have,
+    InitSymbol,
+    Message,
+    Parity,
+    Refuse,
+    View,
+    Welcome,
+)
 from splatwire.transport.protocol.nack import MAX_NACK_ATTEMPTS, NackTracker
 from splatwire.transport.protocol.receive_state import ReceiveState
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
@@ -92,7 +92,8 @@ MAX_FRUITLESS_S = 60.0
 """Time in which the server sends datagrams, but nothing new, after which the receiver gives up, seconds."""
 MAX_FRUITLESS_ENDS = 25
 """Number of consecutive `End` datagrams without data, despite NACKs, from which the receiver concludes that the server
-will not retransmit (`Protection.resend`). The server sends ten per second, so round-trip times up to 2.5 s are covered.
+will not retransmit (`Protection.retransmit_share`). The server sends ten per second, so round-trip times up to 2.5 s
+are covered.
 """
 
 
@@ -175,7 +176,7 @@ class Receiver(ReceiveState):
         if self.finished:
             return [], []
         try:
-            frame = decode(data)
+            message = decode(data)
         except BitstreamError:
             self.num_rejected += 1
             return [], []
@@ -183,9 +184,9 @@ class Receiver(ReceiveState):
         self._largest_datagram = (
             len(data) if self._welcome is not None and len(data) > self._largest_datagram else self._largest_datagram
         )
-        if isinstance(frame, (Side, Data, Parity, End)):
-            return self._transferred(frame, now)
-        return self._on_handshake(frame, now)
+        if isinstance(message, (InitSymbol, Data, Parity, End)):
+            return self._transferred(message, now)
+        return self._on_handshake(message, now)
 
     def set_viewpoint(self, viewpoint: Viewpoint, budget: int = BUDGET) -> None:
         """Sets the viewpoint, so that the server sends visible packets first.
@@ -257,23 +258,23 @@ class Receiver(ReceiveState):
         """
         return ([], []) if self.finished else self._finish(reason)
 
-    def _on_handshake(self, frame: Frame, now: float) -> tuple[list[bytes], list[Event]]:
+    def _on_handshake(self, message: Message, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes a handshake datagram of the server; returns datagrams to send, and events."""
-        nonce, attempt = getattr(frame, "nonce", None), self._attempt
-        if self._welcome is not None and nonce == self._nonce and isinstance(frame, Welcome):
-            return self._on_further_welcome(self._welcome, frame, now)
+        nonce, attempt = getattr(message, "nonce", None), self._attempt
+        if self._welcome is not None and nonce == self._nonce and isinstance(message, Welcome):
+            return self._on_further_welcome(self._welcome, message, now)
         if attempt is None or nonce != attempt.nonce:
             self.num_rejected += 1
             return [], []
-        match frame:
+        match message:
             case Challenge():
-                return [attempt.on_challenge(frame.token, now)], []
+                return [attempt.on_challenge(message.token, now)], []
             case Refuse():
-                return self._on_refusal(attempt, frame.reason, now)
+                return self._on_refusal(attempt, message.reason, now)
             case Welcome() if attempt.is_validated:
-                if problem := check_welcome(frame, self.options.limits):
+                if problem := check_welcome(message, self.options.limits):
                     return self._finish(problem)
-                return self._on_welcome(frame, now)
+                return self._on_welcome(message, now)
         self.num_rejected += 1
         return [], []
 
@@ -305,21 +306,21 @@ class Receiver(ReceiveState):
         attempt.on_refusal(now)
         return [], []
 
-    def _on_welcome(self, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
+    def _on_welcome(self, message: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes the server's acceptance of a request: starts or resumes a transfer."""
         before, events = self._welcome, list[Event]()
         num_held = 0 if self._collector is None else self._collector.num_packets
         if before is None:
-            self._begin(frame, discard=True)
+            self._begin(message, discard=True)
         else:
             self._fruitless_transfers = self._fruitless_transfers + 1 if num_held == self._num_packets_before else 0
             if self._fruitless_transfers > MAX_FRUITLESS_TRANSFERS:
                 return self._finish("the server fell silent again and again")
-            is_resumed = self._resume(before, frame)
+            is_resumed = self._resume(before, message)
             if not is_resumed and before.is_live and (stream := self.stream()) is not None:
                 events.append(StreamReplaced(stream))
             if not is_resumed:
-                self._begin(frame, discard=True)
+                self._begin(message, discard=True)
             events.append(Resumed(is_resumed))
         assert self._attempt is not None
         self._nonce, self._attempt, self._refusal = self._attempt.nonce, None, ""
@@ -327,12 +328,12 @@ class Receiver(ReceiveState):
         self._begin_session(now)
         if before is not None:
             self._list_held(now)
-        if frame.is_live:
+        if message.is_live:
             self._nack_tracker.max_attempts = MAX_NACK_ATTEMPTS
         self._heard_at, self._feedback_at = now, now + FEEDBACK_INTERVAL_S
         out = [] if before is None else [encode(Bye(before.session))]
         out += [*self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)]
-        return out, [*events, Welcomed.of(frame)]
+        return out, [*events, Welcomed.of(message)]
 
     def _begin_session(self, now: float) -> None:
         """Resets counters and timers for the datagrams of a new transfer."""
@@ -364,56 +365,56 @@ class Receiver(ReceiveState):
         self._have_frames = [encode(Have(nonce, stream_id, has_init_segment, first, bits)) for first, bits in held]
         self._have_repeats_left, self._have_at = NUM_HAVE_REPEATS, now
 
-    def _on_further_welcome(self, before: Welcome, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
+    def _on_further_welcome(self, before: Welcome, message: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes new sizes of a live stream, or the start of the next stream, during a transfer."""
-        follows = frame.stream_id not in (before.stream_id, self._stream_before)
-        grows = frame.stream_id == before.stream_id and frame.num_packets >= before.num_packets
-        if not (frame.session == before.session and before.is_live and (grows or follows)):
+        follows = message.stream_id not in (before.stream_id, self._stream_before)
+        grows = message.stream_id == before.stream_id and message.num_packets >= before.num_packets
+        if not (message.session == before.session and before.is_live and (grows or follows)):
             self.num_rejected += 1
             return [], []
         self._heard_at = now
-        if (frame.is_live, frame.digest) == (before.is_live, before.digest):
+        if (message.is_live, message.digest) == (before.is_live, before.digest):
             return [], []
-        if problem := check_welcome(frame, self.options.limits):
+        if problem := check_welcome(message, self.options.limits):
             return self._finish(problem)
         events = [StreamReplaced(stream)] if follows and (stream := self.stream()) else []
-        self._begin(frame, discard=follows)
+        self._begin(message, discard=follows)
         if follows:
             self._stream_before, self._nack_tracker = before.stream_id, NackTracker()
         self._nack_tracker.max_attempts, self._ended_at = MAX_NACK_ATTEMPTS, None
         self._progress_at, self._fruitless_ends = now, 0  # the live stream may have paused before it ended
-        return [self._feedback(now)], [*events, Welcomed.of(frame)]
+        return [self._feedback(now)], [*events, Welcomed.of(message)]
 
-    def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
-        is_valid = self._welcome is not None and frame.session == self._welcome.session
-        if not is_valid or self._collector is None or frame.sequence > self._largest_sequence + MAX_SEQUENCE_JUMP:
+    def _transferred(self, message: InitSymbol | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
+        is_valid = self._welcome is not None and message.session == self._welcome.session
+        if not is_valid or self._collector is None or message.sequence > self._largest_sequence + MAX_SEQUENCE_JUMP:
             self.num_rejected += 1
             return [], []
         assert self._welcome is not None
         self._heard_at = now
-        if not (self._reliable and isinstance(frame, Side)):
+        if not (self._reliable and isinstance(message, InitSymbol)):
             self.num_datagrams += 1
             self._num_received += 1
             if self._welcome.viewable:
-                self._gaps.on_received(frame.sequence, self._largest_sequence)
-            if frame.sequence > self._largest_sequence:
-                self._largest_sequence, self._largest_arrived_at = frame.sequence, now
+                self._gaps.on_received(message.sequence, self._largest_sequence)
+            if message.sequence > self._largest_sequence:
+                self._largest_sequence, self._largest_arrived_at = message.sequence, now
         events: list[Event] = [] if self._attempt is None else [Resumed(True)]
         self._attempt = None
-        match frame:
-            case Data() if not self._is_for_next_state(frame):
+        match message:
+            case Data() if not self._is_for_next_state(message):
                 repaired = self._collector.num_repaired
-                new = self._collector.add(frame)
+                new = self._collector.add(message)
                 num_repaired_now = self._collector.num_repaired - repaired
                 events += [PacketArrived(packet, n >= len(new) - num_repaired_now) for n, packet in enumerate(new)]
-            case Side():
-                events += self._side(frame)
+            case InitSymbol():
+                events += self._on_init_symbol(message)
             case Parity():
-                events += [PacketArrived(packet, True) for packet in self._collector.add_parity(frame)]
+                events += [PacketArrived(packet, True) for packet in self._collector.add_parity(message)]
             case End():
                 self._ended_at = now if self._ended_at is None else self._ended_at
                 self._fruitless_ends += 1
-        if not isinstance(frame, End):
+        if not isinstance(message, End):
             self._fruitless_ends = 0
             self._ended_at = None if self._viewing else self._ended_at
         progress = self._collector.num_packets, self._init_segment.num_missing if self._init_segment else 0
@@ -427,11 +428,11 @@ class Receiver(ReceiveState):
             return out, [*events, *finish_events]
         return [], events
 
-    def _side(self, frame: Side) -> list[Event]:
+    def _on_init_symbol(self, message: InitSymbol) -> list[Event]:
         assert self._welcome is not None
         if self._init_segment is None or self._collector is None:
             return []
-        data = self._init_segment.add(frame)
+        data = self._init_segment.add(message)
         if data is None:
             return []
         try:

@@ -7,7 +7,7 @@ from splatwire.arguments import check_fields
 from splatwire.bitstream.view import Viewpoint
 from splatwire.errors import InvalidValueError
 from splatwire.transport.protocol.collect import ReceiverLimits
-from splatwire.transport.protocol.datagrams import MAX_NAME, MAX_SCENE_TOKEN
+from splatwire.transport.protocol.messages import MAX_NAME, MAX_SCENE_TOKEN
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from collections import deque
 import numpy as np
 
 from splatwire.bitstream.view import Viewpoint, cut_of
-from splatwire.transport.protocol.datagrams import View
+from splatwire.transport.protocol.messages import View
 from splatwire.transport.protocol.served_stream import ServedStream
-from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
+from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY
 
 Item = tuple[int, int, int]
-"""Datagram to send: its kind (`SIDE`, `DATA` or `PARITY`); number of the init segment's segment or of the parity group
-(0 for a packet); number of the symbol, or index of the packet in sending order.
+"""Datagram to send: its kind (`INIT_SYMBOL`, `DATA` or `PARITY`); number of the init segment's source block or of the
+parity group (0 for a packet); number of the symbol, or index of the packet in sending order.
 """
 MAX_LOGGED_DATAGRAMS = 8192
 """Number of latest datagrams with stored packet indices."""
@@ -193,7 +193,7 @@ class SendQueue:
         """
         self._stream = stream
         source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams
-        init_items = [item for item in source if item[0] == SIDE]
+        init_items = [item for item in source if item[0] == INIT_SYMBOL]
         remaining = [
             item for item in self._schedule.datagrams[self._next :] if num_known and stream.is_still_useful(*item)
         ]

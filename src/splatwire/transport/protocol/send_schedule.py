@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
-from splatwire.transport.protocol.datagrams import ParityRange
+from splatwire.transport.protocol.messages import ParityRange
 from splatwire.transport.protocol.protection import Protection
-from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
+from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY
 
 
 def build_send_schedule(
-    segment_symbols: Sequence[int],
+    block_symbols: Sequence[int],
     parity_ranges: Sequence[ParityRange],
     parity: Sequence[int],
     protection: Protection,
@@ -17,7 +17,7 @@ def build_send_schedule(
     """Returns the sending order of all datagrams of a stream: symbols of the init segment, packets, repair symbols.
 
     Args:
-        segment_symbols: Number of symbols to send of each source block (separately encoded part) of the init segment.
+        block_symbols: Number of symbols to send of each source block (separately encoded part) of the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Number of repair symbols of each parity group.
         protection: Redundancy.
@@ -28,9 +28,10 @@ def build_send_schedule(
         Three integers for each datagram, as in `SendSchedule.datagrams`.
     """
     num_packets = sum(parity_range.num_packets for parity_range in parity_ranges)
-    init_symbols = sorted(((n / size, k, n) for k, size in enumerate(segment_symbols) for n in range(size)))
+    init_symbols = sorted(((n / size, k, n) for k, size in enumerate(block_symbols) for n in range(size)))
     due = [
-        ((n + 0.5) / len(init_symbols) * protection.side_lead, SIDE, k, i) for n, (_, k, i) in enumerate(init_symbols)
+        ((n + 0.5) / len(init_symbols) * protection.init_until, INIT_SYMBOL, k, i)
+        for n, (_, k, i) in enumerate(init_symbols)
     ]
     num_bundled = num_packets - sum(tier_packets or [num_packets])
     times = [0.0] * num_bundled + _packet_times(tier_packets or [num_packets], protection.tier_spread)

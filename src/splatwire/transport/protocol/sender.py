@@ -23,7 +23,7 @@ from splatwire.transport.protocol.admission import (
     network_of,
     network_text,
 )
-from splatwire.transport.protocol.datagrams import (
+from splatwire.transport.protocol.messages import (
     NEEDS_TOKEN,
     NOT_YET,
     REFUSALS,
@@ -45,7 +45,7 @@ from splatwire.transport.protocol.wire import (
     TO_SERVER,
     decode,
     encode,
-    kind_of,
+    message_kind,
     refuse_other_transport,
     refuse_other_version,
 )
@@ -149,38 +149,38 @@ class Server:
             Datagram to send to the client, or None.
         """
         self._now = now
-        if kind_of(data) not in TO_SERVER:
+        if message_kind(data) not in TO_SERVER:
             self.num_rejected += 1
             return refuse_other_version(data) or (None if reliable else refuse_other_transport(data))
         try:
-            frame = decode(data)
+            message = decode(data)
         except BitstreamError:
             self.num_rejected += 1
             return None
         try:
-            return self._take(address, frame, now, reliable, network)
+            return self._take(address, message, now, reliable, network)
         except Exception as error:  # a defect of the server must not end other clients' transfers
             self.fail(address, error)
             return None
 
     def _take(
-        self, address: Hashable, frame: object, now: float, reliable: bool, network: Network | None
+        self, address: Hashable, message: object, now: float, reliable: bool, network: Network | None
     ) -> bytes | None:
-        match frame:
+        match message:
             # The response is smaller than the datagram, so that traffic to a forged address is not amplified.
             case Hello() if not reliable:
-                return encode(Challenge(frame.nonce, self._mint.token(address, frame.nonce, frame.name, now)))
+                return encode(Challenge(message.nonce, self._mint.token(address, message.nonce, message.name, now)))
             case Request():
                 return self._requested(
-                    address, frame, now, reliable, network_of(address) if network is None else network
+                    address, message, now, reliable, network_of(address) if network is None else network
                 )
-            case Have() if (address, frame.nonce) in self._transfers:
-                self._transfers[(address, frame.nonce)].exclude_known(frame)
-                self._schedule((address, frame.nonce))
+            case Have() if (address, message.nonce) in self._transfers:
+                self._transfers[(address, message.nonce)].exclude_known(message)
+                self._schedule((address, message.nonce))
             case Feedback() | View() | Bye():
-                key = self._sessions.get((address, frame.session))
+                key = self._sessions.get((address, message.session))
                 if key is not None:
-                    self._on_client_frame(key, frame, now)
+                    self._on_client_message(key, message, now)
         return None
 
     def poll(self, now: float, max_datagrams: int = 64) -> list[tuple[Hashable, bytes]]:
@@ -280,21 +280,21 @@ class Server:
             self._end_transfer(key, reason)
 
     def _requested(
-        self, address: Hashable, frame: Request, now: float, reliable: bool, network: Network
+        self, address: Hashable, message: Request, now: float, reliable: bool, network: Network
     ) -> bytes | None:
-        age = None if reliable else self._mint.age(frame.token, address, frame.nonce, frame.name, now)
+        age = None if reliable else self._mint.age(message.token, address, message.nonce, message.name, now)
         if age is None and not reliable:
             self.num_rejected += 1
             return None
-        key = (address, frame.nonce)
+        key = (address, message.nonce)
         if key not in self._transfers:
-            refusal = self._begin(key, frame, now, reliable, network)
+            refusal = self._begin(key, message, now, reliable, network)
             if refusal is None:
                 self._transfers[key].on_handshake_rtt(age)
                 self._schedule(key)
             else:
-                refusal = self._refused(network, frame, refusal, now)
-                return encode(Refuse(frame.nonce, refusal)) if refusal else None
+                refusal = self._refused(network, message, refusal, now)
+                return encode(Refuse(message.nonce, refusal)) if refusal else None
         transfer = self._transfers[key]
         if not transfer.may_welcome(now):
             return None
@@ -317,14 +317,14 @@ class Server:
         log_event(LOG, logging.INFO, "transfer refused", client=client, stream=request.name, reason=reason)
         return refusal
 
-    def _begin(self, key: Key, frame: Request, now: float, reliable: bool, network: Network) -> int | None:
+    def _begin(self, key: Key, message: Request, now: float, reliable: bool, network: Network) -> int | None:
         """Starts a transfer if the server's limits permit it.
 
         Returns:
             None for an accepted request, else the reason for the refusal, as an index into `REFUSALS`; 0 for a repeated
             request, which gets no response.
         """
-        starts = self._update_starts if frame.name in self._updates else self._starts
+        starts = self._update_starts if message.name in self._updates else self._starts
         if self._starts.seen(network, key[1]) or self._update_starts.seen(network, key[1]):
             self.num_rejected += 1
             return 0
@@ -332,8 +332,8 @@ class Server:
             return STOPPED
         if not self._streams:  # a live stream before its first group
             return NOT_YET
-        name = frame.name or self._default_stream()
-        if self.access is not None and self.access.refusal(name, frame.scene_token, exists=name in self._streams):
+        name = message.name or self._default_stream()
+        if self.access is not None and self.access.refusal(name, message.scene_token, exists=name in self._streams):
             return NEEDS_TOKEN
         stream = self._streams.get(name) or self._updates.get(name)
         if stream is None:
@@ -374,15 +374,15 @@ class Server:
             if (address, session) not in self._sessions:
                 return session
 
-    def _on_client_frame(self, key: Key, frame: Feedback | View | Bye, now: float) -> None:
-        match frame:
+    def _on_client_message(self, key: Key, message: Feedback | View | Bye, now: float) -> None:
+        match message:
             case Bye():
                 self._end_transfer(key, "left")
                 return
             case View():
-                self._transfers[key].on_viewpoint(frame, self._view_budget, now)
+                self._transfers[key].on_viewpoint(message, self._view_budget, now)
             case Feedback():
-                self._transfers[key].feedback(frame, now)
+                self._transfers[key].feedback(message, now)
         self._schedule(key)
 
     def _schedule(self, key: Key) -> None:

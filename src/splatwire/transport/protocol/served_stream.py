@@ -15,18 +15,25 @@ from splatwire.bitstream import Packet, PacketId, SceneStream, send_sequence
 from splatwire.bitstream.tiles import Tiles, read_tiles
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, repair_symbols, source_symbols, symbol_bytes_for
-from splatwire.transport.protocol.datagrams import MAX_PREVIEW, ParityRange
-from splatwire.transport.protocol.layout import Group, Segments, init_segment, parity_groups
+from splatwire.transport.protocol.layout import Group, SourceBlocks, init_segment, parity_groups
+from splatwire.transport.protocol.messages import MAX_PREVIEW, ParityRange
 from splatwire.transport.protocol.motion_parity import arrange, group_packets
 from splatwire.transport.protocol.protection import (
-    SIDE_SYMBOL_BYTES,
+    MAX_INIT_SYMBOL_BYTES,
     Protection,
     num_bundled_packets,
     packets_in_tiers,
     protected_tiers,
 )
 from splatwire.transport.protocol.send_schedule import build_send_schedule
-from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
+from splatwire.transport.protocol.wire import (
+    DATA,
+    DATA_OVERHEAD,
+    INIT_SYMBOL,
+    INIT_SYMBOL_OVERHEAD,
+    PARITY,
+    PARITY_OVERHEAD,
+)
 
 MAX_PACKET_BYTES = 1150
 MIN_DEFAULT_SYMBOL_BYTES = 256
@@ -53,8 +60,8 @@ class SendSchedule(NamedTuple):
             two:
 
             * `DATA` (a packet): 0, and the index of the packet in sending order.
-            * `SIDE` (a symbol of the init segment): index of the source block (part of the init segment that is coded
-              separately), and index of the symbol in the source block.
+            * `INIT_SYMBOL` (a symbol of the init segment): index of the source block (part of the init segment that is
+              coded separately), and index of the symbol in the source block.
             * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
         init_segment_end: Number of datagrams up to the end of the init segment.
         opening_end: Number of datagrams that are sent before the order depends on the viewpoint; 0 without tiles.
@@ -83,8 +90,8 @@ class ServedStream:
         parity: Repair symbols of each parity group (packets that share repair symbols).
         schedule: Datagrams in sending order, as in `SendSchedule.datagrams`.
         preview: Encoded preview, which clients get first; empty without a preview.
-        resend: Maximum retransmitted bytes as a share of the bytes of the complete stream; None for no limit.
-        resendable: Number of packets at the start of the sending order that may be retransmitted; None for all.
+        retransmit_share: Maximum retransmitted bytes as a share of the bytes of the complete stream; None for no limit.
+        retransmittable: Number of packets at the start of the sending order that may be retransmitted; None for all.
         tiles: Tiles of a stream with levels of detail, else None.
         opening_packets: Number of packets of the coarsest tiles, which are sent first for every viewpoint.
         is_live: True for a live stream.
@@ -102,8 +109,8 @@ class ServedStream:
     parity: tuple[tuple[bytes, ...], ...]
     schedule: tuple[tuple[int, int, int], ...]
     preview: bytes = b""
-    resend: float | None = None
-    resendable: int | None = None
+    retransmit_share: float | None = None
+    retransmittable: int | None = None
     tiles: Tiles | None = None
     opening_packets: int = 0
     is_live: bool = False
@@ -116,9 +123,11 @@ class ServedStream:
     @functools.cached_property
     def reliable_schedule(self) -> SendSchedule:
         """Sending order for QUIC clients, which receive the init segment first, on a reliable stream."""
-        segments = Segments(self.init_segment_bytes, self.symbol_bytes)
-        init_items = (item for item in self.schedule if item[0] == SIDE and item[2] < segments.size(item[1]))
-        return self.schedule_of((*init_items, *(item for item in self.schedule if item[0] != SIDE)))
+        source_blocks = SourceBlocks(self.init_segment_bytes, self.symbol_bytes)
+        init_items = (
+            item for item in self.schedule if item[0] == INIT_SYMBOL and item[2] < source_blocks.size(item[1])
+        )
+        return self.schedule_of((*init_items, *(item for item in self.schedule if item[0] != INIT_SYMBOL)))
 
     def schedule_of(self, datagrams: Sequence[tuple[int, int, int]]) -> SendSchedule:
         """Builds a schedule from datagrams in sending order.
@@ -128,7 +137,7 @@ class ServedStream:
         """
         last_of_init_segment = last_of_opening = -1
         for number, item in enumerate(datagrams):
-            if item[0] == SIDE:
+            if item[0] == INIT_SYMBOL:
                 last_of_init_segment = number
             if self.tiles is not None and self.in_opening(item):
                 last_of_opening = number
@@ -144,7 +153,7 @@ class ServedStream:
         if kind == PARITY:
             members = self._groups[group]
             return members.packet_of(members.size - 1) < self.opening_packets
-        return kind == SIDE or (kind == DATA and symbol < self.opening_packets)
+        return kind == INIT_SYMBOL or (kind == DATA and symbol < self.opening_packets)
 
     @functools.cached_property
     def _groups(self) -> list[Group]:
@@ -157,24 +166,24 @@ class ServedStream:
         Source symbols and repair symbols are counted. If the number differs between source blocks (the parts of the
         init segment that are coded separately), it is the smallest number.
         """
-        counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
-        # The smallest number, if it differs between segments. Further symbols are only sent after NACKs.
+        counts = Counter(source_block for kind, source_block, _ in self.schedule if kind == INIT_SYMBOL)
+        # The smallest number, if it differs between source blocks. Further symbols are only sent after NACKs.
         return min(counts.values())
 
     @functools.cached_property
-    def resend_bytes(self) -> float:
+    def max_retransmitted_bytes(self) -> float:
         """Maximum number of retransmitted bytes per client; infinite without a limit."""
-        return math.inf if self.resend is None else self.resend * sum(self.sizes().values())
+        return math.inf if self.retransmit_share is None else self.retransmit_share * sum(self.sizes().values())
 
     @property
     def counts_bytes(self) -> bool:
         """True if retransmission of this stream is limited, so that the server must count retransmitted bytes."""
-        return self.resend is not None or self.num_retransmittable < len(self.packets)
+        return self.retransmit_share is not None or self.num_retransmittable < len(self.packets)
 
     @functools.cached_property
     def num_retransmittable(self) -> int:
         """Number of packets at the start of the sending order that may be retransmitted."""
-        return len(self.packets) if self.resendable is None else self.resendable
+        return len(self.packets) if self.retransmittable is None else self.retransmittable
 
     def may_retransmit(self, index: int) -> bool:
         """Returns True if the packet with a given index in sending order may be retransmitted."""
@@ -200,15 +209,15 @@ class ServedStream:
     def sizes(self) -> dict[str, int]:
         """Returns the bytes to send for the init segment, the packets, and the repair symbols of both.
 
-        Keys: `side`, `side_protection`, `packets`, `packet_protection`. Headers of UDP and IP do not count.
+        Keys: `init_segment`, `init_protection`, `packets`, `packet_protection`. Headers of UDP and IP do not count.
         """
-        segments = Segments(self.init_segment_bytes, self.symbol_bytes)
-        per_symbol, source = self.symbol_bytes + SIDE_OVERHEAD, segments.num_symbols
-        repair = sum(1 for kind, _, _ in self.schedule if kind == SIDE) - source
+        source_blocks = SourceBlocks(self.init_segment_bytes, self.symbol_bytes)
+        per_symbol, source = self.symbol_bytes + INIT_SYMBOL_OVERHEAD, source_blocks.num_symbols
+        repair = sum(1 for kind, _, _ in self.schedule if kind == INIT_SYMBOL) - source
         parity = sum(len(symbol) + PARITY_OVERHEAD for group in self.parity for symbol in group)
         return {
-            "side": source * per_symbol,
-            "side_protection": repair * per_symbol,
+            "init_segment": source * per_symbol,
+            "init_protection": repair * per_symbol,
             "packets": sum(DATA_OVERHEAD + len(packet) for packet in self.packets[self.num_bundled :]),
             "packet_protection": parity,
         }
@@ -234,7 +243,7 @@ def make_served_stream(
     manifest, protection = stream.manifest, protection or Protection()
     tiles = read_tiles(manifest, stream.side_info) if manifest.schema.tiled else None
     if tiles is not None and not protection.tier_repair:  # without the coarsest tile nothing is drawn
-        protection = replace(protection, tier_repair=(protection.side_repair,))
+        protection = replace(protection, tier_repair=(protection.init_repair,))
     if len(stream.packets) != manifest.num_packets:
         raise InvalidValueError(
             f"{len(stream.packets)} of {manifest.num_packets} packets: only a complete stream is served"
@@ -250,7 +259,7 @@ def make_served_stream(
         )
     num_bundled = num_bundled_packets(len(packets), protection)
     data = init_segment(manifest, stream.side_info, packets[:num_bundled])
-    symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(len(data))
+    symbol_bytes = protection.init_symbol_bytes or default_symbol_bytes(len(data))
     init_symbols, scheduled = encode_init_segment(data, symbol_bytes, protection)
     members = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
     timing = replace(protection, parity_until=0.0) if protection.motion else protection
@@ -260,7 +269,7 @@ def make_served_stream(
     served = ServedStream(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols, packets, largest,
         num_bundled, ranges, parity, schedule,
-        preview, protection.resend, round(protection.resend_until * len(packets)),
+        preview, protection.retransmit_share, round(protection.retransmit_until * len(packets)),
     )  # fmt: skip
     return served if tiles is None else _with_view_order(served, tiles)
 
@@ -299,10 +308,10 @@ def _packets_in_order(
     return [ordered[number] for number in arranged.order], arranged.parity_ranges
 
 
-def side_symbol_bytes(num_bytes: int) -> int:
+def default_symbol_bytes(num_bytes: int) -> int:
     """Returns the default size of FEC symbols for an init segment of `num_bytes` bytes."""
     finer = num_bytes // MIN_SYMBOLS // ALIGNMENT * ALIGNMENT
-    return min(max(finer, MIN_DEFAULT_SYMBOL_BYTES), SIDE_SYMBOL_BYTES)
+    return min(max(finer, MIN_DEFAULT_SYMBOL_BYTES), MAX_INIT_SYMBOL_BYTES)
 
 
 def encode_init_segment(
@@ -320,12 +329,12 @@ def encode_init_segment(
         symbols, followed by its repair symbols; and the number of these symbols that every client gets. The others are
         a reserve.
     """
-    segments = Segments(len(data), symbol_bytes)
+    source_blocks = SourceBlocks(len(data), symbol_bytes)
     symbols, scheduled = [], []
-    for segment in range(segments.num_segments):
-        piece = data[segments.span(segment)]
-        size = segments.size(segment)
-        repair = min(round(protection.side_repair * size), MAX_REPAIR)
+    for source_block in range(source_blocks.num_blocks):
+        piece = data[source_blocks.span(source_block)]
+        size = source_blocks.size(source_block)
+        repair = min(round(protection.init_repair * size), MAX_REPAIR)
         wanted = repair > 0 or protection.limits_retransmission
         num_repair = min(repair + math.ceil(RESERVE_SHARE * size), MAX_REPAIR) if wanted else 0
         symbols.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, num_repair)))

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Hashable
 
 from splatwire.errors import InvalidValueError
-from splatwire.transport.protocol.datagrams import TOKEN_BYTES
+from splatwire.transport.protocol.messages import TOKEN_BYTES
 
 LIFETIME_S = 15.0
 MIN_SECRET_BYTES = 16

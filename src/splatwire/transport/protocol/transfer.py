@@ -9,17 +9,17 @@ from collections.abc import Iterator
 from splatwire.arguments import checked
 from splatwire.transport.congestion.cubic import INITIAL_WINDOW
 from splatwire.transport.congestion.pacing import Pacer, RateControl
-from splatwire.transport.protocol.datagrams import End, Feedback, Have, View, Welcome
 from splatwire.transport.protocol.feedback import FeedbackTracker
 from splatwire.transport.protocol.known_packets import KnownPackets
+from splatwire.transport.protocol.messages import End, Feedback, Have, View, Welcome
 from splatwire.transport.protocol.send_queue import SendQueue, SentLog, ViewUpdateBudget, viewpoint_of
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.server_limits import ServerLimits
 from splatwire.transport.protocol.wire import (
     DATA,
     DATA_OVERHEAD,
-    SIDE,
-    SIDE_OVERHEAD,
+    INIT_SYMBOL,
+    INIT_SYMBOL_OVERHEAD,
     WELCOME,
     encode,
     encode_data,
@@ -152,9 +152,9 @@ class ServerTransfer:
         )
         self._max_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
 
-    def exclude_known(self, frame: Have) -> None:
+    def exclude_known(self, message: Have) -> None:
         """Records which packets the client already has, so that they are not sent; lowers the client's byte limit."""
-        self._max_bytes -= int(self._limits.max_sent_ratio * self._known_packets.take(frame, self.stream))
+        self._max_bytes -= int(self._limits.max_sent_ratio * self._known_packets.take(message, self.stream))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
         """Removes datagrams from the queue up to the first one that the client needs, and returns this datagram.
@@ -234,7 +234,7 @@ class ServerTransfer:
         if item[0] == WELCOME:
             return self._record_sent(self.welcome(), now, counted=False)
         return self._record_sent(
-            self._datagram(*item), now, counted=not (self._reliable_init_segment and item[0] == SIDE)
+            self._datagram(*item), now, counted=not (self._reliable_init_segment and item[0] == INIT_SYMBOL)
         )
 
     def on_viewpoint(self, view: View, budget: ViewUpdateBudget, now: float) -> None:
@@ -252,17 +252,17 @@ class ServerTransfer:
         if self._view_due_at is None:
             self._view_due_at = budget.take(now, self._queue.viewed_at, tiles.num_tiles)
 
-    def feedback(self, frame: Feedback, now: float) -> None:
+    def feedback(self, message: Feedback, now: float) -> None:
         """Processes a feedback report of the client: sets the sending rate and queues retransmissions."""
         if not self._reported and self._num_welcomes:
             self.control.on_handshake_rtt(now - self._welcomed_at)
         self.heard_at, self._has_feedback, self._reported = now, True, True
-        if self._feedback_tracker.is_plausible(frame):
-            measured = self._feedback_tracker.on_feedback(frame, now)
+        if self._feedback_tracker.is_plausible(message):
+            measured = self._feedback_tracker.on_feedback(message, now)
             if measured is not None:
                 self.control.on_feedback(now, *measured)
                 self._pacer.rate = self._limits.fixed_rate or self.control.rate
-        self._queue_retransmissions(frame, now)
+        self._queue_retransmissions(message, now)
 
     def _slow_down(self, now: float) -> None:
         """Reduces the sending rate if the client's feedback is overdue."""
@@ -277,7 +277,7 @@ class ServerTransfer:
             item: The datagram, as in `SendSchedule.datagrams`.
             now: Time, seconds.
         """
-        if item[0] == SIDE:
+        if item[0] == INIT_SYMBOL:
             self._num_init_retransmissions -= 1
             self._init_segment_sent_at = now if self._num_init_retransmissions == 0 else None
         else:
@@ -288,7 +288,7 @@ class ServerTransfer:
         self._sent_log.record(self._feedback_tracker.sequence, symbol if kind == DATA else -1)
         if kind == DATA:
             return encode_data(self.session, self._feedback_tracker.sequence, symbol, self.stream.packets[symbol])
-        source = self.stream.init_symbols if kind == SIDE else self.stream.parity
+        source = self.stream.init_symbols if kind == INIT_SYMBOL else self.stream.parity
         return encode_symbol(kind, self.session, self._feedback_tracker.sequence, group, symbol, source[group][symbol])
 
     def _record_sent(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
@@ -300,18 +300,24 @@ class ServerTransfer:
         self._pacer.sent(len(data), now)
         return data
 
-    def _queue_retransmissions(self, frame: Feedback, now: float) -> None:
+    def _queue_retransmissions(self, message: Feedback, now: float) -> None:
         """Queues the retransmissions that the client requests, within the stream's limit on their bytes."""
         wait = max(RETRANSMIT_INTERVAL_S, 1.25 * (self.control.round_trip or 0.0))
-        symbol_bytes = self.stream.symbol_bytes + SIDE_OVERHEAD
-        missing = 0 if self._reliable_init_segment else min(frame.side_missing, sum(map(len, self.stream.init_symbols)))
+        symbol_bytes = self.stream.symbol_bytes + INIT_SYMBOL_OVERHEAD
+        missing = (
+            0 if self._reliable_init_segment else min(message.symbols_missing, sum(map(len, self.stream.init_symbols)))
+        )
         if missing and self._init_segment_sent_at is not None and now - self._init_segment_sent_at >= wait:
             items = self._further_init_symbols(missing)
             self._init_segment_sent_at, self._num_init_retransmissions = None, len(items)
             self._retransmitted_bytes += len(items) * symbol_bytes
             self._retransmissions.extendleft(items)
-        bytes_left = self.stream.resend_bytes - self._retransmitted_bytes - INIT_RESERVE_FACTOR * missing * symbol_bytes
-        for index, number in self._requested(frame):
+        bytes_left = (
+            self.stream.max_retransmitted_bytes
+            - self._retransmitted_bytes
+            - INIT_RESERVE_FACTOR * missing * symbol_bytes
+        )
+        for index, number in self._requested(message):
             item = (DATA, 0, index)
             if index < 0 or not self.stream.may_retransmit(index):
                 continue
@@ -329,19 +335,19 @@ class ServerTransfer:
             self._retransmissions.append(item)
             self._sent_log.discard(number)
 
-    def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
+    def _requested(self, message: Feedback) -> Iterator[tuple[int, int | None]]:
         """Yields the packets that the client requests again in a feedback report (NACKs).
 
         Args:
-            frame: The feedback report.
+            message: The feedback report.
 
         Yields:
             * For a request by packet index: this index, and None.
             * For a request by the sequence number of a lost datagram: the index of its packet, -1 if unknown; and the
               sequence number.
         """
-        yield from ((index, None) for index in frame.nacks)
-        for number in frame.lost_sequences:
+        yield from ((index, None) for index in message.nacks)
+        for number in message.lost_sequences:
             yield self._sent_log.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_init_symbols(self, missing: int) -> list[tuple[int, int, int]]:
@@ -361,7 +367,9 @@ class ServerTransfer:
         while len(items) < count:
             symbol = self._init_symbol_cursor % longest
             items += [
-                (SIDE, segment, symbol) for segment in range(len(init_symbols)) if symbol < len(init_symbols[segment])
+                (INIT_SYMBOL, source_block, symbol)
+                for source_block in range(len(init_symbols))
+                if symbol < len(init_symbols[source_block])
             ]
             self._init_symbol_cursor += 1
         return items

@@ -1,4 +1,4 @@
-"""Binary encoding and decoding of the transport protocol's datagrams, with validation.
+"""Binary encoding and decoding of the wire protocol's messages, with validation.
 
 The format is described in `docs/wire.md`.
 """
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.transport.protocol.datagrams import (
+from splatwire.transport.protocol.messages import (
     DIGEST_BYTES,
     MAX_DECLARED,
     MAX_HELD_BYTES,
@@ -28,14 +28,14 @@ from splatwire.transport.protocol.datagrams import (
     Data,
     End,
     Feedback,
-    Frame,
     Have,
     Hello,
+    InitSymbol,
+    Message,
     Parity,
     ParityRange,
     Refuse,
     Request,
-    Side,
     View,
     Welcome,
 )
@@ -45,14 +45,14 @@ MAX_DATAGRAM = 1200
 """Maximum size of a datagram in bytes; fits every QUIC path (RFC 9000, 14)."""
 HELLO_BYTES = MAX_DATAGRAM
 """Size in bytes of a client's first datagram: the maximum, so that no response is larger (anti-amplification)."""
-HELLO, CHALLENGE, REQUEST, WELCOME, SIDE, DATA, PARITY, FEEDBACK, BYE, REFUSE, END, HAVE, VIEW = range(1, 14)
-KINDS = (
-    "", "hello", "challenge", "request", "welcome", "side", "data", "parity", "feedback", "bye", "refuse", "end",
+HELLO, CHALLENGE, REQUEST, WELCOME, INIT_SYMBOL, DATA, PARITY, FEEDBACK, BYE, REFUSE, END, HAVE, VIEW = range(1, 14)
+MESSAGE_KINDS = (
+    "", "hello", "challenge", "request", "welcome", "init symbol", "data", "parity", "feedback", "bye", "refuse", "end",
     "have", "view",
 )  # fmt: skip
 TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE, VIEW))
-ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, SIDE))
-"""Kinds of datagrams that are sent on the reliable stream instead if there is one (QUIC), with a u16 size prefix."""
+ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, INIT_SYMBOL))
+"""Kinds of messages that are sent on the reliable stream instead if there is one (QUIC), with a u16 size prefix."""
 
 MAX_FOCAL, MAX_FAR, TURNED = 1e6, 1e12, 0.01
 """Maxima that a valid viewpoint must not exceed: focal length in pixels, coordinates in scene units, and deviation of
@@ -69,7 +69,7 @@ _REQUEST = struct.Struct(f"<BQ{TOKEN_BYTES}sB")
 _WELCOME = struct.Struct(f"<BQIIQ{DIGEST_BYTES}sHIHIBB")
 _PARITY_RANGE = struct.Struct("<IHH")
 _SIZE = struct.Struct("<H")
-_SIDE = struct.Struct("<BIIHI")
+_INIT_SYMBOL = struct.Struct("<BIIHI")
 _DATA = struct.Struct("<BIII")
 _PARITY = struct.Struct("<BIIHI")
 _FEEDBACK = struct.Struct("<BIIIIIHH")
@@ -79,13 +79,13 @@ _REFUSE = struct.Struct("<BQB")
 _END = struct.Struct("<BII")
 _HAVE = struct.Struct("<BQIBI")
 
-SIDE_OVERHEAD = _SIDE.size + _CRC.size
+INIT_SYMBOL_OVERHEAD = _INIT_SYMBOL.size + _CRC.size
 DATA_OVERHEAD = _DATA.size
 PARITY_OVERHEAD = _PARITY.size + _CRC.size
 
 
 def encode_data(session: int, sequence: int, packet_index: int, packet: bytes) -> bytes:
-    """Encodes a datagram with a packet of the stream.
+    """Encodes a message with a packet of the stream.
 
     Args:
         session: Id of the transfer.
@@ -97,60 +97,63 @@ def encode_data(session: int, sequence: int, packet_index: int, packet: bytes) -
 
 
 def encode_symbol(kind: int, session: int, sequence: int, group: int, symbol: int, payload: bytes) -> bytes:
-    """Encodes a datagram with a symbol of the erasure code.
+    """Encodes a message with a symbol of the erasure code.
 
     Args:
-        kind: `SIDE` for a symbol of the init segment, `PARITY` for a repair symbol of packets.
+        kind: `INIT_SYMBOL` for a symbol of the init segment, `PARITY` for a repair symbol of packets.
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
-        group: For `SIDE`: index of the piece of the init segment. For `PARITY`: index of the parity group.
-        symbol: Index of the symbol in that piece or group.
+        group: For `INIT_SYMBOL`: index of the source block of the init segment. For `PARITY`: index of the parity
+            group.
+        symbol: Index of the symbol in that block or group.
         payload: Bytes of the symbol.
     """
-    return _closed(_SIDE.pack(VERSION << 4 | kind, session, sequence, group, symbol) + payload)
+    return _closed(_INIT_SYMBOL.pack(VERSION << 4 | kind, session, sequence, group, symbol) + payload)
 
 
-def encode(frame: Frame) -> bytes:
-    """Encodes a datagram of any kind to bytes."""
-    match frame:
+def encode(message: Message) -> bytes:
+    """Encodes a message of any kind."""
+    match message:
         case Data():
-            return encode_data(*frame)
-        case Side():
-            return encode_symbol(SIDE, *frame)
+            return encode_data(*message)
+        case InitSymbol():
+            return encode_symbol(INIT_SYMBOL, *message)
         case Parity():
-            return encode_symbol(PARITY, *frame)
+            return encode_symbol(PARITY, *message)
         case Hello():
-            body = _HELLO.pack(VERSION << 4 | HELLO, frame.nonce, len(frame.name.encode())) + frame.name.encode()
+            body = _HELLO.pack(VERSION << 4 | HELLO, message.nonce, len(message.name.encode())) + message.name.encode()
             return _closed(body.ljust(HELLO_BYTES - _CRC.size, b"\0"))
         case Challenge():
-            return _closed(_CHALLENGE.pack(VERSION << 4 | CHALLENGE, *frame))
+            return _closed(_CHALLENGE.pack(VERSION << 4 | CHALLENGE, *message))
         case Request():
-            name = frame.name.encode()
-            prefix = _REQUEST.pack(VERSION << 4 | REQUEST, frame.nonce, frame.token, len(name))
-            return _closed(prefix + name + frame.scene_token.encode())
+            name = message.name.encode()
+            prefix = _REQUEST.pack(VERSION << 4 | REQUEST, message.nonce, message.token, len(name))
+            return _closed(prefix + name + message.scene_token.encode())
         case Welcome():
-            flags = LIVE * frame.is_live | VIEWABLE * frame.viewable
-            prefix = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:9], flags, len(frame.parity_ranges))
-            ranges = b"".join(_PARITY_RANGE.pack(*parity_range) for parity_range in frame.parity_ranges)
-            return _closed(prefix + ranges + _SIZE.pack(len(frame.preview)) + frame.preview)
+            flags = LIVE * message.is_live | VIEWABLE * message.viewable
+            prefix = _WELCOME.pack(VERSION << 4 | WELCOME, *message[:9], flags, len(message.parity_ranges))
+            ranges = b"".join(_PARITY_RANGE.pack(*parity_range) for parity_range in message.parity_ranges)
+            return _closed(prefix + ranges + _SIZE.pack(len(message.preview)) + message.preview)
         case Feedback():
-            requested = (*frame.nacks, *frame.lost_sequences)
-            prefix = _FEEDBACK.pack(VERSION << 4 | FEEDBACK, *frame[:5], len(frame.nacks), len(frame.lost_sequences))
+            requested = (*message.nacks, *message.lost_sequences)
+            prefix = _FEEDBACK.pack(
+                VERSION << 4 | FEEDBACK, *message[:5], len(message.nacks), len(message.lost_sequences)
+            )
             return _closed(prefix + struct.pack(f"<{len(requested)}I", *requested))
         case Bye():
-            return _closed(_BYE.pack(VERSION << 4 | BYE, *frame))
+            return _closed(_BYE.pack(VERSION << 4 | BYE, *message))
         case View():
-            return _closed(_VIEW.pack(VERSION << 4 | VIEW, *frame[:-1], *frame.viewmat))
+            return _closed(_VIEW.pack(VERSION << 4 | VIEW, *message[:-1], *message.viewmat))
         case Refuse():
-            return _closed(_REFUSE.pack(VERSION << 4 | REFUSE, *frame))
+            return _closed(_REFUSE.pack(VERSION << 4 | REFUSE, *message))
         case End():
-            return _closed(_END.pack(VERSION << 4 | END, *frame))
+            return _closed(_END.pack(VERSION << 4 | END, *message))
         case Have():
-            return _closed(_HAVE.pack(VERSION << 4 | HAVE, *frame[:-1]) + frame.held)
+            return _closed(_HAVE.pack(VERSION << 4 | HAVE, *message[:-1]) + message.held)
 
 
-def kind_of(data: bytes) -> int:
-    """Returns the kind of a datagram without further checks, or 0 for a datagram of another protocol."""
+def message_kind(data: bytes) -> int:
+    """Returns the kind of a message without further checks, or 0 for bytes of another protocol."""
     kind = data[0] & 15 if data else 0
     return kind if data and data[0] >> 4 == VERSION and 1 <= kind <= VIEW else 0
 
@@ -184,7 +187,7 @@ def refuse_other_transport(data: bytes) -> bytes | None:
         The refusal, whose nonce is that of the client's hello or request, or the first 8 bytes of its QUIC connection
         id; None if the datagram starts no connection.
     """
-    if kind_of(data) in (HELLO, REQUEST):
+    if message_kind(data) in (HELLO, REQUEST):
         if len(data) <= _REFUSE.size + _CRC.size or not _is_intact(data):
             return None
         return encode(Refuse(struct.unpack_from("<Q", data, 1)[0], OTHER_TRANSPORT))
@@ -194,8 +197,8 @@ def refuse_other_transport(data: bytes) -> bytes | None:
     return encode(Refuse(int.from_bytes(data[at + 1 : at + 1 + min(data[at], 8)], "little"), OTHER_TRANSPORT))
 
 
-def decode(data: bytes) -> Frame:
-    """Decodes a datagram after checking its size and checksum.
+def decode(data: bytes) -> Message:
+    """Decodes a message after checking its size and checksum.
 
     Raises:
         UnsupportedVersionError: If the datagram has another protocol version.
@@ -203,7 +206,7 @@ def decode(data: bytes) -> Frame:
     """
     if not data or len(data) > MAX_DATAGRAM:
         raise BitstreamError(f"a datagram of {len(data)} bytes is not a splatwire datagram")
-    kind = kind_of(data)
+    kind = message_kind(data)
     if not kind:
         if data[0] >> 4 != VERSION:
             raise UnsupportedVersionError(f"a datagram of protocol version {data[0] >> 4}, not {VERSION}")
@@ -214,11 +217,11 @@ def decode(data: bytes) -> Frame:
         _, session, sequence, packet_index = _DATA.unpack_from(data)
         return Data(session, sequence, packet_index, data[_DATA.size :])
     if len(data) < _CRC.size + 1 or not _is_intact(data):
-        raise BitstreamError(f"a {KINDS[kind]} datagram whose checksum does not match")
+        raise BitstreamError(f"a {MESSAGE_KINDS[kind]} datagram whose checksum does not match")
     try:
         return _DECODERS[kind](data[: -_CRC.size])
     except struct.error as error:
-        raise BitstreamError(f"a {KINDS[kind]} datagram of {len(data)} bytes is cut") from error
+        raise BitstreamError(f"a {MESSAGE_KINDS[kind]} datagram of {len(data)} bytes is cut") from error
 
 
 def _is_intact(data: bytes) -> bool:
@@ -296,10 +299,10 @@ def _have(body: bytes) -> Have:
 
 
 def _symbol(body: bytes) -> tuple[Any, ...]:
-    fields = _SIDE.unpack_from(body)[1:]
-    if len(body) == _SIDE.size:
+    fields = _INIT_SYMBOL.unpack_from(body)[1:]
+    if len(body) == _INIT_SYMBOL.size:
         raise BitstreamError("a symbol without content")
-    return (*fields, body[_SIDE.size :])
+    return (*fields, body[_INIT_SYMBOL.size :])
 
 
 def _view(body: bytes) -> View:
@@ -312,12 +315,12 @@ def _view(body: bytes) -> View:
     return View._make([*fields, focal, rows])
 
 
-_DECODERS: dict[int, Callable[[bytes], Frame]] = {
+_DECODERS: dict[int, Callable[[bytes], Message]] = {
     HELLO: _hello,
     CHALLENGE: lambda body: Challenge(*_exactly(_CHALLENGE, body)),
     REQUEST: _request,
     WELCOME: _welcome,
-    SIDE: lambda body: Side(*_symbol(body)),
+    INIT_SYMBOL: lambda body: InitSymbol(*_symbol(body)),
     PARITY: lambda body: Parity(*_symbol(body)),
     FEEDBACK: _feedback,
     BYE: lambda body: Bye(*_exactly(_BYE, body)),

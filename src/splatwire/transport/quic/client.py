@@ -14,8 +14,8 @@ from aioquic.quic.packet import QuicErrorCode
 
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.address import Address
-from splatwire.transport.protocol.datagrams import OTHER_TRANSPORT, Refuse
 from splatwire.transport.protocol.events import Event
+from splatwire.transport.protocol.messages import OTHER_TRANSPORT, Refuse
 from splatwire.transport.protocol.receiver import NO_QUIC, SMALL_MTU, Receiver
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
 from splatwire.transport.protocol.wire import decode
@@ -26,12 +26,12 @@ from splatwire.transport.quic.common import (
     MALFORMED,
     REFUSED,
     STREAM,
-    FrameReader,
+    MessageReader,
     configuration,
+    length_prefixed,
     limit_backoff,
     on_stream,
     send_on_stream,
-    stream_frame,
 )
 from splatwire.transport.udp import Tap, connected_socket, new_nonce, resolve
 
@@ -145,7 +145,7 @@ class _Client(QuicConnectionProtocol):
         super().__init__(quic)
         self._receiver, self._trust, self._on_event, self._tap = receiver, trust, on_event, tap
         self._target = target
-        self._reader = FrameReader()
+        self._reader = MessageReader()
         self._alarm: asyncio.TimerHandle | None = None
         self._finished = self._loop.create_future()
         self._established = self._lost = False
@@ -197,11 +197,11 @@ class _Client(QuicConnectionProtocol):
     def _is_refusal(self, data: bytes) -> bool:
         """True if a datagram is the refusal of a server that serves plain UDP at this port."""
         try:
-            frame = decode(data)
+            message = decode(data)
         except BitstreamError:
             return False
         own = int.from_bytes(self._quic.host_cid, "little")
-        return isinstance(frame, Refuse) and frame == Refuse(own, OTHER_TRANSPORT)
+        return isinstance(message, Refuse) and message == Refuse(own, OTHER_TRANSPORT)
 
     def error_received(self, exc: Exception) -> None:
         if not isinstance(exc, ConnectionRefusedError) or self._established:
@@ -252,12 +252,12 @@ class _Client(QuicConnectionProtocol):
 
     def _stream_data(self, event: events.StreamDataReceived) -> None:
         try:
-            frames = self._reader.feed(event.data) if event.stream_id == STREAM else []
+            messages = self._reader.feed(event.data) if event.stream_id == STREAM else []
         except BitstreamError as error:
             self.stop(str(error))
             return
-        for frame in frames:
-            self._send_and_report(*self._receiver.receive(frame, self._loop.time()))
+        for message in messages:
+            self._send_and_report(*self._receiver.receive(message, self._loop.time()))
 
     def stopped(self, _: asyncio.Future[None]) -> None:
         """Ends the transfer because the caller's `stop` future is done."""
@@ -297,10 +297,10 @@ class _Client(QuicConnectionProtocol):
         if not self._finished.done():
             self._finished.set_exception(error)
 
-    def _send_and_report(self, frames: list[bytes], transfer_events: list[Event]) -> None:
-        for data in frames:
+    def _send_and_report(self, messages: list[bytes], transfer_events: list[Event]) -> None:
+        for data in messages:
             if on_stream(data):
-                send_on_stream(self._quic, STREAM, stream_frame(data))  # if it is closed, its event follows
+                send_on_stream(self._quic, STREAM, length_prefixed(data))  # if it is closed, its event follows
             elif self._established:
                 self._quic.send_datagram_frame(data)
         if self._on_event:

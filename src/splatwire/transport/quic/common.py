@@ -11,7 +11,7 @@ from aioquic.quic.congestion.base import QuicCongestionControl, register_congest
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.congestion.delivery_rate import DeliveryRateWindow
-from splatwire.transport.protocol.wire import MAX_DATAGRAM, ON_STREAM, kind_of
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, ON_STREAM, message_kind
 
 ALPN = "splatwire/1"
 ALPN_HTTP = "h3"
@@ -61,40 +61,40 @@ class QuicLimits:
     origins: tuple[str, ...] | None = None
 
 
-class FrameReader:
-    """Splits a reliable byte stream into frames, each with a u16 little-endian size prefix."""
+class MessageReader:
+    """Splits a reliable byte stream into messages of the wire protocol. Each follows its size (u16, little-endian)."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Adds received bytes and returns the frames that are complete.
+        """Adds received bytes and returns the messages that are complete.
 
         Raises:
-            BitstreamError: If a frame size is invalid; the rest of the stream cannot be parsed.
+            BitstreamError: If the size of a message is invalid; the rest of the stream cannot be parsed.
         """
         self._buffer += data
-        frames, at = [], 0
+        messages, at = [], 0
         while len(self._buffer) - at >= 2:
             size = int.from_bytes(self._buffer[at : at + 2], "little")
             if not 1 <= size <= MAX_DATAGRAM:
-                raise BitstreamError(f"a frame of {size} bytes on the stream")
+                raise BitstreamError(f"a message of {size} bytes on the stream")
             if len(self._buffer) - at < 2 + size:
                 break
-            frames.append(bytes(self._buffer[at + 2 : at + 2 + size]))
+            messages.append(bytes(self._buffer[at + 2 : at + 2 + size]))
             at += 2 + size
         del self._buffer[:at]
-        return frames
+        return messages
 
 
-def stream_frame(data: bytes) -> bytes:
-    """Returns the bytes of a frame on the reliable stream: u16 size prefix and frame."""
+def length_prefixed(data: bytes) -> bytes:
+    """Returns the bytes of a message on the reliable stream: its size (u16, little-endian), then the message."""
     return len(data).to_bytes(2, "little") + data
 
 
 def on_stream(data: bytes) -> bool:
-    """True if a datagram of the protocol is sent on the reliable QUIC stream instead of in a DATAGRAM frame."""
-    return kind_of(data) in ON_STREAM
+    """True if a message is sent on the reliable QUIC stream instead of in a DATAGRAM frame."""
+    return message_kind(data) in ON_STREAM
 
 
 def send_on_stream(quic: Any, stream: int, data: bytes) -> bool:

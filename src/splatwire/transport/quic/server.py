@@ -19,7 +19,7 @@ from splatwire.transport.protocol.admission import Network, choose_eviction, net
 from splatwire.transport.protocol.sender import Server
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.server_limits import ServerLimits
-from splatwire.transport.protocol.wire import MAX_DATAGRAM, kind_of, refuse_other_transport
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, message_kind, refuse_other_transport
 from splatwire.transport.quic.address_validation import (
     HandshakeBudget,
     ResponseBudget,
@@ -138,12 +138,12 @@ class QuicServer(SocketServer):
         """Counts the bytes of a UDP datagram that was sent."""
         self.bytes_sent += num_bytes
 
-    def on_frame(self, session: Session, data: bytes) -> None:
-        """Processes a frame or DATAGRAM of a client.
+    def on_message(self, session: Session, data: bytes) -> None:
+        """Processes a message of a client, from the reliable stream or a DATAGRAM frame.
 
         Args:
-            session: Session that received the frame.
-            data: Bytes of the frame.
+            session: Session that received the message.
+            data: Bytes of the message.
         """
         if session.connection not in self.connections:
             return
@@ -264,7 +264,7 @@ class _LimitedEndpoint(AioquicServer):
             known = self._protocols.get(data[1:9])
             if known is not None:
                 known.datagram_received(data, addr)
-            elif kind_of(data):
+            elif message_kind(data):
                 self._refuse_udp(data, addr)
         elif data[6 : 6 + data[5]] in self._protocols or self._may_begin(data, addr):
             super().datagram_received(data, addr)

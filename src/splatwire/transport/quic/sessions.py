@@ -8,28 +8,28 @@ from aioquic.h3.events import DatagramReceived, H3Event, HeadersReceived, WebTra
 from aioquic.quic import events
 
 from splatwire.errors import BitstreamError
-from splatwire.transport.protocol.datagrams import Welcome
-from splatwire.transport.protocol.wire import MAX_DATAGRAM, WELCOME, decode, kind_of
+from splatwire.transport.protocol.messages import Welcome
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, WELCOME, decode, message_kind
 from splatwire.transport.quic.common import (
     MIN_BYTES,
     OUTSIDE_BYTES,
     STREAM,
     WEBTRANSPORT_PATH,
     WINDOW_BYTES,
-    FrameReader,
+    MessageReader,
+    length_prefixed,
     on_stream,
     send_on_stream,
-    stream_frame,
 )
 
 REDUNDANT_FRAMES = 8
-"""Number of frames, the first of the reliable stream, that are also sent as DATAGRAM. For most streams these are the
+"""Number of messages, the first of the reliable stream, that are also sent as DATAGRAM. For most streams these are the
 server's first response (welcome) and the init segment, without which nothing can be decoded. A loss on the reliable
 stream costs two round trips; with two copies, the first to arrive counts.
 """
-MAX_PENDING_FRAMES = 512
-"""Maximum number of frames that wait until the client opens the reliable stream: the client's request as DATAGRAM may
-overtake the opening of the stream. The side information of a large scene has some hundred frames.
+MAX_PENDING_MESSAGES = 512
+"""Maximum number of messages that wait until the client opens the reliable stream: the client's request as DATAGRAM may
+overtake the opening of the stream. The side information of a large scene has some hundred messages.
 """
 MAX_PENDING = 2048
 """Maximum number of DATAGRAM frames that wait in QUIC until earlier bytes are acknowledged; further ones are dropped,
@@ -40,8 +40,9 @@ as by a full queue on the path. A client may confirm to the protocol core what i
 class Session:
     """Session with one client over QUIC: sends and receives datagrams of the transport protocol.
 
-    Requests, their responses and the init segment travel as frames on a reliable stream; the first of these frames also
-    travel in QUIC DATAGRAM frames, which may arrive earlier. All other datagrams travel in QUIC DATAGRAM frames only.
+    Requests, their responses and the init segment travel as messages on a reliable stream; the first of these messages
+    also travel in QUIC DATAGRAM frames, which may arrive earlier. All other messages only travel in QUIC DATAGRAM
+    frames.
 
     Args:
         connection: QUIC connection of the client.
@@ -53,55 +54,58 @@ class Session:
         self.connection = connection
         self.stream = stream
         self._prefix = prefix
-        self._reader = FrameReader()
+        self._reader = MessageReader()
         self._copies = REDUNDANT_FRAMES
         self._most_unacknowledged = WINDOW_BYTES
-        self._pending_frames: list[bytes] = []
+        self._pending_messages: list[bytes] = []
 
     def send(self, data: bytes) -> None:
-        """Queues a datagram of the protocol for sending."""
+        """Queues a message of the wire protocol for sending."""
         copied, quic = on_stream(data) and self._copies > 0, self.connection.quic
         if on_stream(data):
-            if kind_of(data) == WELCOME and isinstance(frame := decode(data), Welcome):  # a long head follows
-                self._most_unacknowledged = max(self._most_unacknowledged, WINDOW_BYTES + 2 * frame.init_segment_bytes)
-            self._on_stream(stream_frame(data))
+            # a long init segment may follow a welcome
+            if message_kind(data) == WELCOME and isinstance(message := decode(data), Welcome):
+                self._most_unacknowledged = max(
+                    self._most_unacknowledged, WINDOW_BYTES + 2 * message.init_segment_bytes
+                )
+            self._on_stream(length_prefixed(data))
         if copied or not on_stream(data):
             self._copies -= copied
             if len(quic._datagrams_pending) < MAX_PENDING:
                 quic.send_datagram_frame(self._prefix + data)
 
-    def _on_stream(self, frame: bytes) -> None:
+    def _on_stream(self, message: bytes) -> None:
         quic = self.connection.quic
         if self.stream is not None:
-            if not send_on_stream(quic, self.stream, frame):
+            if not send_on_stream(quic, self.stream, message):
                 self.connection.malformed("the stream was given up")
             elif len(quic._streams[self.stream].sender._buffer) > self._most_unacknowledged:
                 self.connection.malformed("the client acknowledges nothing on the stream")
-        elif len(self._pending_frames) < MAX_PENDING_FRAMES:
-            self._pending_frames.append(frame)
+        elif len(self._pending_messages) < MAX_PENDING_MESSAGES:
+            self._pending_messages.append(message)
         else:
             self.connection.malformed("no stream for the request")
 
     def opened(self, stream: int) -> None:
-        """Stores the number of the reliable stream that the client has opened, and sends waiting frames."""
+        """Stores the number of the reliable stream that the client has opened, and sends waiting messages."""
         self.stream = stream
-        for frame in self._pending_frames:
-            self._on_stream(frame)
-        self._pending_frames.clear()
+        for message in self._pending_messages:
+            self._on_stream(message)
+        self._pending_messages.clear()
 
     def stream_data(self, data: bytes) -> None:
         """Processes bytes received on the reliable stream.
 
         Raises:
-            BitstreamError: If the bytes contain an invalid frame.
+            BitstreamError: If the bytes contain an invalid message.
         """
-        for frame in self._reader.feed(data):
-            self.connection.owner.on_frame(self, frame)
+        for message in self._reader.feed(data):
+            self.connection.owner.on_message(self, message)
 
     def datagram(self, data: bytes) -> None:
         """Processes the content of a received QUIC DATAGRAM frame."""
         if len(data) <= MAX_DATAGRAM:
-            self.connection.owner.on_frame(self, data)
+            self.connection.owner.on_message(self, data)
 
 
 class NativeSession:

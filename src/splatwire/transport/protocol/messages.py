@@ -1,4 +1,4 @@
-"""Datagrams of the transport protocol as named tuples."""
+"""Messages of the wire protocol as named tuples. A datagram has one message (docs/wire.md)."""
 
 from typing import NamedTuple
 
@@ -127,20 +127,20 @@ class Welcome(NamedTuple):
     viewable: bool = False
 
 
-class Side(NamedTuple):
+class InitSymbol(NamedTuple):
     """Datagram with a source or repair symbol of the init segment (manifest, side information, bundled packets).
 
     Attributes:
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
-        segment: Index of the source block: part of the init segment that is coded separately.
+        source_block: Index of the source block: part of the init segment that is coded separately.
         symbol: Index of the symbol in the source block; source symbols come first, then repair symbols.
         payload: Bytes of the symbol.
     """
 
     session: int
     sequence: int
-    segment: int
+    source_block: int
     symbol: int
     payload: bytes
 
@@ -187,7 +187,7 @@ class Feedback(NamedTuple):
         largest: Largest received sequence number.
         received: Number of received datagrams with a sequence number.
         time_us: Receiver's clock when `largest` was received, microseconds modulo 2**32.
-        side_missing: Number of symbols of the init segment that are still needed.
+        symbols_missing: Number of symbols of the init segment that are still needed.
         nacks: Packets to retransmit: their indices in sending order.
         lost_sequences: Datagrams to retransmit: their sequence numbers. Used instead of `nacks` if the order of the
             packets depends on the viewpoint.
@@ -197,7 +197,7 @@ class Feedback(NamedTuple):
     largest: int
     received: int
     time_us: int
-    side_missing: int
+    symbols_missing: int
     nacks: tuple[int, ...] = ()
     lost_sequences: tuple[int, ...] = ()
 
@@ -272,4 +272,6 @@ class End(NamedTuple):
     sequence: int
 
 
-Frame = Hello | Challenge | Request | Welcome | Side | Data | Parity | Feedback | Bye | Refuse | End | Have | View
+Message = (
+    Hello | Challenge | Request | Welcome | InitSymbol | Data | Parity | Feedback | Bye | Refuse | End | Have | View
+)
