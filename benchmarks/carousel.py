@@ -7,7 +7,7 @@ the packets in a loop, coarsest level first. `spread`: the packets in a loop, in
 has its own loop; RaptorQ symbols replace its lost packets, and coarse levels get more than their part of the air time.
 Each receiver is assumed to join at the beginning of these loops, which no sender can do for all.
 Sizes and PSNR are those of `levels.json`; a partly received level counts as in its measurement of the
-concealer `coarse`, and an empty picture as `EMPTY_DB`. `curve` is the mean PSNR at `CURVE_TIMES`, `complete_by` the
+concealer `coarse`, and an empty picture as `EMPTY_DB`. `curve` is the mean PSNR at `TIMES[CURVE]`, `complete_by` the
 share of receivers with the complete scene at these times, both in units of the file's air time.
 """
 
@@ -24,7 +24,8 @@ OVERHEAD = 2
 SHARES = {"weighted": (0.05, 0.14, 0.81), "weighted, 1.2": (0.09, 0.18, 0.73)}
 """Air time of the levels, coarsest first. The finest level then ends within 1.1 and 1.2 of the ideal time."""
 TIMES = np.linspace(0, 3, 301)
-CURVE_TIMES = np.linspace(0, 2, 41)
+CURVE = slice(0, 201, 5)
+"""Entries of `TIMES` that are stored and drawn as curves: every 0.05 to 2."""
 NAMES = {
     "fountain": "RaptorQ over the whole file", "plain": "packets, coarsest level first",
     "spread": "packets in random order",
@@ -85,8 +86,8 @@ def draw(rows: list[dict], path: Path) -> None:
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
     for row in rows:
         shares = "" if row["shares"] is None else " / ".join(f"{100 * share:.0f}" for share in row["shares"]) + " %"
-        left.plot(CURVE_TIMES, row["curve"], label=NAMES.get(row["way"], f"RaptorQ for each level, {shares}"))
-        right.plot(CURVE_TIMES, 100 * np.array(row["complete_by"]))
+        left.plot(TIMES[CURVE], row["curve"], label=NAMES.get(row["way"], f"RaptorQ for each level, {shares}"))
+        right.plot(TIMES[CURVE], 100 * np.array(row["complete_by"]))
     left.set_ylabel("mean PSNR, dB")
     right.set_ylabel("receivers with the complete scene, %")
     for axis in (left, right):
@@ -126,8 +127,8 @@ def main() -> None:
             **{f"after_{round(100 * t)}": float(psnr[np.abs(TIMES - t).argmin()]) for t in (0.05, 0.15, 0.5, 1.0)},
             "complete_share": float(np.isfinite(ends).mean()),
             "complete": float(ends.mean()) if np.isfinite(ends).all() else None,
-            "curve": np.interp(CURVE_TIMES, TIMES, psnr).round(2).tolist(),
-            "complete_by": [float((ends <= t).mean()) for t in CURVE_TIMES],
+            "curve": psnr[CURVE].round(2).tolist(),
+            "complete_by": [float((ends <= t).mean()) for t in TIMES[CURVE]],
         })  # fmt: skip
     if args.draw:
         draw(found, args.draw)

@@ -100,7 +100,7 @@ export const SCHEMAS = {
   tracks: {
     formatVersion: 3,
     elements: "tracks",
-    sections: ["clip", "bases", "motion"],
+    sections: ["clip", "keyframes", "motion"],
     elementsPerByte: 9362,
     maxTiers: 4096,
     timed: true,
