@@ -3,8 +3,8 @@
     python benchmarks/live_loopback.py CAPTURE [--tracks 30000] [--group 8] [--fps 30] [--groups 12] [--threads 2]
 
 Wall time over loopback. Sender and receiver are separate processes on this machine. Frames are encoded from memory at
-their rate and decoded to memory. The first two groups, which load kernels and send keyframe Gaussians, are excluded. The
-capture is bent as `bent_clip.py` does.
+their rate and decoded to memory. The first two groups, which load kernels and send keyframe Gaussians, are excluded.
+The capture is bent as `bent_clip.py` does.
 """
 
 import argparse

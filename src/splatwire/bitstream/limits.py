@@ -154,8 +154,8 @@ for _schema in (
         page=False, codec="splatwire.codec.update.schema:SCHEMA", scene="splatwire.types.update_scene:UpdateScene",
     ),
     StreamSchema(
-        TRACKS, 3, "tracks", ("clip", "keyframes", "motion"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True, timed=True,
-        max_tiers=MAX_SPANS, codec="splatwire.codec.sequence.schema:SCHEMA",
+        TRACKS, 3, "tracks", ("clip", "keyframes", "motion"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
+        timed=True, max_tiers=MAX_SPANS, codec="splatwire.codec.sequence.schema:SCHEMA",
         scene="splatwire.types.sequence_scene:SequenceScene",
     ),
 ):  # fmt: skip
