@@ -29,7 +29,11 @@ MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeErr
 
 
 def shown(value: object) -> str:
-    """Describes a value for an error message: a number or text itself, shape and dtype of an array, else the type."""
+    """Describes a value for an error message.
+
+    The description is the value itself for a number or a text, dtype and shape for an array, and the name of the type
+    for any other value.
+    """
     # The `repr` of other objects is not called, because it may be long or raise.
     if isinstance(value, int) and value.bit_length() > _MANY_BITS:
         return f"an integer of {value.bit_length()} bits"
@@ -144,7 +148,7 @@ class MissingSideInfoError(BitstreamError):
 
 
 class DesyncError(SplatwireError):
-    """All data arrived intact, but the decoded values differ from the encoded ones: their digests are different."""
+    """All data arrived intact, but the digest of the decoded values differs from the digest of the encoded values."""
 
 
 class DatasetError(SplatwireError):

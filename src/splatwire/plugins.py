@@ -182,7 +182,11 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _is_provided_by(self, point: "EntryPoint") -> bool:
-        """True if the registered entry of an entry point's name is from the package with the entry point."""
+        """True if the package that declares an entry point has registered the entry of this name.
+
+        Args:
+            point: The entry point.
+        """
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 

@@ -96,8 +96,8 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
 def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGaussians:
     """Returns the Gaussians that camera `view` sees, and for each the index of the anchor and offset that generated it.
 
-    For scenes of explicit Gaussians, the anchor is the Gaussian itself and the offset is 0. Enlarged and hidden
-    elements, as chosen by loss concealment (`scene.hints`), are not taken into account.
+    For scenes of explicit Gaussians, the anchor is the Gaussian itself and the offset is 0. The rendering hints of loss
+    concealment (`scene.hints`) are ignored: no element is enlarged or hidden.
     """
     all_rows = np.arange(scene.num_elements)
     return SpawnedGaussians(gaussians_of_view(scene, cameras, view), all_rows, np.zeros_like(all_rows))

@@ -23,8 +23,9 @@ class CausalPrediction:
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.
         exists: Predicted probability that each offset exists, as a logit.
-        form: Means and log2 of standard deviations of the logarithms of each anchor's four sizes. The first size is the
-            scale of the anchor's offsets; the others are the base sizes of its Gaussians along three axes.
+        form: Means and log2 of standard deviations for the logarithms of the four sizes of each anchor. The
+            first size is the scale of the anchor's offsets. The others are the base sizes of the anchor's Gaussians
+            along three axes.
         offset: Means and log2 of standard deviations of the offsets.
     """
 
@@ -64,8 +65,8 @@ def predict_causal(
 ) -> CausalPrediction:
     """Predicts the probability distributions of all attributes of M anchors with the causal context model.
 
-    Attributes are predicted in order: feature groups, scale of the offsets, base sizes, offsets. The inputs of each
-    network are the encoded position and the attributes before it.
+    Attributes are predicted in this order: feature groups, scale of the offsets, base sizes, offsets. The inputs of a
+    network are the encoded position and all attributes that come earlier in this order.
 
     Args:
         networks: Networks of the context model by name, each a function from inputs to outputs.

@@ -123,8 +123,9 @@ def _pack_output_layers(shape: Mlp, color: Mlp) -> np.ndarray:
         color: The colour network.
 
     Returns:
-        One part per offset of an anchor, flat: a row of biases, then one row of weights per hidden unit. The first half
-        of a row belongs to the covariance network, the second half to the colour network.
+        Flat array with one part for each offset of an anchor. A part is a row of biases, followed by one row of weights
+        for each hidden unit. The first half of a row belongs to the covariance network, the second half to the colour
+        network.
     """
     from splatwire.anchors._heads_kernels import COLOR, LANES
 

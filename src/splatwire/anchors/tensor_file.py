@@ -47,7 +47,12 @@ def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path
 
 
 def _system_error(error: SafetensorError, path: Path) -> OSError:
-    """Returns the error of the system that safetensors reports as text, such as a full disk, with the file's path."""
+    """Converts an error of safetensors to the operating system's error (such as a full disk) that its text states.
+
+    Args:
+        error: Error of safetensors.
+        path: Path of the file, for the message.
+    """
     found = _SYSTEM_ERROR.search(str(error)) if _HAS_ERRNO else None
     if found is None:
         return OSError(f"{path}: cannot be written: {error}")
@@ -95,7 +100,8 @@ def parse_header(text: str | None) -> dict[str, Any]:
 def tensor_bytes(path: Path) -> dict[str, int]:
     """Returns the number of bytes that each group of tensors takes in a scene file.
 
-    The name of a group is the part of its tensors' names before the first dot, or `header` for all other bytes.
+    Tensors whose names are equal up to the first dot form a group, which has this part as its name. All other bytes of
+    the file are counted under the name `header`.
     """
     parts: dict[str, int] = {}
     with open_tensor_file(path) as file:

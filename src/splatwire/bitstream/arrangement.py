@@ -16,7 +16,9 @@ from splatwire.reprs import summary_repr
 
 
 class Arrangement(NamedTuple):
-    """Elements (anchors or Gaussians) of a stream in groups that share packets, and the received packets of each group.
+    """Assignment of a stream's elements (anchors or Gaussians) to groups, with the received packets of each group.
+
+    The elements of a group share packets.
 
     Attributes:
         groups: Indices of the elements, group after group.
@@ -57,8 +59,9 @@ class Run:
     Attributes:
         block: Index of the block of the first packet.
         packets: The packets, ascending by id.
-        members: For each packet, indices of its elements within the scene, int64. `arrived_blocks` numbers elements in
-            plan order (see `PacketPlan`). Runs that a decoder gets number them in coding order.
+        members: For each packet, the indices of its elements within the scene, int64. In a run from `arrived_blocks`,
+            these are indices in plan order (see `PacketPlan`). In a run that is passed to a decoder, they are indices
+            in coding order.
     """
 
     block: int
@@ -69,7 +72,7 @@ class Run:
 
     @property
     def ranks(self) -> np.ndarray:
-        """Indices within the scene of the elements of all packets, packet by packet: `members` concatenated, int64."""
+        """Indices of the elements of all packets, packet after packet: the arrays of `members` concatenated, int64."""
         return np.concatenate([np.empty(0, dtype=np.int64), *self.members])
 
     @property
@@ -122,16 +125,16 @@ def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Pack
 def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
     """Divides the elements (anchors or Gaussians) of a stream into received packets and the gaps between them.
 
-    It is for plans with the grouping `hashed`, in which packets are filled up to a size limit. The number of lost
-    packets in a gap is therefore unknown.
+    This function serves plans with the grouping `hashed`, in which packets are filled up to a size limit. The number
+    of lost packets in a gap is therefore unknown.
 
     Args:
         plan: Packet plan of the stream, with the grouping `hashed`.
         arrived: Received packets, by id.
 
     Yields:
-        Pairs that cover all elements in plan order. For a received packet: its number of elements, and the packet. For
-        a gap: the number of missing elements, and None.
+        Pairs that together cover all elements, in the order of `PacketPlan.groups().ranks`. The pair of a received
+        packet is its number of elements, and the packet. The pair of a gap is the number of missing elements, and None.
 
     Raises:
         InvalidValueError: If two packets contain the same element.

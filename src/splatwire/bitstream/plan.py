@@ -36,8 +36,9 @@ class PacketGroups(NamedTuple):
 class PacketPlan:
     """Mapping between elements (anchors or Gaussians) and packets, computed from a few parameters in the manifest.
 
-    Elements are identified by their index in plan order: sorted by importance tier, then by coding order. With a single
-    tier, plan order is coding order. `bitstream.tiers.tier_order` gives the index in coding order of each element.
+    Elements are identified by their index in plan order. Plan order sorts the elements by importance tier, and within a
+    tier by coding order. With a single tier, plan order is coding order. The array from `bitstream.tiers.tier_order`
+    converts an index in plan order to an index in coding order.
 
     Attributes:
         packetization: Parameters of the division into packets.
@@ -197,7 +198,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the range of a packet's elements within the array that `block_ranks` returns for the packet's block.
+        """Returns the slice of the array `block_ranks(packet_id.block)` that contains the elements of a packet.
 
         Args:
             packet_id: The packet.
@@ -255,7 +256,7 @@ class PacketPlan:
             )
 
     def _lanes_of(self, span: Span) -> np.ndarray:
-        """Returns, for each element of an importance tier, the index of its packet within the block, uint8."""
+        """Returns the packet of each element of an importance tier, as an index within the element's block, uint8."""
         p = self.packetization
         if p.grouping == "stratified":
             return stratified_lanes(span.first, span.first + span.num_elements, span.lanes, p.seed)
@@ -264,11 +265,14 @@ class PacketPlan:
         return np.concatenate([np.tile(full, num_full), contiguous_lanes(rest, span.lanes)])
 
     def _block_lanes(self, packet_id: PacketId) -> tuple[int, np.ndarray]:
-        """Assigns the elements of a packet's block to the packets of this block.
+        """Assigns the elements of a block to the packets of this block.
+
+        Args:
+            packet_id: Id of any packet of the block.
 
         Returns:
-            Index of the block's first element in plan order; and for each element, index of its packet within the
-            block, uint8.
+            Two values. The first is the index of the block's first element in plan order. The second is an array with
+            one entry for each element of the block: the index of the element's packet within the block, uint8.
 
         Raises:
             InvalidValueError: If the plan has no such packet.

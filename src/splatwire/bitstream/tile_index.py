@@ -25,8 +25,8 @@ class TileIndex:
     Attributes:
         packets: Number of packets of each tile, int64 (B).
         sizes: Size of each tile in the file, bytes, int64 (B).
-        errors: Geometric error of each tile: RMS distance of the finest Gaussians from the tile's Gaussians that
-            replace them, world units, float32 (B).
+        errors: Geometric error of each tile, world units, float32 (B). It is the RMS distance between the tile's
+            Gaussians and the Gaussians of the finest level that they replace.
     """
 
     packets: np.ndarray

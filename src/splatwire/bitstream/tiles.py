@@ -28,8 +28,8 @@ class Tiles(CheckedFields):
         counts: Number of Gaussians of each tile, int64 (B).
         packets: Number of packets of each tile, int64 (B).
         sizes: Bytes of each tile in the file, int64 (B).
-        errors: Geometric error of each tile: RMS distance of the finest Gaussians from the tile's Gaussians that
-            replace them, world units, float64 (B).
+        errors: Geometric error of each tile, world units, float64 (B). It is the RMS distance between the tile's
+            Gaussians and the Gaussians of the finest level that they replace.
         low: Lower corner of the bounding box of each tile, world units, float64 (B, 3).
         high: Upper corner of the box, float64 (B, 3).
     """

@@ -64,9 +64,10 @@ class Cut(CheckedFields):
 
 
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
-    """Returns the screen-space error of drawing the next coarser tile instead of each tile, pixels, float64 (B).
+    """Returns the screen-space error of each tile, pixels, float64 (B).
 
-    The error is infinite for tiles of the coarsest level of detail, and reduced for tiles outside the picture.
+    It is the error of a picture in which the next coarser tile is drawn instead of the tile. The error is infinite for
+    tiles of the coarsest level of detail, and reduced for tiles outside the picture.
 
     Args:
         tiles: All tiles of the scene.
@@ -79,7 +80,8 @@ def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[n
     """Returns the screen-space error (`pixel_errors`) and the usefulness of each tile, float64 (B) each.
 
     Usefulness is the area of the tile's bounding box in the picture, divided by the size of the tile in bytes. It is
-    reduced outside the picture, and infinite in the coarsest level of detail. Without a viewpoint, it equals the error.
+    reduced for tiles outside the picture, and infinite for tiles of the coarsest level of detail. Without a viewpoint,
+    the usefulness equals the error.
     """
     errors = np.where(tiles.parents < 0, np.inf, tiles.errors[tiles.parents])
     if viewpoint is None:

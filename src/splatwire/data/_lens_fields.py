@@ -113,7 +113,7 @@ def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]
 def is_sensor_angle(values: Mapping[str, object]) -> bool:
     """True if the two angles of view of a camera have the aspect ratio of Blender's sensor.
 
-    They then probably describe the sensor, not the picture, so that the vertical angle must be ignored.
+    Such angles probably describe the sensor, not the picture. The vertical angle must then be ignored.
 
     Args:
         values: Fields of the camera; angles in radians.

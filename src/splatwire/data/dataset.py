@@ -382,9 +382,10 @@ def _views_of_split(views: list[TransformsView], transforms: Transforms, split: 
 
 
 def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
-    """Finds the photo file of each view.
+    """Finds the photo file of each view; None for a view without a photo.
 
-    A photo matches by relative path, by file name, or by file name with another suffix or another case.
+    The search accepts, in this order: the relative path of the view, its file name in `folder`, and its file name with
+    another suffix or another letter case.
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder}: the image folder is missing")

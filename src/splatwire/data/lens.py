@@ -157,7 +157,7 @@ class Undistortion:
 
 
 def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Undistortion:
-    """Finds the pinhole camera with the largest field of view that the photo covers completely.
+    """Finds the pinhole camera with the largest field of view whose whole image can be filled from the photo.
 
     Args:
         lens: The lens.
@@ -184,7 +184,10 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
 
 
 def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
-    """True if the photo covers all of the pinhole image at a given zoom, and no point of the photo appears twice in it.
+    """True if an image without distortion can be computed from a photo at a given zoom.
+
+    The image is that of a pinhole camera. Two conditions must hold: every pixel of the image has a point in the photo,
+    and no point of the photo appears twice in the image.
 
     Args:
         lens: The lens.

@@ -33,8 +33,8 @@ def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths:
         describe the stored pixels.
 
     Raises:
-        DatasetError: If photos have an EXIF rotation, and their aspect ratios do not show which case applies: they fit
-            both cases, or some fit one case and some the other.
+        DatasetError: If photos have an EXIF rotation, and their aspect ratios do not show which case applies. Either
+            the photos fit both cases, or some photos fit one case and other photos the other case.
     """
     turned = [(view, file) for view, file in zip(views, image_paths, strict=True) if is_turned(file)]
     if not turned:

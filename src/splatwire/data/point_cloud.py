@@ -48,7 +48,7 @@ class SparsePoints(CheckedFields):
 
 
 def positions_from(world: np.ndarray, origin: Origin) -> np.ndarray:
-    """Returns positions relative to an origin, float32 (P, 3); numbers out of its range become infinite.
+    """Returns positions relative to an origin, float32 (P, 3); numbers beyond the range of float32 become infinite.
 
     Args:
         world: World coordinates, float (P, 3).

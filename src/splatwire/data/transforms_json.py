@@ -106,8 +106,8 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
     """Reads a transforms file.
 
     Poses are camera-to-world with OpenGL axes (y up, z backward). Intrinsics are `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
-    (common or per frame), a matrix, or `camera_angle_x`. `k1`, `k2`, `k3`, `p1` and `p2` are the distortion in OpenCV's
-    model, or `k1` to `k4` the distortion in its fisheye model.
+    (common or per frame), a matrix, or `camera_angle_x`. The lens distortion is that of OpenCV's standard model (`k1`,
+    `k2`, `k3`, `p1`, `p2`) or of its fisheye model (`k1` to `k4`).
 
     Args:
         path: The file.
@@ -117,7 +117,8 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
     Raises:
         NoViewsError: If its list of frames is empty.
         DatasetError: If the file is damaged or contradicts itself, a lens model is not supported, a pose is not rigid,
-            or a file that it names is missing. Also if a photo is listed twice, or for training and test.
+            or a file that it names is missing. Also if a photo is listed twice, or is in both the training and the test
+            split.
     """
     content = read_json(path, DatasetError)
     frames = content.get("frames") if isinstance(content, dict) else None
@@ -287,7 +288,8 @@ def _pixel_fields(values: dict[str, Any]) -> list[str]:
 def _full_photo(path: Path, name: str, full: str, values: dict[str, Any]) -> Path:
     """Finds the full-size photo of a view if smaller copies of the photos are read.
 
-    Its size is needed to scale intrinsics that are in pixels, if the transforms file does not state the size.
+    The size of the full-size photo is needed to scale intrinsics that are in pixels. This function is for transforms
+    files that do not state this size.
 
     Args:
         path: The transforms file, for the message.

@@ -235,7 +235,8 @@ def _detect(path: Path) -> tuple[Kind, BufferedReader | None]:
     """Opens a file and detects the format; a folder is not opened.
 
     Returns:
-        The format; and the open file, None for a folder, a device, or a path that cannot be read.
+        Two values: the format, and the open file. The file is None for a folder, a device, or a path that cannot be
+        read.
     """
     file = None
     try:
@@ -430,7 +431,8 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
 def _has_ksplat_header(head: bytes) -> bool:
     """True if a file begins like a `.ksplat` file; the name of the file does not matter.
 
-    The format has no signature. Therefore the unused 4,052 bytes of the header must be 0, and the others plausible.
+    The format has no signature. Therefore the 4,052 unused bytes of the header must be 0, and the fields in its other
+    bytes must have plausible values.
     """
     if len(head) <= _KSPLAT_BYTES or any(head[_KSPLAT_USED_BYTES:_KSPLAT_BYTES]):
         return False

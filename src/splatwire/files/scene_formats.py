@@ -18,17 +18,19 @@ class FileFormat:
         name: Name in messages and in `splatwire export`, such as `spz`.
         description: Description of such a file with its article, such as `an SPZ file`, for messages.
         recognises: Function that returns True for a file of this format. Its arguments are the first bytes of the file
-            (up to 65,536) and the suffix of the file name in lower case (`.spz`). It is called only for files of which
-            no built-in format is known. None for built-in formats.
-        read: Function that reads a file into `splatwire.io.formats.FileContent` or `splatwire.types.splats.Splats`;
-            with `scene_type`, into a scene of that type. None for write-only formats.
-        write: Function that writes a file and returns the number of Gaussians. Its arguments are batches of Gaussians
-            (`Splats`, all of one degree), the path, and the properties in `keeps`; with `scene_type`, a scene and the
-            path. None for read-only formats.
+            (up to 65,536) and the suffix of the file name in lower case (`.spz`). It is called only for files that no
+            built-in format matches. None for built-in formats.
+        read: Function that reads a file. Without `scene_type`, it returns `splatwire.io.formats.FileContent` or
+            `splatwire.types.splats.Splats`. With `scene_type`, it returns a scene of that type. None for write-only
+            formats.
+        write: Function that writes a file and returns the number of Gaussians. Without `scene_type`, its arguments are
+            batches of Gaussians (`Splats`, all of one degree), the path, and the properties in `keeps`. With
+            `scene_type`, its arguments are a scene and the path. None for read-only formats.
         scene_type: Type of the scenes in such files; None for explicit Gaussians.
         ending: File name extension without the first dot; `name` if empty.
-        keeps: Names of scene properties that `write` accepts as keywords: `antialiased`, `origin`, `metadata`, `note`;
-            `outliers` if distant Gaussians reduce the precision of all others in this format.
+        keeps: Names of the keyword arguments that `write` accepts. `antialiased`, `origin`, `metadata` and `steps`
+            (quantisation steps) are scene properties that the format can store. `outliers` is for formats in which
+            distant Gaussians reduce the precision of all others.
         kinds: Keys of the detected kinds of files (`splatwire.files.kinds.Kind.key`) that have this format.
     """
 

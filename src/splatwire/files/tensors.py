@@ -25,7 +25,9 @@ arrays and sets of any size."""
 
 
 def check_tensor_file(path: Path, error: type[SplatwireError], limit: int = MAX_TENSOR_FILE_BYTES) -> None:
-    """Checks that a file is safe for `torch.load` with `weights_only`, and is not larger in memory than on disk.
+    """Checks that a file is safe for `torch.load` with `weights_only`.
+
+    The file must be uncompressed, so that it is not larger in memory than on disk.
 
     Args:
         path: The file.
@@ -135,8 +137,8 @@ def _read_archive(path: Path, error: type[SplatwireError]) -> tuple[Any, Callabl
     """Parses a zip archive written by `torch.save`, without importing or calling anything.
 
     Returns:
-        The content, with a description in place of each tensor; and a function that returns the bytes to which such a
-        description refers.
+        Two values. The first is the content, with a description (`_Tensor`) in place of each tensor. The second is a
+        function that returns the bytes of a storage, to which such a description refers.
     """
     with open_archive(path, error) as archive:
         described = [name for name in archive.sizes if name.endswith("/data.pkl")]
@@ -155,8 +157,8 @@ def _read_old(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_
     """Parses a file that PyTorch wrote before version 1.6, without importing or calling anything.
 
     Returns:
-        The content, with a description in place of each tensor; and a function that returns the bytes to which such a
-        description refers.
+        Two values. The first is the content, with a description (`_Tensor`) in place of each tensor. The second is a
+        function that returns the bytes of a storage, to which such a description refers.
     """
     storages = dict[str, bytes]()
     with open_regular(path, error) as file:

@@ -51,8 +51,9 @@ class RunningServer:
 
         Args:
             streams: Prepared streams by name.
-            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. The
-                value is None for an update that does not exist yet. Without this argument, there are no updates.
+            updates: Prepared streams of updates by name. An update contains later changes of a scene, and clients
+                request it separately. None for an update that does not exist yet. Without this argument, there are no
+                updates.
 
         Raises:
             InvalidValueError: If the files of the certificate are invalid.
@@ -69,8 +70,9 @@ class RunningServer:
 
         Args:
             streams: Prepared streams by name.
-            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. The
-                value is None for an update that does not exist yet. Without this argument, there are no updates.
+            updates: Prepared streams of updates by name. An update contains later changes of a scene, and clients
+                request it separately. None for an update that does not exist yet. Without this argument, there are no
+                updates.
         """
         self.server.core.replace(streams, updates)
         if self.page is not None and isinstance(self.page.content, PageContent):

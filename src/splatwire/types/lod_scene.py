@@ -14,9 +14,10 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class LevelScene(SplatScene):
-    """Gaussians of all levels of detail of a scene, in coding order: the coarsest level first, each level tile by tile.
+    """Gaussians of all levels of detail of a scene, in coding order.
 
-    A tile is a spatial block of neighbouring Gaussians of one level.
+    The coarsest level comes first. The Gaussians of a level are sorted by tile. A tile is a spatial block of
+    neighbouring Gaussians of one level.
 
     Attributes:
         level_sizes: Number of Gaussians per level, coarsest first.

@@ -76,7 +76,9 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
 
 
 def choose_origin_of_small(means: np.ndarray) -> Origin:
-    """Chooses an origin for float64 positions of a scene that is so small and far from 0 that float32 is too coarse.
+    """Chooses an origin for float64 positions if float32 without an origin would be too coarse.
+
+    Float32 is too coarse for a scene that is small compared with its distance from 0.
 
     Args:
         means: World coordinates, float64 (N, 3); rows that are not finite are ignored.
@@ -167,7 +169,7 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Tests whether float32 is too imprecise for positions relative to an origin, because the origin is far away.
+    """Tests if an origin is so far from the positions that float32 is too imprecise for positions relative to it.
 
     Args:
         origin: The origin that a file declares.

@@ -43,7 +43,8 @@ class ExpectedPlaces(CheckedFields):
     """Predicted positions of elements, for streams in which exact positions can be lost with their packets.
 
     Attributes:
-        positions: Predicted positions of all elements, world coordinates. Lost elements are placed there.
+        positions: Predicted positions of all elements, world coordinates. Lost elements are placed at their predicted
+            positions.
     """
 
     positions: Float[Any, "N 3"]
@@ -165,9 +166,9 @@ class ReceivedScene(Generic[S]):
     def positions(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
-        In streams whose positions cannot be lost, these are the decoded positions. In streams whose exact positions can
-        be lost with their packets, these are positions predicted from the side information (`ExpectedPlaces`), for
-        received elements, too.
+        The kind of stream determines which positions are returned. If positions cannot be lost, they are the decoded
+        positions. If exact positions can be lost with their packets, they are the positions that the side information
+        predicts (`ExpectedPlaces`), even for received elements.
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions

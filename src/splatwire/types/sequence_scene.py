@@ -59,13 +59,14 @@ class Timeline:
 class GroupMotion:
     """Received motion of one group of pictures (GOP): tracks and their changes in each frame.
 
-    A track is one Gaussian over time. Changes are relative to its keyframe Gaussian, that is, to its first frame.
+    A track is one Gaussian over time. Its changes are relative to the keyframe Gaussian, which is its first state.
 
     Attributes:
         tracks: Indices of the received tracks that exist in the group, ascending, int64 (n).
         moving: Mask of the tracks that move, bool (n).
-        begins: Index of the first frame of each track in the group, counted from the start of the group, int64 (n).
-        ends: Index of the frame after its last frame in the group, counted from the start of the group, int64 (n).
+        begins: Index of each track's first frame in the group, counted from the start of the group, int64 (n).
+        ends: Index of the frame after each track's last frame in the group, counted from the start of the group, int64
+            (n).
         at: Function that decodes the changes of the tracks in a frame of the group, float32 (n, C). The channels are:
             position (world units); rotation vector of length `4 * tan(angle / 4)`; natural logarithms of scales
             (largest first) and opacity; degree 0 of the spherical harmonics.

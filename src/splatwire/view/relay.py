@@ -111,10 +111,10 @@ class Relay:
     def _is_growing(self, pieces: list[bytes]) -> bool:
         """True if more data may be appended to a `.swz` file.
 
-        False if the transfer has ended, or if a later file of the transfer has replaced this one.
+        The result is False if the transfer has ended, or if the transfer has begun another file since.
 
         Args:
-            pieces: Pieces of this file so far, in order.
+            pieces: Pieces of the file so far, in order.
         """
         return not self._over and pieces is self._pieces
 
@@ -140,8 +140,10 @@ class Relay:
     async def _begin_file(self, stream_id: int, head: bytes) -> None:
         """Begins a new `.swz` file, or replaces the start of the present file.
 
+        The start is replaced if the present file belongs to the same stream, because the stream is live and has grown.
+
         Args:
-            stream_id: Id of the stream. The present file continues if it has the same id.
+            stream_id: Id of the stream.
             head: First bytes of the file: header, manifest and side information.
         """
         # A live stream gets a new init segment with each group of pictures, which replaces that of its file.

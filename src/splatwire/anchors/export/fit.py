@@ -148,7 +148,9 @@ def fit_sh(
 def _mean_shape(
     seen: list[SlotView], indices: np.ndarray, view_weights: Float[np.ndarray, "S V"]
 ) -> tuple[Float[np.ndarray, "S 4"], Float[np.ndarray, "S 3"]]:
-    """Averages the shapes of Gaussians over views, as logarithms of their covariances.
+    """Averages the shapes of Gaussians over views.
+
+    The average is that of the matrix logarithms of the covariances.
 
     Args:
         seen: Quaternions and scales of all Gaussians in each of V views.

@@ -60,11 +60,13 @@ def visible_areas(
     find: FindGradients,
     progress: Callable[[float], None] | None = None,
 ) -> VisibleAreas:
-    """Measures the visible area of each Gaussian in each view, without parts behind nearer Gaussians.
+    """Measures the visible area of each Gaussian in each view.
+
+    Parts of a Gaussian that are hidden by nearer Gaussians do not count.
 
     Args:
         scene: The scene.
-        slots: The Gaussians to measure, any of those that the scene's anchors predict.
+        slots: The Gaussians to measure: some or all of the Gaussians that the anchors of the scene can draw.
         cameras: Views in which areas are measured.
         find: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
         progress: Called with the completed fraction of the views, 0 to 1.

@@ -23,15 +23,15 @@ _CLASS = 8.0
 def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
     """Distributes Gaussians over the chunks of a compressed PLY so that few positions are rounded visibly.
 
-    Positions are quantised within the extent of their chunk of 256 rows. Gaussians of chunks with visible errors are
-    divided into other chunks, and unused rows are filled (padding).
+    Positions are quantised within the extent of their chunk of 256 rows. The Gaussians of chunks with visible errors
+    are sorted again and divided into new chunks. Unused rows of the new chunks are filled with copies (padding).
 
     Args:
         splats: The Gaussians, sorted along a space-filling curve.
 
     Returns:
-        Index of the input Gaussian in each row of the file, int64 (M); and mask of the rows that only pad a chunk, bool
-        (M).
+        Two arrays: for each row of the file, the index of the input Gaussian, int64 (M); and the mask of the rows that
+        are padding, bool (M).
     """
     count = splats.num_gaussians
     rows, chunk = np.arange(count), np.arange(count) // CHUNK

@@ -139,8 +139,9 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
     Args:
         path: The file.
         comments: Text of each comment, without the word `comment`.
-        keyword: First word of the comments with the scene's origin: `ORIGIN` or `OFFSET`. The reader applies the first
-            valid one of them. Invalid ones, and those that state another origin, cause a warning.
+        keyword: First word of the comments that state the scene's origin: `ORIGIN` or `OFFSET`. The reader applies the
+            first valid comment with this word. An invalid comment with this word, or one with a different origin,
+            causes a warning.
     """
     all_comments = tuple(comments)
     used = stated_origin(keyword, all_comments)
@@ -204,7 +205,7 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
 def _value_as_text(value: object) -> str | None:
     """Returns a metadata value of a JSON file as text that can be searched for numbers.
 
-    None if the value cannot contain numbers.
+    The result is None if the value cannot contain numbers.
     """
     if isinstance(value, dict):
         value = [part for pair in value.items() for part in pair]
@@ -222,10 +223,10 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
 
 
 def _unapplied_change(comment: str) -> str | None:
-    """Describes the change of the scene that a PLY comment declares and that this package does not apply.
+    """Searches a PLY comment for a change of the scene that this package does not apply, such as a shift.
 
     Returns:
-        Description for a warning, such as `a shift of the positions`; None for all other comments.
+        Description of the change for a warning, such as `a shift of the positions`; None if none is found.
     """
     if comment.startswith("splatwire") or is_metadata(comment):
         return None
@@ -235,12 +236,15 @@ def _unapplied_change(comment: str) -> str | None:
 
 
 def _unapplied_change_in_part(comment: str) -> str | None:
-    """Describes the change of the scene that part of a comment declares (see `_unapplied_change`).
+    """Searches one part of a PLY comment for a change of the scene that this package does not apply.
 
-    Long comments are searched in parts.
+    The caller, `_unapplied_change`, divides long comments into overlapping parts.
+
+    Args:
+        comment: The part of the comment.
 
     Returns:
-        Description for a warning, such as `a shift of the positions`; None if the part declares no change.
+        Description of the change for a warning, such as `a shift of the positions`; None if none is found.
     """
     words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
     numbers = [_number(word) for word in words]
@@ -287,9 +291,9 @@ def _is_identity(values: list[float]) -> bool:
     """Returns True if the numbers are those of a transform that leaves all positions unchanged.
 
     Args:
-        values: The numbers. Their count determines their meaning. One number is a scale or a shift, three are a vector,
-            and 9, 12 or 16 are a matrix row by row. Any other count is a mix of rotation, shift and scale; it is the
-            identity if all numbers are 0 or 1, with at most two ones.
+        values: The numbers. Their count determines their meaning. One number is a scale or a shift. Three numbers are a
+            vector. 9, 12 or 16 numbers are a matrix, row by row. Any other count is a mix of rotation, shift and scale.
+            Such a mix counts as the identity if all numbers are 0 or 1, and at most two of them are 1.
     """
     if len(values) in (1, _VECTOR):
         return not any(values) or values == [1.0]

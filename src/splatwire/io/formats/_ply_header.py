@@ -53,9 +53,9 @@ class PlyHeader:
     Attributes:
         order: Byte order of binary data, `<` or `>`; empty for text.
         elements: Number of rows and row type (structured dtype) of each element, up to the first one with lists.
-        lists: Name of the first element with list properties, which is not read; None if no element has lists.
-        list_names: Names of the list properties of this element.
-        unread: Names of the elements after this element, which have rows and are not read.
+        lists: Name of the first element with list properties; None if no element has lists. This element is not read.
+        list_names: Names of the list properties of the element `lists`.
+        unread: Names of the elements after the element `lists`, if they have rows. They are not read either.
         comments: Text of each comment, without the word `comment`.
     """
 

@@ -36,7 +36,8 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
         Structured array of the rows of each element, by name.
 
     Raises:
-        DatasetError: If there are fewer bytes than the rows have; or more, as many as longer rows would have.
+        DatasetError: If there are fewer bytes than the rows need. Also if the number of additional bytes shows that the
+            rows are probably longer than the header states.
     """
     expected, num_received, num_more = header.num_bytes, 0, 0
     data = large_empty((expected,), np.uint8)
@@ -73,8 +74,8 @@ def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[st
         Structured array of the rows of each element, by name.
 
     Raises:
-        DatasetError: If there are fewer numbers than expected; or more words, as many as longer rows would have; or if
-            a word of a row is not a number.
+        DatasetError: If there are fewer numbers than the rows need, or a word of a row is not a number. Also if the
+            number of additional words shows that the rows are probably longer than the header states.
     """
     numbers, elements = _Numbers(path, header, source), {}
     for name, (count, dtype) in header.elements.items():
@@ -101,7 +102,8 @@ def _check_rest(path: Path, header: PlyHeader, num_more: int, unit: str) -> None
         unit: `bytes` or `words`.
 
     Raises:
-        DatasetError: If each row of the largest element may have more properties than the header names.
+        DatasetError: If the rows probably have more properties than the header names: `num_more` is then a multiple of
+            the number of rows of the largest element.
     """
     if not num_more:
         return

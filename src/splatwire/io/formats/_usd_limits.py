@@ -28,9 +28,10 @@ _BINARY = b"PXR-USDC"
 
 
 class Limits:
-    """Memory and time limits of the process that reads an OpenUSD scene, growing with the size of the scene.
+    """Memory and time limits of the process that reads an OpenUSD scene.
 
-    Beyond the memory limit, allocations fail. After the time limit, the process ends.
+    The limits grow with the size of the scene. Beyond the memory limit, allocations fail. After the time limit, the
+    process ends.
 
     Args:
         are_set: False to limit nothing.
@@ -60,9 +61,7 @@ class Limits:
     def add_file(self, file: Path) -> None:
         """Raises the limits on memory and time of the current process, before it reads a file.
 
-        The limits grow with the size of the file.
-
-        A file that was passed before is ignored.
+        The limits grow with the size of the file. A file that was passed before is ignored.
 
         Args:
             file: Path of the file; a path without a readable file is ignored.
@@ -93,10 +92,10 @@ class Limits:
         self._set()
 
     def restart(self) -> None:
-        """Starts the limits on processor time and wall-clock time of the current process again from zero.
+        """Restarts the measurement of processor time and wall-clock time for the limits of the current process.
 
-        It is called at the start, and before each further frame is read. Gaussians that were passed to `add_gaussians`
-        before no longer extend the time.
+        This method is called at the start, and before each further frame is read. Earlier calls of `add_gaussians` no
+        longer extend the time limits.
         """
         self._gaussians = 0
         self._since, self._since_clock = time.process_time(), time.monotonic()

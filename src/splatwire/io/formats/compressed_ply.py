@@ -144,8 +144,8 @@ def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin
     """Reads the bounds of the positions in each chunk and chooses an origin near them.
 
     Returns:
-        Minimum and maximum of each chunk relative to the origin, float32 (C, 3); the origin; and True if the bounds in
-        the file are float64.
+        Four values: minimum of each chunk and maximum of each chunk, relative to the origin, float32 (C, 3) each; the
+        origin; and True if the bounds in the file are float64.
     """
     names = [[f"{side}_{name}" for name in _BOUNDS[0]] for side in ("min", "max")]
     low, high = (chunks.select_float64(names_of_bound) for names_of_bound in names)
@@ -320,8 +320,8 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
         A tuple of three items:
         * the values with a mask of the outliers;
         * the values with the outliers clipped, float64 (N, 3);
-        * three numbers: the largest quantisation step with outliers unchanged, clipped, and removed. All are 0 if no
-          chunk has outliers.
+        * the largest quantisation step in three cases: outliers unchanged, outliers clipped, and outliers removed. All
+          three are 0 if no chunk has outliers.
     """
     candidates = []
     for share in SHARES:
@@ -345,7 +345,8 @@ def _with_values(splats: Splats, attribute: str, rows: np.ndarray, values: np.nd
         splats: All Gaussians.
         attribute: `scales` or `colours`.
         rows: Mask of the Gaussians to change, bool (N).
-        values: New values, (N, 3): logarithms of scales, or colours minus 0.5; only rows of the mask are used.
+        values: New values, (N, 3): logarithms of scales, or colours minus 0.5. Rows that are not in the mask `rows` are
+            ignored.
     """
     if attribute == "scales":
         scales = splats.scales.copy()

@@ -166,10 +166,10 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
 
 
 class _ConstantIntervals:
-    """Collects the frames of a sequence as Gaussians that are constant over a time interval, for a `.4dgs` file.
+    """Converts the frames of a sequence to Gaussians with time intervals, for a `.4dgs` file.
 
-    Consecutive frames with the same number of Gaussians have the same Gaussian in each row. An interval ends when a
-    value of the Gaussian or the number of Gaussians changes.
+    A Gaussian is constant during its interval. In consecutive frames with the same number of Gaussians, row i is the
+    same Gaussian. Its interval ends when one of its values changes, or when the number of Gaussians changes.
 
     Attributes:
         num_frames: Number of frames so far.

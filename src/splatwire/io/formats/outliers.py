@@ -107,16 +107,17 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 
 
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
-    """Finds the distant Gaussians (outliers) without which the other positions are quantised finely enough.
+    """Finds distant Gaussians (outliers) whose removal makes the quantisation errors of the others invisible.
 
-    Tries increasing shares of outliers until the remaining errors are invisible. If no share suffices, the smallest
-    share is used.
+    Distant Gaussians enlarge the quantisation steps of all positions. Larger and larger shares of Gaussians are
+    regarded as outliers until the errors of the remaining Gaussians are invisible. If no share is large enough, the
+    smallest share is used.
 
     Args:
         splats: The Gaussians.
-        errors: Function that predicts the quantisation errors of a file from which the outliers are removed. Its
-            argument has all positions and a mask of the outliers. It returns the largest error along an axis of each
-            remaining Gaussian, world units, float64 (n).
+        errors: Function that predicts the quantisation errors of positions after the outliers are removed. Its
+            argument has all positions and a mask of the outliers. For each remaining Gaussian, it returns the largest
+            error along an axis, world units, float64 (n).
 
     Returns:
         Positions of all Gaussians, and a mask of the outliers.
@@ -242,13 +243,15 @@ def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> N
 
 
 def spatial_order(positions: Column) -> np.ndarray:
-    """Returns the order of Gaussians along a space-filling (Morton) curve; outliers follow by distance from the median.
+    """Sorts Gaussians along a space-filling (Morton) curve.
+
+    Outliers come last, sorted by their distance from the median.
 
     Args:
         positions: Centres of the Gaussians, with outliers marked.
 
     Returns:
-        Index of the Gaussian at each place of the order, int64 (N).
+        Indices of the Gaussians in sorted order, int64 (N).
     """
     inside = np.flatnonzero(~positions.outside)
     outside = np.flatnonzero(positions.outside)
@@ -260,10 +263,10 @@ def morton_order(means: np.ndarray) -> np.ndarray:
     """Returns the order of points along a space-filling (Morton) curve with 42 bits per axis.
 
     Args:
-        means: Finite, float64 (N, 3), at least one.
+        means: Coordinates of at least one point, finite, float64 (N, 3).
 
     Returns:
-        Index of the point at each place of the order, int64 (N).
+        Indices of the points in sorted order, int64 (N).
     """
     # with this number of bits, even a small object in a scene a million times as large is sorted
     low = means.min(axis=0)

@@ -92,10 +92,10 @@ def is_metadata(comment: str) -> bool:
 
 
 def is_invalid_view(comment: str) -> bool:
-    """True if a comment is meant as the initial view or the orbit limits of the scene, but its value is invalid.
+    """True if a PLY comment is meant as the initial view or the orbit limits of the scene, but its value is invalid.
 
-    Some comments of other programs start with the same word: sentences, addresses, and the viewpoint of the Point Cloud
-    Library (position and quaternion). The result is False for these.
+    Comments of other programs may start with the same words, `view` or `orbit`: sentences, addresses, and the viewpoint
+    of the Point Cloud Library (position and quaternion). The result is False for such comments.
     """
     for name in ("view", "orbit"):
         if (match := _LINES[name].fullmatch(comment.strip())) is not None:

@@ -118,13 +118,13 @@ def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _position_errors(column: Column) -> np.ndarray:
-    """Returns an upper bound on the rounding error of each position along any axis; outliers are omitted.
+    """Returns an upper bound on the rounding error of each position that is no outlier.
 
     Args:
         column: Positions of all Gaussians, with outliers marked.
 
     Returns:
-        Bounds of the n positions, world units, float64 (n).
+        Bound on the error along any axis for each of the n positions that are no outliers, world units, float64 (n).
     """
     logs = _logs(column.others)
     half = np.ptp(logs, axis=0) / (2 * _POSITION_TOP)

@@ -50,10 +50,10 @@ def read_splat(path: Path) -> Splats:
 
 
 def _num_implausible(records: np.ndarray) -> int:
-    """Counts the records whose positions or scales are implausible, which shows that a file is of another format.
+    """Counts the records with implausible positions or scales. Many such records show that a file has another format.
 
-    The `.splat` format has no signature. In files of other formats, the bytes in place of floats are often negative,
-    not finite, or of an extreme magnitude. Scales close to 0 are plausible, because Gaussians may be flat.
+    The `.splat` format has no signature. If a file of another format is read as `.splat`, the numbers are often
+    negative, not finite, or of an extreme magnitude. Scales close to 0 are plausible, because Gaussians may be flat.
     """
     with np.errstate(invalid="ignore"):
         distances, scales = np.abs(records["position"]), records["scale"]

@@ -57,11 +57,12 @@ class CubicWindow:
         self.bytes = min(max(self.bytes, target, self._reno), 1.5**rounds * self.bytes)
 
     def reduce(self, share: float = BETA, in_use: float = float("inf")) -> None:
-        """Reduces the window after congestion, to a share of the bytes that were in use.
+        """Reduces the window after congestion to a share of the bytes in flight.
 
         Args:
-            share: Factor on the smaller of the old window and `in_use`, 0 to 1.
-            in_use: Number of bytes in flight; infinite if the window was fully used.
+            share: Share of the bytes in flight that the new window permits, 0 to 1.
+            in_use: Number of bytes in flight, which is limited to the old window; infinite if the window was fully
+                used.
         """
         used = min(self.bytes, in_use)
         self._undo = self.bytes, self.threshold

@@ -108,8 +108,8 @@ class RateControl:
     """Congestion control of a sender: chooses the sending rate from the receiver's feedback.
 
     The sending rate is CUBIC's congestion window (RFC 9438) divided by the round-trip time. Losses that seem
-    random do not reduce the window; losses of a full queue do. If the queuing delay is long, the rate is lowered for a
-    short time to empty the queue. If the delay persists, another flow fills the queue: the delay
+    random do not reduce the window. Losses that a full queue causes do reduce it. If the queuing delay is long, the
+    rate is lowered for a short time to empty the queue. If the delay persists, another flow fills the queue. The delay
     then no longer lowers the rate (competitive mode).
 
     Args:

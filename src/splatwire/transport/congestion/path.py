@@ -144,7 +144,9 @@ class LossMeter:
         return self._recent > CIRCUIT_BREAKER_LOSS
 
     def deviation(self, sent: int) -> float:
-        """Returns how many losses above the expected number can still be chance: three standard deviations.
+        """Returns the maximum number of excess losses that can be due to chance: three standard deviations.
+
+        Excess losses are losses above the expected number.
 
         Args:
             sent: Number of sent datagrams.

@@ -159,8 +159,8 @@ class PageContent:
         """Parses a download path such as `/room.spz` or `/room/3dtiles/tileset.json`.
 
         Returns:
-            Name of the stream; file format; and for a format with several files, path of the file in their folder, else
-            empty. None if the path is not that of a download.
+            Three texts: name of the stream, file format, and path of the requested file in the format's folder. The
+            third is empty for a format with a single file. None if the path is not that of a download.
         """
         if target == f"/{TILESET}":
             listed = self._listed()
@@ -342,9 +342,10 @@ class PageContent:
         return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
 
     def _scene_attributes(self, name: str) -> dict[str, str]:
-        """Returns the HTML attributes that show a stream's preview in the list of scenes, by name.
+        """Returns the HTML attributes with which the list of scenes shows the preview of a stream.
 
-        They are attributes of the element `<splat-wire>`. The result is empty for a stream without a preview.
+        The result maps attribute names of the element `<splat-wire>` to values. It is empty for a stream without a
+        preview.
         """
         stream = self.streams[name]
         return preview_attributes(*_side_info_of(stream), stream.preview) if isinstance(stream, ServedStream) else {}

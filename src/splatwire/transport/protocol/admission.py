@@ -111,7 +111,8 @@ def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) ->
 class ConnectionSlots:
     """Limit on concurrent connections, shared fairly between networks.
 
-    If the limit is reached, a new connection can replace the oldest one of a network with many (`largest_holder`).
+    If the limit is reached, a new connection can replace an old one. The replaced connection is the oldest one of a
+    network that has many connections (`largest_holder`).
 
     Args:
         most: Maximum number of connections in total.

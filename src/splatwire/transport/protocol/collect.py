@@ -249,8 +249,8 @@ class PacketCollector:
             message: Datagram with the packet. An invalid or repeated packet is counted and ignored.
 
         Returns:
-            The packets that can be decoded now: the new packet, and all lost packets that can be recovered with it.
-            Before a manifest lists the new packet, it is only stored; `open` then returns it later.
+            The packets that can be decoded now: the new packet, and all lost packets that can be recovered with it. A
+            packet that the current manifest does not list yet is only stored, and is returned by `open` later.
         """
         if message.packet_index >= self._welcome.num_packets or len(message.packet) > self._welcome.packet_bytes:
             self.num_bad += 1
@@ -342,8 +342,7 @@ class PacketCollector:
             number: Index of the parity group.
 
         Returns:
-            The recovered packets, without those that the current manifest does not list yet; empty if too few symbols
-            have been received.
+            The recovered packets that the current manifest lists; empty if too few symbols have been received.
         """
         group, repair = self._finder.group(number), self._repair.get(number, {})
         members = self._members.setdefault(number, {})

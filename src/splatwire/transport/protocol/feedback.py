@@ -86,6 +86,6 @@ class FeedbackTracker:
         return FeedbackSample(now - times[0][1], transit, sent, min(arrived, sent), arrived * mean, seconds)
 
     def _unwrapped(self, time_us: int) -> float:
-        """Converts the receiver's 32-bit clock (microseconds) to seconds, continued beyond the clock's overflow."""
+        """Converts the receiver's 32-bit clock (microseconds) to seconds, and corrects overflows of the 32 bits."""
         self._clock += ((time_us - self._clock + (1 << 31)) & 0xFFFFFFFF) - (1 << 31)
         return self._clock / 1e6

@@ -71,7 +71,7 @@ def _carried(data: bytes) -> tuple[bytes, ...]:
 
 
 class SourceBlocks(NamedTuple):
-    """Division of the init segment into source blocks of the erasure code, of nearly equal size.
+    """Division of the init segment into source blocks of nearly equal size, which are coded separately (erasure code).
 
     Attributes:
         num_bytes: Size of the init segment in bytes.
@@ -92,14 +92,22 @@ class SourceBlocks(NamedTuple):
         return -(-self.num_symbols // MAX_SYMBOLS)
 
     def size(self, source_block: int) -> int:
-        """Returns the number of source symbols of the source block with index `source_block`."""
+        """Returns the number of source symbols in a source block.
+
+        Args:
+            source_block: Index of the source block, from 0.
+        """
         return (
             self.num_symbols * (source_block + 1) // self.num_blocks
             - self.num_symbols * source_block // self.num_blocks
         )
 
     def span(self, source_block: int) -> slice:
-        """Returns the byte range within the init segment of the source block with index `source_block`."""
+        """Returns the bytes that a source block covers, as a slice of the init segment.
+
+        Args:
+            source_block: Index of the source block, from 0.
+        """
         first = self.num_symbols * source_block // self.num_blocks
         last = first + self.size(source_block)
         return slice(first * self.symbol_bytes, min(last * self.symbol_bytes, self.num_bytes))

@@ -17,7 +17,8 @@ class Arranged(NamedTuple):
     """Sending order and parity of the packets of one or more groups of pictures.
 
     Attributes:
-        order: Entry i is the index, before sorting, of the packet that is sent as the i-th.
+        order: Packet indices in the new sending order: packet `order[i]` is sent as the i-th packet. The indices
+            count the packets in their order before sorting.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
     """
 
@@ -55,16 +56,18 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
 def arrange(
     groups: Sequence[GroupPackets], importance: Sequence[float] | None, protection: Protection, first: int = 0
 ) -> Arranged:
-    """Sorts packets for sending. In each group of pictures: keyframes, then motion with parity, then other motion.
+    """Sorts packets for sending.
 
-    If there are more than `MAX_CODES` groups, several consecutive groups are sorted together.
+    In each group of pictures, keyframe packets come first, then motion packets with parity, then all other motion
+    packets. If there are more than `MAX_CODES` groups, several consecutive groups are sorted together.
 
     Args:
         groups: Packet indices of consecutive groups of pictures.
         importance: Cost of losing each packet, by packet index; the motion packets with the highest costs get
             parity. None for equal costs.
         protection: Redundancy, which determines the motion packets with parity.
-        first: Index of the first of these groups in the sequence, which selects its entry in `Protection.motion`.
+        first: Index of `groups[0]` in the sequence. The index of a group in the sequence selects the group's entry in
+            `Protection.motion`.
 
     Returns:
         Sending order of the packets, and their parity.
@@ -89,7 +92,7 @@ def arrange(
 
 
 def _round_up(share: float) -> int:
-    """Rounds up to an integer, except for an excess of at most 1e-9, which may be a floating-point error."""
+    """Rounds up to an integer, but rounds down if the fraction is at most 1e-9, a possible floating-point error."""
     # Without the tolerance, 0.07 * 100 packets would be rounded up to 8.
     return math.ceil(share - 1e-9)
 

@@ -20,17 +20,17 @@ class Protection:
 
     Attributes:
         init_repair: Repair symbols per source symbol of the init segment, 0 to 2.
-        init_until: Part of the transfer during which the symbols of the init segment are sent, as a share of the
-            packets, 0 to 1. 0 sends the init segment first, for an early picture; larger values survive longer bursts
-            of losses.
+        init_until: Time over which the symbols of the init segment are spread, as a share of the packets, 0 to 1. With
+            0, the init segment is sent first, so that the first picture appears early. Larger values survive longer
+            bursts of losses.
         init_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default.
-        bundled_share: Share of the packets, from the start of the sending order, that are bundled in the init segment,
-            0 to 1. The repair symbols of the init segment protect them, too.
+        bundled_share: Share of the packets that are bundled in the init segment, 0 to 1. These are the first packets in
+            sending order. The repair symbols of the init segment protect the bundled packets, too.
         tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, the most important first. Further
             tiers have no parity.
-        parity_until: End of the time in which the repair symbols of a tier are sent, as a share of the packets, 0 to 1;
-            at the earliest, the end of the tier's packets. Small values recover packets early, large values survive
-            longer bursts.
+        parity_until: Time until which the repair symbols of a tier are sent, as a share of the packets, 0 to 1. If the
+            tier's packets end later, the repair symbols end with them. Small values recover packets early, large
+            values survive longer bursts.
         tier_spread: Overlap of the tiers in time, 0 to 1: 0 sends the tiers one after another, 1 mixes all tiers
             evenly. Overlap protects small tiers from bursts of losses.
         retransmit_share: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4; None for
@@ -121,15 +121,15 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[Parit
 
 
 def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
-    """Counts the packets of each importance tier that are not bundled in the init segment.
+    """Counts the packets that are not bundled in the init segment, by importance tier.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
         protection: Redundancy.
 
     Returns:
-        Number of packets of each tier. If the tiers are sent one after another (`tier_spread` is 0), a single number:
-        the packets of all tiers.
+        Number of packets of each tier. If the tiers are sent one after another (`tier_spread` is 0), a single number
+        for all tiers together.
     """
     bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:

@@ -231,8 +231,9 @@ class Server:
 
         Args:
             streams: Prepared streams by name; a client that requests no name gets the first.
-            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. The
-                value is None for an update that does not exist yet. Without this argument, there are no updates.
+            updates: Prepared streams of updates by name. An update contains later changes of a scene, and clients
+                request it separately. None for an update that does not exist yet. Without this argument, there are no
+                updates.
         """
         self._streams, self._updates = dict(streams), dict(updates or {})
 

@@ -163,8 +163,8 @@ class ServedStream:
     def proactive_symbols(self) -> int:
         """Number of FEC symbols that a client gets without a request for each source block of the init segment.
 
-        Source symbols and repair symbols are counted. If the number differs between source blocks (the parts of the
-        init segment that are coded separately), it is the smallest number.
+        Source symbols and repair symbols are counted. A source block is a part of the init segment that is coded
+        separately. If source blocks have different numbers, the smallest number is returned.
         """
         counts = Counter(source_block for kind, source_block, _ in self.schedule if kind == INIT_SYMBOL)
         # The smallest number, if it differs between source blocks. Further symbols are only sent after NACKs.

@@ -301,7 +301,10 @@ class ServerTransfer:
         return data
 
     def _queue_retransmissions(self, message: Feedback, now: float) -> None:
-        """Queues the retransmissions that the client requests, within the stream's limit on their bytes."""
+        """Queues the retransmissions that the client requests.
+
+        Packets are queued until the stream's limit on retransmitted bytes is reached.
+        """
         wait = max(RETRANSMIT_INTERVAL_S, 1.25 * (self.control.round_trip or 0.0))
         symbol_bytes = self.stream.symbol_bytes + INIT_SYMBOL_OVERHEAD
         missing = (

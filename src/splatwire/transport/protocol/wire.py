@@ -103,9 +103,9 @@ def encode_symbol(kind: int, session: int, sequence: int, group: int, symbol: in
         kind: `INIT_SYMBOL` for a symbol of the init segment, `PARITY` for a repair symbol of packets.
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
-        group: For `INIT_SYMBOL`: index of the source block of the init segment. For `PARITY`: index of the parity
-            group.
-        symbol: Index of the symbol in that block or group.
+        group: For `INIT_SYMBOL`: index of the source block (part of the init segment that is coded separately). For
+            `PARITY`: index of the parity group.
+        symbol: Index of the symbol in the source block or parity group.
         payload: Bytes of the symbol.
     """
     return _closed(_INIT_SYMBOL.pack(VERSION << 4 | kind, session, sequence, group, symbol) + payload)
@@ -184,8 +184,9 @@ def refuse_other_transport(data: bytes) -> bytes | None:
         data: First datagram of a client.
 
     Returns:
-        The refusal, whose nonce is that of the client's hello or request, or the first 8 bytes of its QUIC connection
-        id; None if the datagram starts no connection.
+        The encoded refusal; None if the datagram starts no connection. The nonce of the refusal identifies the
+        connection attempt. For plain UDP, it is the nonce of the client's datagram. For QUIC, it consists of the first
+        8 bytes of the destination connection id.
     """
     if message_kind(data) in (HELLO, REQUEST):
         if len(data) <= _REFUSE.size + _CRC.size or not _is_intact(data):

@@ -91,9 +91,10 @@ def is_unknown_version(data: bytes) -> bool:
 
 
 class RetryTokens:
-    """Creates and verifies tokens of Retry packets: the client's first connection id and a keyed hash.
+    """Creates and verifies the tokens of QUIC Retry packets.
 
-    Has the methods of aioquic's `QuicRetryTokenHandler`, but takes a tenth of its time.
+    A token contains a time stamp, a keyed hash, and the destination connection id of the client's first packet. The
+    class replaces aioquic's `QuicRetryTokenHandler` with the same methods, which take a tenth of the time.
     """
 
     def __init__(self) -> None:
@@ -172,14 +173,14 @@ class RetryTokens:
 
 
 def _with_size(data: bytes) -> bytes:
-    """Returns bytes after their number as one byte."""
+    """Returns `data` with its length in front, as one byte."""
     return bytes([len(data) & 0xFF]) + data
 
 
 def network_key(address: Any) -> Hashable:
     """Returns a key for the network of a client: the IPv4 address, or the bytes of the /64 prefix of IPv6.
 
-    Faster than `network_of`, whose prefixes it does not have.
+    This function is faster than `network_of`, which also returns wider prefixes.
 
     Args:
         address: Socket address of the client.
@@ -194,7 +195,10 @@ def network_key(address: Any) -> Hashable:
 
 
 class ResponseBudget:
-    """Limit on responses to unvalidated addresses: in total, and for each network while many are sent."""
+    """Limit on the responses to unvalidated addresses within `WINDOW_S`.
+
+    The total number of responses is limited. After half of them, the number for each network is limited, too.
+    """
 
     def __init__(self) -> None:
         self._until, self._num = 0.0, 0
@@ -222,7 +226,10 @@ class ResponseBudget:
 
 
 class HandshakeBudget:
-    """Limit on the handshakes of each network within `HANDSHAKE_WINDOW_S`: a handshake takes milliseconds."""
+    """Limit on the number of handshakes that each network may start within `HANDSHAKE_WINDOW_S`.
+
+    The limit protects the server's processor, because each handshake takes milliseconds.
+    """
 
     def __init__(self) -> None:
         self._until = 0.0

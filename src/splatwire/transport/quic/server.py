@@ -209,7 +209,7 @@ class QuicServer(SocketServer):
     def connection_to_evict(self, network: Network, newcomer: "_Connection | None" = None) -> "_Connection | None":
         """Chooses the connection that is closed in favour of a new one when the server is full.
 
-        It is the newest connection of the network that `choose_eviction` selects, one with many connections.
+        `choose_eviction` selects a network that has many connections. The newest connection of this network is chosen.
 
         Args:
             network: Network of the new connection.

@@ -40,9 +40,9 @@ as by a full queue on the path. A client may confirm to the protocol core what i
 class Session:
     """Session with one client over QUIC: sends and receives datagrams of the transport protocol.
 
-    Requests, their responses and the init segment travel as messages on a reliable stream; the first of these messages
-    also travel in QUIC DATAGRAM frames, which may arrive earlier. All other messages only travel in QUIC DATAGRAM
-    frames.
+    Requests, their responses and the init segment are sent as messages on a reliable stream. Copies of the first few
+    of these messages are also sent in QUIC DATAGRAM frames, because the copies may arrive earlier. All other messages
+    are sent in QUIC DATAGRAM frames only.
 
     Args:
         connection: QUIC connection of the client.
