@@ -13,7 +13,8 @@ def check_settings(settings: Any, operation: str, counts: Sequence[str], **sensi
         settings: A dataclass instance.
         operation: Name of the operation that uses the settings, for the error message.
         counts: Names of fields that must be at least 1.
-        **sensible: For other fields, by name: True if the caller found the value valid.
+        **sensible: Results of the caller's own checks of other fields: name of the field, and True if its value is
+            valid.
 
     Raises:
         InvalidValueError: If a field is invalid; the message names all invalid fields.

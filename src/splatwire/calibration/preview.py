@@ -230,9 +230,9 @@ class _Fit:
         return (back * self._rates).astype(np.float32), behind * np.float32(BACKGROUND_RATE)
 
     def _start_rounding(self) -> None:
-        """Begins to round the Gaussians' parameters in each step of the fit, as encoding the preview will do.
+        """Switches the fit to rounded parameters: from now on, each step rounds them as the encoder will.
 
-        The range between the smallest and the largest current value is quantised from now on.
+        The quantisation ranges are derived from the smallest and the largest current values.
         """
         values = self._raw.values * self._rates
         low, high = values.min(axis=0), values.max(axis=0)

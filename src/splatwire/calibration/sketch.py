@@ -38,8 +38,8 @@ class SketchResult:
     Attributes:
         section: The sketch in encoded form, which becomes the section `sketch` of the stream's side information.
         num_sketched: Number of elements that have a coarse copy in the sketch.
-        exponent: Received elements next to lost ones are enlarged to cover them; this exponent controls by how much.
-        trust: Weight, 0 to 1, of a neural network that corrects this enlargement.
+        exponent: Exponent that controls how much a receiver enlarges received elements to cover lost neighbours.
+        trust: Weight of the neural network that corrects the enlargement, 0 to 1.
         psnr: Mean PSNR in decibels without loss (`no loss`), and after simulated packet losses with the concealers
             `drop`, `grow` and `sketch`.
         seconds: Duration in seconds.
@@ -59,15 +59,16 @@ class SketchResult:
 class Sketch(Protocol):
     """Typing protocol (structural type) for a sketch: coarse copies of a scene's most important elements.
 
-    A receiver draws a copy if the element itself is lost. Elements are anchors or explicit Gaussians. To cover elements
-    that are lost without a copy, a receiver enlarges their neighbours.
+    Elements are anchors or explicit Gaussians. If an element is lost, a receiver draws its copy instead. If a lost
+    element has no copy, a receiver enlarges the elements next to it.
 
     Attributes:
         num_sketched: Number of elements that have a coarse copy.
-        growth: Strength of this enlargement: one or two exponents, then the weight of the neural network that corrects
-            the enlargement, 0 (no correction) to 1.
-        growths: Exponents that the calibration tries, the default first.
-        trusts: Weights of the correcting network that the calibration tries, 0 to 1, the default first.
+        growth: Parameters of the enlargement: one exponent for anchors, or two for explicit Gaussians (size and
+            opacity). The last value is the weight of a neural network that corrects the enlargement, 0 (no correction)
+            to 1.
+        growths: Candidates for the exponents, the default first.
+        trusts: Candidates for the weight of the network, 0 to 1, the default first.
     """
 
     # There is one exponent for anchors (size), two for explicit Gaussians (size and opacity).
@@ -102,27 +103,28 @@ class Sketch(Protocol):
         """Encodes the coarse copies as the section `sketch` of the stream's side information."""
 
     def replace_lost(self, received: ReceivedScene) -> Any:
-        """Replaces lost elements of a received scene by their coarse copies, as far as the sketch has copies.
+        """Replaces lost elements of a received scene by their coarse copies. Elements without a copy stay lost.
 
         Args:
             received: The received scene.
 
         Returns:
-            The argument of the method `conceal` of the same sketch: the scene with the copies, and whatever else that
-            method needs. Each class of sketches has its own type for it.
+            The scene with copies, in the form that the method `conceal` of the same class takes. It may include further
+            inputs of `conceal`; each class of sketches has its own type.
         """
         # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
         # only in these can share it.
 
     def conceal(self, sketched: Any) -> tuple[ReceivedScene, Concealed]:
-        """Conceals losses with this sketch, as a receiver would: enlarges received elements around missing ones.
+        """Enlarges drawn elements next to lost ones that have no coarse copy, as a receiver of this sketch would.
 
         Args:
-            sketched: Result of the method `replace_lost`: the received scene, in which coarse copies replace lost
+            sketched: Result of the method `replace_lost`: the received scene, with coarse copies in place of lost
                 elements.
 
         Returns:
-            The scene with coarse copies in place of lost elements, and the factors that enlarge the drawn elements.
+            The scene with coarse copies; and how to draw the scene: factors that enlarge elements, and the mask of the
+            lost elements without a copy, which are hidden.
         """
 
 

@@ -119,16 +119,17 @@ class AnchorSketch:
         return SketchedLoss.of(with_sketch(received, self.copies))
 
     def conceal(self, sketched: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
-        """Conceals losses with this sketch, as a receiver would: enlarges drawn anchors around missing ones.
+        """Enlarges drawn anchors next to lost ones that have no coarse copy, as a receiver of this sketch would.
 
         An anchor is drawn if it was received, or if a coarse copy replaces it.
 
         Args:
-            sketched: Result of the method `replace_lost`: the received scene, in which coarse copies replace lost
+            sketched: Result of the method `replace_lost`: the received scene, with coarse copies in place of lost
                 anchors.
 
         Returns:
-            The scene with coarse copies in place of lost anchors, and the factors that enlarge drawn anchors.
+            The scene with coarse copies; and how to draw the scene: factors that enlarge anchors, and the mask of the
+            lost anchors without a copy, which are hidden.
         """
         return sketched.filled, sketched.conceal(self.copies)
 

@@ -39,7 +39,7 @@ class SketchFit(CheckedFields):
         max_columns: Maximum number of basis vectors (transform coefficients) for coding features and scalings.
         removal_error_factor: Factor for the estimated picture error if an anchor is lost. Anchors with large errors get
             copies, so a smaller factor gives fewer copies.
-        exponent: Received anchors next to lost ones are enlarged to cover them; this exponent controls by how much
+        exponent: Exponent that controls how much received anchors are enlarged to cover lost neighbours
             (`Grow.exponent`).
         max_excess: Largest enlargement, as a multiple of the enlargement of an anchor with average losses around it
             (`Grow.max_excess`).
@@ -73,8 +73,8 @@ class SketchMaterial:
         offset_weight: For each candidate and offset, cost of an error of 1 in one coordinate, float64 (M, K).
         removal: For each candidate, cost if it is lost and has no copy, float64 (M).
         offset_removal: For each candidate and offset, cost if only the Gaussian of this offset is lost, float64 (M, K).
-        offsets: K offsets of each candidate, relative to the position at which a receiver draws its copy, in units of
-            its first three scalings, float64 (M, 3 K).
+        offsets: K offsets of each candidate, float64 (M, 3 K). Offsets are relative to the position at which a receiver
+            draws the copy. Their unit is the candidate's first three scalings.
         mask: Mask of the offsets that exist, bool (M, K).
         num_anchors: Number of anchors of the scene, N.
     """
@@ -96,10 +96,10 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the price of a bit at which about `count` anchors get a copy.
+        """Returns the price of a bit for which about `count` anchors get a copy.
 
-        The price is a squared error in the pictures, the Lagrange multiplier for `fit_sketch`. An anchor gets a copy if
-        the error caused by its loss exceeds the price times the bits of the copy.
+        The price is the Lagrange multiplier of `fit_sketch`, a squared error in the pictures. An anchor gets a copy if
+        its loss would cause an error larger than the price times the bits of the copy.
 
         Args:
             count: Number of anchors to copy.
@@ -285,8 +285,8 @@ class _Plan:
         """Estimates the size of each candidate's copy at the precision level of this plan, bits, float64 (M).
 
         Args:
-            copied: Mask of the candidates that are likely to get a copy, bool (M). The frequencies of coded symbols are
-                counted in their copies; if fewer than 16 are likely, in the copies of all candidates.
+            copied: Mask of the candidates that are likely to get a copy, bool (M). Symbol frequencies are counted in
+                the copies of these candidates, or in all copies if the mask has fewer than 16 candidates.
         """
         used = copied if copied.sum() >= 16 else np.ones_like(copied)
         total = np.full(len(copied), 6.0)

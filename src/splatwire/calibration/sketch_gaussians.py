@@ -133,14 +133,15 @@ class GaussianSketch:
         return filled, element_inputs(filled)
 
     def conceal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
-        """Enlarges Gaussians around lost ones that have no coarse copy, as a receiver of this sketch would.
+        """Enlarges drawn Gaussians next to lost ones that have no coarse copy, as a receiver of this sketch would.
 
         Args:
-            sketched: Result of the method `replace_lost`: the received scene, in which coarse copies replace lost
-                Gaussians, and the inputs for computing the enlargement.
+            sketched: Result of the method `replace_lost`: the received scene, with coarse copies in place of lost
+                Gaussians; and the inputs of the network that corrects the enlargement.
 
         Returns:
-            The scene with coarse copies in place of lost Gaussians, and the factors that enlarge drawn Gaussians.
+            The scene with coarse copies; and how to draw the scene: factors that enlarge Gaussians, and the mask of the
+            lost Gaussians without a copy, which are hidden.
         """
         filled, inputs = sketched
         size, opacity, trust = self.growth

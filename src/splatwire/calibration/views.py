@@ -67,7 +67,7 @@ class CalibrationViews(CheckedFields):
         )
 
     def in_front(self, scene: AnyScene) -> AnyScene:
-        """Returns a scene with the background colour of these views; unchanged if the views do not set one."""
+        """Returns a scene with the background colour of these views, or the unchanged scene if the views have none."""
         return scene if self.background is None else replace(scene, background=self.background)
 
 

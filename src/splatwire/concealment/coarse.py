@@ -33,13 +33,13 @@ class Coarse:
     """Replaces lost Gaussians by Gaussians of the next coarser level of detail, and slightly enlarges received ones.
 
     A coarser Gaussian is a copy of one finer Gaussian, or merged from several. A copy is drawn if its original was
-    lost. A merged Gaussian is drawn with its opacity multiplied by `gap * min(1, trust * loss)`. Here, `gap` is the
-    share of its area whose finer Gaussians were lost, and `loss` is the share of lost Gaussians in the finest level.
+    lost. The opacity of a merged Gaussian is multiplied by `gap * min(1, trust * loss)`. Here, `gap` is the share of
+    its area that received finer Gaussians do not cover, and `loss` is the share of lost Gaussians in the finest level.
 
     Attributes:
         exponent: Exponent of the factor `(1 - rho) ** -exponent` by which a received Gaussian is enlarged. Here, `rho`
             is the lost share of its nearest neighbours. 0 disables enlargement.
-        trust: Factor `trust` in the opacity of merged Gaussians, at least 0; 0 hides them.
+        trust: Value `trust` in this factor, at least 0; 0 hides merged Gaussians.
     """
 
     exponent: float = 0.35
@@ -109,7 +109,8 @@ def _coarse_opacities(
         fine: Indices of the received Gaussians of the finest level.
         coarse: Indices of the Gaussians of the next coarser level.
         copied: Mask of the coarser Gaussians that are exact copies of a finer one, bool (C).
-        trust: Further factor, 0 to 1, on the opacity factors of merged Gaussians; below 1, these cover the gaps less.
+        trust: Additional factor on the opacities of merged Gaussians, 0 to 1. Below 1, merged Gaussians cover the gaps
+            only in part.
     """
     # a copy is drawn unless its original arrived; a merged Gaussian gets the share of its area that is not covered
     covers = _coverage(splats)

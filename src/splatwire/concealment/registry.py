@@ -28,8 +28,9 @@ class Registration:
     Attributes:
         make: Function that creates the concealer from keyword options.
         needs: Types of elements or side information that the concealer requires; a tuple lists alternatives.
-        option: Name of the option without which the concealer cannot be created, given as `name:VALUE`; None for none.
-        section: Name of the side information section that the concealer reads; a stream with it needs no `option`.
+        option: Name of the option that the concealer requires, given as `name:VALUE`; None if it requires no option.
+        section: Name of the side information section that the concealer reads; None for none. If a stream has this
+            section, the option is not required.
         shipped: Network weight files in the package of the concealer.
         listed: True if `concealer_names` lists it.
     """
@@ -83,7 +84,8 @@ def register_concealer(
         needs: Types that the concealer requires: element types (`Anchors`, `Splats`), or types of side information
             (`ReceivedScene.records`). A tuple lists alternatives.
         option: Name of a required option, such as a weights file, which users set by `name:VALUE`.
-        section: Name of the side information section that the concealer reads; it can replace the option.
+        section: Name of the side information section that the concealer reads; None for none. If a stream has this
+            section, the option is not required.
         shipped: Network weight files that the concealer reads; they belong to the same Python package.
         listed: True to include the concealer in the result of `concealer_names`.
         temporal: True for sequences, False for static scenes.
@@ -160,7 +162,7 @@ def check_needs(method: Concealer, received: ReceivedScene) -> None:
 def why_unfit(
     name: str, provides: Collection[type], sections: Iterable[str], options: Mapping[str, Any] | None = None
 ) -> str:
-    """Returns why a concealer cannot conceal losses of a given stream, or an empty text.
+    """Returns why a concealer cannot conceal losses of a given stream; an empty text if it can.
 
     Args:
         name: Name of the concealer, or `name:FILE`.

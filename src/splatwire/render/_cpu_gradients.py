@@ -165,10 +165,10 @@ def add_rows(rows_of_sums, gaussian_indices, pair_rows, pair_starts, sums):
 
     Args:
         rows_of_sums: Gradients, one row for each pair of Gaussian and tile, from `draw_tiles_back`.
-        gaussian_indices: Index of the k-th Gaussian in `sums`.
-        pair_rows: Row numbers of `rows_of_sums`, sorted by Gaussian.
-        pair_starts: The k-th Gaussian has the entries `pair_starts[k]` to `pair_starts[k + 1]` of `pair_rows`
-            (exclusive).
+        gaussian_indices: Row of `sums` for the k-th Gaussian.
+        pair_rows: Rows of `rows_of_sums`: all rows of the first Gaussian, then those of the second, and so on.
+        pair_starts: Start of each Gaussian's rows in `pair_rows`, and the end of the last. The rows of the k-th
+            Gaussian are `pair_rows[pair_starts[k]:pair_starts[k + 1]]`.
         sums: Gradient of each Gaussian, changed in place.
     """
     # The sums are from `draw_tiles_back`, `pair_rows` and `pair_starts` from `fill_tiles`. The order of addition is

@@ -22,7 +22,7 @@ _LOWEST = -200.0  # lower bound of exponents for any opacity
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def row_entries(tiles, grid_y):
-    """Counts the pairs of a Gaussian and a tile that it overlaps, for each row of tiles.
+    """Counts, for each row of tiles, the pairs of a Gaussian and a tile in this row that the Gaussian overlaps.
 
     Args:
         tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).
@@ -150,11 +150,12 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     Returns:
         Five arrays:
 
-        * Start of each tile's list in the next array, and the end of the last list.
+        * Start of each tile's list in the second array, and the end of the last list.
         * Lists of all tiles, one after another: indices of Gaussians.
-        * Pixel rows that each entry of the lists covers in its tile: first row and end (exclusive).
-        * The same entries sorted by Gaussian: positions in the lists.
-        * Start of each Gaussian's entries in the previous array, in the order of `order`, and the end of the last.
+        * Pixel rows that each entry of the second array covers in its tile: first row and end (exclusive).
+        * Positions in the second array, sorted by Gaussian: all positions of the first Gaussian of `order`, then those
+          of the second, and so on.
+        * Start of each Gaussian's positions in the fourth array, in the order of `order`, and the end of the last.
     """
     # Rows are shifted instead of divided, and array views (reference-counted) are avoided: together this halves the
     # time.
@@ -192,16 +193,16 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
 
     Args:
         order: Indices of the Gaussians, nearest first.
-        corners: For each Gaussian of `order`, index of the tile in its leftmost tile column and the image's first tile
-            row, relative to the first listed tile; and number of tile columns that it overlaps.
-        strips: Pixel rows that a Gaussian covers in a tile column: first row and end (exclusive). One row of the array
-            for each tile column of the first Gaussian, then of the second, and so on.
+        corners: One row for each Gaussian of `order`. Column 0: index of the tile in the Gaussian's first tile column
+            and the image's first tile row, relative to the first listed tile. Column 1: number of tile columns that the
+            Gaussian overlaps.
+        strips: First pixel row and end (exclusive) that a Gaussian covers in a tile column. The rows of this array are
+            the tile columns of the first Gaussian, then those of the second, and so on.
         starts: Start of each tile's list in the result, and the total length.
         grid_x: Number of tile columns of the image.
 
     Returns:
-        Three arrays, as returned by `fill_tiles`: the lists of all tiles, the pixel rows that each entry covers, and
-        the entries sorted by Gaussian.
+        The second, third and fourth array of the result of `fill_tiles`.
     """
     num, heads, entry, strip = starts[-1], starts[:-1].copy(), 0, 0
     ids, spans, entries = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)

@@ -88,7 +88,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
 
 
 def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndarray, "V"]:
-    """Measures how much of each image the Gaussians cover, seen by cameras around the scene that look outwards.
+    """Measures how much of each image the Gaussians cover, for cameras around the scene that look outwards.
 
     Args:
         splats: The Gaussians of the scene.

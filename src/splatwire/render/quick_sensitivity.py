@@ -37,7 +37,7 @@ def quick_sensitivity(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Sensitivity:
-    """Estimates how much the pictures change if an anchor is removed or changed, for the most important anchors.
+    """Estimates how much pictures change if an anchor is removed or changed, only for the most important anchors.
 
     Args:
         scene: The complete scene, on the CPU; not a result of loss concealment.
@@ -92,8 +92,8 @@ class _NetworkErrors:
         metric: Matrix M for changes of features and logarithms of scalings: a change by the vector d in all selected
             anchors causes the error `d . M d`.
         offset: Error if one coordinate of an offset changes by 1, summed over the offsets.
-        offset_share: As `removal`, but the error of each Gaussian is multiplied by `_relative_size` of its anchor
-            before the sum. The ratio `offset / offset_share` converts such products to the errors of single offsets.
+        offset_share: Error if one Gaussian is removed, times `_relative_size` of its anchor, summed over the Gaussians.
+            The ratio `offset / offset_share` converts such a product to the error of a single offset.
         removal: Error if one Gaussian is removed, summed over the Gaussians.
     """
 

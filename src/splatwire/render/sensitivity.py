@@ -116,22 +116,23 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimated decrease, to first order, of the differentiated function if a Gaussian is removed, (G)."""
+        """For each Gaussian, decrease of the function if this Gaussian is removed, to first order."""
         # The derivative with respect to a factor on the Gaussian's opacity; the effect has the opposite sign.
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 
 def _add_removal(total: Sensitivity, indices: np.ndarray, presence: np.ndarray, probes: int) -> None:
-    """Adds the picture errors of one view that are caused by removing each anchor, or each single Gaussian, to `total`.
+    """Adds to `total` the picture errors that removals would cause in one view.
 
-    A probe is the sum of all pixel values, each multiplied by a random sign. The squared change of a probe estimates
-    the picture error.
+    Errors are estimated for the removal of each anchor, and for the removal of each single Gaussian. A probe is the sum
+    of all pixel values, each multiplied by a random sign. The squared change of a probe estimates the picture error.
 
     Args:
         total: Errors summed over views; changed in place.
         indices: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
-        presence: Decrease of the probe if a Gaussian is removed, float64 (G).
-        probes: Number of probes per view. The function is called once per probe; the errors are averaged.
+        presence: For each Gaussian, estimated decrease of the probe if this Gaussian is removed, float64 (G).
+        probes: Number of probes per view. The function is called once for each probe, and divides the errors by this
+            number before it adds them.
     """
     # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the
     # probes.
@@ -144,7 +145,7 @@ def _add_removal(total: Sensitivity, indices: np.ndarray, presence: np.ndarray, 
 def _add_changes(
     total: Sensitivity, rows: np.ndarray, scalings: np.ndarray, spawned: Spawning, gradients: GatheredGradients
 ) -> None:
-    """Adds the picture errors of one view that are caused by changes of features, scalings and offsets to `total`.
+    """Adds to `total` the picture errors that changes of features, scalings and offsets would cause in one view.
 
     Args:
         total: Errors summed over views; changed in place.

@@ -110,8 +110,8 @@ class ElementNetwork(Perceptron):
         Args:
             inputs: Inputs of the network for M received Gaussians.
             trust: Factor on the network's correction, 0 for none.
-            base: Exponents for size and for opacity before the correction: the network's outputs, times `trust`, are
-                added to them. 0 for no enlargement.
+            base: Exponents for size and for opacity before the correction; 0 for no enlargement. The network's outputs,
+                times `trust`, are added to these exponents.
         """
         change = trust * self.evaluate(inputs.signature)
         size = np.exp(inputs.lost * np.clip(base[0] + change[:, 0], *SIZES))

@@ -101,8 +101,8 @@ def code_value(coder, models, column_start, shared_start, value):
     Args:
         coder: State of the range coder.
         models: Table of adaptive bit probabilities, changed in place.
-        column_start: Index in `models` of the first probability of this column of coefficients.
-        shared_start: Index in `models` of the first probability that all columns of a precision level share.
+        column_start: Index in `models` of the probabilities that only this column of coefficients uses.
+        shared_start: Index in `models` of the probabilities that all columns of a precision level use.
         value: The integer; ignored by a decoder.
 
     Returns:
@@ -159,7 +159,7 @@ def code_levels(coder, models, precision_levels, buckets, num_levels):
 def code_rows(coder, bit_models, models, precision_levels, masks, values, offsets):
     """Encodes or decodes the content of coarse copies: offset masks, transform coefficients and offsets.
 
-    The last three arrays are the input of an encoder, or the output of a decoder.
+    The arrays `masks`, `values` and `offsets` are the input of an encoder, or the output of a decoder.
 
     Args:
         coder: State of the range coder.

@@ -193,8 +193,8 @@ def sketched_attributes(
 
     Args:
         section: The sketch.
-        expected: Scalings that the prior predicts for the anchors that have a copy; decoded scalings are relative to
-            these.
+        expected: Scalings that the prior predicts for the anchors that have a copy. The sketch codes each scaling as a
+            factor on its prediction.
     """
     levels = section.levels[section.levels > 0]
     channels = section.basis.channels(levels, section.values)

@@ -102,16 +102,16 @@ def interpolate(index, weights, closeness, contrasts, contrast, values, has_shap
     """Estimates the motion of n tracks (Gaussians over time) in one frame, each from the motion of k neighbours.
 
     Motion has 13 channels: changes of position (3), rotation (3), logarithms of scales and opacity (4) and colour (3).
-    The estimate is the weighted mean of the neighbours' motion, with two exceptions. Scales and opacity do not leave
-    the range of the neighbours. To the mean change of colour, a slope (-1 to 1) times the track's colour difference is
-    added: in a change of lighting, bright surfaces change more than dark ones.
+    The estimate is the weighted mean of the neighbours' motion, with two exceptions. Scales and opacity stay within the
+    range of the neighbours' values. The change of colour is the mean change plus a slope (-1 to 1) times the track's
+    colour difference: in a change of lighting, bright surfaces change more than dark ones.
 
     Args:
         index: Row in `values` of each neighbour of each track, int32 (n, k).
         weights: Weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Weight of each neighbour for the mean change of colour, float32 (n, k).
-        contrasts: Weights of the neighbours' changes of colour for the slope, which is their weighted sum over
-            neighbours and colour channels, float32 (n, k, 3).
+        contrasts: Weights for computing the slope, float32 (n, k, 3). The slope of a track is the weighted sum of its
+            neighbours' colour changes, over neighbours and colour channels.
         contrast: Colour difference: colour of each track minus the mean colour of its neighbours, float32 (n, 3).
         values: Motion of the m tracks that serve as neighbours, float32 (m, 13).
         has_shapes: True if a scale or opacity channel in `values` is not 0.

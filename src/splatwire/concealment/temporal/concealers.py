@@ -60,8 +60,8 @@ class TemporalConcealer(Protocol):
     """Interface of a concealer for sequences: a named function that estimates motion whose packets were lost.
 
     Attributes:
-        grow: True if received Gaussians are enlarged to cover missing ones near them. Missing are Gaussians whose
-            keyframe packet was lost, and tracks (Gaussians over time) that the concealer does not draw.
+        grow: True if received Gaussians are enlarged to cover missing ones near them. A Gaussian is missing if its
+            keyframe packet was lost, or if the concealer does not draw its track (the Gaussian over time).
     """
 
     grow: bool
@@ -88,8 +88,8 @@ class MotionConcealer:
         smooth: True for a quadratic fit of the neighbours' motion; False for their mean, weighted by inverse squared
             distance.
         momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.
-        grow: True if received Gaussians are enlarged to cover missing ones near them. Missing are Gaussians whose
-            keyframe packet was lost, and tracks (Gaussians over time) that the concealer does not draw.
+        grow: True if received Gaussians are enlarged to cover missing ones near them. A Gaussian is missing if its
+            keyframe packet was lost, or if the concealer does not draw its track (the Gaussian over time).
 
     Raises:
         InvalidValueError: If a number is out of range.

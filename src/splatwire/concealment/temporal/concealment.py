@@ -88,8 +88,8 @@ def _lost_tracks(
 ) -> np.ndarray:
     """Returns the mask of tracks with lost motion in a group of pictures, bool (T).
 
-    Their keyframe Gaussians were received, and they may exist in the group, but no packet with their motion was
-    received.
+    A track is in the mask if its keyframe Gaussian was received and it may exist in the group, but no packet with its
+    motion was received.
 
     Args:
         sequence: The sequence.

@@ -89,9 +89,10 @@ def _query_neighbors(
     Args:
         sequence: The sequence.
         tracks: Indices of all tracks with received motion.
-        observed: The m of these tracks that may serve as neighbours, as indices into `tracks`.
+        observed: Indices into `tracks` of the m tracks that may serve as neighbours.
         origins: Offsets of the m tracks from their keyframe Gaussians at the start of the group, float32 (m, C).
-            Distances are then measured at that time. None to measure distances between keyframe Gaussians.
+            Neighbours are then the nearest tracks at that time. None to choose them by the distances between keyframe
+            Gaussians.
         lost_tracks: Indices of the tracks with lost motion.
         before: Concealment state at the end of the previous group.
         count: Maximum number of neighbours per track.
@@ -121,31 +122,33 @@ def started_share(begins: np.ndarray, frames: int) -> np.ndarray:
 
 
 def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """Selects the tracks that begin in the same group of pictures as most received tracks.
+    """Selects the tracks whose first group of pictures is the most common one among the received tracks.
 
     Args:
         born: Group in which each track begins, int64 (T).
         observed: Received tracks, as indices into `born`.
 
     Returns:
-        Mask of these tracks, bool (T).
+        Mask of the selected tracks, bool (T).
     """
     # offsets are relative to the keyframe Gaussian, so those of tracks with different first groups differ in time
     return born == np.bincount(born[observed]).argmax()
 
 
 def _kept_deviation(deviation: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
-    """Returns the share of a track's deviation from its neighbours' motion that continues in the next group.
+    """Returns the factors that reduce deviations from the neighbours' motion for the next group of pictures.
 
-    Small deviations count less, because they are probably rounding errors.
+    If a track deviated from its neighbours' motion at the end of a group, the deviation times this factor continues in
+    the next group. A small deviation gets a small factor, because it is probably a rounding error. The factor is 0 for
+    concealed tracks, and for scale, opacity and colour.
 
     Args:
-        deviation: Deviation from the neighbours' motion at the end of the previous group, (n, C).
-        rounding: Quantisation steps of the positions, (n).
-        concealed: Mask of tracks whose motion was only estimated, bool (n).
+        deviation: Deviation of each track from its neighbours' motion at the end of the previous group, (n, C).
+        rounding: Quantisation step of each track's position, (n).
+        concealed: Mask of tracks whose motion in the previous group was only estimated, bool (n).
 
     Returns:
-        Share by channel, 0 to 1, float (n, C).
+        Factor for each track and channel, 0 to 1, float (n, C).
     """
     # a small deviation is probably a rounding error; those of scale, opacity and colour are not kept
     apart, kept = (deviation[:, POSITION] ** 2).sum(axis=1), np.zeros_like(deviation)

@@ -32,8 +32,8 @@ class Neighbors:
     """Received neighbours of each track with lost motion, and the weights with which its motion is estimated.
 
     A lost track moves like the weighted mean of its neighbours. Its change of colour is the mean change of the
-    neighbours, plus a slope times the difference between its colour and their mean colour. The slope is for changes of
-    lighting, which affect bright surfaces more than dark ones.
+    neighbours, plus a slope times the difference between its colour and their mean colour. The slope accounts for
+    changes of lighting, which affect bright surfaces more than dark ones.
 
     Attributes:
         observed: Received tracks that may serve as neighbours: indices into the list of received tracks, int64 (m).
@@ -41,8 +41,8 @@ class Neighbors:
         weights: Weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Weight of each neighbour for the mean colour change, by inverse squared distance, float32 (n, k); the
             weights of a track add up to 1.
-        contrasts: Weights with which the slope is computed from the neighbours' colour changes, float32 (n, k, 3). The
-            slope is the weighted sum of these changes over neighbours and colour channels.
+        contrasts: Weights for computing the slope, float32 (n, k, 3). The slope is the weighted sum of the neighbours'
+            colour changes, over neighbours and colour channels.
         contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
     """
 
@@ -134,7 +134,10 @@ def _closeness(square: np.ndarray) -> np.ndarray:
 
 
 def smooth_weights(offsets: np.ndarray) -> np.ndarray:
-    """Returns interpolation weights that evaluate a quadratic least-squares fit of the neighbours at the query point.
+    """Returns weights with which a value at a query point is interpolated from its k neighbours.
+
+    The weighted sum of the neighbours' values is a regularised quadratic least-squares fit to them, evaluated at the
+    query point. If weights of this fit would be too large, the weights depend on the distance only.
 
     Args:
         offsets: Positions of the neighbours relative to the query point, (n, k, 3).
