@@ -69,7 +69,7 @@ def without_flags(options: Any) -> Any:
 
 
 def with_flags(options: Any, configured: Any) -> Any:
-    """Combines flags (boolean options) of command line and configuration file: on if either sets the flag.
+    """Combines the flags (boolean options) of command line and configuration file: a flag set in either is on.
 
     Args:
         options: Options from the command line.

@@ -14,7 +14,7 @@ def with_current_names(verb: str, words: Sequence[str], renamed: Mapping[str, Ma
     Args:
         verb: Name of the subcommand.
         words: Command-line arguments after the subcommand.
-        renamed: For each subcommand, the current name of each renamed option by its former name.
+        renamed: Renamed options of each subcommand: a mapping from the former to the current name of an option.
     """
     names, current = renamed.get(verb, {}), []
     for word in words:

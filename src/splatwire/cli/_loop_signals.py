@@ -11,8 +11,8 @@ class LoopSignals:
     Args:
         callback: Called with the number of a signal.
         numbers: Numbers of the signals, by default SIGINT (Ctrl-C) and SIGTERM.
-        ignored: True to handle also signals that are ignored; otherwise they stay ignored, as in background jobs of a
-            shell script.
+        ignored: True to handle ignored signals, too. If False, signals that are ignored stay ignored, as in background
+            jobs of a shell script.
     """
 
     def __init__(

@@ -11,7 +11,7 @@ GRACE_S = 5.0
 
 
 class Processes:
-    """Processes that threads run, and that end together. Thread-safe."""
+    """Runs commands in processes that can all be ended at the same time. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -28,7 +28,7 @@ class Processes:
             The finished process, with its exit status and what it printed.
 
         Raises:
-            KeyboardInterrupt: If the processes were ended before.
+            KeyboardInterrupt: If the method `end` was called before.
         """
         pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
         with self._lock:
@@ -44,7 +44,10 @@ class Processes:
         return subprocess.CompletedProcess(command, process.returncode, printed, errors)
 
     def end(self) -> None:
-        """Ends all running processes, and starts no more. They get `GRACE_S` seconds to remove temporary files."""
+        """Ends all running processes, and prevents new ones.
+
+        The processes get `GRACE_S` seconds to remove their temporary files.
+        """
         with self._lock:
             self._ended = True
             running = list(self._running)

@@ -58,7 +58,9 @@ async def open_server(
 
 
 def identity(listening: Listening) -> "Callable[[], Identity]":
-    """Returns the source of a QUIC server's certificate and key: a function that returns the current ones.
+    """Returns a function that provides the current certificate and key of a QUIC server.
+
+    Without files in the options, the certificate is self-signed and renewed regularly.
 
     Args:
         listening: Command-line options of the server, with the files of certificate and key.

@@ -32,8 +32,7 @@ def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
         ends the transfer).
 
     Raises:
-        InvalidValueError: If options for certificates are set although the protocol is UDP, which has none, or if they
-            are invalid.
+        InvalidValueError: If options for certificates are invalid, or are set for UDP, which has no certificates.
         OSError: If the authority's file cannot be read.
     """
     if address.scheme == "udp":

@@ -123,7 +123,7 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits for the encoder to end after a stop request, but no longer once the encoder compiles kernels.
+    """Waits, after a stop request, until the encoder ends, starts to compile kernels, or exceeds a time limit.
 
     Args:
         encoding: The running encoder.

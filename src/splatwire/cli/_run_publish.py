@@ -54,7 +54,10 @@ def run(command: Publish) -> None:
 
 
 def _write(files: Mapping[str, bytes], folder: Path) -> None:
-    """Writes the files of a site: all at once into a new folder, one after another into that of an earlier `publish`.
+    """Writes the files of a site into a folder.
+
+    A new or empty folder gets all files at the same time. In a folder of an earlier `publish`, files are replaced one
+    after another.
 
     Args:
         files: Contents of the files by relative path.

@@ -54,8 +54,8 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
 class UpdateFolder:
     """Applies updates to served scenes when update files appear in a folder. Not thread-safe.
 
-    An update changes one version of a scene to the next. Its file waits until a served scene has the first of these
-    versions.
+    An update changes one version of a scene to the next. An update file waits until a served scene has the version that
+    the update changes.
 
     Args:
         folder: Folder with the updates, `.swz` files that `encode --update` wrote; it may be missing at first.
@@ -117,7 +117,10 @@ class UpdateFolder:
         return {name: self._prepare(chain.scene) for name, chain in changed.items()}
 
     def _report_waiting(self, now: float) -> None:
-        """Logs updates that have waited for some time, once: they may be for another scene or an earlier version."""
+        """Logs a warning about updates that have waited for at least `PATIENCE_S` seconds, once for each file.
+
+        Such an update may be for another scene or an earlier version.
+        """
         old = {path: self._seen[path] for path in self._waiting if now - self._seen[path][1] >= PATIENCE_S}
         found = [path for path, (signature, _) in old.items() if self._reported.get(path) != signature]
         self._reported |= {path: old[path][0] for path in found}
@@ -139,7 +142,10 @@ class UpdateFolder:
         return next(((states[base], path) for path, base in self._waiting.items() if base in states), None)
 
     def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
-        """Checks that no updated scene equals an earlier version of another served scene, for which an update exists.
+        """Checks that no changed scene is equal to an earlier version of another served scene.
+
+        Receivers request an update by the version that they have, so that they would get the update of the other scene.
+        Only versions for which an update exists are checked.
 
         Args:
             changed: Scenes that the update changes, by name, each with the update applied.

@@ -25,9 +25,9 @@ def compare_export(
         progress: Called with the name of the task and its finished share, 0 to 1.
 
     Returns:
-        Number of views, `num_views`, and mean PSNR over the views in decibels: `psnr_to_scene` compares the export with
-        the original scene. With photos, `psnr_scene` and `psnr_export` compare each of them with the photos, and
-        `psnr_loss` is their difference.
+        Mapping with the number of views, `num_views`, and mean PSNR values over the views in decibels. `psnr_to_scene`
+        compares the export with the original scene. If there are photos, `psnr_scene` compares the original scene with
+        them, `psnr_export` compares the export with them, and `psnr_loss` is the first minus the second.
     """
     background = np.array(scene.background)
     rows = []

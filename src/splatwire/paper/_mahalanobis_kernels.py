@@ -61,14 +61,14 @@ def nearest(queries, points, sizes, number, starts, low, high, reach, bound, ind
         queries: Query positions, float64 (Q, 3).
         points: Point positions, sorted by block, float64 (S, 3).
         sizes: Sizes of the points along the axes, positive, float64 (S, 3).
-        number: Index of each sorted point before sorting, int64 (S).
+        number: Index of each point in the order before points were sorted by block, int64 (S).
         starts: Index of the first point of each block, int64 (B + 1); the last entry is S.
         low: Lower corner of each block's bounding box, float64 (B, 3).
         high: Upper corner of each block's bounding box, float64 (B, 3).
         reach: Largest size in each block along each axis, float64 (B, 3).
         bound: Upper bound of the squared distance from each query to its k-th neighbour, float64 (Q).
-        index: Output: indices of the neighbours before sorting, int64 (Q, k).
-        distance: Output: squared distances of the neighbours, float64 (Q, k); infinite initially.
+        index: Output: indices of the neighbours in the order before points were sorted by block, int64 (Q, k).
+        distance: Output: squared distances of the neighbours, float64 (Q, k); must be infinite before the call.
     """
     # Points are divided into blocks; blocks that are too far from a query are skipped. Of equally distant points,
     # the one with the lower index is first. `distance` must be initialised with infinity.

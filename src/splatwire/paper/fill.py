@@ -21,7 +21,7 @@ class MaskVote:
     neighbours. The rules are:
 
     * `majority`: an offset exists if its support is at least `threshold`;
-    * `count`: the number of offsets is the mean of the neighbours' numbers, and those with the most support exist;
+    * `count`: the anchor gets as many offsets as its neighbours have on average, those with the most support;
     * `all`: every offset exists.
 
     Attributes:
@@ -46,8 +46,9 @@ class MaskVote:
         """Estimates the offset masks of lost anchors (queries) by the vote of their neighbours.
 
         Args:
-            share: Support of each offset: weight of the neighbours that have it, relative to all neighbours, 0 to 1.
-            supported: True for queries with at least one neighbour.
+            share: Support of each offset: weight of the neighbours that have this offset, divided by the weight of all
+                neighbours, 0 to 1.
+            supported: True for queries with at least one neighbour; all offsets of other queries exist.
         """
         if self.rule == "all":
             return torch.ones_like(share, dtype=torch.bool)
@@ -67,7 +68,8 @@ def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], t
     Attributes that were received for all anchors are left out.
 
     Returns:
-        One pair per group: the mask of the anchors for which its attributes were received, and the attributes.
+        One pair per group: the mask of the anchors for which the attributes of the group were received, and these
+        attributes.
     """
     # Neighbours are searched only once for each group.
     groups: list[tuple[Tensor, list[Attribute]]] = []

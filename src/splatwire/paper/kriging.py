@@ -29,7 +29,7 @@ _RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 class Correlogram:
     """Correlation between the attributes of two anchors as a function of their distance d, for kriging.
 
-    It is `correlation * exp(-d / range)` for different anchors, and 1 for an anchor with itself.
+    The correlation is `correlation * exp(-d / range)` for different anchors, and 1 for an anchor with itself.
 
     Attributes:
         correlation: Correlation of different anchors at distance 0, at least 0 and less than 1.
@@ -103,7 +103,7 @@ class Kriging:
         return Concealed.filled(replace(filled, scalings=_with_floor(context, filled.scalings)))
 
     def _fit(self, context: ReceivedScene, received: Bool[Tensor, "N"], fields: list["_Field"]) -> list[Correlogram]:
-        """Chooses the correlogram of each attribute that predicts received anchors best from their neighbours.
+        """Chooses a correlogram for each attribute: the one that predicts received anchors best from their neighbours.
 
         Args:
             context: The received scene.

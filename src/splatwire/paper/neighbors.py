@@ -30,7 +30,7 @@ class TensorTree:
 def nearest_other_points(
     tree: TensorTree, points: Float[Tensor, "Q 3"], own_indices: Int64[Tensor, "Q"], k: int
 ) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
-    """Finds the nearest neighbours of some points of a search tree, without the points themselves.
+    """Finds, for some points of a search tree, the nearest other points of the tree.
 
     Args:
         tree: The search tree.

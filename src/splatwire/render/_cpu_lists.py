@@ -202,7 +202,8 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
         grid_x: Number of tile columns of the image.
 
     Returns:
-        The second, third and fourth array of the result of `fill_tiles`.
+        The second, third and fourth array of the result of `fill_tiles`: lists of all tiles, pixel rows that each entry
+        covers, and positions sorted by Gaussian.
     """
     num, heads, entry, strip = starts[-1], starts[:-1].copy(), 0, 0
     ids, spans, entries = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)

@@ -43,13 +43,13 @@ class SequenceRow:
 class SequenceScore:
     """Image quality of a sequence in one experiment (loss model and concealer).
 
-    Mean values are over the frames after the first group of pictures (GOP).
+    Properties such as `mean` and `flicker` leave out the first group of pictures (GOP).
 
     Attributes:
         row: The loss model and the concealer.
         psnr: PSNR of each frame against the render of the original frame, mean over views, decibels, float64 (F).
-        change: Flicker between each frame and the next, float64 (F - 1). The error is the rendered minus the original
-            picture; flicker is the mean square of the change of the error.
+        change: Flicker between each frame and the next, float64 (F - 1): mean square of the change of the error. The
+            error is the rendered minus the original picture.
         later: Index of the first frame after the first GOP.
         num_lost: Number of packets that were lost or late.
     """

@@ -40,8 +40,8 @@ class SceneEntry:
         kind: `stream` for a stream, `scene` for a scene file, `model` for a folder of the official HAC++ code.
         photos: Dataset folder that gives the views and, unless `reference` is given, photos as reference images. None
             for references that are rendered.
-        cameras: Cameras file that gives the views; ignored if `photos` is given. None without `photos` to generate
-            views around the scene.
+        cameras: Cameras file that gives the views; ignored if `photos` is given. If both are None, views around the
+            scene are generated.
         reference: Scene or frames whose renders are the reference images, also if `photos` is given. None for the
             photos or, if `photos` is None, for renders of the scene itself.
         dataset: Name of the group of scenes over which results are averaged.

@@ -58,7 +58,8 @@ class InProcess:
 
     Attributes:
         decode: Decoder of received streams.
-        progress: Called with the name of the task's method and its share of finished views.
+        progress: Called with a text that names the method of the task, and the finished share of the task's views, 0 to
+            1.
     """
 
     decode: Decode = decode_stream

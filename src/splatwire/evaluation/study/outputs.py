@@ -122,7 +122,7 @@ def _tables(
         result: Results of the evaluation.
         store: Store of the evaluation.
         summaries: Statistics for each scene, method and loss model.
-        everything: The same statistics; if there are several scenes, followed by the means over scenes.
+        everything: All of `summaries`. If there are several scenes, the means over scenes follow.
     """
     names = list(result.scenes)
     order = ordering_table(orderings(result, summaries))

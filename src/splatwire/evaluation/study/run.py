@@ -176,10 +176,10 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Returns one task for each scene and loss model, by which the views of the report are chosen.
+    """Returns one task for each scene and loss model, from which the views in the report are chosen.
 
-    The report shows the views with the lowest PSNR in these tasks. Each task is that of the baseline or, without a
-    baseline, that of the first method with losses.
+    The report shows the views with the lowest PSNR in these tasks. The method of each task is the baseline or, without
+    a baseline, the first method with losses.
     """
     # A task of the baseline, or of the first row with losses if there is no baseline.
     image_tasks = []
@@ -230,7 +230,7 @@ def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
 
     Args:
         cells: Tasks to sort.
-        first: Tasks with the streams and masks to put first.
+        first: Tasks whose streams and loss masks come first in the result.
     """
     rank: dict[tuple[str, str], int] = {}
     for cell in (*first, *cells):

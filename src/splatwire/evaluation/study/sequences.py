@@ -34,7 +34,7 @@ def frame_cameras(stream: SceneStream, frames: Path, cameras: Path | None) -> Ca
         stream: The stream of the sequence.
         frames: The original frames, in a format of `splatwire.sequence.open_sequence`.
         cameras: A cameras file; None for generated cameras around the first frame. If there are fewer cameras than
-            frames, they are used again from the first one on.
+            frames, the cameras are repeated from the first one on.
 
     Raises:
         InvalidValueError: If the stream and the original sequence have different numbers of frames.

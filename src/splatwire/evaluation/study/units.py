@@ -112,7 +112,7 @@ _COUNTING = (
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A task of an evaluation and where its result belongs in the tables.
+    """A task of an evaluation, with the position of its result in the tables.
 
     Attributes:
         scene: Name of the scene.

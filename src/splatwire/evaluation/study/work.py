@@ -119,7 +119,7 @@ class UnitRunner:
     Attributes:
         store: Store for records and images.
         decode: Decoder of received streams.
-        progress: Called with the name of the task's method and its share of finished views.
+        progress: Called with the label of the task's method, and the finished share of the task's views, 0 to 1.
     """
 
     store: Store

@@ -142,7 +142,7 @@ class _Sender:
     def plan(self, viewpoint: Viewpoint | None, reported: float | None) -> None:
         """Replaces the queue by the unsent packets of the tiles that a viewpoint needs.
 
-        Packets count as unsent again if the report shows that they were lost.
+        A packet that was sent counts as unsent again if the report shows that it was lost.
 
         Args:
             viewpoint: Reported viewpoint of the receiver; None before the first report.

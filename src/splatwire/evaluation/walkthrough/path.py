@@ -19,7 +19,8 @@ class Walk:
 
     Attributes:
         cameras: Key cameras; positions are interpolated linearly, rotations along the shortest arc.
-        seconds: Duration from the first camera to the last, at equal intervals, seconds.
+        seconds: Time from the first camera to the last, seconds. The time between consecutive cameras is always the
+            same.
 
     Raises:
         InvalidValueError: If the duration is not positive, or more than an hour.

@@ -109,9 +109,10 @@ def _head(
     num_offsets: int,
     appearance: int | None,
 ) -> Mlp:
-    """Converts a Scaffold-GS network to one that predicts opacity, covariance or colour of Gaussians in this package.
+    """Converts the opacity, covariance or colour network of a Scaffold-GS model to a network of this package.
 
-    The network gets the inputs of this package. An appearance embedding becomes a constant.
+    The result has the inputs of this package: the anchor's feature, the viewing direction and the distance. An
+    appearance embedding becomes a constant.
 
     Args:
         iteration: Folder of the model's iteration, for messages.

@@ -25,8 +25,8 @@ def corner_rows(
         num_rows: Number of table rows of the level.
 
     Returns:
-        Row indices within the level, and weights, for each corner of the grid cell around a position. The corners are
-        in an order in which the first axis varies fastest. Outside the box, all weights are 0.
+        Row indices within the level, and weights, of the corners of the grid cell around each position. From one corner
+        to the next, the coordinate along the first axis changes fastest. Outside the box, all weights are 0.
     """
     # Points on the border of the level have weight 0, and the other weights add up to 1. Outside the box, all
     # weights are 0.

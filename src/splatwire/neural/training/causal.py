@@ -51,7 +51,7 @@ class TrainedCausal:
     def begin(self, state: TrainState) -> None:
         """Initialises the networks before the first iteration whose loss includes the bit rate.
 
-        The method is called before each iteration; before all others, it does nothing.
+        The training calls the method before every iteration. Before all other iterations, the method does nothing.
         """
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = position_bounds(state.voxels)
@@ -112,7 +112,7 @@ class TrainedCausal:
         return expanded_scalings((predicted.form[0] * steps + state.parameters["centres"]).exp())
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the rate term of the loss: estimated size of the scene in megabytes times the weight lambda."""
+        """Returns the rate term of the loss: lambda times the estimated size of the scene in megabytes."""
         share = state.num_anchors / max(rate.num_anchors, 1)
         return state.rate(self._config.weights) * rate.bits * share / RATE_UNIT
 
@@ -132,7 +132,8 @@ def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
 def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
     """Returns the quantisation step of each attribute value of an anchor.
 
-    The attributes are features, logarithms of one offset scale and three sizes, and offsets of the Gaussians' centres.
+    An anchor has features, four logarithms (of one offset scale and three sizes), and offsets of the Gaussians'
+    centres.
 
     Args:
         logs: Logarithms of the trained quantisation steps: one per feature group, then one each for the offset scale,

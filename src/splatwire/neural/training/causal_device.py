@@ -118,7 +118,7 @@ class DeviceCausal(TrainedCausal):
         return float(torch.stack(total).sum()) / 8
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the rate term of the loss: estimated size of the scene in megabytes times the weight lambda."""
+        """Returns the rate term of the loss: lambda times the estimated size of the scene in megabytes."""
         share = state.num_anchors / max(rate.num_anchors, 1)
         return rate.bits * (state.rate(self._config.weights) * share / RATE_UNIT)
 

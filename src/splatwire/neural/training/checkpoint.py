@@ -147,10 +147,10 @@ def _steering(value: list[float | None]) -> Steering:
 
 
 def expect(tensors: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32) -> Tensor:
-    """Returns a tensor of a checkpoint after checking shape, dtype, and that all values are finite.
+    """Returns a tensor of a checkpoint, after checking its shape, its dtype, and that its values are finite.
 
     Raises:
-        ValueError: If its shape or type differs, or a value is not finite.
+        ValueError: If the shape or dtype of the tensor differs, or a value is not finite.
     """
     value = tensors[name]
     if tuple(value.shape) != shape or value.dtype != dtype:

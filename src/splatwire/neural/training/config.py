@@ -183,9 +183,9 @@ class RefineConfig:
         network_rate: Initial learning rate of the networks.
         grid_rate: Initial learning rate of the hash grid.
         latent: Initial absolute value of the real numbers that are trained in place of the hash grid's signs.
-        step_weight: Penalty on changes of the quantisation steps that the network predicts: bits added to an anchor's
-            cost if the output (logit) for one of its steps differs by 1 from before the refinement. The penalty grows
-            with the square of the difference.
+        step_weight: Penalty on changes of the quantisation steps, bits. The network predicts each step by an output
+            (logit). If this logit differs by d from before the refinement, `step_weight * d ** 2` bits are added to the
+            anchor's cost.
         grid_weight: Weight in the training loss of a bit of the encoded hash grid; a bit of the encoded anchors has
             weight 1.
         seed: Seed of the random choice of anchors.
@@ -220,8 +220,8 @@ class LossTraining:
 
     Attributes:
         models: Loss models in the syntax of `splatwire.channel.parse_loss`.
-        first: Shares of the anchors, 0 to 1. Each share simulates that only this share of the anchors is received, the
-            most important ones.
+        first: Shares of the anchors, 0 to 1. In an iteration with one of these shares, only this share of the anchors
+            is received: the most important ones.
         packets: Names of packetizations (`packetization_named`); one of them is chosen at random.
         share: Share of the iterations with packet loss in the last phase of the training.
     """
@@ -256,8 +256,8 @@ class TrainConfig(CheckedFields):
         weights: Weights of the terms of the training loss.
         refine: Settings for the refinement of the context model at the end.
         losses: Settings for simulated packet loss.
-        averaged: Number of last iterations over which parameters are averaged (`splatwire.neural.training.averaging`);
-            0 for no averaging.
+        averaged: Length of the running mean of the parameters in the last iterations, in iterations
+            (`splatwire.neural.training.averaging`); 0 for no averaging.
         mask_threshold: An offset exists if the sigmoid of its mask logit is above this threshold.
         random_points: Maximum number of random initial points if the data has none.
         background: RGB of the background.

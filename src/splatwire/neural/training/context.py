@@ -99,7 +99,7 @@ class TrainedContext:
     def begin(self, state: TrainState) -> None:
         """Initialises the networks before the first iteration whose loss includes the bit rate.
 
-        The method is called before each iteration; before all others, it does nothing.
+        The training calls the method before every iteration. Before all other iterations, the method does nothing.
         """
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
@@ -323,8 +323,8 @@ def _channel_likelihood(
         step: Quantisation step of the features.
 
     Returns:
-        Probability of each feature; and logit of the weight with which this probability is mixed with that of the prior
-        network.
+        Probability of each feature; and logit of the weight of this probability in the mixture with the probability
+        that the prior network predicts.
     """
     # Each network predicts a group of feature channels from the previous groups and the output of the prior
     # network.

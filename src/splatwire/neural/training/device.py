@@ -18,7 +18,8 @@ def check_cuda() -> None:
     """Checks that torch finds a CUDA device and that gsplat is installed. Does not run gsplat's kernels.
 
     Raises:
-        BackendUnavailableError: If one is missing; the message names it.
+        BackendUnavailableError: If there is no CUDA device, or gsplat is not installed. The message names the missing
+            one.
     """
     if not has_cuda():
         raise BackendUnavailableError("cuda", f"torch finds no CUDA device; install its CUDA build, or {_INSTEAD}")

@@ -45,8 +45,8 @@ def noise_from_host(
 
     Args:
         rows: Number of rows.
-        widths: Numbers of columns. The matrix is drawn in blocks with these numbers of columns, which affects the order
-            of the random numbers.
+        widths: Number of columns in each group of columns. The groups are drawn one after another, so that their widths
+            affect the order of the random numbers.
         generator: Random generator, on the CPU.
         device: Device of the result.
     """

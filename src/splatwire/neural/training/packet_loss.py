@@ -108,8 +108,8 @@ class PacketLosses:
     def begin(self, state: TrainState, cameras: Cameras) -> None:
         """Removes anchors without offsets, as an encoder does, and sorts the anchors by importance.
 
-        Sorting is needed only if `LossTraining.first` is set. Both steps take time, so they are done only at fixed
-        intervals of iterations. All other calls change nothing.
+        Sorting is needed only if `LossTraining.first` is set. Both steps take time, so that calls perform them only at
+        fixed intervals of iterations. All other calls change nothing.
 
         Args:
             state: State of the training before an iteration; changed in place.
@@ -272,7 +272,8 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
 def _anchors_per_packet(packetization: Packetization, rate: SampleBits | None) -> int:
     """Estimates how many anchors a packet contains, from the estimated bits per anchor.
 
-    The result is 1 if it is not needed (only hashed grouping needs it), or if no estimate of the bits is available.
+    The result is 1 without an estimate of the bits, and for packetizations without hashed grouping, which do not need
+    the number.
     """
     # Only packetizations with hashed grouping (packets filled up to a size in bytes) need this number.
     if rate is None or not packetization.hashed:

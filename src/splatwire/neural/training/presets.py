@@ -119,7 +119,7 @@ def create_config(
         growth_interval: Number of iterations between two changes of the set of anchors; None for the default.
         refine_steps: Number of Adam steps of the final refinement of the context model; None for the default.
         losses: Packet losses to train for, in the syntax of `loss_training`; empty for no packet loss.
-        loss_share: Share of fine-tuning iterations with packet loss.
+        loss_share: Share of the iterations with packet loss in the last phase of the training.
         background: RGB of the background.
         seed: Seed of all random numbers.
 
@@ -177,7 +177,7 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """Raises the learning rates after the last change of the set of anchors, if a training is short.
+    """Increases the learning rates after the last change of the set of anchors, if a training is short.
 
     The factors are for trainings with the causal model.
 
@@ -241,7 +241,7 @@ def loss_training(losses: tuple[str, ...], share: float = LossTraining.share) ->
     Args:
         losses: Loss models in the syntax of `splatwire.channel.parse_loss`; `first:SHARE` if only the most important
             anchors arrive; `none` or an empty tuple for no packet loss.
-        share: Share of fine-tuning iterations with packet loss.
+        share: Share of the iterations with packet loss in the last phase of the training.
 
     Raises:
         UnknownNameError: If no loss model has that name.

@@ -57,7 +57,7 @@ def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState
 def _measure_size(
     state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None
 ) -> tuple[float, float | None]:
-    """Measures the size in bytes of the stream that a training would give if it ended now.
+    """Measures the size that the stream would have if the training ended now, bytes.
 
     Args:
         state: State of the training.

@@ -16,16 +16,16 @@ class CalibrationConfig:
     Attributes:
         settings: Settings of the network.
         losses: Weights of the terms of the training loss.
-        iterations: Number of training steps; the maximum if `selected`.
+        iterations: Number of training steps; with `selected`, the training may end earlier.
         learning_rate: Initial learning rate of Adam; it decays to 0 along half a cosine.
         drop_rate: Share of the packets that a pseudo-loss (simulated packet loss) drops.
         train_masks: Number of pseudo-losses for training.
         validation_masks: Number of held-out pseudo-losses for validation.
         batch: Number of lost anchors (queries) per training step.
         validation_interval: Number of training steps between validations.
-        selected: True to return the network with the least errors on held-out pseudo-losses; the network is then
-            disabled for attributes that the interpolation predicts better.
-        patience: Number of validations without improvement after which training ends if `selected`.
+        selected: True to return the network with the smallest errors on held-out pseudo-losses. The network is then not
+            used for attributes that the interpolation predicts at least as well.
+        patience: With `selected`, number of validations without improvement after which the training ends.
         bits: Approximate bits per weight in the stream, 2 to 6; 0 for exact weights.
         rounded_share: Share of the training steps with quantised weights, 0 to 1.
         seed: Seed of all random numbers.

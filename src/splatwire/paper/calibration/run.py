@@ -221,8 +221,9 @@ class CalibrationRun:
     def finished(self) -> bool:
         """Returns True if the calibration has ended, either after the last step or by early stopping.
 
-        Training stops early after `CalibrationConfig.patience` validations without improvement. If weights are to be
-        quantised, it then continues with quantised weights from the best network so far, and the result is False.
+        With `CalibrationConfig.selected`, training stops early after `CalibrationConfig.patience` validations without
+        improvement. If the weights are to be quantised but are not yet, the method returns False instead: it restores
+        the best network, and the training continues with quantised weights.
         """
         # The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
         # `CalibrationConfig.patience` validations without improvement. If weights are quantised

@@ -23,8 +23,8 @@ class GnnSettings:
         layers: Number of EdgeConv layers.
         heads: Number of heads of the cross-attention; must divide `hidden`.
         cross_attention: False to disable the cross-attention, for an ablation study.
-        interpolation: Interpolation that is blended with the network's output, and replaces it at low confidence:
-            `cari`, `kriging`, or `idw` over the graph's neighbours.
+        interpolation: Interpolation method: `cari`, `kriging`, or `idw` over the graph's neighbours. Its result is
+            blended with the network's output; at low confidence, it is used alone.
         query_input: Method that fills lost attributes in the network's inputs: `idw` (over the graph's neighbours), or
             `interpolation`.
         baseline: Values to which the network's residuals are added: `prior` (the mean that the hash grid predicts) or

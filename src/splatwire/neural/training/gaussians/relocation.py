@@ -24,7 +24,7 @@ _GATE, _GATE_OPACITY = 100.0, 0.005
 def shared_appearance(
     opacities: Float[Tensor, "M"], copies: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
-    """Computes opacity and size of equal Gaussians (copies) that together look like the Gaussian that they replace.
+    """Computes opacity and size of the equal copies that replace a Gaussian and together look like it.
 
     Source: relocation in 3DGS-MCMC (arXiv 2404.09591).
 

@@ -32,8 +32,8 @@ class GaussianResult:
     """Result of a training of explicit Gaussians.
 
     Attributes:
-        scene: The trained Gaussians, on the CPU. After a fine-tuning, their values are those that a decoder obtains:
-            encoding them without a quality setting changes nothing.
+        scene: The trained Gaussians, on the CPU. After a complete fine-tuning, the values are already rounded to
+            quantisation steps, so that encoding the scene without a quality setting is lossless.
         state: State before the fine-tuning, on the training device.
         test: Quality of `scene` in the test views at the end; None without test views, or if the training was stopped.
         stopped: True if the listener ended the training early.
