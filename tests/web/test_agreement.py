@@ -9,6 +9,7 @@ import contextlib
 import copy
 import hashlib
 import importlib.util
+import itertools
 import json
 import math
 import os
@@ -27,6 +28,7 @@ from moving_sequences import cut_frames, darkened, lasting_frames, moving_frames
 from mutations import HOSTILE, mutated_bytes, mutated_json
 from random_numbers import Numbers
 from splatwire.bitstream import (
+    Packet,
     Packetization,
     SceneStream,
     make_packet,
@@ -309,10 +311,28 @@ def hostile_indexes(stream: SceneStream, cases: int, rng: random.Random) -> list
     return found
 
 
-def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[list[list[float]]]]]:
+def with_repeated_tracks(stream: SceneStream) -> SceneStream:
+    """A clip without a third of its motion, and with packets of the rest that repeat the tracks of another one."""
+    manifest, kept = stream.manifest, list[Packet]()
+    for block, together in itertools.groupby(stream.packets, key=lambda packet: packet.id.block):
+        packets = list(together)
+        if not manifest.plan.persistent(block):
+            small = min(packets, key=lambda packet: packet.num_elements)
+            packets = packets[: 2 * len(packets) // 3]
+            packets[1::2] = [
+                make_packet(packet.id, small.num_elements, small.payload, manifest.stream_id)
+                for packet in packets[1::2]
+            ]
+        kept += packets
+    return stream.with_packets(kept)
+
+
+def lossy_clips(
+    stream: SceneStream, folder: Path, shares: tuple[float, ...] = (1.0, 0.6)
+) -> Iterator[tuple[Path, list[list[list[float]]]]]:
     """A lossy clip, and rows of every frame by track: track, position, rotation, sizes, appearance."""
     plan, rng = stream.manifest.plan, random.Random(3)
-    for share in (1.0, 0.6):
+    for share in shares:
         kept = [p for p in stream.packets if plan.persistent(p.id.block) or rng.random() < share]
         assert (len(kept) == len(stream.packets)) == (share == 1.0)
         path = folder.with_name(f"{folder.name}_{share}.swz")
@@ -389,6 +409,8 @@ def test_python_and_typescript_decoders_agree(tmp_path: Path, part: int) -> None
         "units": units,
     }  # fmt: skip
     frames = {str(p): shown for name, clip in clips.items() for p, shown in lossy_clips(clip, tmp_path / name)}
+    repeated = lossy_clips(with_repeated_tracks(confused), tmp_path / "repeated", (0.9,))
+    frames |= {str(path): shown for path, shown in repeated}
     cuts = {str(tmp_path / "tiny_levels.swz"): some_cuts(streams["tiny_levels"], rng)}
     indexes = {str(tmp_path / "tiny_levels.swz"): hostile_indexes(streams["tiny_levels"], cases, rng)}
     taken = sum(said is not None for _, said in indexes[str(tmp_path / "tiny_levels.swz")])

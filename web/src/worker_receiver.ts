@@ -363,7 +363,8 @@ export class WorkerReceiver implements Receiver {
     if (stream !== this.#stream) return; // another stream has replaced it
     for (const [n, packet] of packets.entries()) {
       const decoded = batch?.packets[n] ?? null;
-      if (decoded?.packed) keepPacked(decoded.splats, decoded.packed);
+      // packed again once the file is revalidated, because all of them would take as much memory as the Gaussians
+      if (decoded?.packed && !this.#unconfirmed) keepPacked(decoded.splats, decoded.packed);
       stream.accept(packet, decoded);
     }
     this.#decodeMs += (batch?.ms ?? 0) + performance.now() - began;

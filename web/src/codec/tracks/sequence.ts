@@ -394,21 +394,27 @@ export class Sequence implements SequenceDecoder {
   }
 
   /** Returns factors of size and opacity with which drawn tracks cover hidden ones, shape (rows, 2). */
-  #growth({ keyframeIndices, offsets }: TrackOffsets, hidden: Uint8Array, frames: number): Float32Array {
+  #growth({ keyframeIndices: indicesOfRows, offsets }: TrackOffsets, hidden: Uint8Array, frames: number): Float32Array {
     const keyframes = this.#keyframes,
       { scales, opacities } = keyframes.splats,
-      gains = new Float32Array(2 * keyframeIndices.length),
+      gains = new Float32Array(2 * indicesOfRows.length),
+      counted = new Uint8Array(keyframes.count),
+      isFirst = (row: number): boolean => !counted[indicesOfRows[row]] && Boolean((counted[indicesOfRows[row]] = 1)),
+      rows = rowsWhere(indicesOfRows.length, isFirst), // a track may occur twice
+      keyframeIndices = rows.map((row) => indicesOfRows[row]),
       growth = new Growth({
-        positions: positionsOf(keyframes.splats, keyframeIndices, offsets, (row) => row * frames),
+        positions: positionsOf(keyframes.splats, keyframeIndices, offsets, (n) => rows[n] * frames),
         sizes: Float32Array.from(keyframeIndices, (keyframeIndex) =>
           Math.cbrt(scales[3 * keyframeIndex] * scales[3 * keyframeIndex + 1] * scales[3 * keyframeIndex + 2]),
         ),
         tierSizes: null,
         opacities: Float32Array.from(keyframeIndices, (keyframeIndex) => opacities[keyframeIndex]),
-        known: hidden.map((gone) => 1 - gone),
+        known: Uint8Array.from(rows, (row) => 1 - hidden[row]),
         indices: keyframeIndices.map((keyframeIndex) => keyframes.tracks[keyframeIndex]),
       });
-    for (let row = 0; row < keyframeIndices.length; row++) if (!hidden[row]) gains.set(growth.of(row), 2 * row);
+    rows.forEach((row, n) => {
+      if (!hidden[row]) gains.set(growth.of(n), 2 * row);
+    });
     return gains;
   }
 
