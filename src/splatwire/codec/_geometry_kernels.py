@@ -43,9 +43,9 @@ def large_count_normal(n):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
-    """Returns the index that divides a node of the position tree: that of the node's first code with a 1 in `bit`.
+    """Finds where a node of the position tree is divided: returns the index of its first code with a 1 in `bit`.
 
-    Codes before this index have a 0 in this bit. The result is `end` if all codes of the node have a 0.
+    All earlier codes of the node have a 0 in `bit`. If all codes of the node have a 0, the result is `end`.
 
     Args:
         codes: Sorted Morton codes.
@@ -66,9 +66,10 @@ def split(codes, begin, end, bit):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
-    """Encodes how many points of a tree node are in its first half: those with a 0 in `bit` of their Morton codes.
+    """Encodes the number of points in the first half of a tree node.
 
-    The Morton codes of a node's points agree in all higher bits (see `encode_codes`).
+    The first half contains the points with a 0 in `bit` of their Morton codes. In all higher bits, the Morton codes of
+    a node's points agree (see `encode_codes`).
 
     Args:
         buffer: Output bytes.

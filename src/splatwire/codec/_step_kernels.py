@@ -58,7 +58,9 @@ def step_shift(base_exponents, attribute, precision_class, area, elongation, fla
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def position_shift(base_exponents, precision_class, s0, elongation, flatness, opacity, lattice_bits, max_shift):
-    """Computes log2 of the quantisation step of a Gaussian's position, which is at most half the second scale.
+    """Computes log2 of the quantisation step of a Gaussian's position.
+
+    The step is at most half the Gaussian's second-largest scale.
 
     Args:
         base_exponents: `-log2` of each attribute's quantisation step in precision class 0, `STEP_BITS` fractional bits.

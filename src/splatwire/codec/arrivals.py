@@ -12,7 +12,8 @@ class Arrivals:
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        intake: Filter by which the receiver has already validated the packets; None to validate them with a new one.
+        intake: Filter of the receiver. Packets that this filter has accepted are not validated again. None to validate
+            all packets with a new filter.
 
     Attributes:
         manifest: The stream's manifest.
@@ -51,7 +52,7 @@ class Arrivals:
             return SceneStream(self.manifest, self._side_info, self._intake.packets)
 
     def take(self, packets: Iterable[Packet]) -> list[Packet]:
-        """Adds received packets; returns the added ones, without invalid packets and duplicates."""
+        """Adds received packets, except invalid packets and duplicates; returns the packets that were added."""
         with self.lock:
             return [packet for packet in packets if self._accept(packet)]
 

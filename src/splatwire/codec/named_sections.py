@@ -35,7 +35,9 @@ _OTHERS = (
 
 
 def concealer_sections(sections: Mapping[str, bytes], *excluded: str) -> dict[str, bytes]:
-    """Returns the named sections (optional parts) of side information that loss concealers may read: content by name.
+    """Returns the content of the named sections that loss concealers may read, by name.
+
+    Named sections are optional parts of the side information.
 
     Args:
         sections: All named sections.

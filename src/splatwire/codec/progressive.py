@@ -29,7 +29,8 @@ class ProgressiveDecoder(Arrivals):
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        intake: Filter by which the receiver has already validated the packets; None to validate them with a new one.
+        intake: Filter of the receiver. Packets that this filter has accepted are not validated again. None to validate
+            all packets with a new filter.
         threads: Number of threads; None for one per processor.
         progress: Called while the scene is allocated, at the first read of `received_scene`, with the completed
             fraction, 0 to 1.
@@ -114,7 +115,7 @@ class ProgressiveDecoder(Arrivals):
         return self._num_received == self.manifest.num_elements
 
     def members(self, packet: Packet) -> np.ndarray:
-        """Returns the index in the scene (which is in coding order) of each element of a packet, int64.
+        """Returns the indices of a packet's elements in coding order, which is also the order of the scene, int64.
 
         Raises:
             InvalidValueError: If the stream has no such packet.
@@ -139,7 +140,7 @@ class ProgressiveDecoder(Arrivals):
                 counted.
 
         Returns:
-            Index in the scene (which is in coding order) of each new element, int64.
+            Indices of the new elements in coding order, which is also the order of the scene, int64.
 
         Raises:
             BitstreamError: If the decoded elements exceed the memory limit (`splatwire.codec.memory`).
@@ -217,7 +218,7 @@ class ProgressiveDecoder(Arrivals):
         return tuple(np.concatenate(parts) for parts in zip(*kept_rows, strict=True))
 
     def _check(self) -> None:
-        """Checks, once all packets have arrived, that the hash of all decoded integers is that in the manifest.
+        """Checks the hash of all decoded integers against the manifest; does nothing until all packets have arrived.
 
         Raises:
             DesyncError: If the hashes differ.

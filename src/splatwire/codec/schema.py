@@ -81,8 +81,9 @@ class Decoder(Protocol):
 
     Attributes:
         sections: Named sections of the side information.
-        order: Entry i is the index in coding order of the i-th element in the order of the packet plan (sorted by
-            importance tier), int64 (N). None if both orders are equal.
+        order: Permutation from the order of the packet plan, which sorts elements by importance tier, to the coding
+            order, int64 (N). Entry i is the index in coding order of the element with index i in the packet plan. None
+            if both orders are equal.
         runs_are_blocks: True if a run (packets decoded in one call) is always one block; False if runs may mix blocks.
         packets_independent: True if each packet of a run can also be decoded alone.
         redecode_on_demand: True to save memory by decoding packets again instead of storing decoded integers.
@@ -151,9 +152,9 @@ class Schema(StreamSchema):
         prepare_repack: Function that prepares a stream for a new division into packets with the same decoded integers.
             None if the codec does not support this.
         can_repack: Function that returns True for streams that can be divided into other packets.
-        remap_sections: Function of two streams with the same elements, divided into different packets. It returns the
-            second stream, after changing element indices in its named sections from the order of the first stream to
-            its own.
+        remap_sections: Function that updates named sections after a stream was divided into other packets. Its
+            arguments are the stream before the division and the stream after it. It returns the second stream; element
+            indices in the named sections of the result refer to the order of the second stream.
     """
 
     scene_type: type

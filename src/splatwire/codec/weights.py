@@ -157,7 +157,7 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
 
 
 def _common_trailing_zeros(exponents: np.ndarray, nonzero: np.ndarray, axis: int) -> np.ndarray:
-    """Returns, for each row or column of weights, the largest power of two that divides all of them, as log2.
+    """Returns log2 of the largest power of two that divides all weights of a row or column, for each row or column.
 
     Args:
         exponents: log2 of the largest power of two that divides each weight.

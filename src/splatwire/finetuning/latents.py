@@ -128,7 +128,7 @@ class Latents:
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """Changes of the trainable parameters of Gaussians by rounding: rounded minus exact values.
+    """Rounding errors of the trainable parameters of Gaussians: differences between rounded and exact values.
 
     Attributes:
         means: Displacement of the centres, world units.

@@ -19,14 +19,14 @@ _MAX_OPAQUE = 0.999
 
 @dataclass(frozen=True, eq=False)
 class SimulatedReception:
-    """Gaussians that arrive when packets are lost in a training iteration, and how the receiver enlarges them.
+    """Simulated packet loss of a training iteration: received Gaussians, and the factors that enlarge them.
 
     The receiver's concealer `grow` makes the received Gaussians larger and more opaque, so that they cover the gaps.
 
     Attributes:
         received: Mask of received Gaussians.
         size_gain: Factor on the standard deviations of the received Gaussians.
-        exponent: Exponent that changes their opacities: o becomes `1 - (1 - o) ** exponent`.
+        exponent: Exponent for the opacities of the received Gaussians: opacity `o` becomes `1 - (1 - o) ** exponent`.
     """
 
     # The concealer enlarges a Gaussian according to the lost share of the Gaussian's neighbours. Here, the lost
@@ -39,7 +39,9 @@ class SimulatedReception:
 
     @staticmethod
     def from_mask(fully_received: Bool[np.ndarray, "N"]) -> "SimulatedReception":
-        """Creates the simulated reception of given Gaussians, with the factors by which `grow` enlarges these.
+        """Creates the simulated packet loss in which only given Gaussians are received.
+
+        The factors are those by which the concealer `grow` enlarges Gaussians at the received share of the whole scene.
 
         Args:
             fully_received: Mask of the received Gaussians.
@@ -86,8 +88,8 @@ def simulate_reception(
         rng: Random generator.
 
     Returns:
-        The received Gaussians, and how they are enlarged. None if all or none of the Gaussians are received; the
-        iteration then uses all Gaussians.
+        The received Gaussians, and the factors by which they are enlarged. None if all Gaussians or no Gaussians are
+        received; the iteration then uses all Gaussians.
     """
     assert options.loss is not None
     received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))

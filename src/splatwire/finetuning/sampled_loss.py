@@ -20,15 +20,15 @@ CHECK_VIEWS = 16
 class SampledLoss:
     """Measures the training loss of Gaussians in a fixed sample of views, with and without simulated packet losses.
 
-    The loss of a view is its mean squared error, divided by its error at the start of the fine-tuning.
+    The loss of a view is its mean squared error, divided by the error of the same view at the start of the fine-tuning.
 
     Attributes:
         scene: Scene with the background, the origin and the antialiasing; its Gaussians are not used.
         pictures: The sampled views.
         receptions: Simulated packet losses. Each is applied to all views.
-        min_divisor: Lower limit of the divisor, for views whose error at the start is smaller.
-        initial_errors: Mean squared error of each view at the start. Row 0 is without packet loss, row i + 1 with
-            `receptions[i]`.
+        min_divisor: Lower limit of the divisor. It replaces the error at the start if that error is smaller.
+        initial_errors: Mean squared error of each view at the start of the fine-tuning. Row 0 is for views without
+            packet loss. Row i + 1 is for views with the packet loss `receptions[i]`.
     """
 
     # The Gaussians of `scene` are ignored. All receptions together have the same weight as the views without packet
@@ -56,7 +56,8 @@ class SampledLoss:
             splats: The Gaussians at the start, rounded.
             pictures: All pictures of the fine-tuning.
             receptions: Simulated packet losses; empty for none.
-            min_divisor: Lower limit of the divisor of a view's error, which is otherwise its error at the start.
+            min_divisor: Lower limit of the divisor. The error of a view is divided by its error at the start, or by
+                this limit if the limit is larger.
             rng: Random generator for the choice of views.
         """
         count = pictures.cameras.num_views

@@ -223,11 +223,12 @@ def picture_gradients(
         view: Index of the camera of this view.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Number by which the gradients are divided; None for the mean squared error of this view. The divisor is
-            never below `MIN_SCALE`.
+        scale: Number by which the gradients are divided; None for the mean squared error of this view. `MIN_SCALE` is
+            used instead of a smaller number.
 
     Returns:
-        Mean squared error, not divided; and its gradients with respect to the attributes of the Gaussians, divided.
+        Mean squared error of the view; and its gradients with respect to the attributes of the Gaussians, divided by
+        `scale`.
     """
     # The rendering is clamped to [0, 1] before the comparison, as in `render_scene`. The error is the mean over all
     # pixels of the view, also with a mask. Small Gaussians of antialiased scenes are drawn with reduced opacity;

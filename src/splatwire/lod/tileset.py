@@ -122,8 +122,8 @@ def explicit_scene(scene: Scene, holder: str) -> SplatScene:
 
     Args:
         scene: The scene.
-        holder: Start of the error message for scenes of anchors, before the words "explicit Gaussians", such as
-            "3D Tiles hold".
+        holder: Subject and verb of the error message for scenes of anchors, such as "3D Tiles hold". The words
+            "explicit Gaussians" follow.
 
     Raises:
         InvalidValueError: If there is no Gaussian, or the scene has anchors.

@@ -23,9 +23,9 @@ _REPORTED: set[str] = set()
 class CacheFile(IndexDataCacheFile):
     """Cache of a kernel's machine code in a folder: an index file, and a data file for each signature.
 
-    A data file is named after its content, and is written before the index that names it. An index therefore never
-    names the code of another signature or of earlier sources, even if several processes write alternately, or a process
-    is killed. Code that is absent or damaged counts as not cached.
+    A data file is named after its content. It is written before the index file that refers to it. An index file
+    therefore never refers to the code of another signature or of earlier sources. This also holds if several processes
+    write alternately, or if a process is killed. Code that is absent or damaged counts as not cached.
 
     Args:
         plain: Cache object of numba that the new object replaces.
@@ -97,10 +97,13 @@ class CacheFile(IndexDataCacheFile):
         return packed if self._data_name_of(packed) == name else None
 
     def _replace(self, name: str, content: bytes) -> None:
-        """Writes a file of the cache folder atomically, unless another process reads it and the system then refuses.
+        """Writes a file of the cache folder atomically.
+
+        Some systems do not replace a file that another process has open. The file then stays as it is, without an
+        error.
 
         Raises:
-            OSError: If it cannot be written.
+            OSError: If the file cannot be written for another reason.
         """
         unfinished = Path(self._cache_path, f"{self._stem}.{uuid.uuid4().hex[:16]}.tmp")
         try:

@@ -10,7 +10,7 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True)
 @no_type_check
 def split_runs(points, bounds, order):
-    """Sorts points so that those of each leaf of a k-d tree are adjacent; the sizes of the leaves are given.
+    """Sorts points into the leaves of a k-d tree; the numbers of points in the leaves are given.
 
     Only the points `order[bounds[0]:bounds[-1]]` are sorted.
 

@@ -18,13 +18,13 @@ INSERTED = 48
 def count_digits(values, prefixes, shift, bits, counts):
     """Counts the digits of floating-point numbers, as one pass of a radix selection.
 
-    Each number is mapped to an unsigned integer so that integers and numbers sort in the same order: of a positive
-    number, the sign bit is inverted; of a negative number, all bits.
+    Each number is converted to an unsigned integer, so that the integers have the same order as the numbers. For a
+    positive number, the sign bit is inverted. For a negative number, all bits are inverted.
 
     Args:
         values: The numbers, float32 or float64, reinterpreted as uint32 or uint64 (n).
-        prefixes: Values of the bits above the digit, ascending, in the type of `values` (P). Only integers with one of
-            these prefixes are counted.
+        prefixes: Values of the bits above the digit, ascending, in the type of `values` (P). Only integers whose upper
+            bits equal one of the prefixes are counted.
         shift: Number of bits below the digit.
         bits: Number of bits of the digit.
         counts: Number of integers with each prefix and digit, int64 (P, `1 << bits`); increased in place.

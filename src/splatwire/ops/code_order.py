@@ -35,12 +35,12 @@ def code_order(codes: np.ndarray, bits: int, groups: np.ndarray | None = None) -
 
 
 def _sort(codes: np.ndarray, order: np.ndarray, bits: int, indices: np.ndarray) -> None:
-    """Sorts a subset of the elements by code: one level of a radix sort.
+    """Sorts a subset of the elements by code, with a recursive radix sort.
 
     Args:
         codes: Codes of all elements, int64 (N).
         order: Output: the indices of the elements (in `codes`) in sorted order.
-        bits: Number of low bits to sort by; all higher bits of these elements are equal.
+        bits: Number of low bits to sort by. The codes of the subset agree in all higher bits.
         indices: Indices of the elements to sort, uint32; empty for all elements.
     """
     shift = max(bits - DIGIT_BITS, 0)

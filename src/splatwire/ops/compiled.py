@@ -106,7 +106,7 @@ def _with_shared_cache(kernel: Any) -> Any:
 
 
 def _compile_once(kernel: Any) -> Callable[[Any], Any]:
-    """Wraps a kernel's compilation so that only one process compiles, and the others then load the cached code.
+    """Wraps the compilation of a kernel, so that one process compiles the kernel and the others load the cached code.
 
     Args:
         kernel: The kernel, a dispatcher of numba.
@@ -162,8 +162,8 @@ def _file_lock(path: Path, kernel: str) -> Iterator[None]:
 def _wait_for(handle: int, kernel: str) -> None:
     """Locks an open file; returns without the lock if another process holds it for longer than `_TURN_S` seconds.
 
-    After such a timeout, later calls in this process try only once. A wait longer than `_NOTICE_S` seconds is logged,
-    and `is_compiling` is True meanwhile.
+    After such a timeout, later calls in this process do not wait: they try to lock the file only once. A wait longer
+    than `_NOTICE_S` seconds is logged. From then on until the wait ends, `is_compiling` returns True.
 
     Args:
         handle: File descriptor of the lock file.
@@ -182,7 +182,7 @@ def _lock_within(duration_s: float, handle: int) -> bool:
     """Tries to lock an open file for a limited time.
 
     Args:
-        duration_s: Time for further attempts after the first one, seconds.
+        duration_s: Time during which attempts are repeated, seconds. With 0, there is a single attempt.
         handle: File descriptor of the file.
 
     Returns:
@@ -203,7 +203,7 @@ def _lock_within(duration_s: float, handle: int) -> bool:
 
 
 def _without_folder_errors(cache: Any) -> Callable[[Any, Any], None]:
-    """Wraps numba's function that stores machine code, so that a cache folder that cannot be created is only logged.
+    """Wraps numba's function that stores machine code: errors of the file system are logged instead of raised.
 
     Args:
         cache: Cache of a kernel.
@@ -234,7 +234,9 @@ def _sources_digest(module: str) -> str:
 
 
 def _collect_constants(module: str, constants_by_module: dict[str, list[str]]) -> None:
-    """Collects the constants that may be compiled into the kernels of a module: its own, and those of imported modules.
+    """Collects the constants that may be compiled into the kernels of a module.
+
+    These are the constants of the module itself, and of the modules of this package that it imports.
 
     Cached machine code is valid only as long as these constants are the same.
 
@@ -304,12 +306,12 @@ def _cache_in(folder: Path) -> Iterator[None]:
 
 
 class _Compilations(event.Listener):
-    """Listener that logs each compilation of a kernel, and counts the compilations that are running.
+    """Listener that logs compilations of kernels, and counts the compilations that are running.
 
     Attributes:
         depth: Number of running compilations in the current thread; one compilation can start another.
-        num_running: Number of compilations running in this process, and of threads that wait for one in another
-            process.
+        num_running: Number of running compilations in this process, plus the number of its threads that wait for
+            another process to compile a kernel.
     """
 
     def __init__(self) -> None:
@@ -330,7 +332,7 @@ class _Compilations(event.Listener):
 
     @contextmanager
     def counted(self) -> Iterator[None]:
-        """Context manager that increases `num_running` by 1, for a wait for another process."""
+        """Context manager that increases `num_running` by 1 while a thread waits for another process."""
         self._count(1)
         try:
             yield

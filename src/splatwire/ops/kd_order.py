@@ -13,9 +13,10 @@ def kd_order(points: np.ndarray, nested: Sequence[np.ndarray]) -> np.ndarray:
 
     Args:
         points: (N, 3), finite.
-        nested: Group boundaries for each level of the tree, largest groups first. Group i of a level has the positions
-            `bounds[i]` to `bounds[i + 1]` (exclusive) of the sorted order; `bounds` is int64, ascending from 0 to N. It
-            contains all boundaries of the previous level.
+        nested: One array of group boundaries for each level of the tree, beginning with the level of the largest
+            groups; int64, ascending from 0 to N. Group i of a level with the array `bounds` consists of the points at
+            positions `bounds[i]` to `bounds[i + 1]` (exclusive) of the sorted order. Each array contains all boundaries
+            of the array before it.
 
     Returns:
         Entry i is the index in `points` of the i-th point in sorted order, int64 (N).

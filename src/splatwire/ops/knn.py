@@ -18,7 +18,7 @@ _SPARE = 4
 class NeighborTree:
     """Search tree for nearest neighbours.
 
-    Of points at the same distance, those with lower indices come first.
+    Neighbours at the same distance are sorted by index.
 
     Args:
         support: The points, a numpy array or a torch tensor.
@@ -69,7 +69,7 @@ def nearest_neighbors(
     Args:
         support: Points to choose from.
         queries: Query points.
-        k: Number of neighbours; all S points are returned if there are fewer.
+        k: Number of neighbours. If there are fewer than k points, all S points are returned.
 
     Returns:
         Indices into `support`, and Euclidean distances.
@@ -86,7 +86,7 @@ def nearest_others(
         tree: Search tree of all S points.
         points: Some points of the tree.
         own_indices: Indices of these points in the tree.
-        k: Number of neighbours; all other points are returned if there are fewer.
+        k: Number of neighbours. If the tree has fewer other points, all of them are returned.
 
     Returns:
         Indices of the neighbours in the tree; and distances. Both have `kept = min(k, S - 1)` columns.

@@ -64,8 +64,8 @@ def quantiles(pieces: Pieces, count: int, probabilities: Sequence[float]) -> np.
 def _numbers(keys: np.ndarray) -> np.ndarray:
     """Converts unsigned integers to the floating-point numbers that they represent, as float64.
 
-    The integers are the bits of float32 or float64 numbers, changed so that integers and numbers sort in the same
-    order: of a positive number, the sign bit was inverted; of a negative number, all bits.
+    The integers are the bits of float32 or float64 numbers, changed so that the integers have the same order as the
+    numbers. For a positive number, the sign bit was inverted. For a negative number, all bits were inverted.
 
     Args:
         keys: The integers, uint32 or uint64.

@@ -44,7 +44,7 @@ def degree_of(functions: int) -> int:
 def sh_basis(directions: Float[np.ndarray, "*batch 3"], degree: int) -> Float[np.ndarray, "*batch D"]:
     """Evaluates the basis functions of spherical harmonics in given directions, with the order and signs of 3DGS.
 
-    They are ordered by l, then m from -l to l.
+    The functions are ordered by l, and then by m from -l to l.
 
     Args:
         directions: Unit vectors; in 3DGS from the camera to the Gaussian, world axes.

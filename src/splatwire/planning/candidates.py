@@ -114,16 +114,16 @@ def max_init_segment_bytes(load: StreamLoad) -> int:
 
 
 def _bundled_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Lists the numbers of importance tiers that the planner may bundle in the init segment.
+    """Lists how many importance tiers the planner may bundle in the init segment.
 
-    The init segment has all packets of the bundled tiers, which are the most important ones.
+    Bundled tiers are the most important ones. The init segment contains all their packets.
 
     Args:
         counts: Number of packets of each importance tier.
 
     Returns:
-        One pair for each possibility, ascending: the number of bundled tiers, and their share of all packets, 0
-        to 1. The first pair is (0, 0).
+        One pair for each possible number of bundled tiers, ascending: the number, and the share of all packets that are
+        bundled, 0 to 1. The first pair is (0, 0).
     """
     shares = [(0, 0.0)]
     for num_bundled, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
@@ -227,17 +227,19 @@ def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
 def _least_repair(
     load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, start: Protection
 ) -> Protection:
-    """Adds the fewest repair symbols with which the side information arrives as often as required.
+    """Chooses the smallest amount of parity with which the side information arrives as often as required.
+
+    If no amount within the limits suffices, the largest amount within the limits is chosen.
 
     Args:
         load: Sizes of the stream's packets.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
         constraints: Limits that the plan must meet, with the required fraction of transfers.
-        start: Settings of redundancy. Their number of repair symbols for the side information is replaced.
+        start: Settings of redundancy; `init_repair` is replaced.
 
     Returns:
-        The settings `start` with the chosen number of repair symbols for the side information.
+        The settings `start` with the chosen `init_repair`.
     """
     need = rate / (1 - rate)
     repairs = sorted({min(multiple * need, MAX_REPAIR) for multiple in INIT_REPAIR_FACTORS})
@@ -282,7 +284,7 @@ def _repair_per_packet(safety: float | None, need: float, num_packets: int) -> f
 
     Args:
         safety: Margin in standard deviations of the number of lost packets; None for no parity.
-        need: Repair symbols per packet for the mean loss.
+        need: Number of repair symbols per packet that covers the mean loss, without a margin.
         num_packets: Number of packets that share the parity.
     """
     if safety is None or need == 0:

@@ -66,7 +66,7 @@ class DistortionModel:
 
 @dataclass(frozen=True, eq=False)
 class StreamVariant:
-    """An encoding of a scene that the planner may choose, with a model of how losses degrade its pictures.
+    """Encoding of a scene that the planner may choose, with a model of the picture quality after losses.
 
     Attributes:
         load: Sizes of the stream's packets.
@@ -74,8 +74,8 @@ class StreamVariant:
         picture: Renders the scene after given losses, to check predictions; None to rely on `distortion`.
         concealment_bytes: Bytes of the side information that serve loss concealment only; they count as redundancy.
         preview_bytes: Size of the preview in bytes; it counts as redundancy.
-        blank_psnr: PSNR if no side information arrives, decibels: the PSNR of the preview, or of an empty picture
-            without a preview.
+        blank_psnr: PSNR if no side information arrives, decibels. It is the PSNR of the preview, or that of an empty
+            picture if there is no preview.
 
     Raises:
         InvalidValueError: If numbers of tiers differ, or a size is out of range.

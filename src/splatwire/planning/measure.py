@@ -47,10 +47,12 @@ class LossyPictures:
         cameras: Views to render.
         concealer: Name of the concealer.
         photos: Photos of the views; empty to compare with the complete scene.
-        base_mse: Assumed mean squared error between the complete scene and photos, used if there are no photos.
+        base_mse: Assumed mean squared error of the complete scene against photos. It is added to all measured errors if
+            `photos` is empty.
 
     Raises:
-        InvalidValueError: If the stream is incomplete, or numbers of photos and cameras differ.
+        InvalidValueError: If the stream is incomplete, `base_mse` is not positive, or numbers of photos and cameras
+            differ.
         UnknownNameError: If the concealer is unknown.
     """
 

@@ -76,8 +76,8 @@ class TransferModel:
         source_block_sizes: Number of source symbols of each source block of the init segment.
         groups: Parity groups: packets that share repair symbols.
         num_packets: Number of packets.
-        num_bundled: Number of the first packets that are sent inside the init segment; they have no `DATA` datagrams of
-            their own.
+        num_bundled: Number of packets that are sent inside the init segment. These are the first packets in sending
+            order; they have no `DATA` datagrams of their own.
     """
 
     kind: np.ndarray

@@ -185,7 +185,7 @@ def _prune_and_tune(
 
     Args:
         plan: The scene before pruning.
-        start: Stream of the pruned scene without fine-tuning, with the quantisation steps to use.
+        start: Stream of the pruned scene without fine-tuning. The Gaussians are fine-tuned for its quantisation steps.
         target: Target of the stream, given as a size, a PSNR or a quality setting.
         encode: Function that encodes a scene.
         pictures: Pictures of the complete scene.
@@ -332,7 +332,8 @@ class _Plan:
     def with_more_pruning(self) -> "_Plan":
         """Returns a copy of this plan that keeps fewer Gaussians at the same quantisation level, for fine-tuning.
 
-        Fine-tuning compensates for part of the image error of pruning, so the errors of the copy's curve are smaller.
+        Fine-tuning compensates for part of the image error of pruning. The pruning curve of the copy therefore has
+        smaller errors.
         """
         # Fine-tuning compensates for part of the error of pruning.
         assert self.curve is not None
@@ -343,8 +344,8 @@ class _Plan:
 
         Args:
             share: Share of the Gaussians of `source` to keep, 0 to 1.
-            tuned: Results of earlier fine-tunings. The kept Gaussians are taken from the smallest result with enough
-                Gaussians, or else from `source`.
+            tuned: Results of earlier fine-tunings. The Gaussians are selected from the smallest of the results that
+                have more Gaussians than are kept. If there is no such result, they are selected from `source`.
 
         Returns:
             The kept Gaussians, and the precision class of each.
@@ -412,15 +413,15 @@ class _Plan:
     ) -> EncodedScene:
         """Chooses between the streams with and without fine-tuning that were encoded for the same target.
 
-        For a target size, this is the stream with the higher PSNR. For a target PSNR, it is the smaller stream. If only
-        one stream is given, it is returned.
+        For a target size, the result is the stream with the higher PSNR. For a target PSNR, it is the smaller stream,
+        provided that the fine-tuned stream reaches the PSNR. If only one stream is given, it is returned.
 
         Args:
             tuned: Stream of fine-tuned Gaussians; None if none reaches the target.
             untuned: Stream without fine-tuning; None if the target is a quality setting.
             target: The target of both streams.
-            for_loss: True if Gaussians were fine-tuned for packet loss; the fine-tuned stream is then preferred if it
-                reaches the target.
+            for_loss: True if Gaussians were fine-tuned for packet loss. A fine-tuned stream that meets the target is
+                then chosen even if the other stream is smaller or has a higher PSNR.
         """
         # For a target size, it is the stream with the higher PSNR. For a target PSNR, it is the smaller stream;
         # the fine-tuned one must reach the PSNR. Fine-tuning for packet loss raises quality only if packets are
@@ -559,17 +560,19 @@ class _Trials:
     ) -> bool:
         """Encodes the scene at different quantisation levels, until the stream has a wanted size or PSNR.
 
-        If no level gives an accepted value, fewer Gaussians are kept at the lowest level whose value is too large,
-        provided that Gaussians may be pruned.
+        First, the scene is encoded at different levels. If no level gives an accepted value, it is encoded with
+        different shares of its Gaussians at one level. This is the level whose value is closest above the range. The
+        second step is skipped if Gaussians must not be pruned, if no value is above the range, or if the level is the
+        coarsest one.
 
         Args:
-            measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
+            measure: Function that measures an encoded scene: logarithm of its size in bytes, or its PSNR in decibels.
             permitted: Range of accepted values.
             start: First level to try.
             slope: Expected increase of the measured value per level.
 
         Returns:
-            True if different shares of kept Gaussians were also tried; False if only quantisation levels were.
+            True if different shares of Gaussians were tried, too; False if only quantisation levels were tried.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
@@ -593,10 +596,10 @@ class _Trials:
         """Encodes different shares of the Gaussians at one quantisation level, until size or PSNR is as wanted.
 
         Args:
-            measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
+            measure: Function that measures an encoded scene: logarithm of its size in bytes, or its PSNR in decibels.
             permitted: Range of accepted values.
-            untuned: An encoded scene and its measured value (value first). Its quantisation level is used for all
-                shares. The first share to try is estimated from its share and value.
+            untuned: Measured value of an encoded scene, and the encoded scene. All shares are encoded at the
+                quantisation level of this scene. The first share to try is estimated from its share and its value.
             slope: Expected increase of the measured value per quantisation level, from which the increase per share is
                 estimated.
         """
@@ -619,7 +622,7 @@ class _Trials:
         """Encodes a share of the Gaussians at a quantisation level; returns the measured value of the result.
 
         Args:
-            measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
+            measure: Function that measures an encoded scene: logarithm of its size in bytes, or its PSNR in decibels.
             quality_level: Quantisation level; a higher level has smaller quantisation steps.
             share: Share of the Gaussians to keep, 0 to 1; None for the best share at this level.
         """

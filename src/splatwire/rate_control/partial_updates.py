@@ -185,7 +185,7 @@ def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray,
         after: Points after the change, at least one.
 
     Returns:
-        Index of each point's match in `before`; -1 without a match.
+        For each point of `after`, index of its match in `before`; -1 without a match.
     """
     before, after = (np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0) for points in (before, after))
     nearest, back = NeighborTree(before).query(after, 1)[0][:, 0], NeighborTree(after).query(before, 1)[0][:, 0]
@@ -193,13 +193,13 @@ def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray,
 
 
 def _changed(at_receivers: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray) -> Int64[np.ndarray, "K"]:
-    """Returns the indices of the Gaussians that receivers do not have, or have with other values.
+    """Returns the indices of the Gaussians that are new to the receivers, or have changed since they were sent.
 
     Args:
         at_receivers: Values of the Gaussians at the receivers.
         known: Mask of the Gaussians that the receivers have.
         newest: The newest values of the same Gaussians.
-        drawable: Mask of the Gaussians that can be drawn; the other ones are not returned.
+        drawable: Mask of the Gaussians that can be drawn. Only these are returned.
     """
     differs = ~known
     for name, values in vars(newest).items():
@@ -210,7 +210,7 @@ def _changed(at_receivers: Splats, known: np.ndarray, newest: Splats, drawable: 
 def _by_change(
     at_receivers: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray, num_views: int
 ) -> Int64[np.ndarray, "K"]:
-    """Sorts the drawable Gaussians by how much their change is visible in rendered pictures; returns their indices.
+    """Sorts the drawable Gaussians by the visible change in rendered pictures; returns their indices.
 
     The largest change comes first. Gaussians outside of all pictures come last.
 

@@ -52,10 +52,10 @@ class RemovalViews:
     """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
 
     Attributes:
-        sets: Sets of views with pictures of the complete scene, each with a weight. With given cameras, there is one
-            set. Otherwise, there are three: views around the scene, views that frame it, and views close to its
-            surfaces. Empty for scenes of more than `PART` Gaussians without given cameras: the parts of such a scene
-            are measured separately, each in its own views.
+        sets: Weight of each set of views, and pictures of the complete scene in these views. Given cameras form one
+            set. Without given cameras, there are three sets: views around the scene, views that frame it, and views
+            close to its surfaces. There is no set for a scene of more than `PART` Gaussians without given cameras. The
+            parts of such a scene are measured separately, each in its own views.
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]
@@ -91,7 +91,7 @@ class RemovalViews:
         return measure_gaussians(source, around, framing=framing, closeups=closeups)
 
     def removal(self, pruned: SplatScene) -> Float64[np.ndarray, "N"]:
-        """Estimates for each Gaussian by how much the mean squared image error grows if that Gaussian alone is removed.
+        """Estimates, for each Gaussian, the increase of the mean squared image error if only this Gaussian is removed.
 
         Args:
             pruned: Scene of N Gaussians that are left after pruning, possibly fine-tuned.
@@ -133,7 +133,7 @@ class PruningCurve:
         """Measures how the image error of a scene grows if its least important Gaussians are removed.
 
         The Gaussians are removed in several steps. After some of the steps, the importance of the remaining Gaussians
-        is measured again, because it grows when similar Gaussians are gone.
+        is measured again. It grows when similar Gaussians have been removed.
 
         Args:
             scene: The scene of N Gaussians.
@@ -177,7 +177,10 @@ class PruningCurve:
         return float(np.interp(share, self.shares, self.errors))
 
     def share(self, error: float) -> float:
-        """Returns the smallest share of Gaussians for which pictures have at most a given mean squared error."""
+        """Returns the share of Gaussians to keep so that pruning causes a mean squared image error of `error`.
+
+        It is the smallest share whose error is not larger.
+        """
         errors = np.maximum.accumulate(self.errors[::-1])
         return float(np.interp(error, errors, self.shares[::-1]))
 

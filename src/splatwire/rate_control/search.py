@@ -42,7 +42,8 @@ def search(
         start: First argument to try.
         slope: Expected increase of the function per unit of its argument, above 0.
         argument_range: Smallest and largest argument to try.
-        min_width: The search gives up when the interval of arguments that it still considers is narrower than this.
+        min_width: Minimum width of the interval of arguments that are still considered. The search ends without a
+            result when the interval is narrower.
 
     Returns:
         The argument with an accepted value; None if none was found.

@@ -17,15 +17,16 @@ def search_share(tune: Callable[[float], float], target: Interval, start: float,
     """Fine-tunes a scene with different shares of its Gaussians, until the result has a wanted size or PSNR.
 
     Args:
-        tune: Function that fine-tunes a given share of the Gaussians. It returns the size or PSNR, which grows with the
-            share.
-        target: Range of values to reach.
+        tune: Function that fine-tunes a given share of the Gaussians. It returns a value that grows with the share: the
+            PSNR or the logarithm of the size.
+        target: Range of accepted values of `tune`.
         start: First share, above 0 and at most 1.
         slope: Expected increase of the value per unit of the logarithm of the share, above 0.
 
     Returns:
-        Index of the best call of `tune`, counted from 0: the one with the smallest share whose value is in the range or
-        above it. If all values are below the range, the one with the largest value.
+        Index of the best call of `tune`, counted from 0. Among the calls with a value in the range or above it, the
+        best is the call with the smallest share. If all values are below the range, it is the call with the largest
+        value.
     """
     # The best one has the smallest share that reaches the range or exceeds it. If all values are below the range,
     # it is the one with the largest value.

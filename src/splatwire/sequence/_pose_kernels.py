@@ -42,8 +42,8 @@ def _scale(scales, offset, out):
 
     Args:
         scales: Standard deviations of the keyframe Gaussian along its axes.
-        offset: Changes of the track, see `GroupMotion.at`. Entries 6 to 8 are added to the natural logarithms:
-            the first to that of the largest, the last to that of the smallest.
+        offset: Changes of the track, see `GroupMotion.at`. Entries 6, 7 and 8 are added to the natural logarithms of
+            the largest, the middle and the smallest standard deviation.
         out: Output: the changed standard deviations.
     """
     if offset[6] == 0.0 and offset[7] == 0.0 and offset[8] == 0.0:
@@ -63,13 +63,13 @@ def _scale(scales, offset, out):
 def move(keyframes, tracks, offsets, out):
     """Computes the Gaussians of tracks in one frame: keyframe Gaussians, changed by decoded motion.
 
-    A track is one Gaussian over time; its keyframe Gaussian is its state in its first frame.
+    A track is one Gaussian over time. Its motion is coded relative to its keyframe Gaussian.
 
     Args:
         keyframes: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T) and spherical harmonics,
             flattened from (T, B, 3) to (T, 3 B); float32.
         tracks: Indices of the n tracks in `keyframes`, int64 (n).
-        offsets: Changes of these tracks since their keyframe, float32 (n, C), as from `GroupMotion.at`.
+        offsets: Changes of the n tracks relative to their keyframe Gaussians, float32 (n, C), as from `GroupMotion.at`.
         out: Output: arrays of the same attributes for the n tracks.
     """
     means, quats, scales, opacities, harmonics = keyframes

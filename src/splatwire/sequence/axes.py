@@ -15,9 +15,10 @@ _ORDERS = np.array(list(itertools.permutations(range(3))))
 def continue_axes(
     previous: Splats, current: Splats, partner: np.ndarray
 ) -> tuple[Float[np.ndarray, "M 4"], Float[np.ndarray, "M 3"]]:
-    """Returns rotations and scales with axes in the order and with the signs closest to the previous frame.
+    """Returns rotations and scales, with the order and signs of axes that are closest to the previous frame.
 
-    Several rotations and orders of scales describe the same Gaussian; the Gaussians themselves do not change.
+    A Gaussian has several equivalent descriptions, with different orders and signs of its axes. The choice changes the
+    description, but not the Gaussian.
 
     Args:
         previous: Previous frame.

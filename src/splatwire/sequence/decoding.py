@@ -194,12 +194,12 @@ def pose_frame(
 def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
     """Computes the Gaussians of tracks in one frame: keyframe Gaussians moved by decoded motion.
 
-    A track is one Gaussian over time; its keyframe Gaussian is its state in its first frame.
+    A track is one Gaussian over time. Its motion is coded relative to its keyframe Gaussian.
 
     Args:
         splats: Keyframe Gaussians of all tracks.
         tracks: Indices of the n tracks in `splats`, int64 (n).
-        offsets: Changes of these tracks since their keyframe, float32 (n, C), as from `GroupMotion.at`.
+        offsets: Changes of the n tracks relative to their keyframe Gaussians, float32 (n, C), as from `GroupMotion.at`.
     """
     moved = Splats.empty(len(tracks), splats.degree)
     keyframes, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(moved)

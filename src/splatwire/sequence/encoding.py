@@ -287,8 +287,9 @@ class SequenceEncoder:
     def _precision(self, group: TrackGroup, cuts: list[int], new: np.ndarray) -> np.ndarray | None:
         """Chooses the precision class (set of quantisation steps) of each track in a group with a scene cut.
 
-        For tracks that begin at or after a scene cut, the classes are chosen by rendering. In the first group, classes
-        that are already known are used instead if they cover most tracks. A track is one Gaussian over time.
+        A track is one Gaussian over time. New tracks that begin at or after the first cut get classes by rendering; all
+        other tracks get a default class. In the first group, rendering is skipped if the classes of most tracks are
+        already known.
 
         Args:
             group: Tracks of the group.
@@ -296,7 +297,8 @@ class SequenceEncoder:
             new: Mask of tracks that are new in this group, bool (n).
 
         Returns:
-            Precision class of each track. None without a scene cut, and in all groups of a live sequence but the first.
+            Precision class of each track, (n). None if the group has no scene cut. Also None in a live sequence, except
+            in its first group.
         """
         if not cuts or (self._live and self._num_groups):  # too slow for a live sequence
             return None
@@ -335,9 +337,10 @@ class SequenceEncoder:
         return np.full(count, int(np.median(self._known_classes[1])) if self._known_classes else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Does the work on the last group that its packets do not need: scene extent, check for changing colours.
+        """Does deferred work on the last group: updates the extent of the scene, and checks for changing colours.
 
-        This work follows after the packets were returned, which shortens the delay of a live sequence.
+        The packets do not depend on this work. It is deferred until they were returned, which shortens the delay of a
+        live sequence.
         """
         sphere = None if self._last_splats is None else bounding_sphere(self._last_splats)
         self._extent = self._extent.union(sphere) if self._extent and sphere else self._extent or sphere
@@ -361,7 +364,7 @@ class SequenceEncoder:
 
 
 def _scene_cuts(group: TrackGroup, frames: Sequence[TrackedFrame], new: np.ndarray) -> list[int]:
-    """Returns the indices of the frames of a group in which most Gaussians are new (scene cuts)."""
+    """Returns the indices of the frames with a scene cut within a group: frames in which most Gaussians are new."""
     born = np.bincount(group.begins[new], minlength=len(frames))
     return [n for n, frame in enumerate(frames) if born[n] > MIN_NEW_SHARE * len(frame.keys)]
 

@@ -317,10 +317,10 @@ class DropPolicy:
 
 
 def signature_of(path: Path, status: os.stat_result) -> Signature:
-    """Returns the signature of a file or folder: three numbers, at least one of which changes with the content.
+    """Returns the signature of a file or folder: three numbers for noticing a change of the content.
 
-    The numbers are modification time (nanoseconds), size (bytes) and inode. For a folder, the time is the newest one of
-    the folder and its files, and the size is the total size of these files.
+    The numbers are modification time (nanoseconds), size (bytes) and inode. For a folder, the time is the newest
+    modification time of the folder and its files, and the size is the total size of its files.
 
     Args:
         path: The file or folder.

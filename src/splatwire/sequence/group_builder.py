@@ -93,7 +93,7 @@ class GroupBuilder:
             self._values[name] = grown
 
     def _find_neighbors(self, number: int) -> None:
-        """Finds the neighbours of tracks that begin in a frame, or whose last frame is the one before.
+        """Finds the neighbours of the tracks that begin in a frame, and of the tracks that ended in the frame before.
 
         Args:
             number: Index of the frame in the group.
@@ -126,9 +126,10 @@ class GroupBuilder:
     def group(self) -> TrackGroup:
         """Returns the group of all frames added so far.
 
-        Every track has attributes in every frame. Before its first frame and after its last frame, it keeps the
-        attributes of that frame. Only its position may change there: if most tracks of the group move like their
-        neighbours, the position moves like those of its neighbours; otherwise it is constant.
+        Every track has attributes in every frame. In frames before its first frame, a track has the attributes of its
+        first frame. In frames after its last frame, it has the attributes of its last frame. Positions are an
+        exception: if most tracks of the group move like their neighbours, the positions in these frames follow the
+        motion of the neighbours.
         """
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}
@@ -151,7 +152,7 @@ class GroupBuilder:
 
 
 def group_of(frames: Sequence[TrackedFrame]) -> TrackGroup:
-    """Collects the tracks of consecutive frames into a group of pictures."""
+    """Joins the Gaussians of consecutive frames to the tracks of one group of pictures."""
     builder = GroupBuilder(len(frames))
     for frame in frames:
         builder.add(frame)

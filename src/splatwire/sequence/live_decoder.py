@@ -103,7 +103,7 @@ class LiveDecoder:
             yield from self._frames_before(len(self._manifest.tiers) // 2)
 
     def _complete(self) -> Iterator[SequenceFrame]:
-        """Yields the frames of the next group of pictures if all its packets have arrived; else nothing."""
+        """Yields the frames of the next group of pictures, if all its packets have arrived."""
         assert self._manifest is not None
         tiers = self._manifest.tiers[2 * self._next_group : 2 * self._next_group + 2]
         if tiers and self._num_received.get(self._next_group, 0) == sum(tier.num_elements for tier in tiers):

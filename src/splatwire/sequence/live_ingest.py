@@ -129,7 +129,8 @@ class LiveIngest:
     def _next_frame(self) -> Frame | None:
         """Reads the next file of the queue, and returns its frame.
 
-        Returns None if the file cannot be used now: it is still incomplete, and is tried again later, or it is skipped.
+        Returns None if the file cannot be used now. An unreadable file may be incomplete, and is tried again later. It
+        is skipped if it stays unreadable for too long. An unsuitable frame is skipped, too.
         """
         path, now = self._queue[0], self._clock()
         signature = signature_at(path)

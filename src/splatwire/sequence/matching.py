@@ -118,9 +118,10 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
 
 
 def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
-    """Returns the Gaussians of a frame with axes in the order and with the signs closest to the previous frame.
+    """Returns the Gaussians of a frame, with the order and signs of axes that are closest to the previous frame.
 
-    Several rotations and orders of scales describe the same Gaussian; the Gaussians themselves do not change.
+    A Gaussian has several equivalent descriptions, with different orders and signs of its axes. The choice changes the
+    description, but not the Gaussian.
 
     Args:
         previous: Previous frame.

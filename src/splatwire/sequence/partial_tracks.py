@@ -151,19 +151,21 @@ class NeighborIndex:
         Args:
             means: Positions of all tracks in all frames, float32 (T, F, 3).
             tracks: Indices of the tracks for which neighbours are searched, int64.
-            count: Number of nearest tracks to find for each track.
-            begin: Number of nearest tracks to omit: 1 if `tracks` are in the tree, so that each is nearest to itself.
+            count: Number of nearest tracks to find for each track, including the `begin` tracks that are omitted from
+                the result.
+            begin: Number of nearest tracks to omit. 1 if the tracks themselves are in the tree, because each track is
+                then nearest to itself.
         """
         nearest = self.tree.query(means[tracks, self.frame], k=min(count, len(self.rows)))[1].reshape(len(tracks), -1)
         return NeighborSet.with_weights(means, tracks, np.full(len(tracks), self.frame), self.rows[nearest[:, begin:]])
 
 
 def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
-    """Finds the nearest neighbours of a sample of the tracks in a search tree.
+    """Takes a sample of the tracks in a search tree, and finds their nearest neighbours in the tree.
 
     Args:
         means: Positions of all tracks in all frames, float32 (T, F, 3).
-        index: Search tree. The sample is evenly spaced in it; the neighbours are tracks of the tree.
+        index: Search tree. The sampled tracks are evenly spaced in its list of tracks.
     """
     sample = index.rows[np.linspace(0, len(index.rows) - 1, min(len(index.rows), SAMPLE_SIZE)).astype(np.int64)]
     return index.nearest(means, sample, NUM_NEIGHBORS + NUM_SPARE_NEIGHBORS + 1, begin=1)
@@ -186,8 +188,8 @@ def extrapolate_partial_tracks(
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
         neighbor_sets: Neighbours that were already found for some of the tracks; may be empty.
-        sample: Sample of tracks with their neighbours, with which the similarity of their motion is tested; None to
-            choose the sample here.
+        sample: Sample of tracks and their neighbours for testing whether neighbours move alike; None to choose the
+            sample here.
 
     Returns:
         True if positions were extrapolated. False if nothing was changed, because neighbours do not move alike.

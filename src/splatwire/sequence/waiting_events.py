@@ -15,8 +15,8 @@ class WaitingEvents:
     """Bounded event queue between the receiver of a live sequence and the decoding thread.
 
     It contains only the events that the decoder uses: packets, and manifests with side information. A full queue drops
-    new packets, but no manifests. If the last event in the queue is a manifest of the same stream, a new manifest
-    replaces it. In a full queue, a new manifest replaces also a manifest of another stream.
+    new packets, but no manifests. A new manifest replaces the last event of the queue if that event is a manifest of
+    the same stream. If the queue is full, a manifest of another stream is replaced, too.
     """
 
     def __init__(self) -> None:

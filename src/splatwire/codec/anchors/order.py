@@ -41,8 +41,8 @@ class AnchorCoder(Protocol):
         """Encodes groups of anchors; may be called from several threads.
 
         Args:
-            ranks: Index in the scene (whose anchors are in coding order) of each anchor to encode, group after group,
-                int64 (n).
+            ranks: Indices, in coding order, of the n anchors to encode: first the anchors of group 0, then those of
+                group 1, and so on, int64 (n).
             counts: Number of anchors in each group, int64 (groups).
             packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
@@ -261,7 +261,7 @@ class AnchorDecoder:
         Concealers use the predictions of the anchors whose packets are lost.
 
         Args:
-            ranks: Indices of n anchors of the scene (whose anchors are in coding order), int64 (n).
+            ranks: Indices of the n anchors in coding order, int64 (n).
         """
         raise NotImplementedError
 

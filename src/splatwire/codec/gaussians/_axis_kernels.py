@@ -22,7 +22,8 @@ def predict_axis(near, count, primary, axis):
     """Predicts the primary axis of a Gaussian as the weighted sum of its neighbours' primary axes.
 
     The primary axis is the principal axis of the largest or of the smallest scale. Only neighbours whose primary axis
-    is of the same kind are used. Their axes are flipped to the side of the nearest one.
+    is of the same kind are used. The sign of an axis is arbitrary. Each axis is flipped if it points away from the axis
+    of the nearest such neighbour.
 
     Args:
         near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.

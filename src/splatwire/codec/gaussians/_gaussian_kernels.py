@@ -69,7 +69,7 @@ def magnitude_context(running):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_class(coder, context, value):
-    """Encodes or decodes, and returns, the precision class (set of quantisation steps) of a Gaussian.
+    """Encodes or decodes the precision class (set of quantisation steps) of a Gaussian; returns the class.
 
     Args:
         coder: Entropy coder.

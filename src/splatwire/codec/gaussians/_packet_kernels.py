@@ -98,9 +98,8 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
         codes: The Morton codes, int64 (n): input of an encoder, output of a decoder.
         bits: Number of bits of a code.
         interleaved: 1 if the packet's Gaussians are spread over the block, 0 if they are adjacent. If 1, the lowest
-            bits of each code are coded separately from its other bits: they are similar in all Gaussians of such a
-            packet, because Gaussians are assigned to packets in the order of these bits. A decoder reads this flag from
-            the packet and ignores the argument.
+            bits of each code are coded separately, because these bits are similar in all Gaussians of the packet. A
+            decoder ignores the argument and reads this flag from the packet.
         slots: Working array, int64 (n).
         stack: Working array of `code_cells`.
     """
@@ -135,8 +134,8 @@ def _code_position(coder, row, cell, position, cell_shift, shift, absolute):
             encoder.
         cell_shift: log2 of the side of a grid cell, in lattice spacings.
         shift: log2 of the quantisation step, in lattice spacings.
-        absolute: True if a quantisation step may be larger than a grid cell; False for streams of version 2, where it
-            is at most a cell.
+        absolute: True if a quantisation step may be larger than a grid cell. False for streams of version 2, in which a
+            step is at most as large as a cell.
     """
     # The position is nearly random within the cell, so that entropy coding would save nothing.
     low = min(cell_shift, shift)
@@ -414,7 +413,7 @@ def _weight(precision_classes):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _count_within(precision_classes, weight):
-    """Returns how many Gaussians, counted from the first, do not exceed an estimated total size; at least 1.
+    """Returns the number of leading Gaussians whose estimated total size is within a limit; at least 1.
 
     Args:
         precision_classes: Precision class of each Gaussian, int64 (n).

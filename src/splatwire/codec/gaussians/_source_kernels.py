@@ -211,8 +211,8 @@ def write_block_positions(indices, centres, factor, corner, shift, positions, co
         codes: Output, int64 (n).
 
     Returns:
-        Largest magnitude of a coordinate before the corner was subtracted; and the bitwise or of all
-        coordinates that the Morton codes contain, from which the number of bits in use follows.
+        Largest magnitude of a coordinate before the corner was subtracted; and the bitwise or of all coordinates after
+        the `shift` low bits were dropped. The second number shows which bits are in use.
     """
     most, used, last = 0.0, np.int64(0), len(indices) - 1
     for i in range(len(indices)):
@@ -235,9 +235,10 @@ def sort_cells(codes, shift, contiguous):
 
     Args:
         codes: Morton codes of the positions, int64 (n), not negative.
-        shift: Number of low bits of the codes to ignore; the other bits are the code of the grid cell.
-        contiguous: True to sort by the cell's code. False to sort by the lowest `SLOT_BITS` bits of the cell's code
-            first, with the order of these bits reversed. Each packet is then spread over the block.
+        shift: Number of low bits of the codes to ignore. The other bits are the Morton code of the grid cell.
+        contiguous: True to sort by the cell's code, so that a packet contains adjacent Gaussians. False to spread each
+            packet over the block: the first sort key is then the lowest `SLOT_BITS` bits of the cell's code in reversed
+            order, and the second sort key is the cell's code.
 
     Returns:
         Entry i is the index in `codes` of the i-th Gaussian in sorted order, int64 (n). Gaussians with equal sort keys
@@ -379,11 +380,11 @@ def gather_sources(
         matrix: Transform of base colours, see `write_colours`.
         grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
         luma_chroma: Transform of harmonics from RGB to Y Co Cg in fixed point, float64 (3, 3).
-        inverse: Matrix that an encoder applies to the K harmonics of a colour component, float64 (K, columns): their
-            product with column k is transformed harmonic k. Columns from K on are 0.
-        zero_thresholds: Threshold for each precision class, float64 (classes). If the K harmonics of each colour
-            component of a Gaussian are shorter (Euclidean length), the Gaussian's harmonics in the output are 0,
-            because quantisation would make them 0 anyway.
+        inverse: Matrix of the encoder's transform, float64 (K, columns). Transformed harmonic k is the product of
+            column k with the K harmonics of a colour component. Columns from K on are 0.
+        zero_thresholds: Threshold for each precision class, float64 (classes). It is compared with the Euclidean length
+            of the K harmonics of a colour component. If all three lengths of a Gaussian are below the threshold,
+            quantisation would make all its harmonics 0, so 0 is written without applying the transform.
         room: Working array, float64 (6, columns).
         classes: Precision class (set of quantisation steps) of each of the n Gaussians, int64 (n).
         logs: Output, int64 (n, 4), see `write_logs`.

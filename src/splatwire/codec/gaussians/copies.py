@@ -130,14 +130,16 @@ def _parse_section(
 
 
 def moved_copies(section: bytes, new_index: np.ndarray) -> bytes:
-    """Updates which Gaussians the redundant copies replace, after the order of the Gaussians has changed.
+    """Updates the indices in the section of redundant copies after the Gaussians of the stream were reordered.
+
+    Each copy refers to its original Gaussian by index.
 
     Args:
-        section: The copies in encoded form: content of the section `sketch` before the change.
-        new_index: Entry i is the index in the new stream of Gaussian i of the old stream, int64 (N).
+        section: Content of the section `sketch` before the reordering: the copies in encoded form.
+        new_index: Entry i is the new index of the Gaussian whose old index is i, int64 (N).
 
     Returns:
-        The copies in encoded form with the new indices: the new content of the section.
+        Content of the section with the new indices.
     """
     # A copy refers to its Gaussian by index, which the rearrangement changes.
     reader = ByteReader(section, f"section '{SECTION}'")

@@ -35,8 +35,8 @@ def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
     """Allocates counters for the symbols that the entropy coder codes in each context, initially zero.
 
     Returns:
-        Number of zeros and ones by adaptive bit model, int64 (contexts, 2); and for each context of a residual (three
-        indices, see `Coder`) the number of residuals and the sum of their magnitudes, int64 (A, B, C, 2).
+        Number of zeros and ones by adaptive bit model, int64 (contexts, 2); and the number and the sum of magnitudes of
+        the residuals in each context, int64 (A, B, C, 2). A context of a residual has three indices, see `Coder`.
     """
     return np.zeros((NUM_CONTEXTS, 2), np.int64), np.zeros(
         (len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS, 2), np.int64
@@ -64,7 +64,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
             indices.
 
     Returns:
-        Standard deviation for each context, as an index in the coder's table divided by `SCALE_UNIT`, int64 (A, B, C).
+        Standard deviation for each context, int64 (A, B, C): its index in the coder's table, divided by `SCALE_UNIT`.
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
     mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)
@@ -100,6 +100,7 @@ def first_scales() -> np.ndarray:
     """Returns the same initial standard deviation for all residual contexts, for use before statistics exist.
 
     Returns:
-        Index in the coder's table divided by `SCALE_UNIT`, for each context, int64 (A, B, C) (see `Coder`).
+        Standard deviation for each context (three indices, see `Coder`), int64 (A, B, C): its index in the coder's
+        table, divided by `SCALE_UNIT`.
     """
     return np.full((len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS), 24, dtype=np.int64)

@@ -52,8 +52,8 @@ class SideInfo:
     Attributes:
         degree: Degree of the spherical harmonics.
         size_log: log2 of the scene's size in world units.
-        lattice_bits: Resolution of positions, which lie on a lattice with a spacing of `2 ** (size_log - lattice_bits)`
-            world units.
+        lattice_bits: Resolution of positions. Positions are on a lattice whose spacing is `2 ** (size_log -
+            lattice_bits)` world units.
         base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
             class 0 (the coarsest), in fixed point with `STEP_BITS` fractional bits.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings; -1 in streams of
@@ -63,8 +63,8 @@ class SideInfo:
         boxes: Bounding boxes of the B blocks.
         defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
         bit_zero: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of 2**8.
-        scales: int64 (A, B, C) for three context indices (see `Coder`), standard deviation of each context's residuals,
-            as an index in the coder's table divided by `SCALE_UNIT`.
+        scales: int64 (A, B, C), standard deviation of the residuals in each context. A context has three indices (see
+            `Coder`). The standard deviation is stored as its index in the coder's table, divided by `SCALE_UNIT`.
         sections: Named sections, content by name.
     """
 
@@ -136,7 +136,7 @@ def _residual_tables(scales: bytes) -> tuple[np.ndarray, ...]:
     """Computes the probability tables of residuals.
 
     Args:
-        scales: Widths of the residual distributions (`SideInfo.scales`), int64, as bytes.
+        scales: Standard deviations of the residuals (`SideInfo.scales`), an int64 array converted to bytes.
     """
     return tuple(residual_windows(np.frombuffer(scales, np.int64) * SCALE_UNIT, *tables()))
 

@@ -96,8 +96,8 @@ class SourceScene:
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
         classes: uint8 (N), precision classes in input order, which select the quantisation steps; 0 is the coarsest.
         size_log: log2 of the scene's size in world units.
-        lattice_bits: Positions are multiples of a spacing of `2 ** (size_log - lattice_bits)` world units (lattice of
-            positions).
+        lattice_bits: Resolution of positions. Positions are on a lattice whose spacing is `2 ** (size_log -
+            lattice_bits)` world units.
         base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
             class 0 (the coarsest), in fixed point with `STEP_BITS` fractional bits.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
@@ -188,7 +188,9 @@ class SourceScene:
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, indices: slice | np.ndarray) -> Splats:
-        """Returns Gaussians of the scene, selected by their rank when all Gaussians are sorted by block.
+        """Returns the Gaussians with the given ranks.
+
+        The rank of a Gaussian is its index in the attribute `order`, in which all Gaussians are sorted by block.
 
         Args:
             indices: Ranks of the Gaussians, as a range or an array of indices into the attribute `order`.
@@ -197,7 +199,7 @@ class SourceScene:
         return self.splats.select(self.order[indices])
 
     def classes_at(self, indices: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of Gaussians, selected by their rank when all are sorted by block, int64.
+        """Returns the precision classes of the Gaussians with the given ranks (see `pick`), int64.
 
         Args:
             indices: Ranks of the Gaussians, as a range or an array of indices into the attribute `order`.
@@ -302,7 +304,8 @@ class SourceScene:
         Args:
             block: Index of the spatial block.
             info: Side information with the bounding boxes, the transform of spherical harmonics and the quantisation
-                steps. Harmonics that these steps make 0 are 0 in the result.
+                steps. If quantisation makes all harmonics of a Gaussian 0, the result contains 0 instead of the
+                transformed harmonics.
             selection: Gaussians to return, as a range or as indices in the order in which packets are filled; all by
                 default.
         """

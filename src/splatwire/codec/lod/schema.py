@@ -40,7 +40,7 @@ class LevelsDecoder(GaussianDecoder):
         self._sizes = tuple(tier.num_elements for tier in manifest.tiers) or (manifest.num_elements,)
 
     def scene(self) -> ReceivedScene[SplatScene]:
-        """Returns the scene decoded so far, with the mask of received Gaussians and the level of detail of each."""
+        """Returns the scene decoded so far, with the mask of received Gaussians and their levels of detail."""
         received = super().scene()
         numbers = np.arange(len(self._sizes) - 1, -1, -1, dtype=np.uint8)
         levels = Levels(np.repeat(numbers, self._sizes), self._classes)

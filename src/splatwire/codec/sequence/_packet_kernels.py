@@ -53,7 +53,8 @@ def _no_tables():
 def _needed_orders(targets, rows, states, shifts, frames, orders):
     """Determines how many motion coefficients a packet must contain for each kind of channel.
 
-    Coefficients of higher degrees are less than half a quantisation step in all tracks of the packet.
+    The number is the smallest for which all further coefficients, of higher degrees, are below half a quantisation step
+    in all tracks of the packet.
 
     Args:
         targets: Motion coefficients before quantisation, float64 (N, channels, degrees); as many degrees as frames.
@@ -79,16 +80,17 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _trim(quantised, orders):
-    """Reduces the number of motion coefficients to code in a packet, if those of the highest degrees are all 0.
+    """Excludes the motion coefficients of the highest degrees from a packet if they are 0 in all tracks.
 
     The motion of a track (a Gaussian over time) has a polynomial for each channel. All channels of a kind (position,
-    rotation, scale, opacity, colour) have equally many coded coefficients, those of the lowest degrees.
+    rotation, scale, opacity, colour) have the same number of coded coefficients. These are the coefficients of the
+    lowest degrees.
 
     Args:
         quantised: Quantised prediction residuals of the coefficients of the packet's n tracks, in quantisation steps,
             int32 (n, channels, degrees).
         orders: For each kind of channel, number of coefficients to code per channel, int64 (kinds). Reduced in place
-            until the coefficient of the highest degree is not 0 in at least one track and channel, or none is left.
+            while the coefficient of the highest degree is 0 in all tracks and channels; 0 if all coefficients are 0.
     """
     for kind in range(NUM_KINDS):
         while orders[kind]:
@@ -108,7 +110,8 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, positions, 
 
     Args:
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
-        counts: Number of zeros and ones coded with each model, int64 (contexts, 2). Those of the packet are added.
+        counts: Number of zeros and ones coded with each model, int64 (contexts, 2). The bits of this packet are added
+            in place.
         frames: Number of frames in the group.
         first_new: Index in the stream of the first track that begins in the group.
         dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
@@ -199,8 +202,8 @@ def encode_cut(
 
     Args:
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
-        counts: Number of zeros and ones coded with each model, int64 (contexts, 2). The numbers of the packets that are
-            kept are added; packets that were encoded only to find the number of tracks that fit are not counted.
+        counts: Number of zeros and ones coded with each model, int64 (contexts, 2). The bits of all returned packets
+            are added in place. Packets that were encoded only to find out how many tracks fit are not counted.
         frames: Number of frames in the group, F.
         first_new: Index in the stream of the first track that begins in the group.
         dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.

@@ -70,16 +70,16 @@ def relative_positions(positions):
 def prediction_order(positions, moving, shifts):
     """Sorts the moving tracks (Gaussians over time) of a packet into the order in which their motion is predicted.
 
-    Tracks with finer quantisation steps come first. Among similar steps, the first tracks are spread over the packet's
-    region, and later tracks lie between them.
+    Tracks with finer quantisation steps come first. Tracks with similar steps are ordered so that the first ones are
+    spread over the region of the packet, and the later ones lie between them.
 
     Args:
         positions: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
-        moving: Indices of the moving tracks, int64 (n).
+        moving: Indices in `positions` of the moving tracks, int64 (n).
         shifts: log2 of the quantisation steps of motion, int64 (M, channels).
 
     Returns:
-        Entry i is the index of the i-th moving track in sorted order, int64 (n).
+        Indices in `positions` of the moving tracks, in the order in which their motion is predicted, int64 (n).
     """
     n = len(moving)
     codes = np.zeros(n, np.int64)
@@ -289,10 +289,10 @@ def pack_coefficients(values, rows, states, orders, flat):
 def predict_from_neighbours(positions, states, shifts, orders, quantised, targets, dead, coefficients):
     """Quantises or reconstructs the motion of a packet's M tracks (Gaussians over time), predicted from neighbours.
 
-    Motion is described by U polynomial coefficients per track: for each channel, as many as `orders` states. Each
-    coefficient is predicted from neighbouring tracks. Its residual is the difference from the prediction, in
-    quantisation steps. An encoder computes the residuals from the coefficients. A decoder computes the coefficients
-    from the residuals.
+    The motion of a track is described by U polynomial coefficients. `orders` contains the number of coefficients of
+    each channel, and U is their sum over all channels. Each coefficient is predicted from neighbouring tracks. Its
+    residual is the difference from the prediction, in quantisation steps. An encoder computes the residuals from the
+    coefficients. A decoder computes the coefficients from the residuals.
 
     Args:
         positions: Positions of the keyframe Gaussians of the packet's M tracks, in the fixed-point unit in which the

@@ -193,8 +193,8 @@ def fit_motion(trajectories, keyframes, keyframe_indices, unit, luma, table, beg
 def find_moving(largest, rotations, shifts, track_indices, limits, too_far, moving):
     """Finds which of n tracks (Gaussians over time) move in a group of frames, and which move too far.
 
-    A track that moves too far cannot be coded relative to its keyframe Gaussian, and needs a new one. A track moves if
-    one of its coefficients is large enough to be coded.
+    A track that moves too far cannot be coded relative to its keyframe Gaussian, and needs a new keyframe Gaussian. A
+    track moves if one of its coefficients is large enough to be coded.
 
     Args:
         largest: Largest absolute motion coefficient of each track in each channel, in the fixed-point unit of motion,

@@ -221,7 +221,8 @@ class TracksEncoder:
     def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, Targets]:
         """Determines which tracks of a group need a new keyframe Gaussian, and which tracks move.
 
-        A track needs a new keyframe Gaussian if it is new, or if it moves too far away from its present one.
+        A track needs a new keyframe Gaussian if the track is new, or if it moves too far away from its present keyframe
+        Gaussian.
 
         Returns:
             Index of each track in the stream, -1 for new tracks, int64 (n); masks of tracks that need a new keyframe
@@ -246,16 +247,18 @@ class TracksEncoder:
     def _change_unit(
         self, targets: Targets, old: np.ndarray, track_indices: np.ndarray, moving: np.ndarray, before: int
     ) -> None:
-        """Converts the motion of tracks that began in earlier groups to a new unit of positions after a scene cut.
+        """Converts the motion of older tracks to the unit of positions of a new shot.
 
-        All groups of frames of a shot share a unit; a cut may begin a new shot.
+        A shot is a range of groups of frames that share a unit of positions. A scene cut may begin a new shot. Older
+        tracks are tracks that began in earlier groups.
 
         Args:
             targets: Motion of the group's tracks, changed in place.
-            old: Indices of the tracks that began in earlier groups.
+            old: Indices, among the tracks of the group, of the older tracks.
             track_indices: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            before: log2 of the unit of positions in the preceding shot, relative to the unit of the first shot.
+            before: log2 of the ratio of the unit of `targets` before the conversion, which is that of the preceding
+                shot, to the unit of the first shot of the sequence.
         """
         after = self._keyframes.motion_spacing
         if before == after or not len(old):
@@ -343,10 +346,12 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group.
-            coder: Motion coder of these tracks: first the known ones, then new ones, whose entries are empty at first.
-            num_known: Number of known tracks: their keyframe Gaussians were encoded in earlier groups.
-            births: Function that encodes the keyframe Gaussians of the new tracks, and fills the coder's entries of
-                these tracks.
+            coder: Motion coder of the tracks. Known tracks come first. New tracks follow, and their entries are filled
+                by `births`.
+            num_known: Number of known tracks. A track is known if its keyframe Gaussian was encoded in an earlier
+                group.
+            births: Function that encodes the keyframe Gaussians of the new tracks, and fills the entries of the new
+                tracks in `coder`.
 
         Returns:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes.

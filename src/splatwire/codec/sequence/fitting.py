@@ -46,8 +46,8 @@ class Fitting:
         """True if this fit can be continued for a group of frames with the given tracks and length.
 
         Args:
-            keys: Keys of all tracks of the group. The result is False unless they begin with the keys of this fit's
-                tracks.
+            keys: Keys of all tracks of the group. The fit can only be continued if the first of these keys are the keys
+                of the fit's tracks, in the same order.
             frames: Number of frames in the group.
         """
         room, last = self._targets.coefficients.shape[0], self._targets.coefficients.shape[2]
@@ -117,8 +117,8 @@ def motion_masks(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Finds which of n tracks (Gaussians over time) move in a group of frames, and which move too far.
 
-    A track that moves too far cannot be coded relative to its keyframe Gaussian, and needs a new one. A track moves if
-    one of its coefficients is large enough to be coded.
+    A track that moves too far cannot be coded relative to its keyframe Gaussian, and needs a new keyframe Gaussian. A
+    track moves if one of its coefficients is large enough to be coded.
 
     Args:
         largest: Largest absolute motion coefficient of each track in each channel, in the fixed-point unit of motion,

@@ -128,7 +128,7 @@ class KeyframeEncoder:
 
     @property
     def motion_spacing(self) -> int:
-        """log2 of the unit of motion in the current shot, relative to the unit in the first shot.
+        """log2 of the ratio of the unit of motion in the current shot to the unit of motion in the first shot.
 
         A shot is a range of groups of frames that share quantisation parameters; a scene cut may begin a new shot.
         """
@@ -211,8 +211,8 @@ class KeyframeEncoder:
     def _differs(self, info: SideInfo) -> bool:
         """True if the quantisation steps of `info` differ enough from those of the current shot to begin a new shot.
 
-        The result is False if the units of positions differ by more than the format allows (`MAX_SPACING`), because
-        no new shot can begin then.
+        If the units of positions differ by more than the format allows (`MAX_SPACING`), no new shot can begin, and the
+        result is False.
         """
         assert self._template is not None
         apart = np.abs(info.base_exponents - self._template.base_exponents).max() + (

@@ -24,9 +24,11 @@ class Lifetimes:
 
     Attributes:
         begin_tracks: Indices of tracks that begin after the first frame of their group, ascending, int64 (m).
-        begin_frames: First frame of each of these tracks, counted from the start of its first group, int64 (m).
+        begin_frames: First frame of each track in `begin_tracks`, counted from the start of the group in which the
+            track begins, int64 (m).
         end_tracks: Indices of tracks that end before the sequence does, ascending, int64 (k).
-        end_frames: First frame of the sequence without each of these tracks, int64 (k).
+        end_frames: First frame after the end of each track in `end_tracks`, counted from the start of the sequence,
+            int64 (k).
     """
 
     begin_tracks: np.ndarray
@@ -47,28 +49,29 @@ class Lifetimes:
 
         Args:
             tracks: Indices of the tracks, int64.
-            frame: First frame of the sequence without these tracks.
+            frame: First frame after the end of the tracks, counted from the start of the sequence.
         """
         gone = Lifetimes(tracks[:0], tracks[:0], tracks, np.full(len(tracks), frame))
         return Lifetimes.joined([self, gone])
 
     def by_track(self, num_tracks: int, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns when every track (Gaussian over time) begins and ends.
+        """Returns the first frame of every track (Gaussian over time), and the frame after its last frame.
 
         Args:
             num_tracks: Number of tracks, T.
             num_frames: Number of frames in the sequence.
 
         Returns:
-            First frame of each track, counted from the start of the group in which it begins; and the frame after its
-            last one, counted from the start of the sequence, int64 (T) each.
+            Two arrays, int64 (T) each. The first has the first frame of each track, counted from the start of the group
+            in which the track begins. The second has the frame after the last frame of each track, counted from the
+            start of the sequence.
         """
         begins, ends = np.zeros(num_tracks, np.int64), np.full(num_tracks, num_frames)
         begins[self.begin_tracks], ends[self.end_tracks] = self.begin_frames, self.end_frames
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
-        """Keeps the late beginnings and early ends of the most visible tracks only, and drops those of all others.
+        """Returns only the late beginnings and early ends of the most visible tracks; the other ones are dropped.
 
         Args:
             seen: Visibility of each track (squared opacity times area), float64 (T).

@@ -92,8 +92,8 @@ class MotionCoder:
 
         Args:
             count: Number of tracks to encode.
-            targets: Motion coefficients before quantisation, float64 (N, channels, frames), of these and possibly other
-                tracks.
+            targets: Motion coefficients before quantisation, float64 (N, channels, frames). The array may also contain
+                tracks that are not encoded.
             first_new: Index in the stream of the first track that begins in the group.
             max_bytes: Maximum size of a packet's payload, bytes.
         """

@@ -47,9 +47,9 @@ class Shot:
     Attributes:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
-        info: Side information of these keyframe Gaussians.
-        motion_spacing: log2 of the unit in which these groups code the motion of positions, relative to the unit of the
-            first shot.
+        info: Side information of the shot's keyframe Gaussians.
+        motion_spacing: log2 of the ratio of this shot's unit of motion to that of the first shot. The motion of
+            positions is coded in this unit.
     """
 
     first_group: int
@@ -101,13 +101,13 @@ class SequenceInfo:
 
     @property
     def motion_spacings(self) -> np.ndarray:
-        """log2 of the unit of motion in each group of frames, relative to that of the first group, int64 (groups)."""
+        """log2 of the ratio of each group's unit of motion to the unit of motion of the first group, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of half the lattice spacing of a block, relative to the unit of motion of the block's shot.
+        """Returns log2 of the ratio of half the lattice spacing of a block to the unit of motion of the block's shot.
 
         The positions of the block's keyframe Gaussians are on this lattice.
 
@@ -177,7 +177,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
-    """Returns log2 of the lattice spacing of positions of `info`, relative to the spacing of `reference`."""
+    """Returns log2 of the ratio of the lattice spacing of `info` to the lattice spacing of `reference`."""
     return (info.size_log - info.lattice_bits) - (reference.size_log - reference.lattice_bits)
 
 
@@ -211,10 +211,10 @@ def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot,
     A shot is a range of groups of frames that share quantisation steps and probability tables.
 
     Args:
-        data: Serialised side information of all shots. For each shot: its first group of frames, its unit of positions,
-            and the side information of its keyframe Gaussians.
-        version: Version of the side information: `VERSION` for a single shot, `WITH_SHOTS`, or `WITH_MOTION_UNITS` if
-            shots have different units of positions.
+        data: Serialised side information of all shots: first group of frames, unit of positions, and side information
+            of the keyframe Gaussians of each shot.
+        version: Version of the side information: `VERSION` for a single shot; `WITH_SHOTS` for several shots with the
+            same unit of positions; `WITH_MOTION_UNITS` for shots with different units.
         blocks: Index of the first block of keyframe Gaussians of each group, then the number of all blocks.
     """
     if version == VERSION:

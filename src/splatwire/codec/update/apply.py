@@ -113,8 +113,8 @@ def changed_stream(
 
     Args:
         base: The old stream.
-        info: Its side information.
-        scene: Its decoded scene.
+        info: Side information of the old stream.
+        scene: The decoded scene of the old stream.
         removed: Mask of the removed Gaussians, bool (N).
         new: The decoded new Gaussians, with the same quantisation steps.
         writer: Program that wrote the changed stream.

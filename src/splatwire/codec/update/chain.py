@@ -75,10 +75,11 @@ class UpdateChain:
 
         Args:
             scene: The changed scene.
-            finest: Precision class of Gaussians with a 0 in `classes`, as numbered in the bitstream, where 0 is the
-                coarsest.
-            classes: Precision class of each Gaussian (M), 0 for `finest` and negative for coarser; None for `finest`.
-                An unchanged Gaussian is encoded again if its class in the stream is coarser than this.
+            finest: Precision class that a 0 in `classes` stands for, in the numbering of the bitstream (0 is the
+                coarsest).
+            classes: Precision class of each Gaussian, integers (M): 0 for `finest`, negative for coarser classes. None
+                for `finest`. An unchanged Gaussian is encoded again if its class in the stream is coarser than its
+                class here.
 
         Raises:
             InvalidValueError: If an update cannot express the change, see `encode_update`.

@@ -110,9 +110,9 @@ def encode_change(
         scene: The changed scene.
         classes: Precision class of each Gaussian (its set of quantisation steps), as for `encode_update`.
         threads: Number of threads, as for `encode_update`.
-        finest: Precision class of Gaussians with a 0 in `classes`, as numbered in the bitstream, from 0 (the coarsest)
-            to `MAX_CLASSES - 1`. Unchanged Gaussians with a coarser class in the stream are encoded again. None for the
-            finest class of the stream; unchanged Gaussians then keep their class.
+        finest: Precision class that a 0 in `classes` stands for, in the numbering of the bitstream: 0 (the coarsest) to
+            `MAX_CLASSES - 1`. An unchanged Gaussian is encoded again if its class in the stream is coarser than the
+            class requested here. None for the finest class of the stream; unchanged Gaussians then keep their class.
     """
     info = check_base(base)
     edited = as_scene(scene)
@@ -169,10 +169,11 @@ def _encode_new(
 
     Args:
         base: The old stream.
-        info: Its side information.
+        info: Side information of the old stream.
         coding: Quantisation steps of the old stream.
         new: The new Gaussians.
-        classes: Their precision classes, 0 for `finest_class` and negative for coarser; None for `finest_class`.
+        classes: Precision class of each new Gaussian: 0 for `finest_class`, negative for coarser classes. None for
+            `finest_class`.
         finest_class: Number of the finest precision class in the bitstream.
         threads: Number of threads; None for one per processor.
     """

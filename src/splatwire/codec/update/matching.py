@@ -20,9 +20,9 @@ def find_unchanged(
         before: Decoded Gaussians of the stream.
         coding: Quantisation steps and precision classes of the stream's Gaussians.
         after: The M Gaussians of the edited scene, with spherical harmonics of the same degree.
-        coarsest_class: Minimum precision class (set of quantisation steps, 0 for the coarsest) for each Gaussian of
-            `after`, uint8 (M). A Gaussian of the stream with a coarser class is not accepted for it. None to accept any
-            class.
+        coarsest_class: Coarsest precision class (set of quantisation steps) that is accepted for each Gaussian of
+            `after`, uint8 (M); class 0 is the coarsest of all. A Gaussian of `after` is not matched with a Gaussian of
+            the stream whose class is coarser. None to accept any class.
 
     Returns:
         Index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.

@@ -44,7 +44,7 @@ def write_removed(removed: np.ndarray) -> bytes:
     """Serialises a mask of removed Gaussians.
 
     Args:
-        removed: For each Gaussian, True if it was removed, bool (N). The Gaussians are sorted along a Morton curve
+        removed: Mask of removed Gaussians, bool (N), in the order of the Gaussians along a Morton curve
             (`curve_order`).
     """
     # Flags for large groups with a set bit, for groups in them with a set bit, and for full groups; then the bits of

@@ -25,7 +25,7 @@ less."""
 
 @dataclass(frozen=True, eq=False)
 class SequenceVariant:
-    """Encoding of a sequence at one of several qualities, of which the planner chooses one.
+    """One of several encodings of a sequence, with different qualities, among which the planner chooses.
 
     Attributes:
         load: Sizes and importance of the packets.

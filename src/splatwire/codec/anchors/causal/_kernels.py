@@ -115,7 +115,7 @@ def _encode_packet(
         end: End of the packet's anchors (exclusive).
         codes: Morton codes of the positions of all anchors.
         unknown: Number of low bits of each Morton code that are coded in packets; the high bits are side information.
-        chances: Probabilities of these bits (`positions.SharedPositions`).
+        chances: Probabilities for coding the low bits (`positions.SharedPositions`).
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
@@ -166,7 +166,7 @@ def encode_packets(
         codes: Morton codes of the anchors' positions.
         unknown: Number of low bits of each Morton code that are coded in the packet; the high bits are side
             information.
-        chances: Probabilities of these bits (`positions.SharedPositions`).
+        chances: Probabilities for coding the low bits (`positions.SharedPositions`).
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
@@ -199,7 +199,7 @@ def anchor_bits(
     Args:
         codes: Morton codes of the anchors' positions.
         unknown: Number of low bits of each Morton code that are coded in packets.
-        chances: Probabilities of these bits (`positions.SharedPositions`).
+        chances: Probabilities for coding the low bits (`positions.SharedPositions`).
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means; one row for each anchor.

@@ -178,7 +178,7 @@ def encode_position(out, state, code, unknown, chances):
         state: State of the range encoder, changed in place.
         code: Morton code of the anchor's position.
         unknown: Number of low bits to encode.
-        chances: Probabilities of these bits, see `SharedPositions.chances`.
+        chances: Probabilities for coding the low bits, see `SharedPositions.chances`.
     """
     rest, triples = code & ((ONE << unknown) - 1), (unknown + 2) // 3
     level = np.int64(0)
@@ -208,7 +208,7 @@ def decode_position(data, end, state, code, unknown, chances):
         state: State of the range decoder, changed in place.
         code: Morton code with estimated low bits, which are replaced.
         unknown: Number of low bits to decode.
-        chances: Probabilities of these bits, see `SharedPositions.chances`.
+        chances: Probabilities for coding the low bits, see `SharedPositions.chances`.
     """
     triples, level = (unknown + 2) // 3, np.int64(0)
     while level < triples:
@@ -236,7 +236,7 @@ def position_bits(code, unknown, chances):
     Args:
         code: Morton code of the anchor's position.
         unknown: Number of low bits of the Morton code that the packet contains.
-        chances: Probabilities of these bits, see `SharedPositions.chances`.
+        chances: Probabilities for coding the low bits, see `SharedPositions.chances`.
     """
     rest, triples, total = code & ((ONE << unknown) - 1), (unknown + 2) // 3, 0.0
     for level in range(triples):
@@ -261,7 +261,7 @@ def decode_positions(data, ends, starts, states, codes, unknown, chances):
         states: State of the range decoder of each packet, changed in place.
         codes: Morton codes of all anchors; estimated low bits are replaced by the decoded bits.
         unknown: Number of low bits to decode for each anchor.
-        chances: Probabilities of these bits, see `SharedPositions.chances`.
+        chances: Probabilities for coding the low bits, see `SharedPositions.chances`.
     """
     for p in range(states.shape[0]):
         for n in range(starts[p], starts[p + 1]):

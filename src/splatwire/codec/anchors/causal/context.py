@@ -113,9 +113,9 @@ class Chain:
     Each prediction depends on the anchors' positions and on the stages before it.
 
     Args:
-        context: The stream's networks and constants. For each group of attributes (`Stage`), there is one network.
-        place: Outputs of the first network, whose only inputs are the anchors' positions, int32 (n, outputs). All
-            groups use these outputs.
+        context: The stream's networks and constants. Each stage has one network.
+        place: Outputs of the position network for the n anchors, int32 (n, outputs). They are inputs of the networks of
+            all stages.
     """
 
     def __init__(self, context: CodingContext, normalised_positions: np.ndarray) -> None:
@@ -181,8 +181,8 @@ def linear_values(quantised: np.ndarray, step: float | np.ndarray) -> np.ndarray
     """Dequantises features or offsets by multiplication with the quantisation step.
 
     Args:
-        quantised: Features or offsets as fixed-point numbers in units of the quantisation step, int32 (n, D), with
-            `NUMBER_BITS` fractional bits: predicted means, which may be fractional, plus whole numbers of steps..
+        quantised: Features or offsets in quantisation steps, fixed point with `NUMBER_BITS` fractional bits, int32 (n,
+            D). Each value is the predicted mean, which may be fractional, plus a whole number of steps.
         step: Quantisation step of all columns, or one step for each column.
 
     Returns:

@@ -102,7 +102,7 @@ class CausalDecoder(AnchorDecoder):
         A prediction is a mean and a standard deviation for each value.
 
         Args:
-            ranks: Indices of n anchors of the scene (whose anchors are in coding order), int64 (n).
+            ranks: Indices of the n anchors in coding order, int64 (n).
         """
         voxels, means, spreads = predict_from_positions(self._context, self._info.positions.known.select(ranks).voxels)
         self._place[ranks] = voxels * 2.0**-ACTIVATION_BITS

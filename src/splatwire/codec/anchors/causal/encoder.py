@@ -160,8 +160,8 @@ class CausalEncoder:
         """Encodes groups of anchors; each group becomes one packet, or several packets of limited size.
 
         Args:
-            ranks: Index in the scene (whose anchors are in coding order) of each anchor to encode, group after group,
-                int64 (n).
+            ranks: Indices, in coding order, of the n anchors to encode: first the anchors of group 0, then those of
+                group 1, and so on, int64 (n).
             counts: Number of anchors of each group, int64 (groups).
             packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """

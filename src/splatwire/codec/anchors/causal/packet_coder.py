@@ -26,8 +26,8 @@ class Quantised:
         logits: Predicted logits of the masks, int32 (n, K).
         symbols: Differences of attributes from the predicted means in quantisation steps, int32 (n, attributes).
         scales: Index of each symbol's standard deviation in the coder's table, int16 (n, attributes).
-        numbers: Decoded attributes: features, logarithms of the offset scale and of the three sizes, and offsets. In
-            quantisation steps with 16 fractional bits, int32 (n, attributes).
+        numbers: Decoded attributes in quantisation steps with 16 fractional bits, int32 (n, attributes): features,
+            logarithms of the offset scale and of the three sizes, and offsets.
     """
 
     # `symbols` and `numbers` are 0 for missing offsets.
@@ -72,8 +72,8 @@ def quantise(
         positions: Complete positions of the anchors, with high and low bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         values: Attributes in quantisation steps, before rounding, float64 (n, attributes).
-        octaves: Quantisation step of log2 of the offset scale. The offsets are corrected for the rounding error of this
-            scale.
+        octaves: Quantisation step of the offset scale's binary logarithm. The offset scale is rounded first, and the
+            offsets are then corrected for its rounding error.
     """
     # Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
     values = values.copy()

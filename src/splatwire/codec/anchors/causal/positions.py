@@ -41,14 +41,17 @@ class AnchorPositions:
 
 @dataclass(frozen=True, eq=False)
 class SharedPositions:
-    """High bits of the positions of all anchors, which are in the side information; packets contain the low bits.
+    """High bits of the positions of all anchors.
+
+    The high bits are part of the side information. The packets contain the low bits.
 
     Attributes:
         section: Bytes of the section of the side information.
         known: Positions of all anchors as known from the side information; the low bits are estimated.
-        chances: Probabilities for coding the low bits, int64 (T + 1, T + 1), in units of 1/256. The low bits are split
-            into at most T triples (one bit per axis), the lowest first. Entry (u, t) is for codes with u triples in
-            packets: the probability that triple t is not 0 if all lower triples are 0.
+        chances: Probabilities for coding the low bits, int64 (T + 1, T + 1), in units of 1/256. The low bits of a
+            Morton code are divided into at most T triples of one bit per axis; triple 0 has the lowest bits. Row u
+            applies to codes with u triples in their packets. Entry (u, t) is the probability that triple t is not 0,
+            given that all lower triples are 0.
     """
 
     # `chances` (T + 1, T + 1): The low bits of a Morton code are divided into triples (one bit per axis); triple 0 is
@@ -126,8 +129,8 @@ def lowest_triples(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, 
         unknown: Number of low bits of each code that packets contain, int64 (N).
 
     Returns:
-        For each code, int64 (N): its number of triples; and the index of its lowest nonzero triple, 0 for the lowest
-        bits. The index equals the number of triples if all are 0.
+        Number of triples of each code, int64 (N); and index of the lowest nonzero triple of each code, int64 (N). Index
+        0 is the triple with the lowest bits. If all triples of a code are 0, the index is its number of triples.
     """
     # If all triples are 0, the index equals their number. Low triples are often zero, because anchors lie on grids of
     # several widths.

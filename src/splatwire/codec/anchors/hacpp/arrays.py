@@ -89,7 +89,7 @@ def store_symbols(
 
     Args:
         arrays: Destination.
-        ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
+        ranks: Indices of the n anchors in coding order, int64 (n).
         symbols: Quantised attributes of the anchors.
         factors: Factors by which the base quantisation steps of feature, scaling and offset are multiplied, in fixed
             point with `FACTOR_BITS` fractional bits, int64 (n, 3).

@@ -113,7 +113,7 @@ class HacppDecoder(AnchorDecoder):
         """Predicts the attributes of n anchors from the hash grid, and stores the predictions in this object.
 
         Args:
-            ranks: Indices of n anchors of the scene (whose anchors are in coding order), int64 (n).
+            ranks: Indices of the n anchors in coding order, int64 (n).
         """
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
@@ -217,8 +217,8 @@ def _payloads_by_group(run: Run) -> Iterator[tuple[np.ndarray, dict[int, bytes]]
         run: Received packets of the block.
 
     Yields:
-        Index in the scene (whose anchors are in coding order) of each anchor of a group, int64; and the payloads of the
-        group's packets by attribute (`PacketId.part`).
+        For each group: indices of its anchors in coding order, int64; and payloads of its packets by attribute
+        (`PacketId.part`).
     """
     both = zip(run.packets, run.members, strict=True)
     for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.lane):

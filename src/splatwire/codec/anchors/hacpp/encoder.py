@@ -90,8 +90,8 @@ class HacppEncoder:
         """Encodes groups of anchors; each group becomes one packet, or several packets of limited size.
 
         Args:
-            ranks: Index in the scene (whose anchors are in coding order) of each anchor to encode, group after group,
-                int64 (n).
+            ranks: Indices, in coding order, of the n anchors to encode: first the anchors of group 0, then those of
+                group 1, and so on, int64 (n).
             counts: Number of anchors of each group, int64 (groups).
             packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
@@ -129,7 +129,7 @@ class SymbolSource:
         """Quantises the attributes of the given anchors.
 
         Args:
-            ranks: Index of each of the n anchors in the scene, whose anchors are in coding order, int64 (n).
+            ranks: Indices of the n anchors in coding order, int64 (n).
             factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
             context: Coding context, which contains the base quantisation steps.
         """

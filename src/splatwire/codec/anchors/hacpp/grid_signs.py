@@ -13,7 +13,7 @@ def encode_signs(signs: np.ndarray, touched: np.ndarray, config: HashGridConfig)
 
     Args:
         signs: The hash tables of all levels, entries -1 or +1, int8 (rows, D).
-        touched: Mask of these rows, bool (rows).
+        touched: Mask of the rows that at least one anchor reads, bool (rows).
         config: Resolutions and table sizes of the hash grid.
     """
     # The decoder derives `touched` from the positions.
@@ -28,7 +28,7 @@ def decode_signs(data: bytes, touched: np.ndarray, config: HashGridConfig) -> np
 
     Args:
         data: Bytes written by `encode_signs`.
-        touched: Mask of these rows, bool (rows).
+        touched: Mask of the rows that at least one anchor reads, bool (rows).
         config: Resolutions and table sizes of the hash grid.
 
     Returns:
