@@ -212,6 +212,36 @@ def test_a_folder_is_not_written_to_standard_output(run, journey, tmp_path, monk
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("named", ["a", "link", "./b/../a"])
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (("transmit", "{a}.swz", "--loss", "bernoulli:0.5", "-o", "{o}.swz"), "a.swz"),
+        (("encode", "{a}.swz", "-o", "{o}.swz"), "a.swz"),
+        (("encode", "{a}.ply", "--update", "{a}.swz", "-o", "{o}.swz"), "a.swz"),
+        (("convert", "{a}.ply", "{o}.ply"), "a.ply"),
+        (("convert", "{a}.swz", "{o}.swz"), "a.swz"),
+        (("export", "ply", "{a}.ply", "-o", "{o}.ply"), "a.ply"),
+        (("apply", "{x}.swz", "{a}.swz", "-o", "{o}.swz"), "a.swz"),
+    ],
+)
+def test_an_output_that_is_an_input_is_refused(run, tmp_path, words, name, named):
+    (tmp_path / "b").mkdir()
+    for path in ("a.ply", "a.swz", "x.swz"):
+        (tmp_path / path).write_bytes(b"the only copy")
+    (tmp_path / f"link{Path(name).suffix}").symlink_to(tmp_path / name)
+    names = {"a": tmp_path / "a", "x": tmp_path / "x", "o": f"{tmp_path}/{named}"}
+    assert_complains(run(*(word.format(**names) for word in words)), f"is the input {tmp_path / name}", "would be lost")
+    assert (tmp_path / name).read_bytes() == b"the only copy"
+
+
+def test_a_decoded_scene_does_not_replace_its_stream(run, journey, tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes((journey / "tiny.swz").read_bytes())
+    assert_complains(run("decode", path, "-o", path), "would be lost")
+    assert path.read_bytes() == (journey / "tiny.swz").read_bytes()
+
+
 @pytest.mark.parametrize("verb", ["pack", "evaluate", "verify", "publish", "serve"])
 def test_a_link_to_itself_is_no_input(run, journey, tmp_path, verb):
     link = tmp_path / "loop.swz"

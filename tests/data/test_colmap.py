@@ -1,6 +1,7 @@
 import os
 import shutil
 import struct
+import unicodedata
 
 import numpy as np
 import pytest
@@ -191,6 +192,20 @@ def test_a_byte_order_mark_and_indented_comments_are_skipped(capture):
     path = folder / "cameras.txt"
     path.write_bytes(b"\xef\xbb\xbf7 PINHOLE 40 24 33 35 20 12\n")
     assert len(read_views(folder)) == 12
+
+
+@pytest.mark.parametrize("folders", ["", "Räume/"])
+def test_names_of_another_unicode_normal_form_are_found(folders, capture):
+    names = [f"{folders}Süd {name}" for name in capture.names]
+    capture.names = [unicodedata.normalize("NFD", name) for name in names]
+    (capture.root / "images" / unicodedata.normalize("NFD", folders)).mkdir(parents=True)
+    capture.write_images()
+    capture.names = [unicodedata.normalize("NFC", name) for name in names]
+    capture.write_binary()
+    dataset = open_dataset(capture.root, split="all")
+    assert dataset.num_views == 12
+    for view, number in enumerate(capture.sorted_views):
+        assert np.array_equal(np.rint(dataset.image(view) * 255), capture.pixels[number])
 
 
 def test_map_coordinates_are_relative_to_one_origin(capture):

@@ -85,3 +85,10 @@ def test_damaged_metadata_of_a_photo_gives_no_warning_of_pillow(tmp_path):
     Image.fromarray(np.full((10, 15, 3), 128, np.uint8)).save(tmp_path / "a.jpg", exif=bytes(data))
     assert sorted(photo_size(tmp_path / "a.jpg", upright=True)) == [10, 15]
     assert not is_turned(tmp_path / "a.jpg") or load_photo(tmp_path / "a.jpg", upright=True).shape == (15, 10, 3)
+
+
+@pytest.mark.parametrize("brand", ["heic", "mif1", "avif"])
+def test_a_heic_or_avif_picture_is_named(brand, tmp_path):
+    (tmp_path / "a.heic").write_bytes(b"\0\0\0\x18ftyp" + brand.encode() + bytes(200))
+    with pytest.raises(DatasetError, match="it looks like a HEIC or AVIF picture: convert it to JPEG or PNG"):
+        load_photo(tmp_path / "a.heic")

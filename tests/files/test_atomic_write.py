@@ -148,6 +148,22 @@ def test_ctrl_c_while_a_temporary_folder_is_made_leaves_none(tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
 
 
+def test_ctrl_c_while_a_temporary_folder_is_removed_leaves_none(tmp_path, monkeypatch):
+    remove, calls = whole.shutil.rmtree, []
+
+    def interrupted(path, **options):
+        calls.append(path)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        remove(path, **options)
+
+    monkeypatch.setattr(whole.shutil, "rmtree", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        atomic_write(tmp_path / "a", b"all")
+    assert len(calls) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
 @pytest.mark.parametrize("name", ["same", "other"])
 def test_next_writer_removes_leftovers_of_a_killed_writer(tmp_path, name):
     kill_a_writer(tmp_path / "same", signal.SIGKILL)

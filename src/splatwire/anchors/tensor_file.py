@@ -14,7 +14,7 @@ from safetensors.numpy import save_file
 from splatwire.anchors.safetensors_file import open_tensor_file
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.files.atomic_write import atomic_output
-from splatwire.files.kinds import EMPTY, TEXT, file_kind, is_not
+from splatwire.files.kinds import CHECKPOINT, SCENE_FILES, file_kind, is_not
 from splatwire.ops.arrays import to_numpy
 
 _SYSTEM_ERROR = re.compile(r"\(os error ([0-9]+)\)")
@@ -74,7 +74,7 @@ def read_tensors(path: Path, format_name: str, version: int) -> tuple[dict[str, 
         UnsupportedVersionError: If this release does not support the file's version.
         BitstreamError: If the file is absent, damaged or of another format.
     """
-    if file_kind(path) in (EMPTY, TEXT):
+    if file_kind(path) not in (*SCENE_FILES, CHECKPOINT):
         raise BitstreamError(is_not(path, f"a file of {format_name}"))
     with open_tensor_file(path) as file:
         header = parse_header(file.metadata.get("splatwire"))

@@ -1,5 +1,6 @@
 """Input and output paths of subcommands; `-` means standard input or standard output."""
 
+import os
 import shutil
 import sys
 import tempfile
@@ -137,6 +138,27 @@ def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = No
         raise InvalidValueError(f"{path} is no ordinary file and would be replaced by one: name another")
     check_writable(path)
     return path
+
+
+def refuse_own_input(output: str | Path, *inputs: str | Path | None) -> None:
+    """Checks that an output does not replace an input, whose content would be lost.
+
+    Args:
+        output: Output path given by the user; `-` for standard output.
+        *inputs: Inputs given by the user; None for options that are not set.
+
+    Raises:
+        InvalidValueError: If the output is the file or folder of an input, under any name.
+    """
+    for name in inputs:
+        if name is None or STANDARD in (str(name), str(output)):
+            continue
+        try:
+            is_same = os.path.samefile(name, output)
+        except (OSError, ValueError):  # one of them does not exist
+            continue
+        if is_same:
+            raise InvalidValueError(f"{output} is the input {name}, which would be lost: name another output")
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Implementation of `splatwire apply`: applies an update to a stream and writes the changed stream."""
 
 from splatwire.bitstream import read_stream, write_stream
-from splatwire.cli._files import STANDARD, input_path, output_path
+from splatwire.cli._files import STANDARD, input_path, output_path, refuse_own_input
 from splatwire.cli._output import print_json, print_summary
 from splatwire.cli.apply import Apply
 from splatwire.codec import apply_update
@@ -12,6 +12,7 @@ def run(command: Apply) -> None:
     """Runs `splatwire apply`: applies an update to a stream and writes the resulting stream."""
     if command.stream == command.update == STANDARD:
         raise InvalidValueError("the stream and its update cannot both be standard input")
+    refuse_own_input(command.output, command.update)  # the stream itself may be replaced by its next state
     with input_path(command.stream) as first, input_path(command.update) as second:
         base, update = read_stream(first)[0], read_stream(second)[0]
     with output_path(command.output, suffix=".swz", json=command.json) as path:

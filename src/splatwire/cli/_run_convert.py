@@ -12,7 +12,15 @@ from typing import Any
 from splatwire.bitstream import read_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.cli import _run_decode, _run_encode, _run_export
-from splatwire.cli._files import STANDARD, check_folder, check_inputs, input_path, output_folder, prepared_output
+from splatwire.cli._files import (
+    STANDARD,
+    check_folder,
+    check_inputs,
+    input_path,
+    output_folder,
+    prepared_output,
+    refuse_own_input,
+)
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
 from splatwire.cli._processes import Processes
@@ -94,6 +102,7 @@ def convert(chosen: Conversion, command: Convert) -> None:
     Raises:
         SplatwireError: If the input cannot be read or the output cannot be written.
     """
+    refuse_own_input(chosen.output, chosen.source)
     with input_path(chosen.source) as path:
         source, kind = str(path), file_kind(path)
         if chosen.form in (TILES, SOG_LEVELS):

@@ -5,7 +5,14 @@ from pathlib import Path
 
 from splatwire.bitstream import ReadReport, SceneStream, read_stream
 from splatwire.cli._concealers import check_concealer
-from splatwire.cli._files import check_folder_name, input_path, output_folder, output_path, read_report_json
+from splatwire.cli._files import (
+    check_folder_name,
+    input_path,
+    output_folder,
+    output_path,
+    read_report_json,
+    refuse_own_input,
+)
 from splatwire.cli._output import print_json, print_summary, progress_bars
 from splatwire.cli._scenes import chosen_outliers
 from splatwire.cli.decode import Decode
@@ -23,6 +30,7 @@ def run(options: Decode) -> None:
     """Runs `splatwire decode`: decodes a stream and writes the scene."""
     if options.conceal is not None:
         check_concealer(options.conceal)
+    refuse_own_input(options.output, options.stream)
     with input_path(options.stream) as source:
         stream, report = read_stream(source)
     if stream.manifest.schema.timed:

@@ -13,7 +13,7 @@ import numpy as np
 from splatwire.anchors.appearance import Scene, metadata_of
 from splatwire.bitstream import Packetization, SceneStream, measure_sizes, packetization_named, write_stream
 from splatwire.bitstream.limits import UNNAMED_SCHEMA
-from splatwire.cli._files import input_path, output_path
+from splatwire.cli._files import input_path, output_path, refuse_own_input
 from splatwire.cli._options import quality_option
 from splatwire.cli._output import print_json, print_summary, progress_bars, refuse_options
 from splatwire.cli._scenes import chosen_background
@@ -51,6 +51,7 @@ _NO_LEVELS = "--effort best does not make levels of detail yet: use --effort def
 
 def run(command: Encode) -> None:
     """Runs `splatwire encode`: encodes a scene or a clip into a stream."""
+    refuse_own_input(command.output, command.scene, command.update)
     with input_path(command.scene) as source:
         _run(command, source)
 

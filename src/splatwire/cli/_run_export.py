@@ -9,7 +9,7 @@ from typing import Any
 from splatwire.anchors.appearance import Scene, antialiased, explicit_gaussians, metadata_of, origin_of
 from splatwire.anchors.export.counts import FitCounts
 from splatwire.anchors.export.fit import fit_splats
-from splatwire.cli._files import check_inputs, input_path, prepared_output
+from splatwire.cli._files import check_inputs, input_path, prepared_output, refuse_own_input
 from splatwire.cli._output import print_json, print_summary, progress_bars
 from splatwire.cli._scenes import chosen_outliers
 from splatwire.cli.export import Export
@@ -40,6 +40,7 @@ def run(options: Export) -> None:
     _outliers(options)
     concealer = create_concealer(options.conceal)
     _check(options)
+    refuse_own_input(options.output, options.scene)
     with input_path(options.scene) as source:
         scene, num_lost = drawable_scene(source, concealer)
     started, counts, measured = time.perf_counter(), FitCounts(), None

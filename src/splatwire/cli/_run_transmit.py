@@ -2,7 +2,7 @@
 
 from splatwire.bitstream import read_stream, write_stream
 from splatwire.channel import parse_loss, transmit
-from splatwire.cli._files import input_path, output_path
+from splatwire.cli._files import input_path, output_path, refuse_own_input
 from splatwire.cli._output import print_json, print_summary
 from splatwire.cli.transmit import Transmit
 
@@ -10,6 +10,7 @@ from splatwire.cli.transmit import Transmit
 def run(command: Transmit) -> None:
     """Runs `splatwire transmit`: simulates packet losses and writes the resulting stream."""
     loss = parse_loss(command.loss)
+    refuse_own_input(command.output, command.stream)
     with input_path(command.stream) as source:
         sent, _ = read_stream(source)
     with output_path(command.output, suffix=".swz", json=command.json) as path:

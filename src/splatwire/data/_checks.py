@@ -3,6 +3,7 @@
 import logging
 import os
 import re
+import unicodedata
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -198,4 +199,24 @@ def child(root: Path, name: str, source: Path) -> Path:
             pure = pure.relative_to(PurePosixPath(folder.as_posix()))
     if not pure.parts or pure.is_absolute() or ".." in pure.parts or "\0" in name or _DRIVE.match(name):
         raise DatasetError(f"{source}: image name {name[:120]!r} does not stay inside the dataset's folder")
-    return root.joinpath(*pure.parts)
+    return _existing(root, pure.parts)
+
+
+def _existing(root: Path, parts: Sequence[str]) -> Path:
+    """Returns a path below a folder, with the names of existing files that differ only in their Unicode normal form.
+
+    Archives and disks of macOS store `é` as two characters, other programs as one.
+
+    Args:
+        root: The folder.
+        parts: Names of the folders and of the file below it.
+    """
+    path = root
+    for part in parts:
+        exact = path / part
+        if not part.isascii() and not os.path.exists(exact):
+            wanted = unicodedata.normalize("NFC", part)
+            names = os.listdir(path) if path.is_dir() else []
+            exact = path / next((name for name in names if unicodedata.normalize("NFC", name) == wanted), part)
+        path = exact
+    return path

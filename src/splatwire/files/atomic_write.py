@@ -253,7 +253,11 @@ def _workspace(folder: Path) -> Iterator[Path]:
         yield space
     finally:
         if space is not None:
-            shutil.rmtree(space, ignore_errors=True)
+            try:
+                shutil.rmtree(space, ignore_errors=True)
+            except BaseException:  # Ctrl-C during the removal
+                shutil.rmtree(space, ignore_errors=True)
+                raise
         if handle is not None:
             os.close(handle)
 

@@ -153,6 +153,7 @@ SOG_META_NAME, SOG_LEVELS_NAME = "meta.json", "lod-meta.json"
 _BY_NAME = {SOG_META_NAME: SOG_META, SOG_LEVELS_NAME: SOG_LEVELS}
 """JSON file formats that are identified by the file name."""
 _PICTURE_USE = "photos are read with their poses, as a dataset folder"
+_HEIF_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis")
 GLB_MAGIC, EXT_SPLATWIRE, MAX_GLB_JSON_BYTES = b"glTF", "EXT_splatwire", 4 << 20
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"\x93SWZ", STREAM),
@@ -418,6 +419,8 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
         return SOG if suffix in _SOG_SUFFIXES else Kind("zip", "a ZIP archive, as NumPy and SOG files are")
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
         return Kind("picture", "a WebP picture", _PICTURE_USE)
+    if head[4:8] == b"ftyp" and head[8:12] in _HEIF_BRANDS:
+        return Kind("picture", "a HEIC or AVIF picture", "convert it to JPEG or PNG")
     if head[8:9] == b"{" and struct.unpack("<Q", head[:8])[0] < size:
         return _tensors_kind(head)
     if (suffix == ".ksplat" and head[0] == 0) or _has_ksplat_header(head):
