@@ -25,8 +25,9 @@ class PacketId:
 
     Attributes:
         block: Index of the spatial block, a group of neighbouring elements (anchors or Gaussians).
-        lane: Number that distinguishes the packets of a block. Usually it counts them from 0. If packets are filled up
-            to a size limit (grouping `hashed`), it is instead the number of the block's elements in earlier packets.
+        lane: Number that distinguishes the packets of a block. Usually, the packets of a block are numbered from 0. If
+            packets are filled up to a size limit (grouping `hashed`), `lane` is instead the number of elements in
+            earlier packets of the block.
         part: Attribute of the elements that the packet contains, an index into `PARTS`; 0 for all attributes.
     """
 

@@ -52,9 +52,9 @@ def read_sections(data: bytes) -> dict[str, bytes]:
 
 
 def _problem(sections: Mapping[str, bytes]) -> str | None:
-    """Returns a message if there are too many sections, or about the first one with an invalid name or size.
+    """Returns a message about the first problem of the sections; None if all sections are valid.
 
-    Returns None if all sections are valid.
+    A problem is a number of sections above the limit, or a section with an invalid name or size.
     """
     if len(sections) > MAX_SECTIONS:
         return f"{len(sections)} named sections, at most {MAX_SECTIONS} are possible"

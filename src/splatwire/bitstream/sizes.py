@@ -21,8 +21,8 @@ class StreamSizes(CheckedFields):
         packet_median: Median packet size.
         packet_max: Size of the largest packet.
         bytes_per_element: Bytes per element of the complete scene.
-        tiers: For each importance tier, by its number as text: `num_elements`, `lanes` (packets per block),
-            `num_packets` and `packet_bytes`. Empty for a single tier.
+        tiers: Sizes of each importance tier: `num_elements`, `lanes` (packets per block), `num_packets` and
+            `packet_bytes`. The keys of `tiers` are the numbers of the tiers as text. Empty for a single tier.
     """
 
     num_bytes: int

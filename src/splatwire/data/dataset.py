@@ -403,7 +403,10 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:
-    """Returns the files of a folder by name without suffix, and also by this name in lower case."""
+    """Returns the files of a folder by name. The names have no suffix.
+
+    Each file is listed twice: under its exact name, and under its name in lower case.
+    """
     files = [file for file in sorted(folder.iterdir()) if file.is_file()] if folder.is_dir() else []
     return {file.stem.casefold(): file for file in files} | {file.stem: file for file in files}
 

@@ -54,8 +54,8 @@ class OpenedFile(_NativePath):
     def reader(self) -> BufferedReader | None:
         """Returns a file object for reading the open file from its first byte; None if no file is open.
 
-        The caller must close the file object. File objects from several calls share one reading position: reading from
-        one moves the others, and another call moves all of them to the first byte.
+        The caller must close the file object. File objects from several calls share one reading position. Reading from
+        any of them moves this position, and each further call moves it back to the first byte.
         """
         if self._file is None:
             return None

@@ -20,10 +20,10 @@ WEIGHT_FILES = {
 def find_lpips_files(network: str = "vgg") -> tuple[Path, Path] | None:
     """Returns the paths of the weight files of LPIPS (backbone, linear layers) that environment variables name.
 
-    The result is None if no variable is set, or the folder does not contain the backbone.
-
     The variables are `SPLATWIRE_LPIPS_BACKBONE` and `SPLATWIRE_LPIPS_LINEAR`, or `SPLATWIRE_LPIPS_DIR` for a folder
     with `vgg16_features.pth` and `lpips_lin_vgg.pth` (`alexnet_features.pth`, `lpips_lin_alex.pth`).
+
+    The result is None if no variable is set, or the folder does not contain the backbone.
 
     Raises:
         DatasetError: If the environment names only one of the two files.

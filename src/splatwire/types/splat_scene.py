@@ -30,7 +30,7 @@ class SplatCoding(CheckedFields):
         lattice_bits: Precision of decoded positions. They are multiples of a lattice spacing of
             `2 ** (size_log - lattice_bits)` world units.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
-        base_exponents: `-log2` of the quantisation step of each quantity in class 0, in fixed point: multiples of 1/64.
+        base_exponents: `-log2` of each quantity's quantisation step in precision class 0, as integers in units of 1/64.
         transform: Decorrelating transform of the spherical harmonics, as integers.
         precision_classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.
     """

@@ -21,7 +21,8 @@ def asset_of(metadata: SceneMetadata, origin: Origin = NO_ORIGIN) -> dict[str, A
 
     Args:
         metadata: The metadata.
-        origin: World coordinates of the point that positions are relative to, for formats with no other place for it.
+        origin: World coordinates of the point that positions are relative to. Formats that store the origin elsewhere
+            omit this argument.
     """
     content = metadata_to_json(metadata)
     if origin != NO_ORIGIN:

@@ -68,7 +68,7 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
     """Yields the names of the files that one file (layer) of an OpenUSD scene refers to.
 
     Yields:
-        Name of a file, and True if it is a layer; False for a file with time samples (value clip).
+        Name of a file, and a flag: True if the file is a layer, False if it has time samples (value clip).
     """
     for name in sorted(layer.GetCompositionAssetDependencies()):
         if name:  # else a reference within the layer

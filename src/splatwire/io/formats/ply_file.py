@@ -149,7 +149,8 @@ def _source(path: Path, file: BinaryIO, file_bytes: int) -> tuple[Iterator[bytes
         file_bytes: Size of the file in bytes.
 
     Returns:
-        The bytes in pieces; and an upper limit on their number, with which the counts in the header are compared.
+        The bytes in pieces; and an upper limit on the number of bytes. The counts in the header are compared with this
+        limit.
     """
     is_xz = file.read(len(XZ_MAGIC)) == XZ_MAGIC
     file.seek(0)

@@ -140,8 +140,8 @@ def _first_of_same(chunks: list[Path], exist: list[bool]) -> list[int]:
         exist: True for each chunk whose file exists.
 
     Returns:
-        For each chunk, the index of the first chunk that is the same file; its own index if there is no other, or if
-        its file is missing.
+        For each chunk, the index of the first chunk with the same file. The result for a chunk is its own index if no
+        earlier chunk has the same file, or if the file is missing.
     """
     first: dict[tuple[int, int], int] = {}
     first_indices = []

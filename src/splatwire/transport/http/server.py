@@ -291,7 +291,7 @@ def _too_long(start: bytes) -> Answer:
     """Returns the error response to a request whose head (request line and header fields) is too long.
 
     Args:
-        start: Bytes of the head received so far. A complete request line gives status 431, an incomplete one 414.
+        start: Bytes of the head received so far. The status is 431 if they contain a complete request line, else 414.
     """
     line_ends = b"\r\n" in start
     return make_answer("431 Request Header Fields Too Large" if line_ends else "414 URI Too Long")

@@ -101,8 +101,8 @@ def num_bundled_packets(num_packets: int, protection: Protection) -> int:
 def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[ParityRange, ...]:
     """Divides the packets of a stream into consecutive ranges, and returns the parity of each range in sending order.
 
-    The first range has the packets that are bundled in the init segment. A range for each importance tier with parity
-    follows, and a range for all other packets.
+    The first range has the packets that are bundled in the init segment. One range for each importance tier with parity
+    follows. The last range has all other packets.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.

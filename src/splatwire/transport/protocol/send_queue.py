@@ -104,7 +104,7 @@ class SendQueue:
         reliable: True if the init segment is sent on a reliable (QUIC) stream.
 
     Attributes:
-        is_init_segment_sent: True if the datagram last taken from the queue is the last one of the init segment.
+        is_init_segment_sent: True if the most recently removed datagram is the last one of the init segment.
         viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
     """
 
@@ -169,8 +169,8 @@ class SendQueue:
 
         Args:
             tile: Index of the tile.
-            if_begun: True to queue only the rest of a tile whose packets were sent in part, and nothing for a tile of
-                which no packet was sent. False to queue all packets of the tile.
+            if_begun: True to continue a tile of which some packets were already sent: the remaining packets are queued.
+                A tile of which no packet was sent is then skipped. False to queue all packets of the tile.
         """
         tiles = self._stream.tiles
         assert tiles is not None

@@ -325,9 +325,9 @@ def encode_init_segment(
         protection: Redundancy.
 
     Returns:
-        Two lists with an entry for each source block (part of the init segment that is coded separately): its source
-        symbols, followed by its repair symbols; and the number of these symbols that every client gets. The others are
-        a reserve.
+        Two lists with an entry for each source block (part of the init segment that is coded separately). The first has
+        the source symbols of the block, followed by its repair symbols. The second has the number of these symbols that
+        every client gets. The other symbols are a reserve.
     """
     source_blocks = SourceBlocks(len(data), symbol_bytes)
     symbols, scheduled = [], []
