@@ -178,7 +178,7 @@ class _Fit:
         return self._behind.values * np.float32(BACKGROUND_RATE)
 
     def _initial_gaussians(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[np.ndarray, "G 10"]]:
-        """Chooses the Gaussians with which the fit begins, at random visible elements of the scene.
+        """Places the initial Gaussians of the fit at randomly chosen visible elements of the scene.
 
         Returns:
             The value ranges for quantisation; and the parameters of the Gaussians, as in `PreviewFrame.values`.

@@ -17,7 +17,7 @@ from splatwire.types import AnchorScene, Cameras, ReceivedScene
 
 @dataclass(frozen=True, eq=False)
 class CalibrationData:
-    """Complete scene, divided into packets, from which packet losses are simulated.
+    """Complete scene and its division into packets, for simulating packet losses.
 
     Attributes:
         complete: The complete scene as a decoder returns it.

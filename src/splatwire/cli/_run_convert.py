@@ -213,7 +213,7 @@ def _writable() -> list[str]:
 
 
 def _file_formats() -> set[str]:
-    """Returns the names of the formats that `convert` writes as one file, those of clips included."""
+    """Returns the names of the formats that `convert` writes as one file, including formats of clips."""
     return {STREAM, *_writable(), *(form.name for form in SEQUENCE_FORMATS)}
 
 

@@ -270,8 +270,9 @@ def _print_result(
 def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
     """Returns the up axis that the stream stores for viewers: the value of `--up`, or an estimate from the scene.
 
-    Returns None if no axis is stored. This is the case without a value of `--up` if the scene's metadata or the cameras
-    already determine an axis or a view, or if the estimate is the axis that viewers assume anyway (`-y`).
+    Returns None if no axis is stored. Without a value of `--up`, this is the case if the scene's metadata or the
+    cameras already determine an axis or a view. It is also the case if the estimate is the axis that viewers assume
+    anyway (`-y`).
     """
     # No axis is estimated if the metadata of the scene has an up axis or a view, or if cameras are given. An estimated
     # axis equal to the default, -y, is not stored either.

@@ -72,8 +72,8 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
     After a signal, the encoder gets a few seconds to end.
 
     Returns:
-        None if the encoder has ended. Otherwise the exit status with which the caller must end the process at once,
-        because the encoder's thread still runs: 0 if it is compiling kernels, `EXIT_STUCK` otherwise.
+        None if the encoder has ended. Otherwise the encoder's thread still runs, and the result is the exit status with
+        which the caller must end the process at once: 0 if the encoder is compiling kernels, else `EXIT_STUCK`.
     """
     loop, warn = asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:

@@ -163,7 +163,8 @@ def check_same_recipe(
 def training_display(on_test: Any, last_task: str = "fitting the context model again") -> Iterator[Listener]:
     """Context of a training: shows its progress on standard error, and handles Ctrl-C.
 
-    The first Ctrl-C stops the training after the current iteration, with a checkpoint; the second one stops it at once.
+    The first Ctrl-C stops the training after the current iteration, with a checkpoint. A second Ctrl-C stops the
+    training at once.
 
     Args:
         on_test: Called with the quality report of each test during the training.

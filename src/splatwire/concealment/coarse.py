@@ -158,7 +158,7 @@ def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.nd
 
 
 def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarray:
-    """Finds the fine Gaussian (original) from which each copied Gaussian of a coarser level of detail was made.
+    """Finds the original of each copied Gaussian: the Gaussian of the finest level of detail from which it was copied.
 
     Args:
         splats: Gaussians of all levels of detail.

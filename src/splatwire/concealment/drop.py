@@ -21,5 +21,5 @@ class Drop(CheckedFields):
         return "drop"
 
     def __call__(self, received: ReceivedScene) -> Concealed:
-        """Returns hints that hide every element of which at least one attribute was lost."""
+        """Returns hints that hide every element with at least one lost attribute."""
         return Concealed(np.ones_like(received.positions[:, 0]), ~received.fully_received)

@@ -97,8 +97,8 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             fully_received: Mask of received anchors of the whole scene.
-            weights: Weight of each anchor when the received share of the whole scene is computed: the typical size
-                of the anchors in its importance tier. None for equal weights.
+            weights: Weight of each anchor in the received share of the whole scene, which limits the factor. The weight
+                is the typical size of the anchors in the same importance tier. None for equal weights.
         """
         return self.clamp_received_share(received, fully_received, weights) ** -self.exponent
 
@@ -113,8 +113,9 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             fully_received: Mask of received anchors of the whole scene.
-            weights: Weight of each anchor when the received share of the whole scene is computed: the typical size of
-                the anchors in its importance tier. None for equal weights.
+            weights: Weight of each anchor in the received share of the whole scene, from which the lower bound is
+                computed. The weight is the typical size of the anchors in the same importance tier. None for equal
+                weights.
 
         Returns:
             The shares `received`, with a lower bound.
@@ -178,7 +179,8 @@ def _neighbors_of(
         neighbors: Number of neighbours per element.
 
     Yields:
-        Indices of the m elements of a batch, (m), and of the nearest other elements of each, (m, neighbors).
+        Indices of the m elements of a batch, (m); and for each of them, indices of the nearest other elements, (m,
+        neighbors).
     """
     tree = NeighborTree(positions)
     chosen = np.flatnonzero(selected)

@@ -32,10 +32,10 @@ class ScoreExponents:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Properties of all N anchors from which CARI scores them as neighbours of a lost anchor.
+    """Properties of all N anchors that determine their scores as neighbours of a lost anchor in CARI.
 
-    CARI (Context-Aware Residual Interpolation) conceals lost anchors. A signature has the mean residual of each group
-    of an anchor's attribute channels.
+    CARI (Context-Aware Residual Interpolation) conceals lost anchors. The signature of an anchor contains the mean
+    residual of each group of its attribute channels.
 
     Attributes:
         context: Hash-grid feature of each anchor, normalised to length 1.

@@ -117,8 +117,7 @@ def splat_numbers(splats, g, left, top):
         top: Top edge of the tile, pixels.
 
     Returns:
-        Centre relative to the corner of the tile (x, y), coefficients A, B and C of log2 of alpha, log2 of the opacity,
-        and RGB: the arguments of the same names of `_blend`.
+        The arguments `x`, `y`, `A`, `B`, `C`, `log_opacity`, `red`, `green` and `blue` of `_blend`, in this order.
     """
     # Single values are read, because an array view of the row would be slower (reference counting).
     at = np.int64(g) * SPLAT

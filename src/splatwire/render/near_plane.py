@@ -67,8 +67,8 @@ class _View:
     Attributes:
         depths: Depth of each element, world units.
         inside: Mask of the elements whose centres are in the picture, at any depth.
-        reaches_in: Mask of the elements that may overlap the picture: those of `inside`, and elements beyond the near
-            plane whose centres are outside the picture by less than their extent.
+        reaches_in: Mask of the elements that may overlap the picture. It contains all elements of `inside`. It also
+            contains elements beyond the near plane whose centres are outside the picture by less than their extent.
         is_dot: True if most elements of the scene are in the picture, but together cover no more than about a pixel.
     """
 

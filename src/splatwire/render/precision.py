@@ -226,7 +226,7 @@ class FurtherRemoval:
 def measure_further_removal(
     pruned: SplatScene, cameras: Cameras, references: Float[np.ndarray, "V H W 3"], *, seed: int = 0
 ) -> FurtherRemoval:
-    """Measures, for each Gaussian of a pruned scene, how much the image error grows if this Gaussian is removed, too.
+    """Measures how much the image error grows if one more Gaussian is removed from a pruned scene, for each Gaussian.
 
     Args:
         pruned: The remaining Gaussians.
@@ -259,8 +259,9 @@ def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
     Args:
         splats: All Gaussians.
         part: Maximum number of Gaussians per part.
-        measure: The function, called as `measure(members, splats, whole=...)` with the indices of the part's Gaussians,
-            the part's Gaussians, and True if there is only one part. It is called from several threads.
+        measure: The function, called as `measure(members, splats, whole=...)`. The arguments are the indices of the
+            part's Gaussians, the part's Gaussians, and True if there is only one part. It is called from several
+            threads.
     """
     # Several parts are processed in parallel.
     count = -(-splats.num_gaussians // part)

@@ -89,8 +89,8 @@ class _NetworkErrors:
     """Estimated errors of one picture if attributes of anchors change, summed over selected anchors.
 
     Attributes:
-        metric: Matrix M for changes of features and logarithms of scalings: a change by the vector d in all selected
-            anchors causes the error `d . M d`.
+        metric: Matrix M for changes of features and logarithms of scalings. If these values change by the vector d in
+            all selected anchors, the error is `d . M d`.
         offset: Error if one coordinate of an offset changes by 1, summed over the offsets.
         offset_share: Error if one Gaussian is removed, times `_relative_size` of its anchor, summed over the Gaussians.
             The ratio `offset / offset_share` converts such a product to the error of a single offset.

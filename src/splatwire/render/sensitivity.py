@@ -28,8 +28,8 @@ class Sensitivity:
         offset_removal: Error if one Gaussian of an anchor is removed.
         channels: Error if a feature, or the logarithm of a scaling, changes by 1.
         offsets: Error if a coordinate of an offset changes by 1.
-        metric: Matrix M for changes of several features and logarithms of scalings at once: `d . M d` is the error,
-            summed over all anchors, if the values of each anchor change by the vector d.
+        metric: Matrix M for changes of several features and logarithms of scalings at the same time. If the values of
+            each anchor change by the vector d, the error is `d . M d`, summed over all anchors.
     """
 
     # The diagonal of `metric` is the sum of `channels` over all anchors.

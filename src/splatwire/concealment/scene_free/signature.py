@@ -156,8 +156,9 @@ def _size_features(
         lost: 1 for lost anchors of the scene, 0 for received ones.
 
     Returns:
-        Five logarithms for each anchor: its number of existing offsets, the mean number for its neighbours, its size
-        relative to the predicted size, and the relative uncertainties of its predicted features and scalings.
+        Five logarithms for each anchor: number of its existing offsets; mean of this number over its received
+        neighbours; ratio of its size to the predicted size; relative uncertainty of its predicted features; and
+        relative uncertainty of its predicted scalings.
     """
     anchors, prior, rows, neighbors = (
         to_arrays(received.scene.anchors),

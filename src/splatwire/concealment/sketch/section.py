@@ -154,7 +154,7 @@ class SketchSection:
 
 
 def size_buckets(expected_size: np.ndarray) -> np.ndarray:
-    """Divides anchors into size classes, by which the entropy coder of their coarse copies selects its contexts.
+    """Divides anchors into size classes, which select the contexts of the entropy coder for coarse copies.
 
     Args:
         expected_size: Sizes predicted by the prior, float (N), identical on all machines.
@@ -306,7 +306,7 @@ def _models(num_levels: int, columns: int, num_offsets: int) -> tuple[np.ndarray
     """Returns the initial bit models of the range coder for a sketch: the coarse copies of the most important anchors.
 
     Args:
-        num_levels: Number of precision levels from which the encoder chooses for each copy.
+        num_levels: Number of precision levels of copies.
         columns: Number of transform coefficients of a copy, C; they describe its features and scalings.
         num_offsets: Number of offsets per anchor, K.
 

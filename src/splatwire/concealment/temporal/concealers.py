@@ -78,8 +78,8 @@ class TemporalConcealer(Protocol):
 class MotionConcealer:
     """Estimates lost motion of tracks by continuing their last known motion or interpolating neighbours' motion.
 
-    With interpolation, each lost track moves like its neighbours, stays at its last position, or is hidden. These
-    alternatives are tested on the received tracks around it, and the one with the smallest error is used.
+    With interpolation, three alternatives are tested on the received tracks around each lost track: move the track like
+    its neighbours, keep it at its last position, or hide it. The alternative with the smallest error is used.
 
     Attributes:
         name: Name of the concealer.

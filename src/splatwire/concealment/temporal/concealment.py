@@ -117,7 +117,7 @@ def _arrived(motion: GroupMotion) -> GroupPoses:
 
 
 def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentState) -> ConcealmentState:
-    """Returns the state at the end of a group of pictures, from which the next group is concealed.
+    """Returns the state at the end of a group of pictures, which is needed to conceal the next group.
 
     Args:
         poses: Poses of the tracks in the group, received or estimated.

@@ -14,8 +14,8 @@ class GroupPoses:
 
     Attributes:
         tracks: Track indices, ascending, int64 (n).
-        begins: Index of each track's first frame within the group, int64 (n).
-        ends: Index of the frame after each track's last frame, within the group, int64 (n).
+        begins: First frame of each track, counted from the start of the group, int64 (n).
+        ends: Frame after the last frame of each track, counted from the start of the group, int64 (n).
         concealed: Mask of tracks with lost motion, bool (n).
         at: Function that returns the offset of each track from its keyframe Gaussian in a frame of the group, float32
             (n, C); channels as in `GroupMotion.at`.
@@ -76,7 +76,8 @@ def lifetimes(sequence: SequenceScene, group: int, lost_tracks: np.ndarray) -> t
         lost_tracks: Indices of the n tracks.
 
     Returns:
-        Index of each track's first frame within the group, and index of the frame after its last one, int64 (n) each.
+        First frame of each track; and the frame after the last frame of each track, int64 (n) each. Frames are counted
+        from the start of the group.
     """
     frames, tracks = sequence.timeline.frames_of(group), sequence.tracks
     begins = np.where(tracks.born[lost_tracks] == group, tracks.begins[lost_tracks], 0)

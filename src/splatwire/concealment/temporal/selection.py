@@ -136,8 +136,9 @@ class _LocalColour(NamedTuple):
     Attributes:
         points: Positions of the points, (t, 3).
         density: For each point, sum of the weights of the Gaussians around it, (t).
-        colour: For each point, weighted sum of the Gaussians' colours, (t, 4): red, green, blue, and a fourth channel
-            that is `OPACITY_ERROR` for every Gaussian, so that differences of opacity count as errors.
+        colour: For each point, weighted sum of the Gaussians' colours, (t, 4). The channels are red, green, blue, and a
+            fourth channel that is `OPACITY_ERROR` for every Gaussian. The fourth channel makes differences of opacity
+            count as errors.
     """
 
     points: np.ndarray
@@ -184,8 +185,8 @@ class _Field:
     ) -> np.ndarray:
         """Computes the visible error of each of t tracks in one frame, if its estimated state is drawn.
 
-        A track is one Gaussian over time. The error is measured at one point per track: colour and opacity there with
-        the estimated state are compared with colour and opacity there with the true state.
+        A track is one Gaussian over time. The error is measured at one point per track. There, colour and opacity with
+        the estimated state are compared with colour and opacity with the true state.
 
         Args:
             background: Points at which the error is measured, one per track, with the colour and opacity of the other

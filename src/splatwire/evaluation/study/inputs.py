@@ -59,7 +59,7 @@ class PreparedScene:
         entry: Definition of the scene.
         references: The reference images.
         streams: Encoded streams, by name of the stream (`Row.variant`).
-        parts: Number of bytes of each part of a stream, such as one attribute: by name of the stream, then of the part.
+        parts: For each stream by name, the number of bytes of each part by name. An example of a part is one attribute.
         masks: Loss masks, by name of the stream, loss and seed.
         sections: Names of the additional side information in the scene's streams.
         codec: Name of the codec schema; empty if nothing is sent.
@@ -412,8 +412,8 @@ def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -
 
     Args:
         whole: The complete stream.
-        row: The method (a row of the result table), with its packetization and the names of the sections of the side
-            information that it uses.
+        row: The method (a row of the result table). It determines the packetization, and the names of the additional
+            sections of side information that are kept.
         progress: Called with the finished share, 0 to 1.
     """
     # Quantised values and networks stay the same, so that the methods can be compared. Side information that the method

@@ -189,7 +189,9 @@ class _Tensors:
         self._storages: dict[str, np.ndarray] = {}
 
     def storage(self, reference: tuple[Any, ...]) -> np.ndarray:
-        """Returns the values of a storage (a flat array in the archive, of which tensors are views) as float32.
+        """Returns the values of a storage as float32.
+
+        A storage is a flat array in the archive. Tensors are views of it.
 
         Args:
             reference: Persistent id of the storage in the pickle; states its type, its name and its number of values.

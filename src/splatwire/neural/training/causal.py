@@ -136,8 +136,8 @@ def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tenso
     centres.
 
     Args:
-        logs: Logarithms of the trained quantisation steps: one per feature group, then one each for the offset scale,
-            the three sizes, and the offsets.
+        logs: Logarithms of the trained quantisation steps: one for each feature group, one for the offset scale, one
+            for all three sizes, and one for the offsets.
         config: Shapes of anchors and networks.
 
     Returns:
@@ -227,7 +227,7 @@ def number_bits_of(
     numbers: Sequence[Tensor],
     offset_mask: Float[Tensor, "M K"],
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M K"]]:
-    """Estimates the bits of anchors, divided into the bits of whole anchors and those of single offsets.
+    """Estimates the bits of the attributes of each anchor, and separately the bits of each offset.
 
     Args:
         networks: The networks by name.
@@ -237,8 +237,8 @@ def number_bits_of(
         offset_mask: Mask of the offsets that exist, 0 or 1.
 
     Returns:
-        Bits of the features and of the logarithms of sizes of each anchor, (M); and bits of the coordinates and of the
-        mask of each offset, (M, K).
+        For each anchor, bits of its features and of the logarithms of its sizes, (M). For each offset, bits of its
+        coordinates and of its mask, (M, K).
     """
     feature, form, offset = numbers
     predicted = predict_causal(_functions(networks), config, position_inputs, feature, form, join=torch.cat)

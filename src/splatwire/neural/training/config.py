@@ -114,9 +114,9 @@ class GrowthRules:
     """Rules for adding and removing anchors.
 
     Attributes:
-        gradient_threshold: An anchor is added near a Gaussian if the gradient of the training loss with respect to its
-            2D centre is at least this long on average. Unit: 1 / half of the image size. The threshold doubles from
-            each grid to the next finer one.
+        gradient_threshold: Threshold on the mean length of the gradient of the training loss with respect to a
+            Gaussian's 2D centre. If it is reached, an anchor is added near the Gaussian. Unit: 1 / half of the image
+            size. The threshold doubles from each grid to the next finer one.
         seen_share: An anchor is examined for removal once more than `seen_share * Milestones.growth_interval` views
             have seen it since its last examination. This may take several intervals.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged
@@ -175,7 +175,7 @@ class LossWeights:
 class RefineConfig:
     """Settings for refining the context model after training, with fixed anchors.
 
-    The entries of the binary hash grid are trained as real numbers, of which only the signs are used.
+    The entries of the binary hash grid are the signs of real numbers, which are trained.
 
     Attributes:
         steps: Number of Adam steps; 0 disables the refinement.

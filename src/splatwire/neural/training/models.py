@@ -22,7 +22,7 @@ class TrainedModel(Protocol):
     """
 
     def begin(self, state: TrainState) -> None:
-        """Prepares the model for an iteration; called before each one."""
+        """Prepares the model for an iteration. The training calls the method before each iteration."""
         # An implementation initialises its networks before the first iteration whose loss includes the bit
         # rate.
 

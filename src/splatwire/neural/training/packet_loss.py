@@ -213,7 +213,7 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, fully_received: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Estimates two typical sizes, as a receiver does: that of the received anchors and that of the lost anchors.
+        """Estimates the typical size of the received anchors and that of the lost anchors, as a receiver does.
 
         A receiver knows only typical sizes per importance tier, not the size of a single lost anchor. The received
         anchors count as one tier, and the lost ones as another.

@@ -68,9 +68,9 @@ class RelocationRules:
     of the iterations of the training.
 
     Attributes:
-        start: Time from which on Gaussians are moved and added.
+        start: First time at which Gaussians are moved and added.
         growth_end: Time at which the number of Gaussians reaches the budget at the latest.
-        end: Time after which Gaussians are no longer moved or added.
+        end: Last time at which Gaussians are moved and added.
         interval: Number of iterations between two changes of the set of Gaussians.
         changes: Minimum number of changes in a training; a short training has shorter intervals.
         growth: Relative increase of the number of Gaussians per change.
@@ -110,7 +110,7 @@ class GaussianConfig:
         opacity_weight: Weight of the mean opacity in the loss.
         scale_weight: Weight of the mean standard deviation in the loss, relative to the extent of the cameras.
         dropout: Share of the Gaussians that are left out at random in each iteration, at least 0 and below 1.
-        degree_steps: Shares of the iterations after which harmonics of degree 1, 2 and 3 are trained, too.
+        degree_steps: For harmonics of degree 1, 2 and 3, share of the iterations after which their training starts.
         rates: Learning rates.
         relocation: Rules for moving and adding Gaussians.
         background: RGB of the background.
