@@ -93,7 +93,15 @@ class TensorFile:
         return data.view(_DTYPES[type_name]).reshape(shape)
 
     def _entry(self, name: str, entry: Any) -> tuple[str, tuple[int, ...], int, int]:
-        """Checks a tensor's entry in the header; returns its type, shape, start and end after the header in bytes."""
+        """Checks a tensor's entry in the header, and returns the content of the entry.
+
+        Args:
+            name: Name of the tensor.
+            entry: The entry, a JSON object.
+
+        Returns:
+            Type and shape of the tensor; and start and end of its data, as byte offsets from the end of the header.
+        """
         fields = entry if isinstance(entry, dict) else {}
         type_name, shape, offsets = (fields.get(key) for key in ("dtype", "shape", "data_offsets"))
         numbers = [*(shape if isinstance(shape, list) else [-1]), *(offsets if isinstance(offsets, list) else [-1])]

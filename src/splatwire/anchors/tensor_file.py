@@ -100,8 +100,8 @@ def parse_header(text: str | None) -> dict[str, Any]:
 def tensor_bytes(path: Path) -> dict[str, int]:
     """Returns the number of bytes that each group of tensors takes in a scene file.
 
-    Tensors whose names are equal up to the first dot form a group, which has this part as its name. All other bytes of
-    the file are counted under the name `header`.
+    Tensors whose names are equal up to the first dot form a group. This part of their names is the name of the group.
+    All other bytes of the file are counted under the name `header`.
     """
     parts: dict[str, int] = {}
     with open_tensor_file(path) as file:

@@ -53,7 +53,7 @@ def contiguous_bounds(size: int, num_ranges: int) -> np.ndarray:
         num_ranges: Number of ranges.
 
     Returns:
-        Start of each range and the end of the last one, int64 (`num_ranges + 1`).
+        Start of each range, followed by the end of the last range, int64 (`num_ranges + 1`).
     """
     lane = np.arange(num_ranges + 1, dtype=np.int64)
     return lane * (size // num_ranges) + np.minimum(lane, size % num_ranges)

@@ -26,7 +26,7 @@ class TileIndex:
         packets: Number of packets of each tile, int64 (B).
         sizes: Size of each tile in the file, bytes, int64 (B).
         errors: Geometric error of each tile, world units, float32 (B). It is the RMS distance between the tile's
-            Gaussians and the Gaussians of the finest level that they replace.
+            Gaussians and the Gaussians of the finest level that the tile replaces.
     """
 
     packets: np.ndarray

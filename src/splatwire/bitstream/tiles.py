@@ -29,7 +29,7 @@ class Tiles(CheckedFields):
         packets: Number of packets of each tile, int64 (B).
         sizes: Bytes of each tile in the file, int64 (B).
         errors: Geometric error of each tile, world units, float64 (B). It is the RMS distance between the tile's
-            Gaussians and the Gaussians of the finest level that they replace.
+            Gaussians and the Gaussians of the finest level that the tile replaces.
         low: Lower corner of the bounding box of each tile, world units, float64 (B, 3).
         high: Upper corner of the box, float64 (B, 3).
     """

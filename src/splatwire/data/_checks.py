@@ -203,9 +203,9 @@ def child(root: Path, name: str, source: Path) -> Path:
 
 
 def _existing(root: Path, parts: Sequence[str]) -> Path:
-    """Returns a path below a folder, with the names of existing files that differ only in their Unicode normal form.
+    """Returns a path below a folder, with each name in the Unicode normal form of the existing file or folder.
 
-    Archives and disks of macOS store `é` as two characters, other programs as one.
+    Normal forms may differ: archives and disks of macOS store `é` as two characters, other programs as one.
 
     Args:
         root: The folder.

@@ -86,13 +86,15 @@ def save_scene(
 
 
 def _saved_as_own_type(scene: Scene, target: Path) -> bool:
-    """Writes a scene in a plug-in's file format, if the file name has the suffix of a format for this type of scene.
+    """Writes a scene in a format for a special type of scene, if the file name has the suffix of such a format.
+
+    Packages can register such formats (`FileFormat.scene_type`).
 
     Returns:
         True if the scene was written; False if no such format has the suffix.
 
     Raises:
-        InvalidValueError: If the format is for scenes of another type.
+        InvalidValueError: If the format with this suffix is for scenes of another type.
     """
     if target.suffix in ("", SCENE_SUFFIX):
         return False

@@ -32,8 +32,8 @@ class Access:
         Args:
             name: Name of the scene.
             token: Token of the request; empty if the request has none.
-            exists: False if the server has no such scene. If it has private scenes, the request is then refused like
-                one for a private scene, so that clients cannot find out which scenes exist.
+            exists: False if the server has no such scene. A server with private scenes then refuses the request as for
+                a private scene, so that clients cannot find out which scenes exist.
         """
         if name not in self.private and (exists or not self.private):
             return None

@@ -38,8 +38,8 @@ def fit_splats(
 ) -> Iterator[Splats]:
     """Fits explicit Gaussians to a scene, a few thousand at a time.
 
-    The networks of the scene predict colour, opacity and shape of a Gaussian for each view. The fit averages them,
-    weighted by the Gaussian's visible area in each view.
+    The networks of the scene predict colour, opacity and shape of a Gaussian for each view. The fit averages these
+    predictions over the views, weighted by the Gaussian's visible area in each view.
 
     Args:
         scene: The scene.

@@ -21,8 +21,8 @@ _MAX_READ_BYTES = 1 << 30
 class FileBytes:
     """The bytes of a file, or of a part of a file. Only accessed slices are read.
 
-    The file is not mapped into memory, because the system ends a process that accesses a mapped file after another
-    program has truncated it (SIGBUS). This could happen to a frame of a live clip that is written again.
+    The file is not mapped into memory. If another program truncates a mapped file, the system ends the process that
+    accesses it (SIGBUS). This could happen to a frame of a live clip that is written again.
 
     Args:
         path: The file; it stays open as long as this object lives.

@@ -93,8 +93,8 @@ class Stage:
 
     Args:
         path: Path of the scene file.
-        limits: Limits on the memory and time of the current process. They are raised by the size of each file of the
-            scene before it is read, and by the size of the Gaussians that are read.
+        limits: Limits on the memory and time of the current process. Each file of the scene raises the limits before it
+            is read. The Gaussians that are read also raise the limits.
 
     Raises:
         DatasetError: If usd-core cannot open the file, no prim with Gaussians is visible, or a point instancer draws

@@ -153,7 +153,7 @@ def _position_step(farthest: float) -> float:
         farthest: Largest absolute coordinate of all positions, world units.
 
     Returns:
-        The step, a power of two. It is not limited, although the format cannot store steps above 1.
+        The step, a power of two. The result can exceed 1, the largest step that the format can store.
     """
     return 2.0 ** max(-_FRACTION_BITS, math.ceil(math.log2(max(farthest, 1e-30) / _MAX_COORDINATE)))
 

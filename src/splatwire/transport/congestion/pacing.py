@@ -180,7 +180,8 @@ class RateControl:
             num_sent: Number of datagrams that the report covers.
             num_arrived: Number of covered datagrams that were received.
             bytes_arrived: Estimated total size of the covered datagrams that were received, bytes.
-            seconds: Time from the arrival of the previous report's latest datagram to that of this report, seconds.
+            seconds: Time between the arrivals of two datagrams, seconds: the latest datagram of the previous report,
+                and the latest datagram of this report.
         """
         only_lost = self.round_trip is None and round_trip < FEEDBACK_TIMEOUT_ROUNDS * ASSUMED_ROUND_TRIP_S
         self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip

@@ -207,7 +207,7 @@ class LossMeter:
             slower: Sending rate during the test as a share of the rate before the test.
 
         Returns:
-            True if the loss was congestion: it decreased at the lower rate, or is so high that the path counts as
+            True if the loss was congestion: the loss decreased at the lower rate, or is so high that the path counts as
             congested anyway. False if the loss persisted, so that it is random loss of the path.
         """
         self._late = LossCounter()

@@ -394,7 +394,7 @@ class PageContent:
         return self._files[name]
 
     def _is_own_host(self, name: str) -> bool:
-        """True if the host in a request's `Host` header is a name of this server, or any IP address."""
+        """True if the `Host` header of a request is accepted: it has a name of this server, or any IP address."""
         if not name:
             return True
         # Other names are refused, because an attacker's name could point to this machine (DNS rebinding).

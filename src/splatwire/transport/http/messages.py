@@ -153,7 +153,8 @@ def read_range(text: str, size: int) -> tuple[int, int] | None:
         size: Size of the whole file in bytes.
 
     Returns:
-        Offset of the first requested byte, and of the byte after the last one. None if the whole file is to be sent.
+        Offset of the first requested byte, and offset of the byte after the last requested byte. None if the whole file
+        is to be sent.
     """
     match = _RANGE.fullmatch(text)
     if match is None or not (match[1] or match[2]):

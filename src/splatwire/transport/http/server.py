@@ -87,7 +87,7 @@ class SlowContent(Protocol):
 
 
 class PageServer:
-    """HTTP server for the browser page, and an asynchronous context manager that serves until its exit.
+    """HTTP server for the browser page. It is an asynchronous context manager and runs until the context ends.
 
     Args:
         content: Page, scripts and streams that the server offers; may be replaced later.

@@ -270,7 +270,7 @@ class _LimitedEndpoint(AioquicServer):
             super().datagram_received(data, addr)
 
     def _may_begin(self, data: bytes, addr: Any) -> bool:
-        """True if a datagram of no known connection is passed to aioquic, which may then start a connection.
+        """True if aioquic may start a connection because of a datagram that belongs to no known connection.
 
         Clients must first return a token (QUIC Retry) while the server has many handshakes or connections. Cheap checks
         come first, because these datagrams may be a flood with forged addresses.
