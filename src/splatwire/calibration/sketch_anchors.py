@@ -35,7 +35,7 @@ _FURTHEST = 4.0
 
 @dataclass(frozen=True, eq=False)
 class AnchorSketch:
-    """Coarse copies of a scene's most important anchors, which a receiver draws if the anchors are lost (a sketch).
+    """Sketch of a scene: coarse copies of its most important anchors, drawn if the anchors themselves are lost.
 
     Attributes:
         copies: The coarse copies, and the parameters with which a receiver enlarges anchors next to lost ones.

@@ -179,8 +179,7 @@ def _neighbors_of(
         neighbors: Number of neighbours per element.
 
     Yields:
-        Indices of the m elements of a batch, (m); and for each of them, indices of the nearest other elements, (m,
-        neighbors).
+        Indices of the m elements of a batch, (m); and the indices of the elements nearest to each, (m, neighbors).
     """
     tree = NeighborTree(positions)
     chosen = np.flatnonzero(selected)

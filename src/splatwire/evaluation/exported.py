@@ -27,7 +27,7 @@ def compare_export(
     Returns:
         Mapping with the number of views, `num_views`, and mean PSNR values over the views in decibels. `psnr_to_scene`
         compares the export with the original scene. If there are photos, `psnr_scene` compares the original scene with
-        them, `psnr_export` compares the export with them, and `psnr_loss` is the first minus the second.
+        the photos, `psnr_export` compares the export with the photos, and `psnr_loss` is `psnr_scene - psnr_export`.
     """
     background = np.array(scene.background)
     rows = []

@@ -42,8 +42,8 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
     Args:
         scene: The scene.
         size: Width and height, pixels.
-        viewpoint: Viewpoint of the thumbnail. None compares several views of the whole scene, and uses the one with the
-            most detail.
+        viewpoint: Viewpoint of the thumbnail. If it is None, several views of the whole scene are compared, and the
+            view with the most detail is used.
 
     Returns:
         The picture, uint8 (height, width, 3).

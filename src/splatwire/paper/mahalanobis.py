@@ -86,7 +86,7 @@ class MahalanobisSearch:
 
 
 def _local_order(positions: np.ndarray, extents: np.ndarray) -> np.ndarray:
-    """Returns an order of points in which consecutive points are close in space and of similar size, as indices.
+    """Returns the indices of points in an order in which consecutive points are close in space and of similar size.
 
     Args:
         positions: Positions of the points, (S, 3).

@@ -335,7 +335,7 @@ def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
 @njit()
 @no_type_check
 def _axes_back(w, x, y, z, g, out):
-    """Converts the gradient of the loss with respect to a rotation matrix to that with respect to its quaternion.
+    """Converts the gradient with respect to a rotation matrix to the gradient with respect to its quaternion.
 
     Args:
         w: Scalar part of the quaternion.

@@ -70,7 +70,7 @@ class Coder(NamedTuple):
 def copy_flag_context(precision_levels, n):
     """Returns the context for the bit that is 1 if anchor `n` has a copy.
 
-    The context is the number of the four preceding anchors that have a copy, at most 3.
+    The context is the number of anchors with a copy among the four anchors before `n`, at most 3.
 
     Args:
         precision_levels: Precision level of each anchor's copy; 0 for anchors without a copy.

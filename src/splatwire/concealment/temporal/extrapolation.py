@@ -138,9 +138,9 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
 def _kept_deviation(deviation: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
     """Returns the factors that reduce deviations from the neighbours' motion for the next group of pictures.
 
-    If a track deviated from its neighbours' motion at the end of a group, the deviation times this factor continues in
-    the next group. A small deviation gets a small factor, because it is probably a rounding error. The factor is 0 for
-    concealed tracks, and for scale, opacity and colour.
+    If a track deviated from its neighbours' motion at the end of a group, its estimate in the next group keeps this
+    deviation, multiplied by the factor. A small deviation gets a small factor, because it is probably a rounding error.
+    The factor is 0 for concealed tracks, and for scale, opacity and colour.
 
     Args:
         deviation: Deviation of each track from its neighbours' motion at the end of the previous group, (n, C).

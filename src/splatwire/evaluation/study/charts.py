@@ -60,8 +60,8 @@ def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
     """Draws a line chart of PSNR by view, with one line per method: mean over the seeds, and range as a shaded band.
 
     Args:
-        shown: Results of the methods on one scene with one loss model (simulated loss of packets or datagrams).
-            Methods without a PSNR of the single views are left out.
+        shown: Results of the methods on one scene with one loss model (simulated loss of packets or datagrams). Methods
+            without a PSNR for each view are left out.
         views: Names of the views, in the order of the results.
 
     Returns:

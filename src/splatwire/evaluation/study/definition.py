@@ -164,7 +164,7 @@ class Loss:
     Attributes:
         model: Specification for `splatwire.channel.loss_text`.
         unit: `pak`: whole packets are lost. `datagram`: datagrams of 1200 bytes are lost, and a packet is lost if any
-            of its datagrams is.
+            of its datagrams is lost.
         send_order: Order in which packets are sent, one of `splatwire.bitstream.SEND_ORDERS`.
     """
 

@@ -60,8 +60,8 @@ class Delivery:
 
     Attributes:
         head: Time at which manifest and side information of the stream have arrived, seconds.
-        arrivals: Arrival time of each packet in seconds, ordered by packet id, float64 (P); infinite if it never
-            arrived.
+        arrivals: Arrival time of each packet in seconds, ordered by packet id, float64 (P); infinite for packets that
+            never arrived.
         sent_bytes: Bytes of all sent packets, including lost ones.
         blocks: Index of each packet's tile, int64 (P).
         sizes: Bytes of each packet, int64 (P).

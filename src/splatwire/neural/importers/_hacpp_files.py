@@ -131,7 +131,7 @@ def infer_voxel_size(positions: np.ndarray) -> float:
         positions: Positions of the anchors, float32 (N, 3).
 
     Returns:
-        The estimate in world units. The caller must check that the positions are multiples of it.
+        The estimate in world units. The caller must check that the positions are multiples of the estimate.
 
     Raises:
         DatasetError: If all coordinates are equal, so that there is no gap.

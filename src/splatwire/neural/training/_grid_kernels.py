@@ -21,7 +21,7 @@ def signs(values, out):
 @njit(parallel=True)
 @no_type_check
 def clip_gradient(values, gradient):
-    """Converts the gradient with respect to the signs of values to one with respect to the values, in place.
+    """Converts the gradient with respect to the signs of values to the gradient with respect to the values, in place.
 
     The gradient is kept for values within [-1, 1] and set to zero for others (straight-through estimator).
 

@@ -89,8 +89,8 @@ def similarity(moments, blurred, x, y, c1, c2, sums):
     Also computes the gradient of SSIM. Images have one row of RGB values per row of pixels, (H, 3 W).
 
     Args:
-        moments: Blurred x, x * x and x * y, (3, H, 3 W); each is overwritten by the gradient of SSIM with respect to
-            it.
+        moments: Blurred x, x * x and x * y, (3, H, 3 W); overwritten by the gradient of SSIM with respect to these
+            moments.
         blurred: Blurred y and y * y, (2, H, 3 W).
         x: The picture, (H, 3 W).
         y: The photo, (H, 3 W).

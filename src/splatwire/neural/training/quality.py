@@ -15,7 +15,7 @@ from splatwire.render.render import iterate_views
 
 @dataclass(frozen=True, eq=False)
 class QualityReport:
-    """Quality of rendered test views; the rendered scene is not quantised.
+    """Quality of rendered test views; the scene is rendered without encoding it first.
 
     Attributes:
         iteration: Iteration of the test.

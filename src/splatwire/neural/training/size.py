@@ -113,7 +113,7 @@ def headroom(milestones: Milestones, iteration: int) -> float:
 def steered(before: Steering, miss: float) -> Steering:
     """Returns the state of the size controller after a measurement of the stream's size.
 
-    Its field `log_rate` adjusts lambda, the weight of the bit rate in the loss.
+    The field `log_rate` of the state adjusts lambda, the weight of the bit rate in the loss.
 
     Args:
         before: State of the size controller before the measurement.

@@ -57,7 +57,8 @@ class Branches:
         feature: Estimates of the features.
         scaling: Estimates of the scalings.
         offset: Estimates of the offsets.
-        mask_logit: Logits of the GNN for each of the K offsets of an anchor; the offset exists if it is 0 or more.
+        mask_logit: Logits of the GNN for each of the K offsets of an anchor. An offset exists if its logit is 0 or
+            more.
     """
 
     feature: Branch

@@ -69,7 +69,7 @@ class RelocationRules:
 
     Attributes:
         start: First time at which Gaussians are moved and added.
-        growth_end: Time at which the number of Gaussians reaches the budget at the latest.
+        growth_end: Latest time at which the number of Gaussians reaches the budget.
         end: Last time at which Gaussians are moved and added.
         interval: Number of iterations between two changes of the set of Gaussians.
         changes: Minimum number of changes in a training; a short training has shorter intervals.
