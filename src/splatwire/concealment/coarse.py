@@ -39,7 +39,7 @@ class Coarse:
     Attributes:
         exponent: Exponent of the factor `(1 - rho) ** -exponent` by which a received Gaussian is enlarged. Here, `rho`
             is the lost share of its nearest neighbours. 0 disables enlargement.
-        trust: Value `trust` in this factor, at least 0; 0 hides merged Gaussians.
+        trust: Value `trust` in the formula above, at least 0; 0 hides merged Gaussians.
     """
 
     exponent: float = 0.35

@@ -115,8 +115,8 @@ def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | N
 
     Args:
         sections: Names of the sections in the stream's side information.
-        provides: Types of elements and side information in the stream; None if they are unknown; concealers are then
-            listed for all types.
+        provides: Types of elements and side information in the stream. If None, the types are unknown, and concealers
+            for all types are listed.
     """
     available = {None, *sections}
     return tuple(

@@ -144,8 +144,8 @@ class _ConstantData:
         context: The received scene.
         groups: Groups of attribute channels that are interpolated with the same neighbours and weights.
         unit_context: Hash-grid feature of each anchor, normalised to length 1.
-        certainty: Factor on each anchor's score as a neighbour, per attribute group; lower if the hash grid's
-            prediction (prior) of the anchor is uncertain; `w_unc` in the paper.
+        certainty: Factor on each anchor's score as a neighbour, per attribute group; `w_unc` in the paper. The factor
+            is lower if the prediction for the anchor by the hash grid (the prior) is uncertain.
         everyone: Search tree over the positions of all anchors.
     """
 

@@ -136,7 +136,8 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
     Args:
         splats: Projected Gaussians.
         ids: Indices of Gaussians; those from `begin` to `end` (exclusive) are in this tile, nearest first.
-        spans: Pixel rows of the tile that the Gaussian of each entry of `ids` covers.
+        spans: For each entry of `ids`, the pixel rows of the tile that its Gaussian covers: first row and end
+            (exclusive).
         begin: First entry of `ids` for this tile.
         end: End of the entries (exclusive).
         left: Left edge of the tile, pixels.

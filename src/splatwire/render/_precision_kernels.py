@@ -41,7 +41,8 @@ def add_squared(
         order: Axes of each Gaussian sorted by length, longest first.
         symmetry_axis: Column of `order` with the axis of symmetry of each Gaussian: 2 (shortest axis) for flat
             Gaussians, 0 (longest axis) for long ones.
-        sums: Sums to increase, (N, 8). The constants `POSITION` to `COLOUR` are the column of each attribute.
+        sums: Sums to increase, (N, 8). The constants `POSITION` to `COLOUR` are the index of each attribute's first
+            column.
         first: Index of the first Gaussian.
         last: End of the Gaussians (exclusive).
     """

@@ -29,7 +29,7 @@ def create_renderer(name: str) -> Renderer:
 
     Raises:
         UnknownNameError: If no renderer has that name.
-        BackendUnavailableError: If it needs a missing package or device.
+        BackendUnavailableError: If the renderer needs a missing package or device.
     """
     if name == _BUILT_IN:
         return render_cpu

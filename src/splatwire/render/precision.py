@@ -90,8 +90,8 @@ def scene_precision_classes(
         recompute: True to ignore quantisation steps that the Gaussians already have.
 
     Returns:
-        Classes, int8 (N); None for a scene without explicit Gaussians, and for Gaussians that already have
-        quantisation steps unless `recompute` is True.
+        Classes, int8 (N). None for a scene without explicit Gaussians. Also None if the Gaussians already have
+        quantisation steps and `recompute` is False.
     """
     splats = explicit_gaussians(scene)
     return (

@@ -182,7 +182,8 @@ def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[in
 
     Args:
         stream: The complete stream.
-        arrival: Index of the group of pictures during which each packet arrives, int64; -1 if it never arrives.
+        arrival: Index of the group of pictures during which each packet arrives, int64; -1 for packets that never
+            arrive.
 
     Returns:
         Function that maps the index of a group of pictures to the mask of received keyframe Gaussians, bool (T).

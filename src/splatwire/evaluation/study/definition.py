@@ -83,7 +83,7 @@ class Decoded:
 
     Attributes:
         scene: Name of the scene.
-        source: File of the decoded scene, or folder with one picture per view, rendered from it.
+        source: File of the decoded scene, or folder with one picture per view, rendered from the decoded scene.
         num_bytes: Number of bytes that the codec sends; None for the size of `source`.
     """
 

@@ -18,7 +18,7 @@ def create_engine(name: str, workers: int | None = None, slurm: SlurmOptions | N
 
     Raises:
         UnknownNameError: If the engine does not exist.
-        BackendUnavailableError: If it is not installed, or cannot run here.
+        BackendUnavailableError: If the engine is not installed, or cannot run here.
         InvalidValueError: If the number of workers is below 1, or another engine gets Slurm options.
     """
     if slurm is not None and name in ENGINES and name != "slurm":

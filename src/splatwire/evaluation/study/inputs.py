@@ -256,7 +256,7 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 
 
 def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], digest: str, store: Store) -> None:
-    """Logs a warning if the reference seems to be another scene, by its position and size.
+    """Logs a warning if position and size of the reference suggest that it is another scene.
 
     The comparison is stored. Empty scenes are not compared.
 

@@ -18,7 +18,7 @@ def needed_stream(stream: SceneStream, concealer: str) -> SceneStream:
 
     Args:
         stream: The stream; may contain sections for several concealers.
-        concealer: Name of the concealer, or `name:FILE` if it reads a file instead of its section.
+        concealer: Name of the concealer; `name:FILE` for a concealer that reads a file instead of its section.
 
     Raises:
         BitstreamError: If the side information is damaged or missing.

@@ -18,7 +18,7 @@ class PreparedStream:
         num_packets: Number of packets of the complete stream; 0 for a scene file.
         num_anchors: Number of elements of the scene, anchors or Gaussians.
         num_gaussians: Number of Gaussians; None if not counted.
-        seconds_encode: Encoding time in seconds; None if it was not encoded here.
+        seconds_encode: Encoding time in seconds; None for a file that was not encoded here.
         elements: Name of the scene's elements, such as `anchors`.
     """
 

@@ -119,7 +119,7 @@ def _cancel(job: Any) -> None:
 
 
 def _report_finished(store: Store, left: dict[str, Unit], listener: Listener) -> None:
-    """Reports each task whose results have appeared in the store to the listener, and removes it from `left`.
+    """Calls the listener for each task whose results have appeared in the store, and removes the task from `left`.
 
     Args:
         store: Store in which finished results appear.

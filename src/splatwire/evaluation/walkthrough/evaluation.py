@@ -99,13 +99,13 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time after which every picture is at most `SETTLED_DB` worse than with the completely received scene.
+    """Returns the time from which on all pictures are at most `SETTLED_DB` worse than with the complete scene.
 
     Args:
         moments: Quality of the pictures at several times, ascending by time.
 
     Returns:
-        Seconds since the request; None if the last picture is still worse.
+        Seconds since the request; None if the last picture is still worse than that.
     """
     # From then on, the PSNR of each picture is at most `SETTLED_DB` below that of the completely received scene.
     reached_at = None

@@ -54,9 +54,9 @@ def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2, ssim):
     """Computes SSIM for one row of pixels, and its gradient with respect to the blurred moments of the picture.
 
     Args:
-        mean_x: Blurred x; overwritten by its gradient.
-        xx: Blurred x * x; overwritten by its gradient.
-        xy: Blurred x * y; overwritten by its gradient.
+        mean_x: Blurred x; overwritten by the gradient with respect to blurred x.
+        xx: Blurred x * x; overwritten by the gradient with respect to blurred x * x.
+        xy: Blurred x * y; overwritten by the gradient with respect to blurred x * y.
         mean_y: Blurred y.
         yy: Blurred y * y.
         x: Row of the picture.

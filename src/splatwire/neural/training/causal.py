@@ -75,8 +75,8 @@ class TrainedCausal:
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding; their offset masks; and the estimated
-            bits of the sample, None while the loss excludes the bit rate.
+            Attributes of the visible anchors with noise in place of rounding; their offset masks; and the estimated
+            bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
         config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         masks = straight_through_masks(state, config, visible)[0]

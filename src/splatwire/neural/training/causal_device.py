@@ -41,8 +41,8 @@ class DeviceCausal(TrainedCausal):
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding; their offset masks; and the estimated
-            bits of the sample, None while the loss excludes the bit rate.
+            Attributes of the visible anchors with noise in place of rounding; their offset masks; and the estimated
+            bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
         config, phase, layout = self._config, phase_of(self._config.milestones, state.iteration), self._model.layout
         widths = (layout.feature_dim, NUM_SIZES, 3 * layout.num_offsets)

@@ -137,8 +137,8 @@ class TrainedContext:
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding; their offset masks; and the estimated
-            bits of the sample, None while the loss excludes the bit rate.
+            Attributes of the visible anchors with noise in place of rounding; their offset masks; and the estimated
+            bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
         steps, rate = self.quantise(state, visible)
         drawn = (

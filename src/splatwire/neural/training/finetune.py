@@ -32,7 +32,7 @@ def model_of(scene: Scene) -> str | None:
 
 
 def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
-    """Converts a configuration for a new scene to one for fine-tuning a finished scene.
+    """Converts a configuration for a new scene to a configuration for fine-tuning a finished scene.
 
     Args:
         config: Configuration for a new scene; its length, loss weights and packet losses are kept.

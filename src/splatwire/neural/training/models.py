@@ -34,7 +34,7 @@ class TrainedModel(Protocol):
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors with noise in place of rounding, and their offset masks; and the estimated
+            Attributes of the visible anchors with noise in place of rounding; their offset masks; and the estimated
             bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
 

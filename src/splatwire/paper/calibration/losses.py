@@ -39,8 +39,8 @@ class LossWeights:
         render: Weight (lambda) of the difference between pictures of the concealed and the complete scene, per query; 0
             to disable rendering.
         smooth_neighbors: Number of neighbouring queries per query in the smoothness term, k_lap.
-        smooth_bandwidth: Neighbours in the smoothness term have Gaussian weights by distance. This is the standard
-            deviation of the weights, relative to the mean neighbour distance; 0 for equal weights.
+        smooth_bandwidth: Standard deviation of the Gaussian weights by distance that neighbours have in the smoothness
+            term, relative to the mean neighbour distance; 0 for equal weights.
     """
 
     # As with `feature`, weights of 0 leave out scalings and offsets.

@@ -172,7 +172,9 @@ class InpaintingNetwork(nn.Module):
             self.register_buffer(f"{name}_spread", torch.ones(width))
 
     def encode_sources(self, inputs: Float[Tensor, "S D"]) -> tuple[Float[Tensor, "S H"], ...]:
-        """Computes what the known anchors contribute to each EdgeConv layer; it is the same for all lost anchors.
+        """Computes the contributions of the known anchors to each EdgeConv layer.
+
+        The contributions are the same for all lost anchors.
 
         Args:
             inputs: Network inputs of the S known anchors, from `source_inputs`.
