@@ -80,7 +80,8 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
         bit: Index of the bit that divides the node.
         run: Number of consecutive 0 bits directly above `bit` in the node's codes, at most 15; selects the context.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
     """
     if n == 1:
@@ -119,7 +120,8 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
         bit: Index of the bit that divides the node.
         run: Number of consecutive 0 bits directly above `bit` in the node's codes, at most 15; selects the context.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
     """
     if n == 1:
@@ -191,7 +193,8 @@ def decode_codes(data, count, bits, models, inverses, widths, table, codes):
         bits: Number of bits of a code.
         models: Adaptive bit models, changed in place.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
         codes: Output: the codes, ascending, int64 (`count`).
     """

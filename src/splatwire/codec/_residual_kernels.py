@@ -43,7 +43,8 @@ def residual_windows(scales, inverses, widths, normal):
     Args:
         scales: Index of each context's standard deviation in the coder's table, int64 (contexts).
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest magnitude of a residual with a probability interval, for each of these standard deviations.
+        widths: Largest magnitude of a residual with a probability interval, for each standard deviation in the coder's
+            table.
         normal: Table of the normal cumulative distribution function.
 
     Returns:

@@ -22,7 +22,7 @@ def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widt
         scale1: Standard deviation of the second component.
         weight: Weight of the first component.
         inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        widths: Largest distance from the mean that needs no escape code, by scale index.
         table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
 

@@ -90,7 +90,7 @@ def window(mean0, scale0, mean1, scale1, weight, widths):
         mean1: Mean of the second component.
         scale1: Standard deviation of the second component.
         weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
-        widths: Largest distance from the mean without an escape code, by scale index, from `half_width_table`.
+        widths: Largest distance from the mean that needs no escape code, by scale index, from `half_width_table`.
 
     Returns:
         First and last integer of the range.
@@ -163,7 +163,7 @@ def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, i
         scale1: Standard deviation of the second component.
         weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
         inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        widths: Largest distance from the mean that needs no escape code, by scale index.
         table: Standard normal CDF, from `normal_table`.
     """
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
@@ -193,7 +193,7 @@ def decode_symbol(data, end, state, mean0, scale0, mean1, scale1, weight, invers
         scale1: Standard deviation of the second component.
         weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
         inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        widths: Largest distance from the mean that needs no escape code, by scale index.
         table: Standard normal CDF, from `normal_table`.
     """
     # The search starts at the mean of the component with the larger weight. It proceeds outwards in doubling steps

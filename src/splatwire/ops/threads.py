@@ -63,7 +63,7 @@ _LIMIT = threading.Event()
 
 
 def use_single_thread() -> None:
-    """Makes the function `share`, which distributes work over threads, do all work on the calling thread.
+    """Restricts the function `share`, which distributes work over threads, to the calling thread.
 
     This limit stays for the rest of the process.
     """

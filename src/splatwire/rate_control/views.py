@@ -70,7 +70,9 @@ class ViewSets:
 
 
 def not_held_out(cameras: Cameras, count: int) -> Cameras:
-    """Selects cameras for fine-tuning, evenly spread, without those that are reserved for the reported PSNR.
+    """Selects evenly spread cameras for fine-tuning.
+
+    Cameras that are reserved for the reported PSNR are not selected.
 
     Args:
         cameras: At least `MIN_CAMERAS` cameras.

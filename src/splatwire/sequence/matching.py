@@ -238,7 +238,7 @@ def _implausible_matches(
         partner: Index of the match of each current Gaussian in the previous frame, (M); -1 for none.
 
     Returns:
-        Indices of the current frame's Gaussians with such a match, int64.
+        Indices of the current frame's Gaussians whose matches are implausible, int64.
     """
     matched = np.flatnonzero(partner >= 0)
     partners = partner[matched]

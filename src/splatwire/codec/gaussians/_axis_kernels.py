@@ -28,7 +28,7 @@ def predict_axis(near, count, primary, axis):
     Args:
         near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.
         count: Number of neighbours.
-        primary: Kind of primary axis: 0 for that of the largest scale, 2 for that of the smallest.
+        primary: Kind of primary axis: 0 for the axis of the largest scale, 2 for the axis of the smallest scale.
         axis: Output: the weighted sum, int64 (3).
 
     Returns:
@@ -114,7 +114,7 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
     Args:
         coder: Entropy coder.
         row: Decoded integers of the Gaussian, int64 (columns); the axis is written.
-        primary: Kind of primary axis: 0 for that of the largest scale, 2 for that of the smallest.
+        primary: Kind of primary axis: 0 for the axis of the largest scale, 2 for the axis of the smallest scale.
         source: The exact axis; only used by an encoder.
         shift: log2 of the quantisation step.
         near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.

@@ -201,7 +201,7 @@ def _find_wide(near, i):
 def predict(near, count, defaults):
     """Predicts the attributes of a Gaussian as weighted means over the neighbours that `find_neighbours` found.
 
-    The means are written to `near.means`. The mean deviations of the neighbours from them are written to
+    The means are written to `near.means`. The mean deviations of the neighbours from the means are written to
     `near.deviations`.
 
     Args:

@@ -157,7 +157,8 @@ def _code_spin(coder, row, axes, primary, bits):
         coder: Entropy coder.
         row: Decoded integers of the Gaussian, int64 (columns). Contains the primary axis; the angle is written.
         axes: Exact principal axes as columns, float64 (3, 3); only used by an encoder.
-        primary: Column of the primary axis in `axes`: 0 for that of the largest scale, 2 for that of the smallest.
+        primary: Column of the primary axis in `axes`: 0 for the axis of the largest scale, 2 for the axis of the
+            smallest scale.
         bits: Number of bits of the angle.
     """
     value = np.int64(0)
@@ -177,7 +178,8 @@ def spin_angle(row, axes, primary):
         row: Decoded integers of the Gaussian, int64 (columns). Columns `AXIS` to `AXIS + 2` are the x, y and z
             components of its primary axis, not normalised.
         axes: Principal axes before quantisation, one in each column, float64 (3, 3).
-        primary: Column of the primary axis in `axes`: 0 for that of the largest scale, 2 for that of the smallest.
+        primary: Column of the primary axis in `axes`: 0 for the axis of the largest scale, 2 for the axis of the
+            smallest scale.
     """
     # The angle is that between column `(primary + 1) % 3` and a direction that is perpendicular to the primary axis and
     # close to a coordinate axis.

@@ -141,7 +141,7 @@ class GaussianDecoder:
 
 
 def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
-    """Returns the quantisation parameters of a decoded scene. With these, the scene can be encoded again without loss.
+    """Returns the quantisation parameters with which a decoded scene can be encoded again without loss.
 
     Args:
         info: The stream's side information.

@@ -94,9 +94,9 @@ def fit_side_info(
     Args:
         scene: The Gaussians, sorted into blocks.
         sections: Named sections to include, content by name.
-        fixed_transform: Decorrelating transform of the spherical harmonics to use, such as that of an earlier stream;
-            None to fit it to a sample of the scene.
-        template: Side information of another stream, whose probability tables are reused; None to fit the tables to a
+        fixed_transform: Decorrelating transform to use for the spherical harmonics, such as the transform of an earlier
+            stream. None to fit a transform to a sample of the scene.
+        template: Side information of another stream. Its probability tables are used again. None to fit tables to a
             sample of the scene.
         threads: Number of threads; None for one per processor.
     """

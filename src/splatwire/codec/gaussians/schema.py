@@ -57,7 +57,7 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
 
 
 def ranked_by_attributes(splats: Splats) -> np.ndarray:
-    """Sorts Gaussians by the values of their attributes, so that their order no longer depends on that of the input.
+    """Sorts Gaussians by the values of their attributes. The result does not depend on the order of the input.
 
     Returns:
         Entry i is the index in `splats` of the i-th Gaussian in sorted order, int64 (N).

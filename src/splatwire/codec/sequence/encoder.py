@@ -408,7 +408,7 @@ class TracksEncoder:
 
         Args:
             packets: The packets, with blocks numbered from 0.
-            num_blocks: Number of these blocks.
+            num_blocks: Number of blocks of the packets.
             seen: Visibility of each element of the packets (squared opacity times area).
         """
         first = self._num_blocks

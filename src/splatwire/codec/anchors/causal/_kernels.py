@@ -125,7 +125,8 @@ def _encode_packet(
         size_group: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
         weights: Table of probabilities by logit, see `offset_probability`.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
         out: Output: bytes of the packet.
         state: Working array for the range encoder, int64 (3).
@@ -176,7 +177,8 @@ def encode_packets(
         size_group: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
         weights: Table of probabilities by logit, see `offset_probability`.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
@@ -207,7 +209,8 @@ def anchor_bits(
         offsets: Index of the first column of `symbols` that belongs to offsets.
         weights: Table of probabilities by logit, see `offset_probability`.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
         bits: Output: size of each anchor, bits.
     """
@@ -285,7 +288,8 @@ def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, ta
         scales: Index of each symbol's standard deviation in the coder's table.
         coded: Mask of the coded symbols; `coded[n, k]` is for columns 3 k to 3 k + 2 of anchor n.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
         symbols: Output: symbols; 0 for symbols that are not coded.
     """

@@ -147,7 +147,8 @@ def encode_packets(
         group_starts: First channel of each feature group, and the end of the last.
         weights: Table of mixture weights.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
@@ -206,7 +207,8 @@ def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, tabl
         scale1: Standard deviation of the second component.
         weight: Weight of the first component, out of 2**16.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
     """
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
@@ -242,7 +244,8 @@ def anchor_bits(
         offset_scale: Indices of the standard deviations of the offsets in the coder's table.
         weights: Table of mixture weights.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
         bits: Output: size of each anchor, bits.
     """
@@ -358,7 +361,8 @@ def decode_group(
         weight: Weights of the first distribution as indices into `weights`, for the channels of this group.
         weights: Table of mixture weights.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
         features: Output: feature symbols.
     """
@@ -390,7 +394,8 @@ def decode_rest(
         offset_mean: Means of the offsets.
         offset_scale: Standard deviations of the offsets, as indices into the coder's table.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
+            escape code.
         table: Standard normal CDF, from `normal_table`.
         scalings: Output: scalings in quantisation steps.
         offsets: Output: offsets in quantisation steps; 0 for offsets that do not exist.

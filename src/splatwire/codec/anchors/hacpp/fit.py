@@ -76,10 +76,10 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 
 
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
-    """Returns how large an error each output of the prior network may have after the weights are quantised.
+    """Returns the tolerated error of each output of the prior network from the quantisation of the network's weights.
 
-    Errors of these sizes cost about the same number of bits in every output. The caller multiplies all sizes by one
-    factor.
+    The errors are chosen so that each output costs about the same number of additional bits. Only their ratios matter,
+    because the caller multiplies all of them by one factor.
 
     Args:
         outputs: Outputs of the prior network for a sample of anchors.
