@@ -334,7 +334,7 @@ def _interval_start(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual without a tabulated interval: it is very large, or its distribution is wide.
+    """Encodes a residual whose interval is not tabulated: a very large residual, or one with a wide distribution.
 
     Args:
         coder: Entropy coder.

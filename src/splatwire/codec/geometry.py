@@ -71,7 +71,7 @@ def decode_positions(data: bytes, count: int, order: str) -> np.ndarray:
 
     Args:
         data: Bytes written by `encode_positions`.
-        count: Number of voxels; a voxel that was encoded several times counts as often.
+        count: Number of voxels. A voxel that was encoded k times counts k times.
         order: Order of the voxels in the result: `morton` (Z-order) or `raster` (by z, then y, then x).
 
     Returns:

@@ -148,7 +148,7 @@ class Offsets:
 
     @staticmethod
     def between(exact: Splats, rounded: Splats) -> "Offsets":
-        """Computes the differences of parameters between exact and rounded Gaussians, which are the rounding errors.
+        """Computes rounding errors: the differences between the parameters of rounded and of exact Gaussians.
 
         Adding the differences to the exact parameters gives the rounded Gaussians.
         """

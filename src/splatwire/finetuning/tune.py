@@ -338,7 +338,7 @@ def _sampled_loss(
     Args:
         scene: The scene.
         splats: The Gaussians at the start, before rounding.
-        coding: Their quantisation steps.
+        coding: Quantisation steps of the Gaussians.
         pictures: All pictures of the fine-tuning.
         options: Options with the loss model and the random seed.
     """

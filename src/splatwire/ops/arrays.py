@@ -10,7 +10,7 @@ Noun = TypeVar("Noun")
 
 
 def to_numpy(values: Any) -> np.ndarray:
-    """Converts to a numpy array, if possible without a copy.
+    """Converts an array or tensor to a numpy array, if possible without a copy.
 
     Args:
         values: A numpy array, or a torch tensor on any device; gradients are dropped.
@@ -34,7 +34,7 @@ def where(mask: Any, values: Any, otherwise: Any) -> Any:
 
 
 def lower_median(values: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Returns the median along an axis; for an even number of values the lower of the middle two.
+    """Returns the median along an axis. For an even number of values, it is the lower of the two middle values.
 
     Args:
         values: Numbers, at least one along the axis.
@@ -48,7 +48,7 @@ def to_arrays(value: Noun) -> Noun:
     """Converts torch tensors in a record to numpy arrays, if possible without a copy.
 
     Args:
-        value: A tensor, or a tuple, dictionary or dataclass of them at any depth; gradients are dropped.
+        value: A tensor; or a tuple, dictionary or dataclass that contains tensors at any depth. Gradients are dropped.
     """
     return to_numpy(value) if hasattr(value, "detach") else map_items(value, to_arrays)  # type: ignore[return-value]
 

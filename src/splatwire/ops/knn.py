@@ -64,7 +64,9 @@ class NeighborTree:
 def nearest_neighbors(
     support: Float[Any, "S 3"], queries: Float[Any, "Q 3"], k: int
 ) -> tuple[Int64[np.ndarray, "Q kept"], Float[np.ndarray, "Q kept"]]:
-    """Finds the k nearest support points of each query, nearest first; on equal distances, lower indices are first.
+    """Finds the k nearest support points of each query, nearest first.
+
+    Points at the same distance are sorted by index.
 
     Args:
         support: Points to choose from.
@@ -85,7 +87,7 @@ def nearest_others(
     Args:
         tree: Search tree of all S points.
         points: Some points of the tree.
-        own_indices: Indices of these points in the tree.
+        own_indices: Index in the tree of each of the `points`.
         k: Number of neighbours. If the tree has fewer other points, all of them are returned.
 
     Returns:

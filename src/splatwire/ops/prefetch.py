@@ -16,7 +16,7 @@ _READ, _KEEP, _DATA = 0, 3, 1
 
 @no_type_check
 def prefetch(array, row, line):
-    """Starts to load a part of a row of an array into the processor's caches; the result of the kernel is the same.
+    """Starts to load a part of a row of an array into the processor's caches; results do not change.
 
     Without compilation, the function does nothing.
 

@@ -24,7 +24,7 @@ def _matrix_library() -> ThreadpoolController:
 
 
 class _BlasLimit:
-    """Process-wide limit of BLAS to one thread, as long as at least one context needs it."""
+    """Process-wide limit of BLAS to one thread, active while at least one context manager requires it."""
 
     def __init__(self) -> None:
         self.lock, self.num, self.limit = threading.Lock(), 0, ExitStack()

@@ -186,7 +186,7 @@ def simulate(model: TransferModel, received: np.ndarray) -> SimulatedTransfers:
 
 @checked
 def side_info_arrivals(model: TransferModel, received: np.ndarray) -> np.ndarray:
-    """Returns in which simulated transfers the side information is complete, bool (T).
+    """Returns the mask of the simulated transfers in which the side information is complete, bool (T).
 
     Args:
         model: Datagrams of a transfer.

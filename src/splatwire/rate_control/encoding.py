@@ -237,7 +237,7 @@ def _slope(pairs: Sequence[tuple[float, float]]) -> float:
 
 
 def decoded_finest(stream: SceneStream) -> Scene:
-    """Decodes a complete stream; of a scene with levels of detail, returns the finest level only."""
+    """Decodes a complete stream. If the scene has levels of detail, only the finest level is returned."""
     scene = decode_stream(stream).scene
     return scene if scene.hints is None else scene.select(~scene.hints.left_out)
 
@@ -462,7 +462,7 @@ class _Trials:
         plan: The scene and its precision classes.
         encode: Function that encodes a scene.
         progress: Called with the name of the current task and its finished share.
-        tuned_level: Quantisation level for which the Gaussians were fine-tuned, at which the search begins; None
+        tuned_level: Quantisation level for which the Gaussians were fine-tuned. The search begins at this level. None
             without fine-tuning.
     """
 

@@ -92,7 +92,7 @@ class PartialUpdates:
 
         Args:
             splats: The Gaussians.
-            antialiased: True if they were trained with an antialiased renderer.
+            antialiased: True if the Gaussians were trained with an antialiased renderer.
 
         Raises:
             InvalidValueError: If no Gaussian can be drawn, or values are too large.

@@ -133,7 +133,7 @@ class PruningCurve:
         """Measures how the image error of a scene grows if its least important Gaussians are removed.
 
         The Gaussians are removed in several steps. After some of the steps, the importance of the remaining Gaussians
-        is measured again. It grows when similar Gaussians have been removed.
+        is measured again. The importance of a Gaussian grows when similar Gaussians have been removed.
 
         Args:
             scene: The scene of N Gaussians.

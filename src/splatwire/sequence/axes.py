@@ -23,7 +23,8 @@ def continue_axes(
     Args:
         previous: Previous frame.
         current: Current frame with M Gaussians.
-        partner: Index of each Gaussian in the previous frame, int64 (M); -1 for a new Gaussian.
+        partner: For each Gaussian of the current frame, index of its match in the previous frame, int64 (M); -1 for new
+            Gaussians.
 
     Returns:
         Quaternions and scales of the current Gaussians; those of new Gaussians are unchanged.

@@ -171,7 +171,8 @@ def pose_frame(
         poses: Motion of the tracks in the group.
         index: Frame index within the group.
         number: Frame number within the sequence.
-        hints: Factors on size and opacity of all tracks, which let them cover missing ones; None if nothing is missing.
+        hints: Factors on size and opacity of all tracks, so that the drawn tracks cover missing ones; None if nothing
+            is missing.
     """
     drawn = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
     tracks = poses.tracks[drawn]

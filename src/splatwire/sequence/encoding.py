@@ -339,8 +339,8 @@ class SequenceEncoder:
     def _finish_deferred_work(self) -> None:
         """Does deferred work on the last group: updates the extent of the scene, and checks for changing colours.
 
-        The packets do not depend on this work. It is deferred until they were returned, which shortens the delay of a
-        live sequence.
+        The packets do not depend on this work. The work is deferred until the packets were returned, which shortens the
+        delay of a live sequence.
         """
         sphere = None if self._last_splats is None else bounding_sphere(self._last_splats)
         self._extent = self._extent.union(sphere) if self._extent and sphere else self._extent or sphere

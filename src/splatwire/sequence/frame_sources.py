@@ -67,7 +67,7 @@ class FrameSource(Protocol):
 
         Args:
             path: The file.
-            signature: State of the file when it was read (`signature_of`); None to ignore it until it is removed.
+            signature: State of the file when it was read (`signature_of`). None to ignore the file until it is removed.
         """
 
 

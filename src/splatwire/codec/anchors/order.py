@@ -228,7 +228,7 @@ class AnchorDecoder:
         self._records = () if sizes is None else (TierSizes(sizes[tiers]),)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a decoding thread, bytes, which grows with the size of the largest packet."""
+        """Returns the working memory of a decoding thread, bytes. It grows with the size of the largest packet."""
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:

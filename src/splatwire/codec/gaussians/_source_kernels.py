@@ -463,7 +463,7 @@ def extents(positions, edges):
 
     Args:
         positions: Integer positions, group after group, int64 (n, 3).
-        edges: Start of each group in `positions`, and the end of the last, int64 (groups + 1); no group is empty.
+        edges: Start of each group in `positions`, and the end of the last group, int64 (groups + 1); no group is empty.
 
     Returns:
         Extent of each group along the axis on which it is largest, int64 (groups).

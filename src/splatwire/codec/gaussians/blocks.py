@@ -73,7 +73,8 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
 
     Args:
         means: (N, 3), positions.
-        tiers: Importance of each Gaussian, 0 for the most important, which are sorted first; None if all are equal.
+        tiers: Importance tier of each Gaussian. Tier 0 is the most important, and is sorted first. None if all
+            Gaussians are equally important.
 
     Returns:
         Entry i is the index in `means` of the i-th Gaussian in sorted order, uint32 (N).

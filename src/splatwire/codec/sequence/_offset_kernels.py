@@ -15,8 +15,8 @@ _COLOURS = NUM_CHANNELS - 3
 def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, out):
     """Evaluates the motion polynomials of n tracks (Gaussians over time) in one frame of a group of F frames.
 
-    A change of a channel is the sum of its coefficients, each times a basis polynomial. There are F polynomials, with
-    degrees 0 to F - 1.
+    The change of a channel is the sum of its coefficients, each multiplied by a basis polynomial. There are F
+    polynomials, with degrees 0 to F - 1.
 
     Args:
         coefficients: Coefficients of the moving tracks of all packets in one flat array, float32. A track has

@@ -53,8 +53,7 @@ def _no_tables():
 def _needed_orders(targets, rows, states, shifts, frames, orders):
     """Determines how many motion coefficients a packet must contain for each kind of channel.
 
-    The number is the smallest for which all further coefficients, of higher degrees, are below half a quantisation step
-    in all tracks of the packet.
+    All coefficients of higher degrees are below half a quantisation step, in all tracks of the packet.
 
     Args:
         targets: Motion coefficients before quantisation, float64 (N, channels, degrees); as many degrees as frames.
@@ -168,7 +167,7 @@ def _expected_tracks(costs, begin, end, scale, target_bytes):
         costs: Expected number of bytes for each track, float64.
         begin: Index of the first track.
         end: End of the tracks available (exclusive).
-        scale: Factor on `costs`, which corrects their estimate.
+        scale: Correction factor, by which `costs` are multiplied.
         target_bytes: Intended size of the packet, bytes.
     """
     total, at = 0.0, begin

@@ -289,10 +289,10 @@ def pack_coefficients(values, rows, states, orders, flat):
 def predict_from_neighbours(positions, states, shifts, orders, quantised, targets, dead, coefficients):
     """Quantises or reconstructs the motion of a packet's M tracks (Gaussians over time), predicted from neighbours.
 
-    The motion of a track is described by U polynomial coefficients. `orders` contains the number of coefficients of
-    each channel, and U is their sum over all channels. Each coefficient is predicted from neighbouring tracks. Its
-    residual is the difference from the prediction, in quantisation steps. An encoder computes the residuals from the
-    coefficients. A decoder computes the coefficients from the residuals.
+    The motion of a track is described by U polynomial coefficients: U is the total number of coefficients of all
+    channels. Each coefficient is predicted from neighbouring tracks. Its residual is the difference from the
+    prediction, in quantisation steps. An encoder computes the residuals from the coefficients. A decoder computes the
+    coefficients from the residuals.
 
     Args:
         positions: Positions of the keyframe Gaussians of the packet's M tracks, in the fixed-point unit in which the

@@ -257,8 +257,8 @@ class TracksEncoder:
             old: Indices, among the tracks of the group, of the older tracks.
             track_indices: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            before: log2 of the ratio of the unit of `targets` before the conversion, which is that of the preceding
-                shot, to the unit of the first shot of the sequence.
+            before: log2 of the ratio of the preceding shot's unit of positions to the first shot's unit. Before the
+                call, `targets` is in the unit of the preceding shot.
         """
         after = self._keyframes.motion_spacing
         if before == after or not len(old):

@@ -22,7 +22,7 @@ class KnownTracks:
         positions: Decoded position of each keyframe Gaussian, in the unit of positions of its shot (groups of frames
             between scene cuts), int64 (T, 3).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
-        spacings: log2 of the unit of each track in `positions`, relative to the unit of the first shot, int64 (T).
+        spacings: log2 of the ratio of the unit of each track's position to the unit of the first shot, int64 (T).
         weights: Visibility of each track (squared opacity times area), float64 (T).
         alive: Indices of the tracks present at the end of the last group, ascending, int64.
     """
@@ -58,7 +58,7 @@ class KnownTracks:
 
         Args:
             tracks: Indices of the tracks.
-            spacing: log2 of the common unit, relative to the unit of the first shot.
+            spacing: log2 of the ratio of the common unit to the unit of the first shot.
 
         Returns:
             Positions, int64 (n, 3); and log2 of the quantisation steps, int64 (n, channels).
@@ -86,7 +86,7 @@ class KnownTracks:
             keys: Keys (identifiers) of the new tracks, int64 (n).
             positions: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
-            spacing: log2 of the unit of `positions`, relative to the unit of the first shot. A shot is a range of
+            spacing: log2 of the ratio of the unit of `positions` to the unit of the first shot. A shot is a range of
                 groups of frames that share quantisation steps.
         """
         joined = {name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.keyframes).items()}

@@ -92,7 +92,7 @@ class MotionTransfer:
         return self.model.bytes_by_kind()["packet_protection"]
 
     def received_packets(self, received: np.ndarray) -> np.ndarray:
-        """Returns which packets are received or recovered in simulated transfers, bool (T, packets).
+        """Returns the mask of packets that are received or recovered in simulated transfers, bool (T, packets).
 
         Args:
             received: Mask of received datagrams in each of T transfers, bool (T, n).

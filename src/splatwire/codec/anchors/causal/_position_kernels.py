@@ -53,7 +53,7 @@ def _context(n, run):
 def _num_raw_bits(count):
     """Returns how many low bits of a number from 0 to `count - 1` are coded with equal probabilities of 0 and 1.
 
-    A model predicts the high bits, which are at most 16.
+    The other bits are at most 16 high bits. They are coded with a model.
     """
     # The range coder supports probabilities of at most 16 bits. A larger number is split: a model predicts its high
     # part, and the low bits are coded with equal probabilities.

@@ -343,8 +343,8 @@ def decode_group(
 ):
     """Decodes one feature group for the anchors of all packets.
 
-    Each feature has a mixture of two normal distributions. The first comes from the prior network, which predicts all
-    groups; the second from the network of this group.
+    Each feature has a mixture of two normal distributions. The prior network, which predicts all groups, predicts the
+    first distribution. The network of this group predicts the second distribution.
 
     Args:
         data: Bytes of all packets.

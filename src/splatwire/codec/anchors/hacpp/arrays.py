@@ -57,7 +57,7 @@ class DecodedArrays:
 
     @staticmethod
     def empty(info: SideInfo) -> "DecodedArrays":
-        """Allocates the arrays of a scene of which nothing is received yet.
+        """Allocates the arrays of a scene, before any packet is received.
 
         Masks and attributes are 0. Outputs of the prior network and hash-grid features are uninitialised.
         """

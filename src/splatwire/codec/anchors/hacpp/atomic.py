@@ -61,8 +61,8 @@ class Symbols:
 class Predictions:
     """Distributions of the attributes of n anchors for entropy coding, predicted from the positions of the anchors.
 
-    Scalings and offsets have normal distributions, features mixtures of two normals. The second normal distribution of
-    a feature depends on features that are decoded before it; `Mixture` contains it.
+    Scalings and offsets have normal distributions. Features have mixtures of two normal distributions. The second
+    distribution of a feature depends on features that are decoded before; it is in the class `Mixture`.
 
     Attributes:
         outputs: Outputs of the prior network, int32 (n, outputs).
@@ -276,8 +276,8 @@ def predict_group(
         context: The stream's networks and constants.
         group: Index of the feature group.
         shared: Result of `CodingContext.shared_sums` for the group, float64 (n, hidden).
-        activations: Decoded features of the groups before, from `CodingContext.feature_activations`, float64 (n,
-            channels of these groups).
+        activations: Decoded features of the preceding groups, from `CodingContext.feature_activations`, float64 (n,
+            channels of the preceding groups).
         outputs: Outputs of the prior network, int32 (n, prior outputs).
 
     Returns:

@@ -194,8 +194,8 @@ class CodingContext:
         Args:
             group: Index of the group of feature channels.
             shared: Result of `shared_sums` for the group.
-            activations: Features of the groups before, from `feature_activations`, float64 (N, channels of these
-                groups).
+            activations: Features of the preceding groups, from `feature_activations`, float64 (N, channels of the
+                preceding groups).
 
         Returns:
             int32 (N, 3 * size of the group): means, standard deviations and weight logits of the group's channels.

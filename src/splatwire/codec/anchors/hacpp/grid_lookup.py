@@ -64,8 +64,8 @@ def unit_coordinates(
         bounds_max: Upper corner of the box, world units, float32 (3).
 
     Returns:
-        Coordinates from 0 to 1, int64 (N, 3), `UNIT_BITS` fractional bits; outside this range for points outside the
-        box.
+        Coordinates, int64 (N, 3), `UNIT_BITS` fractional bits. Points inside the box have coordinates from 0 to 1.
+        Points outside have coordinates beyond this range.
 
     Raises:
         InvalidValueError: If the box is too thin for 64-bit coordinates.
