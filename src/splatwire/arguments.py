@@ -117,7 +117,8 @@ def _rules(owner: Any, names: list[str], arrays: Callable[[Any], Rule]) -> dict[
         arrays: Function that builds the check for an array annotation.
 
     Returns:
-        Check of each parameter or field, by name. Those whose annotation accepts every value have no check.
+        Check of each parameter or field, by name. Parameters and fields whose annotation accepts every value are
+        omitted.
     """
     rules = {}
     for name in names:

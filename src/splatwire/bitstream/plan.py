@@ -233,7 +233,7 @@ class PacketPlan:
         return self._span(block).block_elements(block)
 
     def id_of_hashed(self, first_rank: int) -> PacketId:
-        """Returns the id of the packet that starts with a given element, with the grouping `hashed`.
+        """Returns the id of the packet that starts with a given element. Only for plans with the grouping `hashed`.
 
         Args:
             first_rank: Index of the packet's first element in `groups().ranks`.

@@ -116,7 +116,10 @@ def pinhole(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
 
 
 def view_names(paths: Sequence[str]) -> tuple[str, ...]:
-    """Returns a unique name for each view: file name of the photo without suffix, with the folder if needed."""
+    """Returns a unique name for each view: the file name of the photo without suffix.
+
+    If file names repeat, the names of all views also contain the folders.
+    """
     pure = [PurePosixPath(path) for path in paths]
     if len({path.stem for path in pure}) == len(pure):
         return tuple(path.stem for path in pure)

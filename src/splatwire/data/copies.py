@@ -35,14 +35,15 @@ def warn_of_copies(source: Path, names: Sequence[str], photos: Sequence[Path | N
 def _copied_views(
     views: list[int], photos: Sequence[Path | None], is_test: Sequence[bool]
 ) -> Iterable[tuple[int, int]]:
-    """Yields pairs of a test view and the first training view with an identical photo.
-
-    Test views whose photo is not also a training photo are omitted.
+    """Finds test views whose photo is identical to the photo of a training view.
 
     Args:
         views: Indices of the views to compare.
         photos: Path of each view's photo.
         is_test: True for each view of the test split.
+
+    Yields:
+        Index of such a test view, and index of the first training view with the same photo.
     """
     if len({is_test[view] for view in views}) < 2:
         return

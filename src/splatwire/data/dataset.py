@@ -264,7 +264,7 @@ def _transforms_views(
         Three items:
 
         * Views of the split.
-        * Path of the JSON file that lists the views; of the first one if the views are listed in two files.
+        * Path of the JSON file that lists the views. If two files list the views, path of the first file.
         * Path of the point cloud that the JSON files name; None if they name none.
     """
     if (path / bungee.FILE).is_file():

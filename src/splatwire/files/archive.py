@@ -23,9 +23,10 @@ _DAMAGED = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, Uni
 
 
 class _LimitedReader(io.BufferedReader):
-    """File object for a ZIP reader, which raises an error if the archive's list of members is too long.
+    """File object from which a ZIP reader reads an archive; limits the size of the archive's list of members.
 
-    The limit of `MAX_DIRECTORY_BYTES` bytes per call of `read` applies while the attribute `limited` is True.
+    While the attribute `limited` is True, a call of `read` that gets more than `MAX_DIRECTORY_BYTES` bytes raises an
+    error.
     """
 
     limited = True

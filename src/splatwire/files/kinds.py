@@ -367,14 +367,17 @@ def kind_of_format(file_format: FileFormat) -> Kind:
 
 
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
-    """Returns the format of a file that another installed package recognises, else the built-in result.
+    """Detects file formats that other installed packages have registered.
 
-    Packages are only consulted if splatwire itself cannot read the file and the file is not empty.
+    The packages are only consulted if splatwire itself cannot read the file and the file is not empty.
 
     Args:
         kind: Result of the built-in detection; its `use` is empty if splatwire cannot read the file.
         head: First bytes of the file.
         suffix: Suffix of the file name.
+
+    Returns:
+        The format that a package recognises; `kind` if no package recognises the file.
     """
     if kind.use or kind == EMPTY:
         return kind

@@ -103,7 +103,7 @@ class AnchorScene:
         anchors: The anchors.
         heads: The networks that compute the Gaussians of the anchors.
         coding: Parameters of the codec, specific to its schema (`hacpp` or `causal`).
-        hints: Size and opacity factors and hidden anchors, set by loss concealment; None if no losses were concealed.
+        hints: Factors on size and opacity, and hidden anchors, set by loss concealment; None without concealment.
         background: RGB of the background that the scene was trained with.
         metadata: Title, author, license, and the initial view.
     """
@@ -157,7 +157,7 @@ class AnchorScene:
 
         Args:
             elements: The new anchors.
-            hints: Size and opacity factors and hidden anchors, set by loss concealment; None for no changes.
+            hints: Factors on size and opacity, and hidden anchors, set by loss concealment; None for no changes.
         """
         return replace(self, anchors=elements, hints=hints)
 

@@ -67,7 +67,7 @@ class CausalCoding(CheckedFields):
         centres: Values subtracted from the logarithms of the offset scale (1 value) and the base size (3 values) before
             quantisation.
         middle: Centre of the scene, voxels.
-        spread: Distance from the centre along each axis, within which about half of the anchors lie, voxels.
+        spread: Distance from `middle` along each axis, voxels. About half of the anchors lie within this distance.
         voxel_size: Spacing of anchor positions, world units.
         config: Configuration that determines the layer sizes of the networks.
     """

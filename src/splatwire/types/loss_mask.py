@@ -42,7 +42,7 @@ class LossMask(CheckedFields):
         return int((~self.fully_received).sum())
 
     def column(self, attribute: Attribute) -> Bool[Any, "N"]:
-        """Mask of anchors with a received `attribute`.
+        """Mask of the anchors for which a given attribute was received.
 
         Raises:
             InvalidValueError: If there is no such attribute.

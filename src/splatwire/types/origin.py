@@ -169,7 +169,9 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Tests if an origin is too far from the positions. Positions relative to it are then too imprecise in float32.
+    """Tests if an origin is too far from the positions.
+
+    Positions relative to such an origin are too imprecise in float32.
 
     Args:
         origin: The origin that a file declares.

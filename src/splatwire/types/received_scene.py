@@ -166,9 +166,9 @@ class ReceivedScene(Generic[S]):
     def positions(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
-        The kind of stream determines which positions are returned. If positions cannot be lost, they are the decoded
-        positions. If exact positions can be lost with their packets, they are the positions that the side information
-        predicts (`ExpectedPlaces`), even for received elements.
+        In a stream whose positions cannot be lost, these are the decoded positions. In other streams, exact positions
+        can be lost with their packets. All positions, even those of received elements, are then the ones that the side
+        information predicts (`ExpectedPlaces`).
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions

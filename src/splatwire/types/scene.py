@@ -94,7 +94,7 @@ class Scene(Protocol):
 
     @property
     def hints(self) -> RenderHints | None:
-        """Size and opacity factors and hidden elements, set by loss concealment; None if no losses were concealed."""
+        """Factors on size and opacity, and hidden elements, set by loss concealment; None without concealment."""
 
     @property
     def background(self) -> Background:
@@ -138,5 +138,5 @@ class Scene(Protocol):
 
         Args:
             elements: The new Gaussians or anchors.
-            hints: Size and opacity factors and hidden elements, set by loss concealment; None for no changes.
+            hints: Factors on size and opacity, and hidden elements, set by loss concealment; None for no changes.
         """

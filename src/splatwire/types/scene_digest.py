@@ -13,7 +13,7 @@ from splatwire.types.splats import Splats
 def scene_digest(elements: Anchors | Splats) -> str:
     """Computes the SHA-256 of the name, shape and values of all attributes of Gaussians or anchors.
 
-    Depends on the order of the elements.
+    The digest depends on the order of the elements.
 
     Args:
         elements: The elements of a scene.

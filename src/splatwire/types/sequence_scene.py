@@ -206,6 +206,6 @@ class SequenceScene:
 
         Args:
             elements: The new keyframe Gaussians.
-            hints: Size and opacity factors and hidden Gaussians, set by loss concealment; None for no changes.
+            hints: Factors on size and opacity, and hidden Gaussians, set by loss concealment; None for no changes.
         """
         return replace(self, tracks=replace(self.tracks, splats=elements), hints=hints)

@@ -82,7 +82,7 @@ def check_mask(mask: Any, count: int, name: str) -> None:
 
 
 def check_hints(hints: Any, count: int) -> None:
-    """Checks that the rendering hints of a scene are for as many elements as the scene has.
+    """Checks that the arrays of the rendering hints have one entry for each element of a scene.
 
     Args:
         hints: `RenderHints` of the scene, or None.

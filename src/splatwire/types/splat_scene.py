@@ -62,7 +62,7 @@ class SplatScene:
 
     Attributes:
         splats: The Gaussians.
-        hints: Size and opacity factors and hidden Gaussians, set by loss concealment; None if no losses were concealed.
+        hints: Factors on size and opacity, and hidden Gaussians, set by loss concealment; None without concealment.
         background: RGB of the background.
         coding: Quantisation steps with which the scene was decoded; None if it was not decoded.
         antialiased: True if the scene was trained with antialiased rendering (Mip-Splatting). Renderers then lower the
@@ -133,7 +133,7 @@ class SplatScene:
 
         Args:
             elements: The new Gaussians.
-            hints: Size and opacity factors and hidden Gaussians, set by loss concealment; None for no changes.
+            hints: Factors on size and opacity, and hidden Gaussians, set by loss concealment; None for no changes.
         """
         same = elements.num_gaussians == self.num_elements
         return replace(self, splats=elements, hints=hints, coding=self.coding if same else None)

@@ -25,7 +25,7 @@ def viser_arguments(scene: Scene) -> dict[str, Any]:
         `centers` (G, 3), `covariances` (G, 3, 3), `rgbs` (G, 3) and `opacities` (G, 1) in [0, 1], all float32.
 
     Raises:
-        InvalidValueError: If the scene's Gaussians depend on the view.
+        InvalidValueError: If the scene has no explicit Gaussians, because anchors generate them for each view.
     """
     splats = _explicit(scene)
     axes = rotation_matrices(splats.quats) * splats.scales[:, None, :]
@@ -45,10 +45,10 @@ def rerun_arguments(scene: Scene) -> dict[str, Any]:
 
     Returns:
         `centers` and `scales` (G, 3), `quaternions` (G, 4; x, y, z, w), `colors` (G, 4; RGBA in bytes); for degrees
-        above 0 also `sh_coefficients` (G, 15, 3).
+        above 0 also `sh_coefficients` (G, 15, 3) and `spherical_harmonics_degree`.
 
     Raises:
-        InvalidValueError: If the scene's Gaussians depend on the view.
+        InvalidValueError: If the scene has no explicit Gaussians, because anchors generate them for each view.
     """
     splats = _explicit(scene)
     seen = np.concatenate([_colours(splats), splats.opacities[:, None]], axis=1)

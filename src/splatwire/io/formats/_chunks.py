@@ -48,7 +48,7 @@ def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
 
 
 def position_errors(means: np.ndarray) -> np.ndarray:
-    """Returns the largest quantisation error that a position can have along any axis, world units, float64 (N).
+    """Returns the largest possible quantisation error of each position along any axis, world units, float64 (N).
 
     Args:
         means: Centres in the order of the file, 256 for each chunk, float64 (N, 3).

@@ -87,7 +87,10 @@ def entry(path: Path, items: list[Any], index: Any, subject: str) -> Any:
 
 
 def _roots(path: Path, document: dict[str, Any], nodes: list[Any]) -> list[int]:
-    """Returns the indices of the scene's root nodes; without scenes, of all nodes without a parent."""
+    """Returns the indices of the root nodes of the scene.
+
+    If the document has no scene, these are all nodes without a parent.
+    """
     scenes = document.get("scenes", [])
     if scenes:
         return list(entry(path, scenes, document.get("scene", 0), "scene").get("nodes", []))

@@ -68,7 +68,7 @@ class PlyHeader:
 
     @property
     def num_bytes(self) -> int:
-        """Total size of the element rows in bytes; for a text file the minimum."""
+        """Total size of the element rows in bytes; for a text file, the minimum size."""
         sizes = (_ASCII_BYTES * len(d.names or ()) if not self.order else d.itemsize for _, d in self.elements.values())
         counts = (count for count, _ in self.elements.values())
         return sum(count * size for count, size in zip(counts, sizes, strict=True)) - (not self.order)

@@ -115,7 +115,7 @@ def _unit_of_opacities(sample: PlyElement, values: np.ndarray) -> str | None:
 
     Args:
         sample: A sample of the vertices.
-        values: Their opacities that are not NaN.
+        values: Opacities of the sample, without NaN.
 
     Returns:
         Description for a warning, such as `linear`; None for logits, which are expected.

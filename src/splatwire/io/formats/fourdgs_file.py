@@ -169,7 +169,8 @@ class _ConstantIntervals:
     """Converts the frames of a sequence to Gaussians with time intervals, for a `.4dgs` file.
 
     A Gaussian is constant during its interval. In consecutive frames with the same number of Gaussians, row i is the
-    same Gaussian. Its interval ends when one of its values changes, or when the number of Gaussians changes.
+    same Gaussian. The interval of a Gaussian ends when one of its values changes, or when the number of Gaussians
+    changes.
 
     Attributes:
         num_frames: Number of frames so far.

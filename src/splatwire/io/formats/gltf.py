@@ -73,7 +73,7 @@ _HARMLESS = (
 
 
 def read_gltf(path: Path) -> FileContent:
-    """Reads all Gaussians of the scene of a glTF file, with node transforms applied, and its metadata.
+    """Reads all Gaussians and the metadata of a glTF scene; node transforms are applied to the Gaussians.
 
     If the nodes place the scene far from 0, positions are relative to an origin near the Gaussians.
 

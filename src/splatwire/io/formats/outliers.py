@@ -160,7 +160,7 @@ def local_scales(splats: Splats, rows: np.ndarray) -> np.ndarray:
 
 
 def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """Returns which Gaussians have a visible position error, bool (N).
+    """Returns the mask of Gaussians with a visible position error, bool (N).
 
     Args:
         errors: Largest position error along an axis of each Gaussian, world units, (N).

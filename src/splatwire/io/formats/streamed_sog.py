@@ -127,7 +127,7 @@ def _is_here(chunk: Path) -> bool:
 def _file_of(chunk: Path) -> Path:
     """Returns the path of the file to open for a chunk of a streamed SOG.
 
-    A chunk is a bundle, which is opened itself, or a folder, of which `meta.json` is opened.
+    If the chunk is a bundle, this is the chunk itself. If the chunk is a folder, this is its `meta.json`.
     """
     return chunk if chunk.suffix.lower() == _BUNDLE and not chunk.is_dir() else chunk / SOG_META_NAME
 
@@ -161,7 +161,7 @@ def _finest(
 
     Args:
         index: Path of the `lod-meta.json`, for messages.
-        content: Its parsed content.
+        content: Parsed content of the `lod-meta.json`.
         chunks: Paths of the chunks.
 
     Returns:

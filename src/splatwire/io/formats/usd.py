@@ -68,7 +68,8 @@ class UsdFrames:
 def read_usd(path: Path) -> FileContent:
     """Reads all visible Gaussians of an OpenUSD scene (`.usd`, `.usda`, `.usdc`, `.usdz`), and its metadata.
 
-    Transforms are applied. If they place the scene far from 0, positions are relative to an origin near the Gaussians.
+    Transforms are applied. If the transforms place the scene far from 0, positions are relative to an origin near the
+    Gaussians.
     For a sequence, the first frame is read.
 
     Raises:

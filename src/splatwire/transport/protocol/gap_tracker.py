@@ -49,7 +49,8 @@ class GapTracker:
         """Returns the sequence numbers to request in the next feedback report.
 
         Args:
-            before: Upper limit (exclusive) on the sequence numbers; later datagrams may still arrive out of order.
+            before: Upper limit (exclusive) on the sequence numbers. Later datagrams are not requested, because they may
+                still arrive out of order.
             now: Time, seconds.
         """
         for number in [number for number in self._below(before) if self._attempts(number) >= MAX_NACK_ATTEMPTS]:

@@ -56,8 +56,8 @@ class SendSchedule(NamedTuple):
     """Datagrams of a stream in sending order.
 
     Attributes:
-        datagrams: Three integers for each datagram. The first is the kind of its content, which determines the other
-            two:
+        datagrams: Three integers for each datagram. The first integer is the kind of the content, which determines the
+            other two:
 
             * `DATA` (a packet): 0, and the index of the packet in sending order.
             * `INIT_SYMBOL` (a symbol of the init segment): index of the source block (part of the init segment that is
@@ -190,7 +190,7 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def is_still_useful(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a datagram is still useful that was queued in an earlier state of a live stream.
+        """True if a datagram that was queued in an earlier state of a live stream is still useful.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).

@@ -314,7 +314,7 @@ class _Client(QuicConnectionProtocol):
 
 
 def _is_timeout(event: events.ConnectionTerminated) -> bool:
-    """True if a connection ended because nothing arrived for the idle timeout."""
+    """True if a connection ended because nothing arrived before the idle timeout."""
     return event.error_code == QuicErrorCode.INTERNAL_ERROR and "timeout" in event.reason_phrase.lower()
 
 

@@ -62,7 +62,10 @@ class QuicLimits:
 
 
 class MessageReader:
-    """Splits a reliable byte stream into messages of the wire protocol. Each follows its size (u16, little-endian)."""
+    """Splits a reliable byte stream into messages of the wire protocol.
+
+    The size of each message (u16, little-endian) precedes the message.
+    """
 
     def __init__(self) -> None:
         self._buffer = bytearray()
