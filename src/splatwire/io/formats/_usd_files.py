@@ -85,6 +85,8 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
 def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
     """Yields the paths of the files with time samples (value clips) of a prim.
 
+    For a template of file names, also yields the path of their folder.
+
     Args:
         layer: The layer that contains the prim.
         clips: The prim's metadata `clips`, a nested dictionary with the file names.

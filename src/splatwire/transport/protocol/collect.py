@@ -26,7 +26,7 @@ class ReceiverLimits(CheckedFields):
     """Maximum sizes of a stream that a receiver accepts.
 
     Attributes:
-        init_segment_bytes: Maximum size of manifest and side information together, bytes.
+        init_segment_bytes: Maximum size of the init segment (manifest, side information, bundled packets) in bytes.
         stream_bytes: Maximum size of the whole stream, bytes.
         packets: Maximum number of packets of the stream.
     """
