@@ -56,12 +56,12 @@ def oversized_streams(gaussians: SceneStream) -> Iterator[tuple[str, SceneStream
     Args:
         gaussians: A small stream of explicit Gaussians with harmonics; its header and contexts are copied.
     """
-    for blocks in (60, 400, 4000):
+    for blocks in (60, 4000):
         yield f"gaussians announced in {blocks} blocks", of_gaussians(gaussians, LARGEST, 65_535 * blocks, 0)
     yield "gaussians that arrive in no bytes", of_gaussians(gaussians, LARGEST, 65_535 * 4000, 4000)
     yield "a million gaussians that arrive", of_gaussians(gaussians, LARGEST, 65_535 * 16, 16)
     yield "gaussians alone in their blocks", of_gaussians(gaussians, SMALLEST, 5_000, 500)
-    for bytes_ in (10_000, 100_000, 800_000):
+    for bytes_ in (10_000, 800_000):
         for width, layout in (("narrow", AnchorLayout(1, 1, (1,))), ("wide", AnchorLayout(256, 64, (8,) * 32))):
             yield f"{8 * bytes_} {width} anchors", of_causal(layout, bytes_, 16, LARGEST, 0)
     usual = AnchorLayout(32, 10, (1, 1, 2, 4, 8, 16))
@@ -78,7 +78,7 @@ def oversized_streams(gaussians: SceneStream) -> Iterator[tuple[str, SceneStream
 
 def oversized_clips(real: SceneStream) -> Iterator[tuple[str, SceneStream]]:
     """Clips of at most a megabyte; the tables are those of the small clip `real`."""
-    for blocks in (30, 160, 1600):
+    for blocks in (30, 1600):
         yield f"{blocks} blocks of tracks announced", of_tracks(real, blocks, 64, bases=0, motion=0)
     yield "tracks that arrive in no bytes", of_tracks(real, 160, 64, bases=160, motion=0)
     yield "tracks that move in few bytes", of_tracks(real, 20, 64, bases=20, motion=19)

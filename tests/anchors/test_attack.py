@@ -60,7 +60,7 @@ def header_of(data: bytes):
     return json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["splatwire"])
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", READERS)
 def test_hostile_scene_files_are_one_error(tmp_path, name, seed):
     save, load = READERS[name]

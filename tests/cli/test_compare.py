@@ -50,6 +50,7 @@ def test_table_names_files_bytes_and_figures(run, files):
     assert "PSNR dB" in out
 
 
+@pytest.mark.slow
 def test_report_shows_the_pictures_and_differences_of_each_file(run, files, tmp_path):
     outcome = run("compare", *files, "--views", 3, "-o", tmp_path / "report", "--json")
     page = (tmp_path / "report" / "report.html").read_text()

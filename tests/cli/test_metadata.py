@@ -82,6 +82,7 @@ def test_format_without_metadata_warns(run: Any, ply: Path, tmp_path: Path, capl
     assert "no place for metadata: title, author, license" in caplog.text
 
 
+@pytest.mark.slow
 def test_formats_of_gaussians_warn_of_a_lost_background(run: Any, ply: Path, tmp_path: Path) -> None:
     (tmp_path / "frames").mkdir()
     for number in range(2):

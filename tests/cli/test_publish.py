@@ -58,6 +58,7 @@ def test_a_full_disk_leaves_no_part_of_a_site(cloud, tmp_path, monkeypatch):
     assert written == files | {"index.html": b"d", "b/x.html": b"e"}
 
 
+@pytest.mark.slow
 def test_warnings_about_published_files_are_printed(run, cloud, tmp_path):
     cloud.write_bytes(cloud.read_bytes().replace(b"element vertex", b"comment unit: cm\nelement vertex", 1))
     done = run("publish", cloud, "-o", tmp_path / "site", "--no-thumbnails")

@@ -17,7 +17,10 @@ from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.render import Pictures
 
-MODULES = ("splatwire.api.coding", "splatwire.api.scoring", "splatwire.api.network", "splatwire.api.training")
+MODULES = (
+    "splatwire.api.coding", "splatwire.api.scoring", "splatwire.api.network",
+    pytest.param("splatwire.api.training", marks=pytest.mark.slow),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -41,6 +41,7 @@ def test_a_relay_runs_without_torch(package):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_the_core_loads_without_torch():
     """Imports every module outside of the neural part in a fresh interpreter without torch."""
     code = (

@@ -8,7 +8,9 @@ from splatwire.evaluation.views import held_out_cameras, held_out_closeups
 from splatwire.finetuning import fitting_cameras
 
 
-@pytest.mark.parametrize("num_views", [2, 5, 17, 18, 90, 95])
+@pytest.mark.parametrize(
+    "num_views", [2, *(pytest.param(number, marks=pytest.mark.slow) for number in (5, 17, 18, 90, 95))]
+)
 def test_no_view_is_held_out(num_views: int) -> None:
     scene = shell(300)
     fitted = fitting_cameras(scene, num_views, 48)

@@ -49,6 +49,7 @@ def test_harmonics_of_zero_cost_nothing_and_stay() -> None:
     assert (cost.gradient(zeros) == 0).all()
 
 
+@pytest.mark.slow
 def test_fine_tuning_saves_the_bytes_of_harmonics(monkeypatch: pytest.MonkeyPatch) -> None:
     source = shell(300, 2)
     classes, options = np.zeros(300, np.int8), FineTuning(Quality(level=5.0), iterations=150)

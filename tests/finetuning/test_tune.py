@@ -61,6 +61,7 @@ def test_fine_tuning_with_packet_loss_helps_a_receiver_with_losses() -> None:
     assert found[1] > found[0] + 0.3
 
 
+@pytest.mark.slow
 def test_equal_arguments_give_equal_scenes_and_another_seed_another() -> None:
     scene = shell(200)
     pictures = own_pictures(scene, fitting_cameras(scene, 4, 32))
@@ -82,6 +83,7 @@ def _loss(ours: SplatScene, start: SplatScene, pictures: Pictures) -> float:
     return float((now / np.maximum(first, MIN_SCALE)).mean())
 
 
+@pytest.mark.slow
 def test_steps_that_are_too_large_are_undone() -> None:
     source = shell(300)
     left = prune(source, 0.7).scene

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -189,6 +190,7 @@ def test_a_channel_only_removes_packets(packetization, num_anchors, loss, seed):
     assert (report.num_missing, report.problems) == (record.num_lost, ())
 
 
+@pytest.mark.slow
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(packetizations, sizes, losses, seeds)
 def test_directory_and_file_hold_equal_streams(tmp_path, packetization, num_anchors, loss, seed):

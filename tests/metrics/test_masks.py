@@ -64,6 +64,7 @@ def test_empty_mask_is_refused(metric, masks):
         metric(*pictures(), masks)
 
 
+@pytest.mark.slow
 def test_masked_lpips_ignores_pixels_outside(tmp_path):
     lpips = load_lpips(*write_lpips_weights(tmp_path), "alex")
     a, b = pictures(64, 70)

@@ -90,6 +90,7 @@ def test_stream_variant_with_a_preview_has_its_quality_as_worst_case() -> None:
     assert offer.budget_after_preview(1000) == 1000 - len(section)
 
 
+@pytest.mark.slow
 def test_stream_variant_has_size_and_distortion_of_its_stream() -> None:
     scene, cameras = tiny_scene(), tiny_cameras()
     stream = encode_scene(scene, PRESETS["datagram"], tiers=footprint_importance(scene, cameras).tiers((0.3,)))

@@ -55,6 +55,7 @@ def bundled() -> SplatScene:
     return scene.select(np.arange(0, scene.num_elements, 8))
 
 
+@pytest.mark.slow
 def test_fast_chooses_no_views_of_removals(monkeypatch):
     scene, calls = SplatScene(ball_of_gaussians()), []
     of = encoding.RemovalViews.of
@@ -65,6 +66,7 @@ def test_fast_chooses_no_views_of_removals(monkeypatch):
     assert len(calls) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effort", ["fast", "default"])
 def test_streams_have_the_requested_size(effort):
     scene = shell()
@@ -107,6 +109,7 @@ def test_bytes_and_quality_grow_with_the_quality_number(effort):
     assert psnrs[-1] - psnrs[0] > 25
 
 
+@pytest.mark.slow
 def test_gaussians_that_draw_nothing_do_not_change_the_stream():
     scene = shell()
     faint = Splats(**{name: np.concatenate([v, v[:50]]) for name, v in vars(scene.splats).items()})
@@ -119,6 +122,7 @@ def test_gaussians_that_draw_nothing_do_not_change_the_stream():
     )
 
 
+@pytest.mark.slow
 def test_rotations_of_spheres_take_no_bytes():
     scene = shell()
     scales = scene.splats.scales.copy()
@@ -133,6 +137,7 @@ def test_rotations_of_spheres_take_no_bytes():
         assert (one.num_bytes > other.num_bytes) is not equal
 
 
+@pytest.mark.slow
 def test_errors_of_impossible_targets_state_the_possible_range():
     scene = SplatScene(ball_of_gaussians())
     with pytest.raises(InvalidValueError, match=r"cannot be encoded to 100 bytes: the smallest stream has \d"):
@@ -206,6 +211,7 @@ def test_psnr_in_cameras_that_do_not_see_the_scene_is_an_error(effort):
         )
 
 
+@pytest.mark.slow
 def test_size_above_that_of_the_finest_setting_gives_the_finest_stream():
     scene = SplatScene(ball_of_gaussians())
     found = encoded(scene, size=10_000_000)
@@ -213,6 +219,7 @@ def test_size_above_that_of_the_finest_setting_gives_the_finest_stream():
     assert found.psnr > 60
 
 
+@pytest.mark.slow
 def test_splatwire_encode_takes_targets():
     scene = shell()
     plain = splatwire.encode(scene)
@@ -276,6 +283,7 @@ def test_best_writes_the_stream_of_default_if_fine_tuning_gains_nothing(monkeypa
     assert best.stream.packets == encode_controlled(scene, target, encode_plainly).stream.packets
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effort", ["fast", "default"])
 def test_lengths_of_quaternions_do_not_change_the_stream(effort):
     """Trainers store quaternions that are not normalised; precision and pruning are measured in pictures."""

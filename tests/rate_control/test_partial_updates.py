@@ -53,6 +53,7 @@ NEXT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", NEXT.values(), ids=NEXT)
 @pytest.mark.parametrize("share", [0.25, 1.0])
 def test_repeated_pushes_lead_to_the_full_encode(change, share: float) -> None:
@@ -101,6 +102,7 @@ def test_changes_are_coarse_until_all_have_been_sent() -> None:
     assert state.pushed(newest, 0.25).chain is state.chain
 
 
+@pytest.mark.slow
 def test_the_finest_class_returns_after_no_gaussian_had_it() -> None:
     first, shell = some_splats(120), np.random.default_rng(4).normal(size=(120, 3)).astype(np.float32)
     shell /= np.linalg.norm(shell, axis=1, keepdims=True)

@@ -30,6 +30,7 @@ def curve_of(scene: SplatScene) -> PruningCurve:
     return PruningCurve.measured(scene, measured.removal, pictures, RemovalViews.of(scene, None))
 
 
+@pytest.mark.slow
 def test_share_grows_steadily_with_the_precision():
     curve = curve_of(SplatScene(ball_of_gaussians()))
     levels = np.linspace(2.5, 14, 200)
@@ -39,6 +40,7 @@ def test_share_grows_steadily_with_the_precision():
     assert MIN_SHARE <= shares[0] < shares[-1] <= 1
 
 
+@pytest.mark.slow
 def test_hidden_gaussians_are_removed_first():
     splats = ball_of_gaussians()
     scene = SplatScene(with_hidden_core(splats))
@@ -55,6 +57,7 @@ def test_few_gaussians_are_measured_without_warnings(count):
     assert (np.diff(curve.errors) <= 0).all()
 
 
+@pytest.mark.slow
 def test_kept_gaussians_ascend_and_are_nested():
     curve = curve_of(SplatScene(ball_of_gaussians()))
     few, many = curve.kept(0.3), curve.kept(0.6)
@@ -63,6 +66,7 @@ def test_kept_gaussians_ascend_and_are_nested():
     assert set(few.tolist()) < set(many.tolist())
 
 
+@pytest.mark.slow
 def test_measuring_again_keeps_better_gaussians():
     scene = SplatScene(ball_of_gaussians())
     removal, pictures = measure_gaussians(scene).removal, SourcePictures(scene, ViewSets.of(scene).held_out)

@@ -48,6 +48,7 @@ def round_gaussians(scene: SplatScene) -> SplatScene:
     return replace(scene, splats=replace(splats, scales=scales, sh=sh))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 1])
 def test_measured_precision_takes_fewer_bytes_per_quality(degree):
     scene = shell(2000, degree)

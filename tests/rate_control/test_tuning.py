@@ -90,6 +90,7 @@ def test_equal_seeds_give_equal_streams_and_another_seed_or_loss_another():
     assert lossy != lossless
 
 
+@pytest.mark.slow
 def test_gaussians_are_not_fine_tuned_again_if_the_aim_is_out_of_reach(monkeypatch):
     tuned = []
 
@@ -102,6 +103,7 @@ def test_gaussians_are_not_fine_tuned_again_if_the_aim_is_out_of_reach(monkeypat
     assert len(tuned) == 1
 
 
+@pytest.mark.slow
 def test_fine_tuning_keeps_precision_classes():
     calls = []
 
@@ -118,6 +120,7 @@ def test_fine_tuning_keeps_precision_classes():
     assert (classes == kept).all()
 
 
+@pytest.mark.slow
 def test_losses_apply_to_the_packets_of_the_stream(monkeypatch):
     seen = []
 
@@ -132,6 +135,7 @@ def test_losses_apply_to_the_packets_of_the_stream(monkeypatch):
     assert found.stream.manifest.packetization.block_size == 50
 
 
+@pytest.mark.slow
 def test_held_out_views_are_those_of_other_efforts():
     scene = shell(200)
     best, fast = (encoded(scene, effort, quality=quality_of("small")) for effort in ("best", "fast"))
@@ -201,6 +205,7 @@ def test_options_out_of_range_are_refused(options, message):
         Tuning(**options)
 
 
+@pytest.mark.slow
 def test_progress_of_splatwire_encode_grows_to_the_end():
     shares: list[float] = []
     splatwire.encode(shell(100), effort="best", tuning=FEW, size=2500, progress=shares.append)

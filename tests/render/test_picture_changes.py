@@ -21,6 +21,7 @@ def pictures(splats: Splats) -> np.ndarray:
     return np.asarray(render_scene(SplatScene(splats), CAMERAS), np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "step"), [("means", 0.01), ("scales", 0.01), ("opacities", -0.05), ("sh", 0.1)])
 def test_changes_are_those_of_pictures_with_one_changed_gaussian(name: str, step: float) -> None:
     after = replace(SCENE, **{name: getattr(SCENE, name) + np.float32(step)})

@@ -114,6 +114,7 @@ def _resized(splats: Splats, factor: float) -> Splats:
     return replace(splats, means=splats.means * np.float32(factor), scales=splats.scales * np.float32(factor))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [2.0**-20, 2.0**-10, 2.0**-3, 2.0**3, 2.0**20])
 def test_classes_do_not_depend_on_the_unit_of_length(factor: float) -> None:
     """From 0.5 units away, a scene of a millimetre is smaller than a pixel and has the classes of a scene unseen."""

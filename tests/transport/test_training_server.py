@@ -165,6 +165,7 @@ def test_the_degree_may_change() -> None:
             assert decode_stream(received).scene.splats.degree == degree
 
 
+@pytest.mark.slow
 def test_clients_have_the_last_state_after_drain() -> None:
     scenes, warnings = [some_splats(), trained(some_splats(), 1)], []
 
@@ -192,6 +193,7 @@ def test_clients_have_the_last_state_after_drain() -> None:
     assert stream_to_bytes(found[-1]) == stream_to_bytes(expected)
 
 
+@pytest.mark.slow
 def test_drain_ends_soon_without_clients() -> None:
     with splatwire.serve_training() as server:
         server.drain()

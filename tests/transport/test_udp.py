@@ -208,6 +208,7 @@ def test_interrupted_transfer_keeps_received_packets():
     run(work())
 
 
+@pytest.mark.slow
 def test_transfer_continues_after_this_machine_gets_another_address(monkeypatch: pytest.MonkeyPatch) -> None:
     """A socket keeps the address of the machine: after a change, it can send nothing. For a time there is no route."""
     opened, refused, moved = list[socket.socket](), 3, False

@@ -58,7 +58,7 @@ from web.sketched import with_copies
 
 pytestmark = pytest.mark.slow
 
-CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "600"))
+CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "240"))
 PART = 6000
 """Largest number of cases of one part; its results are one file."""
 GOLDEN = Path(__file__).parents[1] / "golden"

@@ -30,6 +30,7 @@ def edits(base: SceneStream, splats: Splats | None = None) -> list[SceneStream]:
     return updates
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packetization", [SMALL, DATAGRAM])
 def test_receivers_of_every_state_reach_the_newest_one(packetization) -> None:
     source = encode_splats(some_splats(), packetization)

@@ -45,6 +45,7 @@ def folder(tmp_path_factory):
     return target
 
 
+@pytest.mark.slow
 def test_scores_equal_those_of_separate_reading_rendering_and_metrics(folder):
     files = [folder / name for name in ("source.ply", "stream.swz", "small.spz")]
     comparison = compare_files(files, views=3)

@@ -117,6 +117,7 @@ def test_rows_of_other_codecs_are_listed_with_encoded_rows(folder, tmp_path):
     assert "Gaussians hit" in files["markdown"].read_text()
 
 
+@pytest.mark.slow
 def test_curves_are_compared_in_tables_csv_and_plots(folder, tmp_path):
     fine, middle, coarse = (folder / f"{name}.ply" for name in ("fine", "middle", "coarse"))
     one = [row("a1", fine, 900, "one"), row("a2", middle, 500, "one"), row("a3", coarse, 200, "one")]

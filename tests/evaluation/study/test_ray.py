@@ -8,11 +8,10 @@ from splatwire.evaluation.study.records import TIMINGS
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_torch]
 
-ray = pytest.importorskip("ray")
-
 
 @pytest.mark.filterwarnings("ignore")  # Ray's own start emits warnings
 def test_ray_gives_identical_records(tiny_folder, tmp_path, monkeypatch):
+    ray = pytest.importorskip("ray")  # here, because its import takes a second in every process that collects tests
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     monkeypatch.setenv("RAY_worker_niceness", "0")  # otherwise other load on this machine delays the workers
     study = load_study(tiny_folder / "protocol.toml")

@@ -61,6 +61,7 @@ def test_unfinished_files_of_workers_that_a_signal_ended_are_removed(tmp_path):
     assert [path.name for path in (tmp_path / "inputs" / "key").iterdir()] == ["stream"]
 
 
+@pytest.mark.slow
 def test_ctrl_c_does_not_reach_a_worker(tmp_path):
     """A terminal sends it to all processes, and a worker that is starting would print a traceback."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ())

@@ -67,6 +67,7 @@ def bundled(path: Path, members: dict[str, bytes], method: int = zipfile.ZIP_STO
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_archive_members_with_unbounded_decompression_are_refused(
     sog: dict[str, bytes], method: int, tmp_path: Path
@@ -137,6 +138,7 @@ def crowded_glb(path: Path, count: int, size: int) -> Path:
     return write(path, glb_of(document, b"\xff" * size))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["sog", "spz", "glb"])
 def test_memory_is_proportional_to_the_file_size(sog: dict[str, bytes], end: str, tmp_path: Path) -> None:
     crowded: dict[str, Callable[[Path, int, int], Path]] = {
@@ -222,6 +224,7 @@ class _Watched(dict[str, Any]):
         return super().get(name, default)
 
 
+@pytest.mark.slow
 def test_deep_node_chain_takes_linear_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     count = 4000
     nodes: list[dict[str, Any]] = [{"mesh": 0}, *({"children": [i]} for i in range(count))]

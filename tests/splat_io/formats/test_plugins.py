@@ -107,6 +107,7 @@ def test_study_and_its_workers_read_files_of_the_format(folder):
     assert all(float(record["psnr"]) > 0 for record in records.values())
 
 
+@pytest.mark.slow
 def test_damaged_file_of_the_format_is_one_line(folder):
     (folder / "bad.xyz").write_text("# xyz rgb\n1 2 3\n")
     done = run_with(folder / "site", folder, "inspect", "bad.xyz")

@@ -225,6 +225,7 @@ limits = _usd_limits.Limits(are_set=True)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("work", "message"),
     [
@@ -293,6 +294,7 @@ def test_harmonics_that_contradict_their_degree_are_refused(tmp_path):
         read_splats(foreign(tmp_path / "b.usda", some_splats(), harmonics=False))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_frames_are_time_samples(tmp_path, suffix):
     first = some_splats(degree=1)

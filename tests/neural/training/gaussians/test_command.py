@@ -182,6 +182,7 @@ def test_a_follower_of_a_training_ends_with_the_last_state(folder: Path, tmp_pat
     assert last == {"num_kept": trained.num_gaussians, "num_removed": 0, "num_new": 0}
 
 
+@pytest.mark.slow
 def test_a_state_that_cannot_be_served_does_not_end_the_training(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("raptorq", reason="the package raptorq is not installed")
     scene = SplatScene(ball_of_gaussians())

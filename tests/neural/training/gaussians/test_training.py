@@ -181,6 +181,7 @@ def test_degree_limits_the_harmonics(dataset: Dataset) -> None:
     assert [CONFIG.degree_at(i) for i in (1, 6, 7, 13, 19, 60)] == [0, 0, 1, 2, 3, 3]
 
 
+@pytest.mark.slow
 def test_plain_kernels_with_gsplat_give_the_same_steps(dataset: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """The operations of a GPU, on a simulated device that refuses tensors of the CPU."""
     monkeypatch.setitem(__import__("sys").modules, "gsplat", fake_gsplat.module())
