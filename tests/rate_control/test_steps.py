@@ -8,7 +8,15 @@ import pytest
 from shells import shell
 from splatwire.bitstream import SceneStream
 from splatwire.codec import encode_scene
-from splatwire.codec.gaussians.layout import S_COLOUR, S_DIRECTION, S_HARMONICS, S_POSITION, S_SPIN, STEP_BITS, STEPS
+from splatwire.codec.gaussians.layout import (
+    STEP_BITS,
+    STEP_COLOUR,
+    STEP_DIRECTION,
+    STEP_HARMONICS,
+    STEP_POSITION,
+    STEP_SPIN,
+    STEPS,
+)
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.errors import InvalidValueError
@@ -59,8 +67,8 @@ def test_measured_precision_takes_fewer_bytes_per_quality(degree):
 
 def test_rotations_of_round_gaussians_become_coarse_and_a_single_colour_becomes_fine():
     octaves = measured(round_gaussians(shell(1000)))
-    assert octaves[S_DIRECTION] == octaves[S_SPIN] == octaves.min() < -2
-    assert octaves[S_COLOUR] > octaves[S_POSITION]
+    assert octaves[STEP_DIRECTION] == octaves[STEP_SPIN] == octaves.min() < -2
+    assert octaves[STEP_COLOUR] > octaves[STEP_POSITION]
 
 
 def colour_precision(scene: SplatScene) -> np.ndarray:
@@ -74,7 +82,7 @@ def test_colour_precision_takes_fewer_bytes_per_quality():
     sh = np.concatenate([np.full_like(base, 0.3), rest / 4], axis=1)
     scene = replace(scene, splats=replace(scene.splats, sh=sh))
     octaves = colour_precision(scene)
-    assert octaves[S_COLOUR] == octaves.sum() > 0
+    assert octaves[STEP_COLOUR] == octaves.sum() > 0
     before, after = outcome(scene, AT), outcome(scene, replace(AT, precision=tuple(octaves.tolist())))
     finer = outcome(scene, replace(AT, level=AT.level + 1))
     price = np.log(finer[0] / before[0]) / (finer[1] - before[1])
@@ -89,7 +97,7 @@ def test_colours_stay_as_precise_if_harmonics_hide_their_rounding():
 
 
 def test_scenes_without_harmonics_keep_their_precision():
-    assert measured(shell(500))[S_HARMONICS] == 0
+    assert measured(shell(500))[STEP_HARMONICS] == 0
 
 
 def test_measured_precision_is_repeatable():

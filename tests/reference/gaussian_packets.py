@@ -12,39 +12,39 @@ from splatwire.codec.gaussians.layout import (
     BITS,
     COEFFICIENTS,
     DIRECTION_BITS,
-    FAR,
     FIRST_CLASS,
     FIRST_HARMONIC,
     FIRST_MAGNITUDE,
     MAX_CELL_BITS,
     MAX_CLASSES,
     MAX_COLOUR,
+    MAX_COMPANDED,
     MAX_HARMONIC,
     MAX_LOG,
     MAX_OPACITY,
     MAX_RESIDUAL,
-    MAX_THIN,
+    MAX_SQUARED_DISTANCE,
     MIN_OPACITY,
     NARROW_WEIGHT,
     NUM_NEIGHBOURS,
     NUM_SECOND_CONTEXTS,
-    S_COLOUR,
-    S_DIRECTION,
-    S_HARMONICS,
-    S_OPACITY,
-    S_POSITION,
-    S_SCALE0,
-    S_SCALE1,
-    S_SCALE2,
-    S_SPIN,
     SCALE_UNIT,
     SLOT_BITS,
     STEP_BITS,
-    WIDE,
+    STEP_COLOUR,
+    STEP_DIRECTION,
+    STEP_HARMONICS,
+    STEP_OPACITY,
+    STEP_POSITION,
+    STEP_SCALE0,
+    STEP_SCALE1,
+    STEP_SCALE2,
+    STEP_SPIN,
+    WIDE_SCALE_OFFSET,
     WINDOW,
 )
 from splatwire.codec.gaussians.side_info import SideInfo
-from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.codec.gaussians.tables import flatness_table
 from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES
 
 ONE = 1 << DIRECTION_BITS
@@ -86,7 +86,7 @@ class ReferencePacket(ReferenceBits):
         self.absolute = info.max_position_shift >= 0
         self.box_bits = int(info.boxes.bits[block])
         self.defaults = [int(v) for v in info.block_defaults[block]]
-        self.thinness = thinness_table().tolist()
+        self.flatness_table = flatness_table().tolist()
 
     def decode(self) -> list[Gaussian]:
         """All Gaussians in order."""
@@ -97,7 +97,7 @@ class ReferencePacket(ReferenceBits):
         found: list[Gaussian] = []
         for i, cell in enumerate(cells):
             near = sorted(
-                (min(sum((p - q) ** 2 for p, q in zip(cell, cells[j], strict=True)), FAR), i - j)
+                (min(sum((p - q) ** 2 for p, q in zip(cell, cells[j], strict=True)), MAX_SQUARED_DISTANCE), i - j)
                 for j in range(max(i - WINDOW, 0), i)
             )[:NUM_NEIGHBOURS]
             neighbours = [(found[i - back], ((near[0][0] + 1) << 12) // (d + 1)) for d, back in near]
@@ -120,21 +120,21 @@ class ReferencePacket(ReferenceBits):
         """One Gaussian, given its cell and its neighbours."""
         g = Gaussian()
         g.level, self.running = self.level(near), 16
-        opacity = self.value(0, S_OPACITY, near, g.level, lambda n: n.logs[0], (0, 0, 0, 0), 0, BITS)
+        opacity = self.value(0, STEP_OPACITY, near, g.level, lambda n: n.logs[0], (0, 0, 0, 0), 0, BITS)
         opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
         mean = self.mean(near, lambda n: n.logs[1], self.defaults[1])[0]
         shape = (0 if self.absolute else 2 * mean - (2 << BITS), 0, 0, opacity)
-        s0 = self.value(1, S_SCALE0, near, g.level, lambda n: n.logs[1], shape, 1, BITS - 1)
+        s0 = self.value(1, STEP_SCALE0, near, g.level, lambda n: n.logs[1], shape, 1, BITS - 1)
         s0 = min(max(s0, -MAX_LOG), MAX_LOG)
         shape = (2 * s0 - (2 << BITS), 0, 0, opacity)
-        long = self.value(2, S_SCALE1, near, g.level, lambda n: n.logs[2], shape, 2, BITS - 1)
+        long = self.value(2, STEP_SCALE1, near, g.level, lambda n: n.logs[2], shape, 2, BITS - 1)
         long = min(max(long, 0), MAX_LOG)
         shape = (2 * s0 - long, long, 0, opacity)
-        t = self.value(3, S_SCALE2, near, g.level, lambda n: n.logs[3], shape, 3, BITS - 1)
-        t = min(max(t, 0), (MAX_THIN >> self.shift) << self.shift if self.absolute else MAX_THIN)
-        g.logs, thin = [opacity, s0, long, t], self.thinness[t]
+        t = self.value(3, STEP_SCALE2, near, g.level, lambda n: n.logs[3], shape, 3, BITS - 1)
+        t = min(max(t, 0), (MAX_COMPANDED >> self.shift) << self.shift if self.absolute else MAX_COMPANDED)
+        g.logs, thin = [opacity, s0, long, t], self.flatness_table[t]
         shape = (2 * s0 - long, long, thin, opacity)
-        finest = max(self.exponent(S_POSITION, g.level, shape), 1 - ((s0 - long) >> BITS))
+        finest = max(self.exponent(STEP_POSITION, g.level, shape), 1 - ((s0 - long) >> BITS))
         size = min(
             max(self.info.lattice_bits - finest, 0), self.info.max_position_shift if self.absolute else self.box_bits
         )
@@ -143,9 +143,9 @@ class ReferencePacket(ReferenceBits):
         size = size if self.absolute else low
         x, y, z = ((c >> (size - low)) * 2 ** (size + 1) + 2**size for c in fine)
         g.place, g.primary = (x, y, z), 2 if thin >= long else 0
-        shift = min(max(DIRECTION_BITS - self.exponent(S_DIRECTION, g.level, shape), 0), DIRECTION_BITS - 2)
+        shift = min(max(DIRECTION_BITS - self.exponent(STEP_DIRECTION, g.level, shape), 0), DIRECTION_BITS - 2)
         g.axis = self.axis(near, g.primary, shift)
-        bits = min(max(self.exponent(S_SPIN, g.level, shape), 0), DIRECTION_BITS)
+        bits = min(max(self.exponent(STEP_SPIN, g.level, shape), 0), DIRECTION_BITS)
         g.spin = bits, self.raw(bits)
         self.colour(g, near)
         if self.info.num_harmonics:
@@ -208,7 +208,7 @@ class ReferencePacket(ReferenceBits):
 
     def colour(self, g: Gaussian, near: list[tuple[Gaussian, int]]) -> None:
         """Decodes luma and chroma."""
-        shift = min(max(BITS - self.exponent(S_COLOUR, g.level, (0, 0, 0, 0)), 0), BITS - 2)
+        shift = min(max(BITS - self.exponent(STEP_COLOUR, g.level, (0, 0, 0, 0)), 0), BITS - 2)
         for c in range(3):
             mean, deviation = self.mean(near, lambda n, c=c: n.colour[c], self.defaults[4 + c])  # type: ignore[misc]
             value = self.coded(5 + c, spread(len(near), deviation, shift), mean, shift)
@@ -216,7 +216,7 @@ class ReferencePacket(ReferenceBits):
 
     def harmonics(self, g: Gaussian) -> None:
         """Harmonics, the three channels of one coefficient after another."""
-        shift = min(max(BITS - self.exponent(S_HARMONICS, g.level, (0, 0, 0, 0)), 0), BITS - 2)
+        shift = min(max(BITS - self.exponent(STEP_HARMONICS, g.level, (0, 0, 0, 0)), 0), BITS - 2)
         some, running = self.bit(FIRST_HARMONIC + g.level), 0
         for j in range(self.info.num_harmonics):
             value = 0
@@ -275,7 +275,7 @@ class ReferencePacket(ReferenceBits):
         second = shift if stream < 2 else min(self.running.bit_length(), NUM_SECOND_CONTEXTS - 1)
         scale = int(self.info.scales[stream, context, second]) * SCALE_UNIT
         mean = eighths << (MEAN_BITS - 3)
-        mixture = ReferenceMixture(mean, scale, mean, min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT)
+        mixture = ReferenceMixture(mean, scale, mean, min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1), NARROW_WEIGHT)
         q = min(max(decode_mixture(self.coder, mixture), -MAX_RESIDUAL), MAX_RESIDUAL)
         self.running = (self.running + 16 * min(abs(q), 1 << 14)) >> 1
         return q

@@ -19,7 +19,7 @@ from splatwire.bitstream import CAUSAL, SceneStream
 from splatwire.bitstream.sections import sections_of
 from splatwire.bitstream.stream import write_stream
 from splatwire.codec import decode_stream
-from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.codec.gaussians.tables import flatness_table
 from splatwire.codec.preview import preview_gaussians
 from splatwire.codec.tiers import arrange_stream
 from splatwire.concealment import conceal
@@ -73,7 +73,7 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
     """Expected results of the node tests, as JSON."""
     tables = {
         "normal": normal_table(), "inverse": inverse_scale_table(), "widths": half_width_table(),
-        "thinness": thinness_table(), "sixteenths": (exp2_table(8, 20)[:-1] - (1 << 20)) >> 16,
+        "flatness": flatness_table(), "sixteenths": (exp2_table(8, 20)[:-1] - (1 << 20)) >> 16,
         "powers": exp2_table(10, 40),
         "exists": np.clip(weight_table(), 32, 65504),
     }  # fmt: skip

@@ -42,7 +42,7 @@
 #define DIRECTION_BITS 14
 #define ONE (1 << DIRECTION_BITS)
 #define MAX_LOG (40 << BITS)
-#define MAX_THIN 5903
+#define MAX_COMPANDED 5903
 #define MAX_COLOUR (1 << (BITS + 8))
 #define MAX_RESIDUAL (1 << 24)
 #define MAX_HARMONIC (1 << 24)
@@ -68,7 +68,7 @@ int32_t defaults[7];
 // transform of the harmonics, with rows of `MOST_HARMONICS` numbers, and the lower corner of the block.
 double fractions[1 << BITS], wholes[2 * OCTAVES], transform[MOST_HARMONICS * MOST_HARMONICS], corner[3];
 
-static int32_t thinness[MAX_THIN + 1];       // see `src/codec/gaussians/tables.ts`
+static int32_t thinness[MAX_COMPANDED + 1];       // see `src/codec/gaussians/tables.ts`
 static int32_t models[2 * MOTION_CONTEXTS];  // of Gaussians or of motion
 static const int32_t running_bounds[7] = {2, 6, 13, 24, 42, 74, 135};
 
@@ -578,7 +578,7 @@ static void read_gaussian(uint32_t i, int64_t *row, int32_t start, int32_t box_b
     int32_t shift = clip(BITS - exponent(stream, level, area, length, 0, found[0]), 0, most);
     int32_t spread = spread_context(num_near, deviations[stream], shift);
     int32_t value = value_of(stream, spread, means[stream], shift);
-    if (stream == 3) high = absolute ? (MAX_THIN >> shift) << shift : MAX_THIN;
+    if (stream == 3) high = absolute ? (MAX_COMPANDED >> shift) << shift : MAX_COMPANDED;
     row[OPACITY + stream] = own[stream] = found[stream] = clip(value, low, high);
   }
   int32_t opacity = found[0], s0 = found[1], length = found[2];
@@ -739,8 +739,8 @@ EXPORT(widen) void widen(uint32_t number) {
 
 /// Computes the distributions of the stream's contexts and `thinness`, once all tables but `defaults` are filled.
 EXPORT(prepare) void prepare(void) {
-  for (int32_t log = 0, t = 1; t <= MAX_THIN; log++)
-    for (double most = (1 - power_of_two(-log)) * ((1 << BITS) / LN2); t <= most && t <= MAX_THIN;) thinness[t++] = log;
+  for (int32_t log = 0, t = 1; t <= MAX_COMPANDED; log++)
+    for (double most = (1 - power_of_two(-log)) * ((1 << BITS) / LN2); t <= most && t <= MAX_COMPANDED;) thinness[t++] = log;
   for (int32_t bits = 0; bits <= TURN_BITS; bits++)
     for (uint32_t spin = 0; spin < 1u << bits; spin++) set_turn(turns + 2 * ((1u << bits) + spin), bits, spin);
   heap_end = ((uint32_t)&__heap_base + 15) & ~15u;

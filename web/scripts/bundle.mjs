@@ -32,8 +32,8 @@ const INTERNAL = `
   onAdopted onAnswer onCamera onChange onContextLost packetBytes paintedCanvas pictureChanged planBlock
   planIndices playingLive pointCameraAt positionStep receiveDatagrams recordWhen repeatMs replaceTiles
   reportCamera reportPlayable rowSteps setConcealers setCooperative setMessage setRow setViewpoint showNotice
-  shownPackets sideInfoBytes sideInfoDigest stalledFrames startWebGL stateOf stopProbabilities streamId
-  symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tileRequest tilesBytes upRotation
+  shownPackets sideInfoBytes sideInfoDigest stalledFrames startWebGL stateOf stopProbabilities storeValues
+  streamId symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tileRequest tilesBytes upRotation
   viewDependent voxelSize wasExtrapolated withdraw withoutComparison
 `
   .trim()

@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { BitstreamError } from "../src/bytes.ts";
 import { EXISTS, exactExists, exactSixteenths, powers, SIXTEENTHS } from "../src/codec/causal/tables.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
-import { exactThinness, thinness } from "../src/codec/gaussians/tables.ts";
+import { exactFlatness, flatnessTable } from "../src/codec/gaussians/tables.ts";
 import { readPreview } from "../src/codec/preview.ts";
 import { type TierFacts, tierFacts } from "../src/codec/tiers.ts";
 import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../src/entropy/tables.ts";
@@ -66,8 +66,8 @@ test("the tier_sizes section has one byte per tier, and one of them is 0", () =>
 });
 
 test("no entry of the scale ratio table is near a rounding boundary", () => {
-  for (let t = 1; t < thinness().length; t++) {
-    const exact = exactThinness(t),
+  for (let t = 1; t < flatnessTable().length; t++) {
+    const exact = exactFlatness(t),
       nearest = Math.abs(exact - Math.round(exact));
     assert.ok(nearest > 1e-6, `${t}: ${exact}`);
   }
@@ -86,7 +86,7 @@ test("integer tables equal Python's", { skip: expected === null && "EXPECTED is 
     normal: NORMAL,
     inverse: INVERSE_SCALES,
     widths: HALF_WIDTHS,
-    thinness: thinness(),
+    flatness: flatnessTable(),
     sixteenths: SIXTEENTHS,
     powers: powers(),
     exists: EXISTS,

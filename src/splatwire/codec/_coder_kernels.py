@@ -20,7 +20,13 @@ from splatwire.codec._residual_kernels import (
     STRIDE,
     WEIGHT,
 )
-from splatwire.codec.gaussians.layout import EIGHTHS, MAX_RESIDUAL, NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS, WIDE
+from splatwire.codec.gaussians.layout import (
+    MAX_RESIDUAL,
+    MEAN_FRACTION_BITS,
+    NUM_DEVIATION_CONTEXTS,
+    NUM_SECOND_CONTEXTS,
+    WIDE_SCALE_OFFSET,
+)
 from splatwire.entropy.normal_kernels import (
     ESCAPE,
     SYMBOL_BITS,
@@ -196,10 +202,11 @@ def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift
     if not absolute:
         steps = _code_steps(coder, kind, deviation_class, magnitude_class, (value - mean + half) >> shift, ZERO)
         return mean + (steps << shift), steps
-    eighths = ((mean << EIGHTHS) + half) >> shift
-    near = (eighths + (1 << (EIGHTHS - 1))) >> EIGHTHS
+    eighths = ((mean << MEAN_FRACTION_BITS) + half) >> shift
+    near = (eighths + (1 << (MEAN_FRACTION_BITS - 1))) >> MEAN_FRACTION_BITS
     steps = _code_steps(
-        coder, kind, deviation_class, magnitude_class, ((value + half) >> shift) - near, eighths - (near << EIGHTHS)
+        coder, kind, deviation_class, magnitude_class, ((value + half) >> shift) - near, eighths - (near <<
+        MEAN_FRACTION_BITS)
     )  # fmt: skip
     return (near + steps) << shift, steps
 
@@ -295,8 +302,12 @@ def _decode_wide(coder, scale, index, start, after, target, eighths):
     """
     # Tables of wide distributions contain only every `2**k`-th start of a probability interval. The search begins with
     # linear interpolation between the tabulated starts, because the density is nearly constant there.
-    half, shift, mean = coder.windows[scale, HALF], coder.windows[scale, SHIFT], eighths << (MEAN_BITS - EIGHTHS)
-    narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE, NUM_SCALES - 1)]
+    half, shift, mean = (
+        coder.windows[scale, HALF],
+        coder.windows[scale, SHIFT],
+        eighths << (MEAN_BITS - MEAN_FRACTION_BITS),
+    )
+    narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)]
     steps = np.int64(np.float64((target - start) << shift) / np.float64(after - start))
     symbol = (index << shift) + steps - half
     low = _interval_start(coder, symbol, half, mean, narrow, wide)
@@ -346,8 +357,8 @@ def _encode_wide(coder, scale, q, eighths):
         The encoded residual: `q`, clipped to magnitudes of at most `MAX_RESIDUAL`.
     """
     # The tables omit very large residuals, and most residuals of wide distributions.
-    mean = eighths << (MEAN_BITS - EIGHTHS)
-    wide = min(scale + WIDE, NUM_SCALES - 1)
+    mean = eighths << (MEAN_BITS - MEAN_FRACTION_BITS)
+    wide = min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)
     q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
     encode_symbol(
         coder.data, coder.state, q, mean, scale, mean, wide, WEIGHT, coder.inverses, coder.widths, coder.normal

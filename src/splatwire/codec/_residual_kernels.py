@@ -10,14 +10,14 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import EIGHTHS, NARROW_WEIGHT, WIDE
+from splatwire.codec.gaussians.layout import MEAN_FRACTION_BITS, NARROW_WEIGHT, WIDE_SCALE_OFFSET
 from splatwire.entropy.normal_kernels import cumulative
 from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES, TOTAL_BITS
 from splatwire.ops.compiled import njit
 
 WEIGHT = np.int64(NARROW_WEIGHT)
-NUM_MEANS = np.int64(1 << EIGHTHS)
+NUM_MEANS = np.int64(1 << MEAN_FRACTION_BITS)
 """Number of different means, in eighths of a step from -4 on."""
 MAX_SYMBOLS = np.int64(1 << 10)
 """Maximum number of symbols on either side of a mixture with a table of all bounds."""
@@ -65,7 +65,7 @@ def residual_windows(scales, inverses, widths, normal):
     for scale in scales:
         if windows[scale, STRIDE]:
             continue
-        half = widths[min(scale + WIDE, NUM_SCALES - 1)]
+        half = widths[min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)]
         shift = guess_bits = ZERO
         while half > MAX_SYMBOLS and (2 * half >> shift) >= MAX_BOUNDS:
             shift += 1
@@ -87,11 +87,11 @@ def residual_windows(scales, inverses, widths, normal):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _tabulate(scale, window, bounds, guesses, inverses, widths, normal):
-    wide = min(scale + WIDE, NUM_SCALES - 1)
+    wide = min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)
     half, narrow_inverse, wide_inverse = window[HALF], inverses[scale], inverses[wide]
     bounds_at, last, guess_at, guess_bits = window[AT], window[STRIDE] - 2, window[GUESS_AT], window[GUESS_BITS]
     for number in range(NUM_MEANS):
-        mean = (number - (NUM_MEANS >> 1)) << (MEAN_BITS - EIGHTHS)
+        mean = (number - (NUM_MEANS >> 1)) << (MEAN_BITS - MEAN_FRACTION_BITS)
         for interval in range(last + 2):
             bounds[bounds_at + interval] = cumulative(
                 (interval << window[SHIFT]) - half,

@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from splatwire.codec.gaussians.layout import BITS, COEFFICIENTS, S_POSITION, STEP_BITS
+from splatwire.codec.gaussians.layout import BITS, COEFFICIENTS, STEP_BITS, STEP_POSITION
 from splatwire.ops.compiled import njit
 
 
@@ -78,7 +78,7 @@ def position_shift(base_exponents, precision_class, s0, elongation, flatness, op
     """
     # The step is at most half the second scale.
     exponent = step_exponent(
-        base_exponents, S_POSITION, precision_class, 2 * s0 - elongation, elongation, flatness, opacity
+        base_exponents, STEP_POSITION, precision_class, 2 * s0 - elongation, elongation, flatness, opacity
     )
     e = max(exponent, 1 - ((s0 - elongation) >> BITS))
     return min(max(lattice_bits - e, 0), max_shift)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from splatwire.codec.gaussians.attributes import LUMA_CHROMA
-from splatwire.codec.gaussians.layout import BITS, S_HARMONICS, STEP_BITS, TRANSFORM_UNIT
+from splatwire.codec.gaussians.layout import BITS, STEP_BITS, STEP_HARMONICS, TRANSFORM_UNIT
 from splatwire.finetuning.latents import each_piece
 from splatwire.types import SplatCoding
 
@@ -43,7 +43,7 @@ class HarmonicCost:
                 used.
         """
         transform = np.kron(np.linalg.inv(coding.transform / TRANSFORM_UNIT), LUMA_CHROMA.T)
-        exponents = coding.base_exponents[S_HARMONICS] + (coding.precision_classes.astype(np.int64) << STEP_BITS)
+        exponents = coding.base_exponents[STEP_HARMONICS] + (coding.precision_classes.astype(np.int64) << STEP_BITS)
         rounded = np.clip((exponents + (1 << (STEP_BITS - 1))) >> STEP_BITS, 2, BITS)
         return HarmonicCost(transform.astype(np.float32), np.exp2(-rounded).astype(np.float32)[:, None])
 

@@ -20,7 +20,7 @@ from splatwire.codec.gaussians import _source_kernels as kernels
 from splatwire.codec.gaussians.attributes import LUMA_CHROMA, to_harmonics, to_sources, transformed
 from splatwire.codec.gaussians.blocks import block_codes, to_lattice
 from splatwire.codec.gaussians.encoder import fit_side_info
-from splatwire.codec.gaussians.layout import MAX_COLOUR, S_HARMONICS
+from splatwire.codec.gaussians.layout import MAX_COLOUR, STEP_HARMONICS
 from splatwire.codec.gaussians.quality import QUALITIES, Quality
 from splatwire.codec.gaussians.side_info import DEFAULT_SHIFT
 from splatwire.codec.gaussians.source_scene import SourceScene
@@ -159,7 +159,7 @@ def test_arranged_gaussians_equal_their_reference(level: float, layout: Callable
     for name, values in vars(expected).items():
         np.testing.assert_array_equal(getattr(found, name), values)
     harmonics = transformed(scene.splats.select(members), info.transform)
-    exponents = (info.base_exponents[S_HARMONICS] + 64 * found.classes + 32) >> 6
+    exponents = (info.base_exponents[STEP_HARMONICS] + 64 * found.classes + 32) >> 6
     shifts = np.clip(12 - exponents, 0, 10)[:, None]
     rounded = [(values + ((1 << shifts) >> 1)) >> shifts for values in (harmonics.astype(np.int64), found.harmonics)]
     assert np.abs(rounded[0] - rounded[1]).max() <= 1

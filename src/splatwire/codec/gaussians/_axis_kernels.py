@@ -10,7 +10,7 @@ import numpy as np
 from splatwire.codec._coder_kernels import code_value
 from splatwire.codec.gaussians._gaussian_kernels import magnitude_context, update_magnitude
 from splatwire.codec.gaussians._neighbour_kernels import deviation_context
-from splatwire.codec.gaussians.layout import AXIS, DIRECTION_BITS, R_DIRECTION
+from splatwire.codec.gaussians.layout import AXIS, DIRECTION_BITS, RESIDUAL_DIRECTION
 from splatwire.ops.compiled import njit
 
 UNIT = 1 << DIRECTION_BITS
@@ -18,7 +18,7 @@ UNIT = 1 << DIRECTION_BITS
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def predict_axis(near, count, primary, axis):
+def predict_axis(neighbours, count, primary, axis):
     """Predicts the primary axis of a Gaussian as the weighted sum of its neighbours' primary axes.
 
     The primary axis is the principal axis of the largest or of the smallest scale. Only neighbours whose primary axis
@@ -26,7 +26,7 @@ def predict_axis(near, count, primary, axis):
     of the nearest such neighbour.
 
     Args:
-        near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.
+        neighbours: Working arrays of the packet (`Neighbours`), with the neighbours of this Gaussian.
         count: Number of neighbours.
         primary: Kind of primary axis: 0 for the axis of the largest scale, 2 for the axis of the smallest scale.
         axis: Output: the weighted sum, int64 (3).
@@ -34,7 +34,7 @@ def predict_axis(near, count, primary, axis):
     Returns:
         Weighted mean deviation of the neighbours' axes from the prediction, and number of neighbours used.
     """
-    axes, indices, weights = near.axes, near.indices, near.weights
+    axes, indices, weights = neighbours.axes, neighbours.indices, neighbours.weights
     total = x = y = z = nx = ny = nz = 0.0
     kind, same = np.float64(primary), np.int64(0)
     for m in range(count):
@@ -105,7 +105,7 @@ def _quotient(number, divisor):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
+def code_axis(coder, row, primary, source, shift, neighbours, count, residual_magnitude, axis, other, absolute):
     """Encodes or decodes the primary axis of a Gaussian, predicted from the axes of its neighbours.
 
     The primary axis is the principal axis of the largest or of the smallest scale. The rotation about it is coded
@@ -117,9 +117,9 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
         primary: Kind of primary axis: 0 for the axis of the largest scale, 2 for the axis of the smallest scale.
         source: The exact axis; only used by an encoder.
         shift: log2 of the quantisation step.
-        near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.
+        neighbours: Working arrays of the packet (`Neighbours`), with the neighbours of this Gaussian.
         count: Number of neighbours.
-        running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
+        residual_magnitude: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         axis: Working array for the predicted axis, int64 (3).
         other: Working array for the quantised axis, int64 (3).
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
@@ -130,7 +130,7 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
     # Two coordinates are coded, from which the third follows (octahedral mapping).
     # The axis is scaled so that the magnitudes of its coordinates add up to `UNIT`. The coordinate in which the mean
     # axis is largest is left out. In streams of version 2, sum and difference of the other two are coded.
-    deviation, same = predict_axis(near, count, primary, axis)
+    deviation, same = predict_axis(neighbours, count, primary, axis)
     deviation_class, pole = deviation_context(same, deviation, shift), largest_of(axis)
     if axis[pole] < 0:
         for a in range(3):
@@ -156,9 +156,16 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
     for number in range(2):
         mean, wanted = _quotient((q if number else p) << DIRECTION_BITS, norm), wanted_q if number else wanted_p
         value, steps = code_value(
-            coder, R_DIRECTION, deviation_class, magnitude_context(running), mean, wanted, shift, absolute
+            coder,
+            RESIDUAL_DIRECTION,
+            deviation_class,
+            magnitude_context(residual_magnitude),
+            mean,
+            wanted,
+            shift,
+            absolute,
         )
-        running = update_magnitude(running, steps)
+        residual_magnitude = update_magnitude(residual_magnitude, steps)
         most = UNIT - abs(x) if absolute else np.int64(UNIT)
         value = min(max(value, -most), most)
         if number:
@@ -173,4 +180,4 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
             axis[a] = -axis[a]
     for a in range(3):
         row[AXIS + a] = axis[a]
-    return running
+    return residual_magnitude

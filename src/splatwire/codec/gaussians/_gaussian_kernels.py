@@ -7,8 +7,8 @@ import numpy as np
 from splatwire.codec._coder_kernels import code_bit, code_value
 from splatwire.codec._step_kernels import position_shift, step_shift
 from splatwire.codec.gaussians._neighbour_kernels import (
+    LUMA_VALUE,
     OCTAVES,
-    P_LUMA,
     deviation_context,
 )
 from splatwire.codec.gaussians.layout import (
@@ -17,22 +17,22 @@ from splatwire.codec.gaussians.layout import (
     LUMA,
     MAX_CLASSES,
     MAX_COLOUR,
+    MAX_COMPANDED,
     MAX_LOG,
     MAX_OPACITY,
-    MAX_THIN,
     MIN_OPACITY,
     NUM_SECOND_CONTEXTS,
     OPACITY,
-    R_LUMA,
-    R_OPACITY,
-    R_SCALE0,
-    R_SCALE1,
-    R_SCALE2,
-    S_COLOUR,
-    S_OPACITY,
-    S_SCALE0,
-    S_SCALE1,
-    S_SCALE2,
+    RESIDUAL_LUMA,
+    RESIDUAL_OPACITY,
+    RESIDUAL_SCALE0,
+    RESIDUAL_SCALE1,
+    RESIDUAL_SCALE2,
+    STEP_COLOUR,
+    STEP_OPACITY,
+    STEP_SCALE0,
+    STEP_SCALE1,
+    STEP_SCALE2,
 )
 from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
@@ -42,28 +42,28 @@ LN2 = np.log(2.0)
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def update_magnitude(running, steps):
+def update_magnitude(residual_magnitude, steps):
     """Updates the moving average of residual magnitudes, which selects the context of the next residual.
 
     Args:
-        running: Moving average of the preceding residuals, in sixteenths of a quantisation step.
+        residual_magnitude: Moving average of the preceding residuals, in sixteenths of a quantisation step.
         steps: Residual just coded, in quantisation steps.
     """
-    return (running + (min(abs(steps), 1 << 14) << 4)) >> 1
+    return (residual_magnitude + (min(abs(steps), 1 << 14) << 4)) >> 1
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def magnitude_context(running):
+def magnitude_context(residual_magnitude):
     """Returns the entropy coder's context for a residual, given the average magnitude of preceding residuals.
 
     Args:
-        running: The average, in sixteenths of a quantisation step.
+        residual_magnitude: The average, in sixteenths of a quantisation step.
     """
     # The context grows with the logarithm of the average.
-    if running < 256:
-        return OCTAVES[running]
-    return min(8 + OCTAVES[min(running >> 8, 255)], NUM_SECOND_CONTEXTS - 1)
+    if residual_magnitude < 256:
+        return OCTAVES[residual_magnitude]
+    return min(8 + OCTAVES[min(residual_magnitude >> 8, 255)], NUM_SECOND_CONTEXTS - 1)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -84,29 +84,29 @@ def code_class(coder, context, value):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def compand_thinness(ratio, thinness):
+def compand_flatness(ratio, flatness_table):
     """Quantises the ratio of a Gaussian's second to third scale to the nearest entry of a non-uniform table.
 
     Args:
         ratio: Base-2 logarithm of the ratio, in fixed point.
-        thinness: The table, ascending, from `thinness_table`.
+        flatness_table: The table, ascending, from `flatness_table`.
 
     Returns:
         Index of the entry.
     """
     # The formula of the table gives the entry or one next to it, several times as fast as a binary search.
-    last = len(thinness) - 1
+    last = len(flatness_table) - 1
     low = min(np.int64((1.0 - np.exp2(ratio * (-1.0 / (1 << BITS)))) * ((1 << BITS) / LN2)), last)
-    while low > 0 and thinness[low - 1] >= ratio:
+    while low > 0 and flatness_table[low - 1] >= ratio:
         low -= 1
-    while low < last and thinness[low] < ratio:
+    while low < last and flatness_table[low] < ratio:
         low += 1
-    return low - 1 if low and ratio - thinness[low - 1] < thinness[low] - ratio else low
+    return low - 1 if low and ratio - flatness_table[low - 1] < flatness_table[low] - ratio else low
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_logs(coder, row, source, base_exponents, precision_class, near, count, thinness, absolute):
+def code_logs(coder, row, source, base_exponents, precision_class, neighbours, count, flatness_table, absolute):
     """Encodes or decodes opacity and scales of a Gaussian, predicted from neighbours.
 
     Args:
@@ -116,9 +116,10 @@ def code_logs(coder, row, source, base_exponents, precision_class, near, count, 
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
             c.
-        near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
+        neighbours: Working arrays of the packet (`Neighbours`), with means and deviations of the neighbours'
+            attributes.
         count: Number of neighbours.
-        thinness: Table for decoding the ratio of two scales, from `thinness_table`.
+        flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
 
     Returns:
@@ -127,46 +128,46 @@ def code_logs(coder, row, source, base_exponents, precision_class, near, count, 
         16ths of a quantisation step.
     """
     s0 = elongation = companded = opacity = np.int64(0)
-    running = np.int64(16)
+    residual_magnitude = np.int64(16)
     # A loop, because numba would compile a copy of the entropy coder for each call.
     for stream in range(4):
-        mean, value, area = near.means[stream], source[stream], np.int64(0)
+        mean, value, area = neighbours.means[stream], source[stream], np.int64(0)
         low, high, most = np.int64(0), np.int64(MAX_LOG), np.int64(BITS - 1)
-        if stream == R_OPACITY:
+        if stream == RESIDUAL_OPACITY:
             value = value + 1 if value == MAX_OPACITY else value
             low, high, most = np.int64(MIN_OPACITY), np.int64(MAX_OPACITY), np.int64(BITS)
-        elif stream == R_SCALE0:
+        elif stream == RESIDUAL_SCALE0:
             area = ZERO if absolute else 2 * mean - (2 << BITS)
             low = np.int64(-MAX_LOG)
-        elif stream == R_SCALE1:
+        elif stream == RESIDUAL_SCALE1:
             area, value = 2 * s0 - (2 << BITS), s0 - value
         else:
             area = 2 * s0 - elongation
-            value = ZERO if coder.decoding else compand_thinness(max(s0 - elongation - value, 0), thinness)
+            value = ZERO if coder.decoding else compand_flatness(max(s0 - elongation - value, 0), flatness_table)
         # The quantisation step of each value depends on the values decoded before.
         shift = step_shift(base_exponents, stream, precision_class, area, elongation, ZERO, opacity, most)
-        deviation_class = deviation_context(count, near.deviations[stream], shift)
-        second = shift if stream < R_SCALE1 else magnitude_context(running)
+        deviation_class = deviation_context(count, neighbours.deviations[stream], shift)
+        second = shift if stream < RESIDUAL_SCALE1 else magnitude_context(residual_magnitude)
         value, steps = code_value(coder, stream, deviation_class, second, mean, value, shift, absolute)
-        running = update_magnitude(running, steps)
-        if stream == R_SCALE2:
-            high = np.int64((MAX_THIN >> shift) << shift if absolute else MAX_THIN)
+        residual_magnitude = update_magnitude(residual_magnitude, steps)
+        if stream == RESIDUAL_SCALE2:
+            high = np.int64((MAX_COMPANDED >> shift) << shift if absolute else MAX_COMPANDED)
         value = min(max(value, low), high)
         row[OPACITY + stream] = value
-        if stream == R_OPACITY:
+        if stream == RESIDUAL_OPACITY:
             opacity = value
-        elif stream == R_SCALE0:
+        elif stream == RESIDUAL_SCALE0:
             s0 = value
-        elif stream == R_SCALE1:
+        elif stream == RESIDUAL_SCALE1:
             elongation = value
         else:
             companded = value
-    return s0, elongation, thinness[companded], opacity, running
+    return s0, elongation, flatness_table[companded], opacity, residual_magnitude
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_colour(coder, row, source, base_exponents, precision_class, near, count, running, absolute):
+def code_colour(coder, row, source, base_exponents, precision_class, neighbours, count, residual_magnitude, absolute):
     """Encodes or decodes the base colour (Y Co Cg) of a Gaussian, predicted from neighbours.
 
     Args:
@@ -176,24 +177,35 @@ def code_colour(coder, row, source, base_exponents, precision_class, near, count
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
             c.
-        near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
+        neighbours: Working arrays of the packet (`Neighbours`), with means and deviations of the neighbours'
+            attributes.
         count: Number of neighbours.
-        running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
+        residual_magnitude: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
     """
-    shift = step_shift(base_exponents, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+    shift = step_shift(base_exponents, STEP_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
-        deviation_class, mean = deviation_context(count, near.deviations[P_LUMA + c], shift), near.means[P_LUMA + c]
+        deviation_class, mean = (
+            deviation_context(count, neighbours.deviations[LUMA_VALUE + c], shift),
+            neighbours.means[LUMA_VALUE + c],
+        )
         value, steps = code_value(
-            coder, R_LUMA + c, deviation_class, magnitude_context(running), mean, source[c], shift, absolute
+            coder,
+            RESIDUAL_LUMA + c,
+            deviation_class,
+            magnitude_context(residual_magnitude),
+            mean,
+            source[c],
+            shift,
+            absolute,
         )
         row[LUMA + c] = min(max(value, -MAX_COLOUR), MAX_COLOUR)
-        running = update_magnitude(running, steps)
+        residual_magnitude = update_magnitude(residual_magnitude, steps)
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def position_shifts(logs, precision_classes, base_exponents, lattice_bits, max_position_shift, thinness, shifts):
+def position_shifts(logs, precision_classes, base_exponents, lattice_bits, max_position_shift, flatness_table, shifts):
     """Computes the quantisation step of each Gaussian's position, which depends on its rounded opacity and scales.
 
     Args:
@@ -202,31 +214,31 @@ def position_shifts(logs, precision_classes, base_exponents, lattice_bits, max_p
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
-        thinness: Table for decoding the ratio of two scales, from `thinness_table`.
+        flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         shifts: Output: log2 of the steps, in lattice spacings, int64 (n).
     """
     for i in range(len(logs)):
         precision_class, source = precision_classes[i], logs[i]
-        shift = step_shift(base_exponents, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
+        shift = step_shift(base_exponents, STEP_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
         opacity = source[0] + 1 if source[0] == MAX_OPACITY else source[0]
         opacity = min(max(rounded(opacity, shift), MIN_OPACITY), MAX_OPACITY)
-        shift = step_shift(base_exponents, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(source[1], shift), -MAX_LOG), MAX_LOG)
         shift = step_shift(
-            base_exponents, S_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
+            base_exponents, STEP_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
         )
         elongation = min(max(rounded(s0 - source[2], shift), 0), MAX_LOG)
         shift = step_shift(
-            base_exponents, S_SCALE2, precision_class, 2 * s0 - elongation, elongation, ZERO, opacity, BITS - 1
+            base_exponents, STEP_SCALE2, precision_class, 2 * s0 - elongation, elongation, ZERO, opacity, BITS - 1
         )
-        companded = rounded(compand_thinness(max(s0 - elongation - source[3], 0), thinness), shift)
-        companded = min(max(companded, 0), (MAX_THIN >> shift) << shift)
+        companded = rounded(compand_flatness(max(s0 - elongation - source[3], 0), flatness_table), shift)
+        companded = min(max(companded, 0), (MAX_COMPANDED >> shift) << shift)
         shifts[i] = position_shift(
             base_exponents,
             precision_class,
             s0,
             elongation,
-            thinness[companded],
+            flatness_table[companded],
             opacity,
             lattice_bits,
             max_position_shift,

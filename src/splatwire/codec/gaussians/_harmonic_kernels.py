@@ -13,7 +13,7 @@ from splatwire.codec.gaussians.layout import (
     FIRST_MAGNITUDE,
     MAX_CLASSES,
     MAX_HARMONIC,
-    S_HARMONICS,
+    STEP_HARMONICS,
 )
 from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.ops.compiled import njit
@@ -46,7 +46,7 @@ def code_harmonics(coder, values, source, base_exponents, precision_class):
     # The order is by coefficient: Y, Co, Cg of the first, then of the second, and so on. The context of a harmonic is
     # the magnitude of the harmonics coded before it for the same Gaussian.
     shift = min(
-        max(BITS - step_exponent(base_exponents, S_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2
+        max(BITS - step_exponent(base_exponents, STEP_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2
     )
     half = (1 << shift) >> 1
     has_nonzero = 0
@@ -55,17 +55,17 @@ def code_harmonics(coder, values, source, base_exponents, precision_class):
             values[j] = (source[j] + half) >> shift
             has_nonzero |= values[j] != 0
     has_nonzero = code_bit(coder, FIRST_HARMONIC + precision_class, np.int64(has_nonzero))
-    running = np.int64(0)
+    magnitude = np.int64(0)
     if not has_nonzero:
         for j in range(len(values)):
             values[j] = 0
         return
     for j in range(len(values)):
-        context = CONTEXTS[min(running, len(CONTEXTS) - 1)]
+        context = CONTEXTS[min(magnitude, len(CONTEXTS) - 1)]
         value = np.int64(values[j]) if not coder.decoding else np.int64(0)
         value = _code_level(coder, value, FIRST_HARMONIC + MAX_CLASSES + 8 * context + POSITIONS[j], context)
         values[j] = min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC)
-        running = ((running * 13) >> 4) + (min(abs(value), 1 << 16) << 4)
+        magnitude = ((magnitude * 13) >> 4) + (min(abs(value), 1 << 16) << 4)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)

@@ -10,8 +10,8 @@ import numpy as np
 from splatwire.codec.gaussians.layout import (
     AXIS,
     CLASS,
-    FAR,
     LUMA,
+    MAX_SQUARED_DISTANCE,
     NUM_DEVIATION_CONTEXTS,
     NUM_NEIGHBOURS,
     OPACITY,
@@ -28,14 +28,14 @@ coordinate of the padding before the first Gaussian, so that its distance is abo
 """
 NONE = np.int32(0x7FFFFFFF)
 _AGE_BITS, _AGES = np.int32(6), np.int64(WINDOW - 1)
-P_LUMA, P_CLASS = np.int64(4), np.int64(7)
-"""Columns of luma and class in `Near.values`. Opacity and scales are columns 0 to 3, as in `layout.STREAMS`."""
+LUMA_VALUE, CLASS_VALUE = np.int64(4), np.int64(7)
+"""Columns of luma and class in `Neighbours.values`. Opacity and scales are columns 0 to 3, as in `layout.STREAMS`."""
 PREDICTED = 8
 OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 """Number of bits of each integer below 256."""
 
 
-class Near(NamedTuple):
+class Neighbours(NamedTuple):
     """Working arrays for finding a Gaussian's neighbours among the preceding ones of its packet, and for prediction.
 
     Attributes:
@@ -67,11 +67,11 @@ class Near(NamedTuple):
 
 @njit(error_model="numpy")
 @no_type_check
-def new_near(n):
+def new_neighbours(n):
     """Allocates the working arrays for predicting the n Gaussians of a packet from their neighbours."""
     narrow = np.empty((3, WINDOW + n), np.float32)
     narrow[:, :WINDOW] = OUTSIDE
-    return Near(
+    return Neighbours(
         np.empty((3, n), np.int64),
         narrow,
         np.empty(WINDOW, np.int32),
@@ -88,41 +88,47 @@ def new_near(n):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def find_neighbours(near, i, bits):
+def find_neighbours(neighbours, i, bits):
     """Finds the nearest neighbours of a Gaussian among the preceding `WINDOW` Gaussians of its packet.
 
     Args:
-        near: Working arrays of the packet; indices and weights of the neighbours are written.
+        neighbours: Working arrays of the packet; indices and weights of the neighbours are written.
         i: Index of the Gaussian in the packet.
         bits: Number of bits of a coordinate of a grid cell.
 
     Returns:
         Number of neighbours found, at most `NUM_NEIGHBOURS`.
     """
-    return _find_narrow(near, i) if bits <= NARROW_BITS else _find_wide(near, i)
+    return _find_narrow(neighbours, i) if bits <= NARROW_BITS else _find_wide(neighbours, i)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _find_narrow(near, i):
+def _find_narrow(neighbours, i):
     """Finds the nearest neighbours of a Gaussian among the preceding `WINDOW` Gaussians of its packet.
 
     Fast version of the search, for grid cells whose coordinates have at most `NARROW_BITS` bits.
 
     Args:
-        near: Working arrays of the packet; indices and weights of the neighbours are written.
+        neighbours: Working arrays of the packet; indices and weights of the neighbours are written.
         i: Index of the Gaussian in the packet.
 
     Returns:
         Number of neighbours found, at most `NUM_NEIGHBOURS`.
     """
-    # The nearest neighbours are the Gaussians with the smallest keys (see `Near`). The distances are exact.
+    # The nearest neighbours are the Gaussians with the smallest keys (see `Neighbours`). The distances are exact.
     #
     # The window is divided into eight groups. At least six keys do not exceed the sixth smallest of the groups' minima,
     # so larger keys need not be sorted. The loops have few branches and compile to vector instructions. Coordinates are
     # float32, because numba computes with int32 in 64 bits.
-    keys, close, lanes, indices, weights = near.keys, near.close, near.lanes, near.indices, near.weights
-    narrow = near.narrow
+    keys, close, lanes, indices, weights = (
+        neighbours.keys,
+        neighbours.close,
+        neighbours.lanes,
+        neighbours.indices,
+        neighbours.weights,
+    )
+    narrow = neighbours.narrow
     xs, ys, zs = narrow[0, i : i + WINDOW], narrow[1, i : i + WINDOW], narrow[2, i : i + WINDOW]
     x, y, z = narrow[0, i + WINDOW], narrow[1, i + WINDOW], narrow[2, i + WINDOW]
     for k in range(WINDOW):
@@ -164,31 +170,31 @@ def _find_narrow(near, i):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _find_wide(near, i):
+def _find_wide(neighbours, i):
     """Finds the nearest neighbours of a Gaussian among the preceding `WINDOW` Gaussians of its packet.
 
     Slow version of the search, for grid cells with coordinates of any size.
 
     Args:
-        near: Working arrays of the packet; indices and weights of the neighbours are written.
+        neighbours: Working arrays of the packet; indices and weights of the neighbours are written.
         i: Index of the Gaussian in the packet.
 
     Returns:
         Number of neighbours found, at most `NUM_NEIGHBOURS`.
     """
-    cells, neighbours, weights = near.cells, near.indices, near.weights
+    cells, indices, weights = neighbours.cells, neighbours.indices, neighbours.weights
     squared_distances = weights  # the same array: each weight replaces the squared distance from which it is computed
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
         x, y, z = cells[0, i] - cells[0, j], cells[1, i] - cells[1, j], cells[2, i] - cells[2, j]
-        d = np.float64(min(x * x + y * y + z * z, FAR))
+        d = np.float64(min(x * x + y * y + z * z, MAX_SQUARED_DISTANCE))
         if count == NUM_NEIGHBOURS and d >= squared_distances[count - 1]:
             continue
         at = count if count < NUM_NEIGHBOURS else count - 1
         while at > 0 and squared_distances[at - 1] > d:
-            squared_distances[at], neighbours[at] = squared_distances[at - 1], neighbours[at - 1]
+            squared_distances[at], indices[at] = squared_distances[at - 1], indices[at - 1]
             at -= 1
-        squared_distances[at], neighbours[at] = d, j
+        squared_distances[at], indices[at] = d, j
         count = min(count + 1, NUM_NEIGHBOURS)
     nearest = (squared_distances[0] + 1) * 4096.0
     for m in range(count):
@@ -198,14 +204,14 @@ def _find_wide(near, i):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def predict(near, count, defaults):
+def predict(neighbours, count, defaults):
     """Predicts the attributes of a Gaussian as weighted means over the neighbours that `find_neighbours` found.
 
-    The means are written to `near.means`. The mean deviations of the neighbours from the means are written to
-    `near.deviations`.
+    The means are written to `neighbours.means`. The mean deviations of the neighbours from the means are written to
+    `neighbours.deviations`.
 
     Args:
-        near: Working arrays of the packet (`Near`), with the neighbours of the Gaussian.
+        neighbours: Working arrays of the packet (`Neighbours`), with the neighbours of the Gaussian.
         count: Number of neighbours.
         defaults: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
 
@@ -213,7 +219,13 @@ def predict(near, count, defaults):
         Context of the entropy coder for the Gaussian's precision class: 0 without neighbours, otherwise 1 plus twice
         the mean precision class of the neighbours, rounded.
     """
-    indices, weights, values, means, deviations = near.indices, near.weights, near.values, near.means, near.deviations
+    indices, weights, values, means, deviations = (
+        neighbours.indices,
+        neighbours.weights,
+        neighbours.values,
+        neighbours.means,
+        neighbours.deviations,
+    )
     if count == 0:
         for c in range(PREDICTED - 1):
             means[c], deviations[c] = defaults[c], 0
@@ -251,22 +263,22 @@ def predict(near, count, defaults):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def remember(near, row, i):
+def store_values(neighbours, row, i):
     """Stores a Gaussian's decoded attributes for the prediction of later Gaussians of the packet.
 
     Args:
-        near: Working arrays of the packet (`Near`), changed in place.
+        neighbours: Working arrays of the packet (`Neighbours`), changed in place.
         row: Decoded integers of the Gaussian, int64 (columns).
         i: Index of the Gaussian in the packet.
     """
-    values = near.values
+    values = neighbours.values
     for c in range(4):
         values[i, c] = row[OPACITY + c]
     for c in range(3):
-        values[i, P_LUMA + c] = row[LUMA + c]
-    values[i, P_CLASS] = row[CLASS]
+        values[i, LUMA_VALUE + c] = row[LUMA + c]
+    values[i, CLASS_VALUE] = row[CLASS]
     for c in range(4):
-        near.axes[i, c] = row[AXIS + c]  # the index of the primary axis follows its coordinates
+        neighbours.axes[i, c] = row[AXIS + c]  # the index of the primary axis follows its coordinates
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)

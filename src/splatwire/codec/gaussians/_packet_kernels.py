@@ -15,19 +15,19 @@ from splatwire.codec.gaussians._gaussian_kernels import (
     position_shift,
 )
 from splatwire.codec.gaussians._harmonic_kernels import code_harmonics
-from splatwire.codec.gaussians._neighbour_kernels import find_neighbours, new_near, predict, remember
+from splatwire.codec.gaussians._neighbour_kernels import find_neighbours, new_neighbours, predict, store_values
 from splatwire.codec.gaussians.layout import (
     AXIS,
     CLASS,
     DIRECTION_BITS,
-    LATTICE,
     MAX_CELL_BITS,
+    POSITION,
     PRIMARY,
-    S_DIRECTION,
-    S_SPIN,
     SLOT_BITS,
     SPIN,
     SPIN_BITS,
+    STEP_DIRECTION,
+    STEP_SPIN,
     WINDOW,
 )
 from splatwire.entropy.range_kernels import ONE, ZERO, decoder_start, encoder_finish, encoder_start
@@ -35,19 +35,19 @@ from splatwire.entropy.word_kernels import words_of
 from splatwire.ops.compiled import njit
 
 CELL_SHIFT_BITS = np.int64(6)
-AIM, ENOUGH = 5, 3
-"""Parameters of the division of a block into packets of limited size. The encoder aims at a fraction `1 - 2 ** -AIM` of
-the maximum size, and accepts packets above a fraction `1 - 2 ** -ENOUGH`. Most packets are then encoded only once,
-which dominates the encoding time.
+TARGET_FILL_BITS, MIN_FILL_BITS = 5, 3
+"""Parameters of the division of a block into packets of limited size. The encoder aims at a fraction `1 - 2 **
+-TARGET_FILL_BITS` of the maximum size, and accepts packets above a fraction `1 - 2 ** -MIN_FILL_BITS`. Most packets are
+then encoded only once, which dominates the encoding time.
 """
-FIRST = 20
+ASSUMED_GAUSSIAN_BYTES = 20
 """Assumed number of bytes per Gaussian in the first attempt of a block, which serves only to measure the actual size.
 """
 CODES_FIELD, CLASSES_FIELD = 2, 4
 """Indices of `codes` and `classes` among the fields of a `BlockSource`."""
 BASE_WEIGHT = np.int64(2)
 """Estimated coded size of a Gaussian of precision class 0; that of class c is larger by c in the same unit."""
-SLACK = 64
+SPARE_BYTES = 64
 """Size of an encoder's buffer in addition to the space for its Gaussians, bytes."""
 
 
@@ -142,10 +142,10 @@ def _code_position(coder, row, cell, position, cell_shift, shift, absolute):
     for a in range(3):
         fine = (cell[a] << (cell_shift - low)) | code_raw(coder, position[a] >> low, cell_shift - low)
         if absolute:
-            fine, row[LATTICE + a] = fine >> (shift - low), 1 << shift
-            row[LATTICE + a] |= fine << (shift + 1)
+            fine, row[POSITION + a] = fine >> (shift - low), 1 << shift
+            row[POSITION + a] |= fine << (shift + 1)
         else:
-            row[LATTICE + a] = (fine << (low + 1)) | (1 << low)
+            row[POSITION + a] = (fine << (low + 1)) | (1 << low)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -217,25 +217,25 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, 
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         scratch: Working arrays from `new_scratch`.
     """
-    base_exponents, lattice_bits, max_position_shift, thinness = stream_params
+    base_exponents, lattice_bits, max_position_shift, flatness_table = stream_params
     absolute = max_position_shift >= 0
     cell_shift, interleaved, codes, positions, classes, logs, axes, colours, source_harmonics = source
-    near, packed, stack, axis, other = scratch
-    cells, n = near.cells, len(rows)
+    neighbours, packed, stack, axis, other = scratch
+    cells, n = neighbours.cells, len(rows)
     cell_shift = code_raw(coder, cell_shift, CELL_SHIFT_BITS)
     cell_shift = min(max(cell_shift, box_bits - MAX_CELL_BITS), box_bits)
     if not coder.decoding:
         for i in range(n):
             packed[i] = codes[order[i]] >> (3 * (cell_shift - max(box_bits - MAX_CELL_BITS, 0)))
     _code_cell_codes(coder, packed, 3 * (box_bits - cell_shift), interleaved, cells[0], stack)
-    _deinterleave_codes(packed, cells, near.narrow)
+    _deinterleave_codes(packed, cells, neighbours.narrow)
     for i in range(n):
         j = 0 if coder.decoding else order[i]
         row = rows[i]
-        count = find_neighbours(near, i, box_bits - cell_shift)
-        row[CLASS] = precision_class = code_class(coder, predict(near, count, defaults), classes[j])
-        s0, elongation, flatness, opacity, running = code_logs(
-            coder, row, logs[j], base_exponents, precision_class, near, count, thinness, absolute
+        count = find_neighbours(neighbours, i, box_bits - cell_shift)
+        row[CLASS] = precision_class = code_class(coder, predict(neighbours, count, defaults), classes[j])
+        s0, elongation, flatness, opacity, residual_magnitude = code_logs(
+            coder, row, logs[j], base_exponents, precision_class, neighbours, count, flatness_table, absolute
         )  # fmt: skip
         area = 2 * s0 - elongation
         shift = position_shift(
@@ -250,14 +250,18 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, 
         )
         _code_position(coder, row, cells[:, i], positions[j], cell_shift, shift, absolute)
         row[PRIMARY] = primary = 2 if flatness >= elongation else 0
-        e = step_exponent(base_exponents, S_DIRECTION, precision_class, area, elongation, flatness, opacity)
+        e = step_exponent(base_exponents, STEP_DIRECTION, precision_class, area, elongation, flatness, opacity)
         shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
         exact = axes[j, :, primary]
-        running = code_axis(coder, row, primary, exact, shift, near, count, running, axis, other, absolute)
-        e = step_exponent(base_exponents, S_SPIN, precision_class, area, elongation, flatness, opacity)
+        residual_magnitude = code_axis(
+            coder, row, primary, exact, shift, neighbours, count, residual_magnitude, axis, other, absolute
+        )
+        e = step_exponent(base_exponents, STEP_SPIN, precision_class, area, elongation, flatness, opacity)
         _code_spin(coder, row, axes[j], primary, min(max(e, 0), DIRECTION_BITS))
-        code_colour(coder, row, colours[j], base_exponents, precision_class, near, count, running, absolute)
-        remember(near, row, i)
+        code_colour(
+            coder, row, colours[j], base_exponents, precision_class, neighbours, count, residual_magnitude, absolute
+        )
+        store_values(neighbours, row, i)
         if harmonics.shape[1]:
             code_harmonics(coder, harmonics[i], source_harmonics[j], base_exponents, precision_class)
 
@@ -267,7 +271,7 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, 
 def new_scratch(n):
     """Allocates the working arrays for a packet of n Gaussians."""
     return (
-        new_near(n),
+        new_neighbours(n),
         np.zeros(n, np.int64),
         np.empty((66, 5), np.int64),
         np.empty(3, np.int64),
@@ -358,14 +362,14 @@ def encode_cut(
         Number of packets.
     """
     total, begin, at, packets = len(rows), ZERO, ZERO, 0
-    aim, precision_classes, used = max_bytes - (max_bytes >> AIM), source[CLASSES_FIELD], np.int64(0)
+    aim, precision_classes, used = max_bytes - (max_bytes >> TARGET_FILL_BITS), source[CLASSES_FIELD], np.int64(0)
     while begin < total:
         num_left = total - begin
         low, high, tries, last, length = 0, num_left + 1, 0, 0, 0
         n = (
             _count_within(precision_classes[begin:], used * aim // at)
             if at
-            else min(max(max_bytes // FIRST, 1), num_left)
+            else min(max(max_bytes // ASSUMED_GAUSSIAN_BYTES, 1), num_left)
         )
         while high - low > 1:
             length = _encode_packet(
@@ -375,7 +379,7 @@ def encode_cut(
             tries, last = tries + 1, n
             if length <= max_bytes or n == 1:
                 low = n
-                if n == num_left or length >= max_bytes - (max_bytes >> ENOUGH) or tries > 6:
+                if n == num_left or length >= max_bytes - (max_bytes >> MIN_FILL_BITS) or tries > 6:
                     break
             else:
                 high = n

@@ -6,36 +6,36 @@ import numpy as np
 
 from splatwire.codec._step_kernels import position_shift, step_exponent, step_shift
 from splatwire.codec.gaussians._axis_kernels import largest_of, round_axis
-from splatwire.codec.gaussians._gaussian_kernels import compand_thinness, rounded
+from splatwire.codec.gaussians._gaussian_kernels import compand_flatness, rounded
 from splatwire.codec.gaussians._packet_kernels import spin_angle
 from splatwire.codec.gaussians.layout import (
     AXIS,
     BITS,
     CLASS,
     DIRECTION_BITS,
-    LATTICE,
     LUMA,
     MAX_COLOUR,
+    MAX_COMPANDED,
     MAX_HARMONIC,
     MAX_LOG,
     MAX_OPACITY,
-    MAX_THIN,
     MIN_OPACITY,
     OPACITY,
+    POSITION,
     PRIMARY,
-    S_COLOUR,
-    S_DIRECTION,
-    S_HARMONICS,
-    S_OPACITY,
-    S_SCALE0,
-    S_SCALE1,
-    S_SCALE2,
-    S_SPIN,
     SCALE0,
     SCALE1,
     SCALE2,
     SPIN,
     SPIN_BITS,
+    STEP_COLOUR,
+    STEP_DIRECTION,
+    STEP_HARMONICS,
+    STEP_OPACITY,
+    STEP_SCALE0,
+    STEP_SCALE1,
+    STEP_SCALE2,
+    STEP_SPIN,
 )
 from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
@@ -52,7 +52,7 @@ def round_rows(
     base_exponents,
     lattice_bits,
     max_position_shift,
-    thinness,
+    flatness_table,
     harmonics,
     rows,
 ):
@@ -72,7 +72,7 @@ def round_rows(
             fixed point with `STEP_BITS` fractional bits, int64 (9).
         lattice_bits: `-log2` of the lattice spacing, as a share of the scene's size.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
-        thinness: Table that decodes the ratio of the second to the third scale, from `thinness_table`.
+        flatness_table: Table that decodes the ratio of the second to the third scale, from `flatness_table`.
         harmonics: Spherical harmonics after the transform that decorrelates them, int32 (n, harmonics); replaced by the
             rounded values.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns); columns as in `layout`.
@@ -83,40 +83,41 @@ def round_rows(
         row, precision_class = rows[i], precision_classes[i]
         row[CLASS] = precision_class
         value = logs[i, 0] + 1 if logs[i, 0] == MAX_OPACITY else logs[i, 0]
-        shift = step_shift(base_exponents, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
+        shift = step_shift(base_exponents, STEP_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
         opacity = min(max(rounded(value, shift), MIN_OPACITY), MAX_OPACITY)
-        shift = step_shift(base_exponents, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(logs[i, 1], shift), -MAX_LOG), MAX_LOG)
         shift = step_shift(
-            base_exponents, S_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
+            base_exponents, STEP_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
         )
         elongation = min(max(rounded(s0 - logs[i, 2], shift), 0), MAX_LOG)
         area = 2 * s0 - elongation
-        shift = step_shift(base_exponents, S_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
-        companded = rounded(compand_thinness(max(s0 - elongation - logs[i, 3], 0), thinness), shift)
-        companded = min(max(companded, 0), (MAX_THIN >> shift) << shift)
-        flatness = thinness[companded]
+        shift = step_shift(base_exponents, STEP_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
+        companded = rounded(compand_flatness(max(s0 - elongation - logs[i, 3], 0), flatness_table), shift)
+        companded = min(max(companded, 0), (MAX_COMPANDED >> shift) << shift)
+        flatness = flatness_table[companded]
         row[OPACITY], row[SCALE0], row[SCALE1], row[SCALE2] = opacity, s0, elongation, companded
         shift = position_shift(
             base_exponents, precision_class, s0, elongation, flatness, opacity, lattice_bits, max_position_shift
         )
         for a in range(3):
-            row[LATTICE + a] = (2 * (positions[i, a] >> shift) + 1) << shift
+            row[POSITION + a] = (2 * (positions[i, a] >> shift) + 1) << shift
         row[PRIMARY] = primary = 2 if flatness >= elongation else 0
-        e = step_exponent(base_exponents, S_DIRECTION, precision_class, area, elongation, flatness, opacity)
+        e = step_exponent(base_exponents, STEP_DIRECTION, precision_class, area, elongation, flatness, opacity)
         round_axis(axes[i, :, primary], min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2), axis)
         sign = -1 if axis[largest_of(axis)] < 0 else 1
         for a in range(3):
             row[AXIS + a] = sign * axis[a]
-        e = step_exponent(base_exponents, S_SPIN, precision_class, area, elongation, flatness, opacity)
+        e = step_exponent(base_exponents, STEP_SPIN, precision_class, area, elongation, flatness, opacity)
         bits = min(max(e, 0), DIRECTION_BITS)
         turn = np.int64(np.rint(spin_angle(row, axes[i], primary) / np.pi * (1 << bits)))
         row[SPIN_BITS], row[SPIN] = bits, turn & ((1 << bits) - 1)
-        shift = step_shift(base_exponents, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+        shift = step_shift(base_exponents, STEP_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
         for c in range(3):
             row[LUMA + c] = min(max(rounded(colours[i, c], shift), -MAX_COLOUR), MAX_COLOUR)
         shift = min(
-            max(BITS - step_exponent(base_exponents, S_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2
+            max(BITS - step_exponent(base_exponents, STEP_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0),
+            BITS - 2,
         )
         for k in range(harmonics.shape[1]):
             harmonics[i, k] = min(max(rounded(np.int64(harmonics[i, k]), shift), -MAX_HARMONIC), MAX_HARMONIC)

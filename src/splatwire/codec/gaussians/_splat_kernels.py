@@ -7,9 +7,9 @@ import numpy as np
 from splatwire.codec.gaussians.layout import (
     AXIS,
     BITS,
-    LATTICE,
     LUMA,
     OPACITY,
+    POSITION,
     PRIMARY,
     SCALE0,
     SCALE1,
@@ -33,7 +33,7 @@ def convert(
     origins,
     size_log,
     lattice_bits,
-    thinness,
+    flatness_table,
     powers,
     colours,
     grey,
@@ -52,7 +52,7 @@ def convert(
         origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
         size_log: log2 of the scene's size in world units.
         lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
-        thinness: Table for decoding the ratio of two scales, from `thinness_table`.
+        flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         powers: Table of powers of two, from `exponentials`.
         colours: Orthonormal matrix from RGB to Y Co Cg, float64 (3, 3), with entries divided by the value of the
             spherical harmonic of degree 0.
@@ -68,12 +68,12 @@ def convert(
     for i in range(len(rows)):
         row, index = rows[i], indices[i]
         for a in range(3):
-            means[index, a] = np.float64(2 * origins[i, a] + row[LATTICE + a]) * half
+            means[index, a] = np.float64(2 * origins[i, a] + row[POSITION + a]) * half
         log = row[SCALE0] + (size_log << BITS)
         scales[index, 0] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log -= row[SCALE1]
         scales[index, 1] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
-        log -= thinness[row[SCALE2]]
+        log -= flatness_table[row[SCALE2]]
         scales[index, 2] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log = row[OPACITY]
         opacities[index] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]

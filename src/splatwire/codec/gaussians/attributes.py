@@ -14,7 +14,7 @@ from splatwire.codec.gaussians.layout import (
     MAX_COLOUR,
     TRANSFORM_UNIT,
 )
-from splatwire.codec.gaussians.tables import exponentials, thinness_table
+from splatwire.codec.gaussians.tables import exponentials, flatness_table
 from splatwire.files.mmap_array import large_empty
 from splatwire.ops.order_statistics import middle_ranks, order_statistics
 from splatwire.ops.quaternions import rotation_matrices
@@ -220,7 +220,7 @@ def write_splats(
     room = np.empty(max(9, width))
     # Contiguous arrays only, because a kernel is compiled again for each layout of its arguments.
     kernels.convert(
-        np.ascontiguousarray(rows), indices, np.ascontiguousarray(origins), size_log, lattice_bits, thinness_table(),
+        np.ascontiguousarray(rows), indices, np.ascontiguousarray(origins), size_log, lattice_bits, flatness_table(),
         exponentials(), LUMA_CHROMA / DC, GREY, splats.means, splats.quats, splats.scales,
         splats.opacities, splats.sh, room,
     )  # fmt: skip

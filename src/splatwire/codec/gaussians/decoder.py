@@ -18,11 +18,11 @@ from splatwire.codec.gaussians.layout import (
     CLASS,
     COLUMNS,
     DIRECTION_BITS,
-    LATTICE,
     LUMA,
     MAX_COLOUR,
+    MAX_COMPANDED,
     MAX_LOG,
-    MAX_THIN,
+    POSITION,
     SCALE0,
     SCALE1,
     SCALE2,
@@ -238,7 +238,7 @@ def store_block(
     lost = np.flatnonzero(~received)
     filled = rows.copy() if len(lost) else rows
     if len(lost):
-        filled[lost] = _estimate_lost(info, block, rows[received][:, LATTICE : LATTICE + 3], lost)
+        filled[lost] = _estimate_lost(info, block, rows[received][:, POSITION : POSITION + 3], lost)
     for first in range(0, len(rows), SLICE_GAUSSIANS):
         piece = slice(first, first + SLICE_GAUSSIANS)
         origins = np.broadcast_to(info.boxes.corners[block], filled[piece][:, :3].shape)
@@ -275,13 +275,15 @@ def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, l
     rows, defaults = empty_rows(len(lost), 0)[0], info.block_defaults[block]
     rows[:, SCALE0] = np.clip(defaults[1], -MAX_LOG, MAX_LOG)
     rows[:, SCALE1] = np.clip(defaults[2], 0, MAX_LOG)
-    rows[:, SCALE2] = np.clip(defaults[3], 0, MAX_THIN)
+    rows[:, SCALE2] = np.clip(defaults[3], 0, MAX_COMPANDED)
     rows[:, LUMA : LUMA + 3] = np.clip(defaults[4:], -MAX_COLOUR, MAX_COLOUR)
     rows[:, AXIS + 2] = 1 << DIRECTION_BITS
     if len(received_positions):
-        rows[:, LATTICE : LATTICE + 3] = received_positions[np.arange(len(lost)) * len(received_positions) // len(lost)]
+        rows[:, POSITION : POSITION + 3] = received_positions[
+            np.arange(len(lost)) * len(received_positions) // len(lost)
+        ]
     else:
         sides = (info.boxes.extents[block] + 1) << info.boxes.shifts[block]
         share = (0.5 + np.arange(1, len(lost) + 1)[:, None] * _GOLDEN) % 1.0
-        rows[:, LATTICE : LATTICE + 3] = (2 * sides * share).astype(np.int64)
+        rows[:, POSITION : POSITION + 3] = (2 * sides * share).astype(np.int64)
     return rows

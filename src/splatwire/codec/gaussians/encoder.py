@@ -183,7 +183,7 @@ def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndar
     bits = int(info.boxes.bits[block])
     count, width = len(source.codes), info.num_harmonics
     rows, harmonics = np.empty((count, COLUMNS), np.int64), np.empty((count, width), np.int32)
-    buffer = np.empty(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SLACK, dtype=np.uint8)
+    buffer = np.empty(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SPARE_BYTES, dtype=np.uint8)
     statistics, defaults = empty_statistics(), info.block_defaults[block]
     stream = (info.kernel_tables, info.kernel_stream(), info.models(), statistics, bits, defaults, tuple(source))
     if max_bytes:

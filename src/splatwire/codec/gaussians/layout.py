@@ -10,7 +10,7 @@ STEP_BITS = 6
 """Fractional bits of the base-2 exponents of quantisation steps, in the side information and in `COEFFICIENTS`."""
 
 # Column, stream and step indices are numpy integers, because numba compiles a function once per literal argument.
-LATTICE, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = np.array(
+POSITION, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = np.array(
     [0, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14]
 )
 COLUMNS = 17
@@ -22,7 +22,7 @@ smallest); rotation about the primary axis (number of bits, value); Y Co Cg (3).
 
 STREAMS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
 """Names of the streams of prediction residuals; each stream has separate context tables."""
-R_OPACITY, R_SCALE0, R_SCALE1, R_SCALE2, R_DIRECTION, R_LUMA = np.arange(6)
+RESIDUAL_OPACITY, RESIDUAL_SCALE0, RESIDUAL_SCALE1, RESIDUAL_SCALE2, RESIDUAL_DIRECTION, RESIDUAL_LUMA = np.arange(6)
 NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS = 12, 16
 """Number of contexts of a residual: by the deviation of the neighbours from their mean
 (`NUM_DEVIATION_CONTEXTS`), and by log2 of either the quantisation step or the preceding residuals of the Gaussian
@@ -31,7 +31,17 @@ NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS = 12, 16
 
 STEPS = ("opacity", "scale0", "scale1", "scale2", "position", "direction", "spin", "colour", "harmonics")
 """Names of the quantities with a separate quantisation step, in the order of the side information."""
-S_OPACITY, S_SCALE0, S_SCALE1, S_SCALE2, S_POSITION, S_DIRECTION, S_SPIN, S_COLOUR, S_HARMONICS = np.arange(9)
+(
+    STEP_OPACITY,
+    STEP_SCALE0,
+    STEP_SCALE1,
+    STEP_SCALE2,
+    STEP_POSITION,
+    STEP_DIRECTION,
+    STEP_SPIN,
+    STEP_COLOUR,
+    STEP_HARMONICS,
+) = np.arange(9)
 
 COEFFICIENTS = np.array(
     [
@@ -65,7 +75,7 @@ NUM_CONTEXTS = FIRST_HARMONIC + HARMONIC_CONTEXTS
 NUM_NEIGHBOURS = 6
 WINDOW = 64
 """Number of preceding Gaussians of a packet among which neighbours are searched."""
-FAR = 1 << 40
+MAX_SQUARED_DISTANCE = 1 << 40
 """Upper limit of the squared distance of a neighbour, so that its product with 2**12 is exact in a float64."""
 
 MAX_LOG = 40 << BITS
@@ -76,14 +86,14 @@ MAX_HARMONIC = 1 << 24
 TRANSFORM_UNIT = 127
 """Denominator of the transform of spherical harmonics, which is stored as integers."""
 MAX_RESIDUAL = 1 << 24
-MAX_THIN = 5903
+MAX_COMPANDED = 5903
 """Largest companded ratio of the second to the third scale, `(1 - 2**-r) / ln 2` for r = 10 (a ratio of 2**10), in
 fixed point.
 """
-MAX_THINNESS = 10
+MAX_FLATNESS = 10
 """log2 of the largest ratio of the second to the third scale that the format represents."""
 
-WIDE = 24
+WIDE_SCALE_OFFSET = 24
 """Offset in the scale table between the two normals of a residual's mixture distribution, which approximates a
 Laplacian.
 """
@@ -92,7 +102,7 @@ NARROW_WEIGHT = 45875
 SCALE_UNIT = 4
 """Unit of the scales in the side information: one unit is this number of entries of the scale table."""
 
-EIGHTHS = np.int64(3)
+MEAN_FRACTION_BITS = np.int64(3)
 """Number of fractional bits of a predicted mean in quantisation steps: means are rounded to eighths of a step."""
 
 SLOT_BITS = 8

@@ -9,7 +9,7 @@ from splatwire.codec.gaussians.blocks import to_lattice
 from splatwire.codec.gaussians.encoder import scene_transform
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.source_scene import SourceScene
-from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.codec.gaussians.tables import flatness_table
 from splatwire.ops.threads import share
 from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
@@ -66,7 +66,7 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
         kernels.round_rows(
             positions, sources.logs, sources.axes, sources.colours,
             coding.precision_classes[begin:end].astype(np.int64), base_exponents, coding.lattice_bits,
-            coding.max_position_shift, thinness_table(), harmonics, rows,
+            coding.max_position_shift, flatness_table(), harmonics, rows,
         )  # fmt: skip
         origins = np.zeros((end - begin, 3), np.int64)
         result.fill(begin, to_splats(rows, harmonics, origins, coding.lattice_bits, coding.size_log, coding.transform))

@@ -19,14 +19,14 @@ from splatwire.codec.gaussians.layout import (
     NUM_CONTEXTS,
     NUM_DEVIATION_CONTEXTS,
     NUM_SECOND_CONTEXTS,
-    S_HARMONICS,
     SCALE_UNIT,
     STEP_BITS,
+    STEP_HARMONICS,
     STEPS,
     STREAMS,
     TRANSFORM_UNIT,
 )
-from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.codec.gaussians.tables import flatness_table
 from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models, tables
 from splatwire.entropy.integers import read_integers, write_integers
 from splatwire.entropy.tables import NUM_SCALES
@@ -95,9 +95,9 @@ class SideInfo:
 
         Returns:
             The attributes `base_exponents`, `lattice_bits` and `max_position_shift`, and the result of
-            `thinness_table`.
+            `flatness_table`.
         """
-        return self.base_exponents, self.lattice_bits, self.max_position_shift, thinness_table()
+        return self.base_exponents, self.lattice_bits, self.max_position_shift, flatness_table()
 
     def models(self) -> np.ndarray:
         """Returns the initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2)."""
@@ -120,7 +120,7 @@ class SideInfo:
         inverse[:, :number] = np.linalg.inv(self.transform / TRANSFORM_UNIT) if number else 0
         longest = np.sqrt(np.square(inverse).sum(axis=0).max(initial=1e-30))
         # A tolerance covers rounding errors of the product.
-        octaves = self.base_exponents[S_HARMONICS] / (1 << STEP_BITS) + np.arange(MAX_CLASSES)
+        octaves = self.base_exponents[STEP_HARMONICS] / (1 << STEP_BITS) + np.arange(MAX_CLASSES)
         exponents = np.floor(octaves + 0.5)
         steps = 2.0 ** np.clip(BITS - exponents, 0, BITS - 2)
         return inverse, (np.maximum(steps / 2, 1.0) - 0.5001) / longest

@@ -25,16 +25,16 @@ from splatwire.codec.gaussians.layout import (
     BITS,
     COEFFICIENTS,
     MAX_CELL_BITS,
-    MAX_THINNESS,
-    S_POSITION,
-    S_SCALE0,
-    S_SCALE2,
+    MAX_FLATNESS,
     STEP_BITS,
+    STEP_POSITION,
+    STEP_SCALE0,
+    STEP_SCALE2,
 )
 from splatwire.codec.gaussians.outliers import MAX_COORDINATE_BITS, log_clipped_colours, within_reach
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.side_info import DEFAULT_SHIFT, SideInfo
-from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.codec.gaussians.tables import flatness_table
 from splatwire.errors import InvalidValueError
 from splatwire.files.mmap_array import large_empty
 from splatwire.ops.sort3 import sort3
@@ -382,7 +382,7 @@ def raise_flat(
     logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
     opacity, s0, log_ratio = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
     predictors = np.stack([2 * s0 - log_ratio, log_ratio, np.zeros(len(flat)), opacity])
-    exponents = (COEFFICIENTS[S_SCALE2] @ predictors + base_exponents[S_SCALE2]) / (1 << STEP_BITS)
+    exponents = (COEFFICIENTS[STEP_SCALE2] @ predictors + base_exponents[STEP_SCALE2]) / (1 << STEP_BITS)
     # The margin covers the rounding of the exponent and of its inputs.
     min_class = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
     raised = classes.copy()
@@ -393,7 +393,7 @@ def raise_flat(
 def _is_flat(scales: np.ndarray) -> np.ndarray:
     """Returns the mask of Gaussians that are flatter than the format can represent."""
     low, middle, _ = sort3(scales)
-    return low < middle * np.float32(2.0**-MAX_THINNESS)
+    return low < middle * np.float32(2.0**-MAX_FLATNESS)
 
 
 def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
@@ -416,7 +416,7 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     total = functools.reduce(operator.add, (logs for logs, _ in totals), 0.0)
     count = sum(number for _, number in totals)
     mean = total / count - size_log if count else -POINT_OCTAVES
-    base_exponents[S_SCALE0] += np.rint(COEFFICIENTS[S_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
+    base_exponents[STEP_SCALE0] += np.rint(COEFFICIENTS[STEP_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
     return base_exponents
 
 
@@ -433,14 +433,20 @@ def _quantised_positions(
     Raises:
         InvalidValueError: If a position exceeds the range of the lattice.
     """
-    centres, thinness = large_empty((splats.num_gaussians, 3), np.float32), thinness_table()
+    centres, companding = large_empty((splats.num_gaussians, 3), np.float32), flatness_table()
 
     def find(begin: int) -> None:
         output = centres[begin : begin + ROWS]
         piece, shifts = splats.run(begin, begin + len(output)), np.empty(len(output), np.int64)
         piece_classes = classes[begin : begin + len(output)].astype(np.int64)
         kernels.position_shifts(
-            to_logs(piece, size_log), piece_classes, base_exponents, lattice_bits, max_position_shift, thinness, shifts
+            to_logs(piece, size_log),
+            piece_classes,
+            base_exponents,
+            lattice_bits,
+            max_position_shift,
+            companding,
+            shifts,
         )
         output[:] = piece.means
         check_reach(
@@ -459,7 +465,7 @@ def _choose_lattice_bits(splats: Splats, classes: np.ndarray, base_exponents: np
     The spacing is the finest quantisation step of a position in the scene, or larger if coordinates would otherwise
     exceed the range of the lattice.
     """
-    c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), base_exponents[S_POSITION] / (1 << STEP_BITS)
+    c, octaves = COEFFICIENTS[STEP_POSITION] / (1 << STEP_BITS), base_exponents[STEP_POSITION] / (1 << STEP_BITS)
 
     def finest(arrays: tuple[np.ndarray, np.ndarray]) -> float:
         scales, piece_classes = (values.astype(np.float64) for values in arrays)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import BITS, MAX_THIN
+from splatwire.codec.gaussians.layout import BITS, MAX_COMPANDED
 from splatwire.entropy.tables import frozen_table
 
 _POWER_BITS = 120
@@ -28,15 +28,15 @@ def negative_powers() -> tuple[int, ...]:
 
 
 @functools.cache
-def thinness_table() -> np.ndarray:
+def flatness_table() -> np.ndarray:
     """Returns the table for decoding the ratio of two scales of a Gaussian, which is coded with non-uniform steps.
 
     Returns:
-        log2 of the ratio for each coded integer, in fixed point, int64 (MAX_THIN + 1).
+        log2 of the ratio for each coded integer, in fixed point, int64 (MAX_COMPANDED + 1).
     """
     # A ratio `2**r` is coded as `t = (1 - 2**-r) / ln 2`, so that large ratios are coarser.
     powers, entries, r = negative_powers(), [], 0
-    for t in range(MAX_THIN + 1):
+    for t in range(MAX_COMPANDED + 1):
         left = (1 << 62) - (t * _LN2 >> (_LN2_BITS + BITS - 62))
         while powers[r & ((1 << BITS) - 1)] >> (r >> BITS) > left:
             r += 1

@@ -21,13 +21,13 @@ from splatwire.entropy.range_kernels import ZERO, decoder_start, encoder_finish,
 from splatwire.entropy.word_kernels import words_of
 from splatwire.ops.compiled import njit
 
-AIM, ENOUGH = 5, 3
+TARGET_FILL_BITS, MIN_FILL_BITS = 5, 3
 """Parameters of the division of a block into packets of limited size, as in
 `splatwire.codec.gaussians._packet_kernels`.
 """
-SLACK, TRACK_BYTES = 64, 4
-"""Size of an encoder's buffer in addition to the space for coefficients, bytes: `SLACK` once, and `TRACK_BYTES` for the
-header of each track.
+SPARE_BYTES, TRACK_BYTES = 64, 4
+"""Size of an encoder's buffer in addition to the space for coefficients, bytes: `SPARE_BYTES` once, and `TRACK_BYTES`
+for the header of each track.
 """
 
 
@@ -222,7 +222,7 @@ def encode_cut(
         Number of packets.
     """
     total, begin, at, packets = len(headers), 0, 0, 0
-    aim, scale = max_bytes - (max_bytes >> AIM), 1.0
+    aim, scale = max_bytes - (max_bytes >> TARGET_FILL_BITS), 1.0
     kept = np.zeros((NUM_CONTEXTS, 2), np.int64)
     while begin < total:
         num_left = _max_tracks(headers, begin, total - begin)
@@ -240,7 +240,7 @@ def encode_cut(
             scale = max(length, 1) / costs[begin : begin + n].sum()
             if length <= max_bytes or n == 1:
                 low = n
-                if n == num_left or length >= max_bytes - (max_bytes >> ENOUGH) or tries > 6:
+                if n == num_left or length >= max_bytes - (max_bytes >> MIN_FILL_BITS) or tries > 6:
                     break
             else:
                 high = n

@@ -6,12 +6,12 @@ from splatwire.codec._step_kernels import position_shift, step_exponent, step_sh
 from splatwire.codec.gaussians.layout import (
     BITS,
     DIRECTION_BITS,
-    S_COLOUR,
-    S_DIRECTION,
-    S_OPACITY,
-    S_SCALE0,
-    S_SCALE1,
-    S_SCALE2,
+    STEP_COLOUR,
+    STEP_DIRECTION,
+    STEP_OPACITY,
+    STEP_SCALE0,
+    STEP_SCALE1,
+    STEP_SCALE2,
 )
 from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
@@ -19,7 +19,7 @@ from splatwire.ops.compiled import njit
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, thinness, shifts):
+def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, flatness_table, shifts):
     """Computes the quantisation steps of keyframe Gaussians, from which the steps of their motion are derived.
 
     Args:
@@ -28,12 +28,12 @@ def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, t
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
-        thinness: Table for decoding the ratio of two scales, from `thinness_table`.
+        flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         shifts: Output: log2 of the steps, by channel of motion, int64 (n, channels).
     """
     for i in range(len(columns)):
         precision_class, opacity, s0, elongation = columns[i, 0], columns[i, 1], columns[i, 2], columns[i, 3]
-        flatness = thinness[columns[i, 4]]
+        flatness = flatness_table[columns[i, 4]]
         area = 2 * s0 - elongation
         position_step = (
             position_shift(
@@ -42,17 +42,17 @@ def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, t
             + 1
         )
         turn = DIRECTION_BITS - step_exponent(
-            base_exponents, S_DIRECTION, precision_class, area, elongation, flatness, opacity
+            base_exponents, STEP_DIRECTION, precision_class, area, elongation, flatness, opacity
         )
         for a in range(3):
             shifts[i, a] = position_step
             shifts[i, 3 + a] = min(max(turn, 0), DIRECTION_BITS - 2)
         first = 2 * s0 - (2 << BITS)
-        shifts[i, 6] = step_shift(base_exponents, S_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
-        shifts[i, 7] = step_shift(base_exponents, S_SCALE1, precision_class, first, ZERO, ZERO, opacity, BITS - 1)
+        shifts[i, 6] = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shifts[i, 7] = step_shift(base_exponents, STEP_SCALE1, precision_class, first, ZERO, ZERO, opacity, BITS - 1)
         # The ratio to the second scale is companded: its logarithm is coarser for thin Gaussians.
-        last = step_shift(base_exponents, S_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
+        last = step_shift(base_exponents, STEP_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
         shifts[i, 8] = min(last + (flatness >> BITS), BITS - 1)
-        shifts[i, 9] = step_shift(base_exponents, S_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
-        colour = step_shift(base_exponents, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+        shifts[i, 9] = step_shift(base_exponents, STEP_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
+        colour = step_shift(base_exponents, STEP_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
         shifts[i, 10] = shifts[i, 11] = shifts[i, 12] = colour

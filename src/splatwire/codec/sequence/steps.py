@@ -4,7 +4,7 @@ import numpy as np
 
 from splatwire.codec.gaussians.layout import CLASS, DIRECTION_BITS, OPACITY, SCALE0, SCALE1, SCALE2
 from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
-from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.codec.gaussians.tables import flatness_table
 from splatwire.codec.sequence import _step_kernels as kernels
 from splatwire.codec.sequence.layout import KIND_OF, MAX_COORD, NUM_CHANNELS
 
@@ -28,7 +28,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
     shifts = np.zeros((len(rows), NUM_CHANNELS), dtype=np.int64)
     columns = np.ascontiguousarray(rows[:, [CLASS, OPACITY, SCALE0, SCALE1, SCALE2]])
     kernels.keyframe_shifts(
-        columns, info.base_exponents, info.lattice_bits, max(info.max_position_shift, 0), thinness_table(), shifts
+        columns, info.base_exponents, info.lattice_bits, max(info.max_position_shift, 0), flatness_table(), shifts
     )
     shifts[:, :3] += spacing
     return np.clip(shifts + coarser[KIND_OF], 0, MAX_SHIFT)

@@ -1,7 +1,7 @@
 // Written by `npm run native` from `native/gaussians.c`.
 
 /** SHA-256 of the source and of the script, one after the other. */
-export const SOURCE_DIGEST = "d2902e2d19d1752e0e765815494eb0e3ef244b685db21c7cd003119ea8534aba";
+export const SOURCE_DIGEST = "a0a8893a81cb6a91cbec8420eb533ec715809527d9b3ecf7ba30e7d726a1f173";
 /** Module in WebAssembly, as text. */
 export const MODULE =
   "-%V&8&2.---.%K;%U.&D.&D%U1&D&D&D&D.&D%U.&D-%U3&D&D&D&D&D&D.&D%U.&A.&A%U.&D.&C%U-.&C%U0&D&D&D.&D%U0&D&D&D-%U/" +

@@ -4,8 +4,8 @@ import {
   AXIS,
   CLASS,
   COLUMNS,
-  FAR,
   LUMA,
+  MAX_SQUARED_DISTANCE,
   NUM_DEVIATION_CONTEXTS,
   NUM_NEIGHBOURS,
   ONE,
@@ -22,7 +22,7 @@ const NARROW_BITS = 11,
 const PREDICTED = 8,
   CLASS_VALUE = 7;
 /** Index of the prediction of luma among `means`; those of chroma follow. Before it are opacity and scales. */
-export const LUMA_MEAN = 4;
+export const LUMA_VALUE = 4;
 
 /** Neighbours of one Gaussian after another of a packet, and the predictions by them. */
 export class Neighbours {
@@ -130,7 +130,7 @@ export class Neighbours {
       const x = cx - cells[3 * j],
         y = cy - cells[3 * j + 1],
         z = cz - cells[3 * j + 2],
-        d = Math.min(x * x + y * y + z * z, FAR);
+        d = Math.min(x * x + y * y + z * z, MAX_SQUARED_DISTANCE);
       if (count === NUM_NEIGHBOURS && d >= far[count - 1]) continue;
       let at = count < NUM_NEIGHBOURS ? count++ : count - 1;
       for (; at > 0 && far[at - 1] > d; at--) {
@@ -280,14 +280,14 @@ export class Neighbours {
   }
 
   /** Stores the decoded Gaussian `i` for the prediction of later ones. */
-  remember(rows: Float64Array, i: number): void {
+  storeValues(rows: Float64Array, i: number): void {
     const row = COLUMNS * i,
       values = this.#values,
       axes = this.#axes,
       at = PREDICTED * i,
       u = 4 * i;
-    for (let c = 0; c < LUMA_MEAN; c++) values[at + c] = rows[row + OPACITY + c];
-    for (let c = 0; c < 3; c++) values[at + LUMA_MEAN + c] = rows[row + LUMA + c];
+    for (let c = 0; c < LUMA_VALUE; c++) values[at + c] = rows[row + OPACITY + c];
+    for (let c = 0; c < 3; c++) values[at + LUMA_VALUE + c] = rows[row + LUMA + c];
     values[at + CLASS_VALUE] = rows[row + CLASS];
     for (let c = 0; c < 4; c++) axes[u + c] = rows[row + AXIS + c]; // the primary axis' index follows its coordinates
   }

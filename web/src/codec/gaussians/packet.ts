@@ -13,41 +13,41 @@ import {
   COLUMNS,
   DIRECTION_BITS,
   FIRST_CLASS,
-  LATTICE,
   LUMA,
   MAX_CELL_BITS,
   MAX_COLOUR,
+  MAX_COMPANDED,
   MAX_LOG,
   MAX_OPACITY,
   MAX_RESIDUAL,
-  MAX_THIN,
   MIN_OPACITY,
   NARROW_WEIGHT,
   NUM_DEVIATION_CONTEXTS,
   NUM_SECOND_CONTEXTS,
   ONE,
   OPACITY,
+  POSITION,
   PRIMARY,
-  S_COLOUR,
-  S_DIRECTION,
-  S_HARMONICS,
-  S_OPACITY,
-  S_POSITION,
-  S_SCALE0,
-  S_SCALE1,
-  S_SCALE2,
-  S_SPIN,
   SCALE0,
   SCALE1,
   SCALE2,
   SPIN,
   SPIN_BITS,
-  WIDE,
+  STEP_COLOUR,
+  STEP_DIRECTION,
+  STEP_HARMONICS,
+  STEP_OPACITY,
+  STEP_POSITION,
+  STEP_SCALE0,
+  STEP_SCALE1,
+  STEP_SCALE2,
+  STEP_SPIN,
+  WIDE_SCALE_OFFSET,
 } from "./layout.ts";
-import { deviationContext, LUMA_MEAN, Neighbours } from "./neighbours.ts";
+import { deviationContext, LUMA_VALUE, Neighbours } from "./neighbours.ts";
 import type { SideInfo } from "./side_info.ts";
 import { Steps } from "./steps.ts";
-import { thinness } from "./tables.ts";
+import { flatnessTable } from "./tables.ts";
 
 /** Decoded integers: `COLUMNS` numbers per Gaussian, and its harmonics. */
 export interface Decoded {
@@ -117,10 +117,10 @@ export class PacketDecoder implements GaussianPackets {
     for (let i = 0; i < count; i++) {
       this.#neighbours.find(i);
       this.#decodeGaussian(i * COLUMNS, this.#neighbours.predict(defaults), cells, 3 * i, at, boxBits);
-      this.#neighbours.remember(rows, i);
+      this.#neighbours.storeValues(rows, i);
       if (info.numHarmonics) {
         const precisionClass = rows[i * COLUMNS + CLASS],
-          shift = clip(BITS - this.#steps.exponent(S_HARMONICS, precisionClass, 0, 0, 0, 0), 0, BITS - 2);
+          shift = clip(BITS - this.#steps.exponent(STEP_HARMONICS, precisionClass, 0, 0, 0, 0), 0, BITS - 2);
         decodeHarmonics(
           coder,
           this.#models,
@@ -147,28 +147,32 @@ export class PacketDecoder implements GaussianPackets {
     const rows = this.#rows,
       { latticeBits } = this.info,
       precisionClass = (rows[row + CLASS] = this.#decodeClass(classContext));
-    const opacity = clip(this.#decodePredicted(0, S_OPACITY, precisionClass, 0, 0, 0, BITS), MIN_OPACITY, MAX_OPACITY);
+    const opacity = clip(
+      this.#decodePredicted(0, STEP_OPACITY, precisionClass, 0, 0, 0, BITS),
+      MIN_OPACITY,
+      MAX_OPACITY,
+    );
     rows[row + OPACITY] = opacity;
     const expected = this.#absolute ? 0 : 2 * this.#neighbours.means[1] - (2 << BITS);
     const s0 = clip(
-      this.#decodePredicted(1, S_SCALE0, precisionClass, expected, 0, opacity, BITS - 1),
+      this.#decodePredicted(1, STEP_SCALE0, precisionClass, expected, 0, opacity, BITS - 1),
       -MAX_LOG,
       MAX_LOG,
     );
     rows[row + SCALE0] = s0;
     const elongation = clip(
-      this.#decodePredicted(2, S_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1),
+      this.#decodePredicted(2, STEP_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1),
       0,
       MAX_LOG,
     );
     rows[row + SCALE1] = elongation;
     const area = 2 * s0 - elongation;
-    const ratio = this.#decodePredicted(3, S_SCALE2, precisionClass, area, elongation, opacity, BITS - 1);
-    const companded = clip(ratio, 0, this.#absolute ? (MAX_THIN >> this.#shift) << this.#shift : MAX_THIN);
+    const ratio = this.#decodePredicted(3, STEP_SCALE2, precisionClass, area, elongation, opacity, BITS - 1);
+    const companded = clip(ratio, 0, this.#absolute ? (MAX_COMPANDED >> this.#shift) << this.#shift : MAX_COMPANDED);
     rows[row + SCALE2] = companded;
-    const flatness = thinness()[companded];
+    const flatness = flatnessTable()[companded];
     const finest = Math.max(
-      this.#steps.exponent(S_POSITION, precisionClass, area, elongation, flatness, opacity),
+      this.#steps.exponent(STEP_POSITION, precisionClass, area, elongation, flatness, opacity),
       1 - ((s0 - elongation) >> BITS),
     );
     this.#decodePosition(
@@ -180,13 +184,13 @@ export class PacketDecoder implements GaussianPackets {
     );
     const primary = (rows[row + PRIMARY] = flatness >= elongation ? 2 : 0);
     const shift = clip(
-      DIRECTION_BITS - this.#steps.exponent(S_DIRECTION, precisionClass, area, elongation, flatness, opacity),
+      DIRECTION_BITS - this.#steps.exponent(STEP_DIRECTION, precisionClass, area, elongation, flatness, opacity),
       0,
       DIRECTION_BITS - 2,
     );
     this.#decodeAxis(row, primary, shift);
     const bits = clip(
-      this.#steps.exponent(S_SPIN, precisionClass, area, elongation, flatness, opacity),
+      this.#steps.exponent(STEP_SPIN, precisionClass, area, elongation, flatness, opacity),
       0,
       DIRECTION_BITS,
     );
@@ -245,7 +249,7 @@ export class PacketDecoder implements GaussianPackets {
       mixture = (this.#byScale[MEANS * scale + mean + 4] ??= new Mixture(
         mean * 512,
         scale,
-        Math.min(scale + WIDE, NUM_SCALES - 1),
+        Math.min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1),
         NARROW_WEIGHT,
       ));
     return (this.#mixtures[MEANS * context + mean + 4] = mixture);
@@ -261,7 +265,7 @@ export class PacketDecoder implements GaussianPackets {
       half = POWER[size];
     for (let a = 0; a < 3; a++) {
       const place = fine ? cells[cell + a] * POWER[fine] + this.#coder.raw(fine) : cells[cell + a];
-      this.#rows[row + LATTICE + a] = Math.floor(place / wider) * unit + half;
+      this.#rows[row + POSITION + a] = Math.floor(place / wider) * unit + half;
     }
   }
 
@@ -308,10 +312,10 @@ export class PacketDecoder implements GaussianPackets {
   /** Decodes luma and chroma. */
   #decodeColour(row: number, precisionClass: number): void {
     const { count, means, deviations } = this.#neighbours,
-      shift = clip(BITS - this.#steps.exponent(S_COLOUR, precisionClass, 0, 0, 0, 0), 0, BITS - 2);
+      shift = clip(BITS - this.#steps.exponent(STEP_COLOUR, precisionClass, 0, 0, 0, 0), 0, BITS - 2);
     for (let c = 0; c < 3; c++) {
-      const spread = deviationContext(count, deviations[LUMA_MEAN + c], shift),
-        value = this.#decodeValue(5 + c, spread, means[LUMA_MEAN + c], shift);
+      const spread = deviationContext(count, deviations[LUMA_VALUE + c], shift),
+        value = this.#decodeValue(5 + c, spread, means[LUMA_VALUE + c], shift);
       this.#rows[row + LUMA + c] = clip(value, -MAX_COLOUR, MAX_COLOUR);
     }
   }

@@ -2,10 +2,10 @@
 
 import type { Elements } from "../../conceal/elements.ts";
 import type { Plan } from "../../packets/plan.ts";
-import { BITS, MAX_LOG, MAX_THIN } from "./layout.ts";
+import { BITS, MAX_COMPANDED, MAX_LOG } from "./layout.ts";
 import type { GaussianPart } from "./part.ts";
 import type { SideInfo } from "./side_info.ts";
-import { thinness } from "./tables.ts";
+import { flatnessTable } from "./tables.ts";
 
 const MIN_SCALE = 1e-9,
   RECEIVED = 1,
@@ -90,5 +90,7 @@ function meanSize(info: SideInfo, block: number): number {
     clip = (v: number, a: number, b: number): number => Math.min(Math.max(v, a), b);
   const first = clip(s0, -MAX_LOG, MAX_LOG),
     second = first - clip(elongation, 0, MAX_LOG);
-  return 2 ** (info.sizeLog + (first + 2 * second - thinness()[clip(companded, 0, MAX_THIN)]) / 3 / 2 ** BITS);
+  return (
+    2 ** (info.sizeLog + (first + 2 * second - flatnessTable()[clip(companded, 0, MAX_COMPANDED)]) / 3 / 2 ** BITS)
+  );
 }

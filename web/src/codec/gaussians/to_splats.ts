@@ -5,9 +5,9 @@ import {
   AXIS,
   BITS,
   COLUMNS,
-  LATTICE,
   LUMA,
   OPACITY,
+  POSITION,
   PRIMARY,
   SCALE0,
   SCALE1,
@@ -18,7 +18,7 @@ import {
 } from "./layout.ts";
 import type { Decoded } from "./packet.ts";
 import type { SideInfo } from "./side_info.ts";
-import { thinness } from "./tables.ts";
+import { flatnessTable } from "./tables.ts";
 
 const R2 = Math.sqrt(2),
   R3 = Math.sqrt(3),
@@ -69,10 +69,10 @@ export function convert({ rows, harmonics }: Decoded, info: SideInfo, block: num
     half = 2 ** (info.sizeLog - info.latticeBits - 1),
     size = 2 ** info.sizeLog;
   for (let i = 0, row = 0; i < count; i++, row += COLUMNS) {
-    for (let a = 0; a < 3; a++) means[3 * i + a] = (2 * corner[a] + rows[row + LATTICE + a]) * half;
+    for (let a = 0; a < 3; a++) means[3 * i + a] = (2 * corner[a] + rows[row + POSITION + a]) * half;
     const s0 = rows[row + SCALE0],
       s1 = s0 - rows[row + SCALE1],
-      s2 = s1 - thinness()[rows[row + SCALE2]];
+      s2 = s1 - flatnessTable()[rows[row + SCALE2]];
     scales[3 * i] = size * powerOfTwo(s0);
     scales[3 * i + 1] = size * powerOfTwo(s1);
     scales[3 * i + 2] = size * powerOfTwo(s2);

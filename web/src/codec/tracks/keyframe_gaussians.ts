@@ -2,7 +2,7 @@
 // announced ones.
 
 import { BitstreamError } from "../../bytes.ts";
-import { COLUMNS, LATTICE } from "../gaussians/layout.ts";
+import { COLUMNS, POSITION } from "../gaussians/layout.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { HEAD, MAX_COORD, NUM_CHANNELS, TRACK } from "./layout.ts";
 import type { TrackKeyframes } from "./motion_packets.ts";
@@ -64,7 +64,7 @@ export class KeyframeGaussians {
       this.tracks[keyframeIndex] = first + i;
       this.birthGroups[keyframeIndex] = group;
       for (let a = 0; a < 3; a++) {
-        this.positions[3 * keyframeIndex + a] = scaledCoord(rows[row + LATTICE + a] + 2 * corners[corner + a], scale);
+        this.positions[3 * keyframeIndex + a] = scaledCoord(rows[row + POSITION + a] + 2 * corners[corner + a], scale);
       }
       this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * keyframeIndex);
     }

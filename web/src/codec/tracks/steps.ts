@@ -5,20 +5,20 @@ import {
   CLASS,
   DIRECTION_BITS,
   OPACITY,
-  S_COLOUR,
-  S_DIRECTION,
-  S_OPACITY,
-  S_POSITION,
-  S_SCALE0,
-  S_SCALE1,
-  S_SCALE2,
   SCALE0,
   SCALE1,
   SCALE2,
+  STEP_COLOUR,
+  STEP_DIRECTION,
+  STEP_OPACITY,
+  STEP_POSITION,
+  STEP_SCALE0,
+  STEP_SCALE1,
+  STEP_SCALE2,
 } from "../gaussians/layout.ts";
 import type { SideInfo } from "../gaussians/side_info.ts";
 import { Steps } from "../gaussians/steps.ts";
-import { thinness } from "../gaussians/tables.ts";
+import { flatnessTable } from "../gaussians/tables.ts";
 import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 
 const MAX_SHIFT = 30;
@@ -49,26 +49,26 @@ export class MotionSteps {
       opacity = rows[row + OPACITY],
       s0 = rows[row + SCALE0],
       elongation = rows[row + SCALE1],
-      flatness = thinness()[rows[row + SCALE2]],
+      flatness = flatnessTable()[rows[row + SCALE2]],
       area = 2 * s0 - elongation;
     const finest = Math.max(
-        steps.exponent(S_POSITION, precisionClass, area, elongation, flatness, opacity),
+        steps.exponent(STEP_POSITION, precisionClass, area, elongation, flatness, opacity),
         1 - ((s0 - elongation) >> BITS),
       ),
       position = Math.min(Math.max(latticeBits - finest, 0), Math.max(maxPositionShift, 0)) + 1,
-      turn = DIRECTION_BITS - steps.exponent(S_DIRECTION, precisionClass, area, elongation, flatness, opacity),
-      last = steps.shift(S_SCALE2, precisionClass, area, elongation, 0, opacity, BITS - 1),
+      turn = DIRECTION_BITS - steps.exponent(STEP_DIRECTION, precisionClass, area, elongation, flatness, opacity),
+      last = steps.shift(STEP_SCALE2, precisionClass, area, elongation, 0, opacity, BITS - 1),
       own = [
         position,
         Math.min(Math.max(turn, 0), DIRECTION_BITS - 2),
         0,
-        steps.shift(S_OPACITY, precisionClass, 0, 0, 0, 0, BITS),
-        steps.shift(S_COLOUR, precisionClass, 0, 0, 0, 0, BITS - 2),
+        steps.shift(STEP_OPACITY, precisionClass, 0, 0, 0, 0, BITS),
+        steps.shift(STEP_COLOUR, precisionClass, 0, 0, 0, 0, BITS - 2),
       ];
     own[0] += this.spacing;
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = own[KIND_OF[c]];
-    out[at + 6] = steps.shift(S_SCALE0, precisionClass, 0, 0, 0, opacity, BITS - 1);
-    out[at + 7] = steps.shift(S_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
+    out[at + 6] = steps.shift(STEP_SCALE0, precisionClass, 0, 0, 0, opacity, BITS - 1);
+    out[at + 7] = steps.shift(STEP_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
     out[at + 8] = Math.min(last + (flatness >> BITS), BITS - 1);
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = limitShift(out[at + c] + this.coarser[KIND_OF[c]]);
   }
