@@ -116,15 +116,18 @@ class Sketch(Protocol):
         # only in these can share it.
 
     def conceal(self, sketched: Any) -> tuple[ReceivedScene, Concealed]:
-        """Enlarges drawn elements next to lost ones that have no coarse copy, as a receiver of this sketch would.
+        """Enlarges elements to cover lost ones that have no coarse copy, as a receiver of this sketch would.
+
+        An element counts as lost only if it was not received and has no copy. These lost elements are hidden. All other
+        elements are drawn, and those next to lost elements are enlarged.
 
         Args:
             sketched: Result of the method `replace_lost`: the received scene, with coarse copies in place of lost
                 elements.
 
         Returns:
-            The scene with coarse copies; and how to draw the scene: factors that enlarge elements, and the mask of the
-            lost elements without a copy, which are hidden.
+            The scene with coarse copies; and the result of the concealment, which contains the factors that enlarge
+            elements and the mask of the hidden elements.
         """
 
 

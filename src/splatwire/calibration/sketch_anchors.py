@@ -119,17 +119,18 @@ class AnchorSketch:
         return SketchedLoss.of(with_sketch(received, self.copies))
 
     def conceal(self, sketched: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
-        """Enlarges drawn anchors next to lost ones that have no coarse copy, as a receiver of this sketch would.
+        """Enlarges anchors to cover lost ones that have no coarse copy, as a receiver of this sketch would.
 
-        An anchor is drawn if it was received, or if a coarse copy replaces it.
+        An anchor counts as lost only if it was not received and has no copy. These lost anchors are hidden. All other
+        anchors are drawn, and those next to lost anchors are enlarged.
 
         Args:
             sketched: Result of the method `replace_lost`: the received scene, with coarse copies in place of lost
                 anchors.
 
         Returns:
-            The scene with coarse copies; and how to draw the scene: factors that enlarge anchors, and the mask of the
-            lost anchors without a copy, which are hidden.
+            The scene with coarse copies; and the result of the concealment, which contains the factors that enlarge
+            anchors and the mask of the hidden anchors.
         """
         return sketched.filled, sketched.conceal(self.copies)
 

@@ -37,12 +37,12 @@ class SketchFit(CheckedFields):
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
         max_columns: Maximum number of basis vectors (transform coefficients) for coding features and scalings.
-        removal_error_factor: Factor for the estimated picture error if an anchor is lost. Anchors with large errors get
-            copies, so a smaller factor gives fewer copies.
+        removal_error_factor: Factor on the picture error that is estimated for the loss of an anchor. Anchors with a
+            large error get copies. With a smaller factor, fewer anchors get copies at the same price of a bit.
         exponent: Exponent that controls how much received anchors are enlarged to cover lost neighbours
             (`Grow.exponent`).
-        max_excess: Largest enlargement, as a multiple of the enlargement of an anchor with average losses around it
-            (`Grow.max_excess`).
+        max_excess: Upper limit of the enlargement (`Grow.max_excess`). The limit is `max_excess` times the enlargement
+            that would follow from the lost share of the whole scene.
         trust: Weight of the neural network that corrects the enlargement, 0 (no correction) to 1 (`SceneFree.trust`).
     """
 
@@ -58,7 +58,8 @@ class SketchFit(CheckedFields):
 class SketchMaterial:
     """Data for choosing the anchors that get a coarse copy in the side information, and the precision of each copy.
 
-    Only M of the scene's N anchors, the candidates, may get a copy. A cost is a squared error in rendered pictures.
+    Only M of the scene's N anchors may get a copy. These anchors are called candidates. A cost is a squared error in
+    rendered pictures.
 
     Attributes:
         candidates: Indices of the candidates in the scene, ascending, int64 (M).
@@ -96,10 +97,11 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the price of a bit for which about `count` anchors get a copy.
+        """Returns the price of a bit at which about `count` anchors get a copy.
 
-        The price is the Lagrange multiplier of `fit_sketch`, a squared error in the pictures. An anchor gets a copy if
-        its loss would cause an error larger than the price times the bits of the copy.
+        The price is the Lagrange multiplier of `fit_sketch`, a squared error in the pictures. Roughly, an anchor gets a
+        copy if the error caused by its loss, times `removal_error_factor`, exceeds the price times the bits of the
+        copy.
 
         Args:
             count: Number of anchors to copy.

@@ -133,15 +133,18 @@ class GaussianSketch:
         return filled, element_inputs(filled)
 
     def conceal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
-        """Enlarges drawn Gaussians next to lost ones that have no coarse copy, as a receiver of this sketch would.
+        """Enlarges Gaussians to cover lost ones that have no coarse copy, as a receiver of this sketch would.
+
+        A Gaussian counts as lost only if it was not received and has no copy. These lost Gaussians are hidden. All
+        other Gaussians are drawn, and those next to lost Gaussians are enlarged.
 
         Args:
             sketched: Result of the method `replace_lost`: the received scene, with coarse copies in place of lost
                 Gaussians; and the inputs of the network that corrects the enlargement.
 
         Returns:
-            The scene with coarse copies; and how to draw the scene: factors that enlarge Gaussians, and the mask of the
-            lost Gaussians without a copy, which are hidden.
+            The scene with coarse copies; and the result of the concealment, which contains the factors that enlarge
+            Gaussians and the mask of the hidden Gaussians.
         """
         filled, inputs = sketched
         size, opacity, trust = self.growth

@@ -286,7 +286,8 @@ def _decode_escape(words, state, half):
 def _decode_wide(coder, scale, index, start, after, target, eighths):
     """Decodes a residual under a wide distribution.
 
-    Its probability table contains the starts of only every 2^k-th interval; the other starts are computed.
+    The probability table of a wide distribution contains the starts of only every 2^k-th interval. This function
+    computes the other starts.
 
     Args:
         coder: Entropy coder.

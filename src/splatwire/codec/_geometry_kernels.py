@@ -43,9 +43,10 @@ def large_count_normal(n):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
-    """Finds where a node of the position tree is divided: returns the index of its first code with a 1 in `bit`.
+    """Finds where a node of the position tree is divided: returns the index of the first code with a 1 in `bit`.
 
-    All earlier codes of the node have a 0 in `bit`. If all codes of the node have a 0, the result is `end`.
+    In a node, all codes with a 0 in `bit` come before the codes with a 1. If no code of the node has a 1, the result is
+    `end`.
 
     Args:
         codes: Sorted Morton codes.

@@ -82,7 +82,8 @@ def feature_activations(symbols, factors, base, activations):
     Args:
         symbols: Features in quantisation steps, (N, channels).
         factors: Factor on the quantisation step of each anchor, (N).
-        base: Quantisation step before multiplication with this factor, 16 fractional bits.
+        base: Base quantisation step, 16 fractional bits. The quantisation step of an anchor is this step times the
+            anchor's factor.
         activations: Output: network inputs, (N, channels).
     """
     for n in range(symbols.shape[0]):

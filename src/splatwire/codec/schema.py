@@ -81,9 +81,8 @@ class Decoder(Protocol):
 
     Attributes:
         sections: Named sections of the side information.
-        order: Permutation from the order of the packet plan, which sorts elements by importance tier, to the coding
-            order, int64 (N). Entry i is the index in coding order of the element with index i in the packet plan. None
-            if both orders are equal.
+        order: Entry i is the index in coding order of the element with index i in the packet plan, int64 (N). The
+            packet plan sorts elements by importance tier. None if both orders are equal.
         runs_are_blocks: True if a run (packets decoded in one call) is always one block; False if runs may mix blocks.
         packets_independent: True if each packet of a run can also be decoded alone.
         redecode_on_demand: True to save memory by decoding packets again instead of storing decoded integers.

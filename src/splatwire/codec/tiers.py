@@ -64,7 +64,9 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def arrange_stream(stream: SceneStream) -> Arrangement:
-    """Returns the anchors of a stream in groups that are received or lost together, and the packets of the groups.
+    """Divides the anchors of a stream into groups with common packets, and returns the received packets of each group.
+
+    A group is received or lost as a whole, unless its attributes have separate packets.
 
     Raises:
         BitstreamError: If the side information is damaged.

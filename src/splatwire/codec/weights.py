@@ -157,12 +157,12 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
 
 
 def _common_trailing_zeros(exponents: np.ndarray, nonzero: np.ndarray, axis: int) -> np.ndarray:
-    """Returns log2 of the largest power of two that divides all weights of a row or column, for each row or column.
+    """Returns, for each row or each column of a matrix, log2 of the largest power of two that divides all its weights.
 
     Args:
         exponents: log2 of the largest power of two that divides each weight.
         nonzero: Mask of non-zero weights; the others are ignored.
-        axis: 0 for a result by column, 1 for a result by row.
+        axis: 0 for one result per column, 1 for one result per row.
     """
     least = np.where(nonzero, exponents, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
     return np.maximum(np.where(nonzero.any(axis=axis), least, 0), 0)

@@ -97,8 +97,9 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             fully_received: Mask of received anchors of the whole scene.
-            weights: Weight of each anchor in the received share of the whole scene, which limits the factor. The weight
-                is the typical size of the anchors in the same importance tier. None for equal weights.
+            weights: Weight of each of the scene's N anchors: the typical size of the anchors in its importance tier.
+                The upper limit of the factor depends on the received share of the whole scene, and this share is
+                weighted. None for equal weights.
         """
         return self.clamp_received_share(received, fully_received, weights) ** -self.exponent
 
@@ -113,9 +114,9 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             fully_received: Mask of received anchors of the whole scene.
-            weights: Weight of each anchor in the received share of the whole scene, from which the lower bound is
-                computed. The weight is the typical size of the anchors in the same importance tier. None for equal
-                weights.
+            weights: Weight of each of the scene's N anchors: the typical size of the anchors in its importance tier.
+                The lower bound depends on the received share of the whole scene, and this share is weighted. None for
+                equal weights.
 
         Returns:
             The shares `received`, with a lower bound.

@@ -213,7 +213,7 @@ def adaptive_update(model, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_size(model, context):
-    """Returns the probability that the next bit of a context is 0, in units of 2**-16, clipped to 32 to 65504."""
+    """Returns the probability that the next bit of a context is 0, in units of 2**-16, from 32 to 65504."""
     # Mean of the two estimates of the model, and size of the range coder's interval for the bit 0.
     p = (model[context, 0] + model[context, 1]) >> 1
     return min(max(p, 32), 65536 - 32)

@@ -53,8 +53,8 @@ def scatter(codes, indices, shift, free, edges, order):
         indices: Indices of the elements to sort, uint32; empty to sort all elements in their input order.
         shift: Number of bits below the digit.
         free: Working array, int64 (digits); the number of digits is a power of two.
-        edges: Position in `order` of the first element with each digit, and the number of elements, int64 (digits + 1);
-            initially zero.
+        edges: Output: position in `order` of the first element with each digit, int64 (digits + 1). The last entry is
+            the number of elements. All entries must be 0 before the call.
         order: Output: the indices of the elements (in `codes`) in sorted order, uint32.
     """
     mask, listed = len(free) - 1, len(indices) > 0
@@ -79,7 +79,8 @@ def sort_buckets(codes, order, edges, most):
     Args:
         codes: Codes of all elements, int64 (N).
         order: Indices of the elements, uint32, bucket after bucket; each bucket is sorted in place.
-        edges: Position in `order` of the first element of each bucket, and the number of elements, int64 (buckets + 1).
+        edges: Position in `order` of the first element of each bucket, int64 (buckets + 1). The last entry is the
+            number of elements.
         most: Maximum number of elements of a bucket; larger buckets are not changed.
     """
     keys, indices = np.empty(INSERTED, np.int64), np.empty(INSERTED, np.uint32)

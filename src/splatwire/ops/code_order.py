@@ -64,7 +64,7 @@ def _scatter(codes: np.ndarray, order: np.ndarray, shift: int, indices: np.ndarr
         indices: Indices of the elements to sort, uint32; empty for all elements.
 
     Returns:
-        Position in `order` of the first element with each digit, and the number of elements, int64.
+        Position in `order` of the first element with each digit, int64. The last entry is the number of elements.
     """
     edges = np.zeros((1 << DIGIT_BITS) + 1, np.int64)
     scatter(codes, indices, shift, np.empty(1 << DIGIT_BITS, np.int64), edges, order)

@@ -23,7 +23,7 @@ def prefetch(array, row, line):
     Args:
         array: The array, contiguous on all axes but the first.
         row: Index on the first axis, int64, within the array.
-        line: Part of the row, int64: number of cache lines after its first byte.
+        line: Part of the row to load, int64: number of cache lines from the start of the row to this part.
     """
 
 

@@ -47,9 +47,10 @@ _HOLDERS = _BlasLimit()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Context manager that limits numpy's matrix products to the calling thread.
+    """Context manager in which every matrix product of numpy runs on one thread: the thread that calls it.
 
-    The limit is process-wide; contexts of several threads may overlap.
+    The limit applies to all threads of the process. Several threads may enter the context at the same time. The limit
+    ends when the last of them leaves it.
     """
     _HOLDERS.enter()
     try:

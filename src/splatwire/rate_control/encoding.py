@@ -344,8 +344,9 @@ class _Plan:
 
         Args:
             share: Share of the Gaussians of `source` to keep, 0 to 1.
-            tuned: Results of earlier fine-tunings. The Gaussians are selected from the smallest of the results that
-                have more Gaussians than are kept. If there is no such result, they are selected from `source`.
+            tuned: Results of earlier fine-tunings. A result can be used if it has more Gaussians than are to be kept.
+                The Gaussians are selected from the smallest usable result. Without a usable result, they are selected
+                from `source`.
 
         Returns:
             The kept Gaussians, and the precision class of each.
@@ -560,10 +561,10 @@ class _Trials:
     ) -> bool:
         """Encodes the scene at different quantisation levels, until the stream has a wanted size or PSNR.
 
-        First, the scene is encoded at different levels. If no level gives an accepted value, it is encoded with
-        different shares of its Gaussians at one level. This is the level whose value is closest above the range. The
-        second step is skipped if Gaussians must not be pruned, if no value is above the range, or if the level is the
-        coarsest one.
+        The first step encodes the scene at different levels. If no level gives an accepted value, the second step
+        encodes different shares of the Gaussians at one level: of the levels with a value above the range, the one with
+        the smallest value. The second step is skipped if Gaussians must not be pruned, if no value is above the range,
+        or if the chosen level is the coarsest one.
 
         Args:
             measure: Function that measures an encoded scene: logarithm of its size in bytes, or its PSNR in decibels.
@@ -572,7 +573,7 @@ class _Trials:
             slope: Expected increase of the measured value per level.
 
         Returns:
-            True if different shares of Gaussians were tried, too; False if only quantisation levels were tried.
+            True if the second step was performed; False if it was skipped.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
@@ -598,8 +599,9 @@ class _Trials:
         Args:
             measure: Function that measures an encoded scene: logarithm of its size in bytes, or its PSNR in decibels.
             permitted: Range of accepted values.
-            untuned: Measured value of an encoded scene, and the encoded scene. All shares are encoded at the
-                quantisation level of this scene. The first share to try is estimated from its share and its value.
+            untuned: A pair: the measured value of an encoded scene, and this scene. All shares are encoded at the
+                quantisation level of this scene. The first share to try is estimated from the share of Gaussians in
+                this scene and from its measured value.
             slope: Expected increase of the measured value per quantisation level, from which the increase per share is
                 estimated.
         """

@@ -177,9 +177,9 @@ class PruningCurve:
         return float(np.interp(share, self.shares, self.errors))
 
     def share(self, error: float) -> float:
-        """Returns the share of Gaussians to keep so that pruning causes a mean squared image error of `error`.
+        """Returns the share of Gaussians to keep if pruning may cause a mean squared image error of `error`.
 
-        It is the smallest share whose error is not larger.
+        With any smaller share, the error would exceed `error`.
         """
         errors = np.maximum.accumulate(self.errors[::-1])
         return float(np.interp(error, errors, self.shares[::-1]))

@@ -165,7 +165,7 @@ def add_rows(rows_of_sums, gaussian_indices, pair_rows, pair_starts, sums):
 
     Args:
         rows_of_sums: Gradients, one row for each pair of Gaussian and tile, from `draw_tiles_back`.
-        gaussian_indices: Row of `sums` for the k-th Gaussian.
+        gaussian_indices: Entry k is the row of the k-th Gaussian in `sums`.
         pair_rows: Rows of `rows_of_sums`: all rows of the first Gaussian, then those of the second, and so on.
         pair_starts: Start of each Gaussian's rows in `pair_rows`, and the end of the last. The rows of the k-th
             Gaussian are `pair_rows[pair_starts[k]:pair_starts[k + 1]]`.

@@ -22,7 +22,7 @@ _LOWEST = -200.0  # lower bound of exponents for any opacity
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def row_entries(tiles, grid_y):
-    """Counts, for each row of tiles, the pairs of a Gaussian and a tile in this row that the Gaussian overlaps.
+    """Counts, for each row of tiles, how many pairs of a Gaussian and an overlapped tile are in this row.
 
     Args:
         tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).
@@ -193,9 +193,9 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
 
     Args:
         order: Indices of the Gaussians, nearest first.
-        corners: One row for each Gaussian of `order`. Column 0: index of the tile in the Gaussian's first tile column
-            and the image's first tile row, relative to the first listed tile. Column 1: number of tile columns that the
-            Gaussian overlaps.
+        corners: One row for each Gaussian of `order`. Column 0 locates the first tile column that the Gaussian
+            overlaps: it is the index of the tile in this column and in tile row 0 of the image, counted from the first
+            listed tile. Column 1 is the number of tile columns that the Gaussian overlaps.
         strips: First pixel row and end (exclusive) that a Gaussian covers in a tile column. The rows of this array are
             the tile columns of the first Gaussian, then those of the second, and so on.
         starts: Start of each tile's list in the result, and the total length.

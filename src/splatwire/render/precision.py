@@ -198,7 +198,7 @@ def measure_gaussians(
 
 
 def _removal(sensitivities: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, "G"]:
-    """Estimates the mean squared error of the pictures if a Gaussian is removed, for each Gaussian.
+    """Estimates, for each Gaussian, the mean squared error of the pictures if this Gaussian is removed.
 
     Args:
         sensitivities: Sensitivity of the pictures to each attribute of each Gaussian, by attribute name.
@@ -226,7 +226,7 @@ class FurtherRemoval:
 def measure_further_removal(
     pruned: SplatScene, cameras: Cameras, references: Float[np.ndarray, "V H W 3"], *, seed: int = 0
 ) -> FurtherRemoval:
-    """Measures how much the image error grows if one more Gaussian is removed from a pruned scene, for each Gaussian.
+    """Measures, for each Gaussian of a pruned scene, how much the image error grows if this Gaussian is also removed.
 
     Args:
         pruned: The remaining Gaussians.
@@ -323,7 +323,8 @@ def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> 
         seed: Random seed.
 
     Returns:
-        Mean squares of the derivatives of all pixel values with respect to each attribute, by its name.
+        For each attribute by name, one number per Gaussian: the mean, over all pixel values, of the squared derivative
+        of a pixel value with respect to the attribute.
     """
     # Estimated from gradients of sums of all pixels with random signs (see `splatwire.render.pruning`).
     rng, num = Twister(seed), splats.num_gaussians

@@ -37,7 +37,7 @@ def quick_sensitivity(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Sensitivity:
-    """Estimates how much pictures change if an anchor is removed or changed, only for the most important anchors.
+    """Estimates, for each of the most important anchors, how much pictures change if the anchor is removed or changed.
 
     Args:
         scene: The complete scene, on the CPU; not a result of loss concealment.

@@ -16,7 +16,7 @@ class WaitingEvents:
 
     It contains only the events that the decoder uses: packets, and manifests with side information. A full queue drops
     new packets, but no manifests. A new manifest replaces the last event of the queue if that event is a manifest of
-    the same stream. If the queue is full, a manifest of another stream is replaced, too.
+    the same stream. In a full queue, the new manifest also replaces a manifest of another stream.
     """
 
     def __init__(self) -> None:

@@ -58,9 +58,9 @@ def _push(stack, top, begin, end, bit, unsplit_levels, prefix):
         begin: Index of the node's first code.
         end: End of the node's codes (exclusive).
         bit: Bit at which the node is divided.
-        unsplit_levels: Number of consecutive levels directly above the node at which the tree did not branch, clipped
-            to `NUM_UNSPLIT - 1`. The tree does not branch if all codes of a node have the same bit. The number selects
-            the context.
+        unsplit_levels: Number of divisions without effect directly above the node. A division has no effect if all
+            codes of the divided node have the same bit. The number selects the context of the entropy coder, and is
+            clipped to `NUM_UNSPLIT - 1`.
         prefix: Bits above `bit`, which all codes of the node share.
     """
     # Numbers are assigned separately, because numba takes seconds to compile the assignment of a tuple.

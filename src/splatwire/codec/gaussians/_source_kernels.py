@@ -31,7 +31,7 @@ MAX_TRANSFORMED = 1 << 30
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _fixed(value, low, high):
-    """Rounds a number to fixed point with `BITS` fractional bits, and clips the result to `low` to `high`."""
+    """Rounds a number to fixed point with `BITS` fractional bits, and clips it to the range `low` to `high`."""
     return np.int64(min(max(np.rint(value * (1 << BITS)), low), high))
 
 
@@ -297,8 +297,10 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
         grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
         room: Working array, int64 (2, 4).
         ends: Output: smallest and largest coordinates in lattice spacings, int64 (2, 3).
-        means: Output, float64 (7), means in fixed point: logarithm of the opacity, of the largest scale, of the
-            ratio of the largest to the second scale; companded ratio of the second to the third scale; Y, Co and Cg.
+        means: Output: seven means in fixed point with `BITS` fractional bits, float64 (7). Entries 0 to 2 are the means
+            of three logarithms: of the opacity, of the largest scale, and of the ratio of the largest to the second
+            scale. Entry 3 is the mean of the companded ratio of the second to the third scale. Entries 4 to 6 are the
+            means of Y, Co and Cg.
 
     Returns:
         Largest magnitude of a coordinate, in lattice spacings.

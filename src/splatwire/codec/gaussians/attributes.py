@@ -257,7 +257,7 @@ def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
 
 
 def kernel_array(values: np.ndarray) -> np.ndarray:
-    """Returns an array that is contiguous and writeable, by a copy if necessary.
+    """Returns the array itself if it is contiguous and writeable, otherwise a copy that is.
 
     This avoids compiling kernels again: numba compiles a kernel for each memory layout of its arguments, and again for
     read-only arrays. Kernels cannot be compiled for float16, which is converted to float32.

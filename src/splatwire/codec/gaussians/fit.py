@@ -64,7 +64,8 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
             indices.
 
     Returns:
-        Standard deviation for each context, int64 (A, B, C): its index in the coder's table, divided by `SCALE_UNIT`.
+        One integer for each context, int64 (A, B, C). The integer, multiplied by `SCALE_UNIT`, is the index of the
+        context's standard deviation in the coder's table.
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
     mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)
@@ -100,7 +101,7 @@ def first_scales() -> np.ndarray:
     """Returns the same initial standard deviation for all residual contexts, for use before statistics exist.
 
     Returns:
-        Standard deviation for each context (three indices, see `Coder`), int64 (A, B, C): its index in the coder's
-        table, divided by `SCALE_UNIT`.
+        One integer for each context, int64 (A, B, C), because a context has three indices (see `Coder`). The integer,
+        multiplied by `SCALE_UNIT`, is the index of the standard deviation in the coder's table.
     """
     return np.full((len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS), 24, dtype=np.int64)

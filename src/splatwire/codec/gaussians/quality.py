@@ -27,8 +27,8 @@ class Quality:
 
     Attributes:
         level: Precision, -8 to 24: all quantisation steps are `2**-level` times as large as at level 0.
-        classes: Number of precision classes, 1 to 8; an encoder assigns each Gaussian one of them. A class has twice
-            the quantisation steps of the next higher class.
+        classes: Number of precision classes, 1 to 8; an encoder assigns each Gaussian one of them. The quantisation
+            steps of a class are twice as large as those of the next higher class.
         position: Additional precision of positions, -16 to 16, for scenes with many Gaussians at nearly equal depth.
             The quantisation steps of positions are `2**-position` times as large as with 0.
         precision: Additional precision of each quantity in `layout.STEPS`, octaves, -16 to 16 each.

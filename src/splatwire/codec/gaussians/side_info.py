@@ -63,8 +63,8 @@ class SideInfo:
         boxes: Bounding boxes of the B blocks.
         defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
         bit_zero: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of 2**8.
-        scales: int64 (A, B, C), standard deviation of the residuals in each context. A context has three indices (see
-            `Coder`). The standard deviation is stored as its index in the coder's table, divided by `SCALE_UNIT`.
+        scales: int64 (A, B, C), one integer for each context of residuals. A context has three indices (see `Coder`).
+            The integer, multiplied by `SCALE_UNIT`, is the index of the standard deviation in the coder's table.
         sections: Named sections, content by name.
     """
 
@@ -113,7 +113,7 @@ class SideInfo:
 
         There is one threshold for each precision class (set of quantisation steps), in units of `2 ** -BITS`, float64
         (`MAX_CLASSES`). If the Euclidean length of the K harmonics of a colour component is below the threshold,
-        quantisation makes all its transformed harmonics 0, so that they need not be computed.
+        quantisation makes all transformed harmonics of this component 0. The encoder then need not compute them.
         """
         number = len(self.transform)
         inverse = np.zeros((number, -(-number // 8) * 8))

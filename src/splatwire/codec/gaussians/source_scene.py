@@ -460,10 +460,10 @@ def _quantised_positions(
 
 
 def _choose_lattice_bits(splats: Splats, classes: np.ndarray, base_exponents: np.ndarray, size_log: int) -> int:
-    """Returns the resolution of positions: `-log2` of the spacing of their lattice, relative to the scene's size.
+    """Chooses the lattice of positions; returns `-log2` of the ratio of its spacing to the scene's size.
 
-    The spacing is the finest quantisation step of a position in the scene, or larger if coordinates would otherwise
-    exceed the range of the lattice.
+    The spacing is the finest quantisation step of any position, rounded down to a power of two. If some coordinates
+    would then exceed the range of the lattice, the spacing is larger, but never larger than the scene's size.
     """
     c, octaves = COEFFICIENTS[STEP_POSITION] / (1 << STEP_BITS), base_exponents[STEP_POSITION] / (1 << STEP_BITS)
 

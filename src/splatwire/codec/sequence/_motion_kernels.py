@@ -112,7 +112,8 @@ def _code_interval(coder, low, span, num_bytes, start, size, bits):
 
     Args:
         coder: Entropy coder of the packet.
-        low: Lower end of the range coder's interval (encoder), or distance of the code value from it (decoder).
+        low: In an encoder, lower end of the range coder's interval. In a decoder, distance of the code value from this
+            end.
         span: Size of the range coder's interval.
         num_bytes: Number of bytes written or read so far.
         start: Start of the symbol's probability interval, in units of `2**-bits`.

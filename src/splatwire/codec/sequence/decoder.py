@@ -329,9 +329,10 @@ class _BlockMap:
                     track += span.block_elements(block)
 
     def of(self, block: int) -> tuple[int, int | None]:
-        """Returns the group of frames of a block, and the index of the block among all blocks of keyframe Gaussians.
+        """Returns two indices: the group of frames of a block, and the block's position among all keyframe blocks.
 
-        The second value is None for a block of motion.
+        A keyframe block contains keyframe Gaussians. All other blocks contain motion; for these, the second value is
+        None.
         """
         return self._blocks[block]
 
@@ -341,7 +342,9 @@ class _BlockMap:
         return np.repeat(np.array(blocks, np.int64), [count for _, count in self._tracks])
 
     def track_range(self, keyframe_block: int) -> tuple[int, int]:
-        """Returns the index of the first keyframe Gaussian in a block, and the block's number of keyframe Gaussians.
+        """Returns the tracks whose keyframe Gaussians are in a block: index of the first track, number of tracks.
+
+        The tracks of a block have consecutive indices.
 
         Args:
             keyframe_block: Index of the block among all blocks of keyframe Gaussians.

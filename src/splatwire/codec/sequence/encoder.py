@@ -257,8 +257,8 @@ class TracksEncoder:
             old: Indices, among the tracks of the group, of the older tracks.
             track_indices: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            before: log2 of the ratio of the preceding shot's unit of positions to the first shot's unit. Before the
-                call, `targets` is in the unit of the preceding shot.
+            before: The unit of positions of the preceding shot, which is the unit of `targets` before the call. Given
+                as log2 of the ratio of this unit to the unit of the first shot.
         """
         after = self._keyframes.motion_spacing
         if before == after or not len(old):
@@ -373,7 +373,7 @@ class TracksEncoder:
 
         Args:
             coder: Motion coder of the tracks, as for `_encode_motion`.
-            num_known: Number of tracks with a keyframe Gaussian.
+            num_known: Number of known tracks, as for `_encode_motion`.
             births: Function that encodes the keyframe Gaussians of the new tracks, and fills their entries in the
                 coder.
 

@@ -54,14 +54,15 @@ class KnownTracks:
         return np.where(names[index] == keys, self.by_key[index], -1)
 
     def in_units(self, tracks: np.ndarray | slice, spacing: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the positions and motion quantisation steps of tracks, converted to a common unit of positions.
+        """Converts the positions of tracks, and the quantisation steps of their motion, to a common unit of positions.
 
         Args:
             tracks: Indices of the tracks.
             spacing: log2 of the ratio of the common unit to the unit of the first shot.
 
         Returns:
-            Positions, int64 (n, 3); and log2 of the quantisation steps, int64 (n, channels).
+            Positions of the n tracks, int64 (n, 3); and log2 of the quantisation steps of their motion, int64 (n,
+            channels).
         """
         return in_other_units(self.positions[tracks], self.shifts[tracks], self.spacings[tracks] - spacing)
 

@@ -55,7 +55,7 @@ class Lifetimes:
         return Lifetimes.joined([self, gone])
 
     def by_track(self, num_tracks: int, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the first frame of every track (Gaussian over time), and the frame after its last frame.
+        """Returns the frame in which each track (Gaussian over time) begins, and the frame after its last frame.
 
         Args:
             num_tracks: Number of tracks, T.
@@ -71,7 +71,10 @@ class Lifetimes:
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
-        """Returns only the late beginnings and early ends of the most visible tracks; the other ones are dropped.
+        """Returns the lifetimes of only the most visible tracks that begin late or end early.
+
+        The result has no entries for the other tracks. They are therefore treated as if they existed from the first
+        frame of their group to the end of the sequence.
 
         Args:
             seen: Visibility of each track (squared opacity times area), float64 (T).

@@ -107,9 +107,10 @@ class SequenceInfo:
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of the ratio of half the lattice spacing of a block to the unit of motion of the block's shot.
+        """Returns log2 of the ratio of two lengths: half the spacing of a lattice, and the unit of motion.
 
-        The positions of the block's keyframe Gaussians are on this lattice.
+        The lattice contains the positions of the keyframe Gaussians of a block. The unit of motion is that of the shot
+        to which the block belongs.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.

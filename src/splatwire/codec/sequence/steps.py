@@ -35,7 +35,9 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
 
 
 def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Converts positions and motion quantisation steps of tracks to another unit, for example after a scene cut.
+    """Converts the positions of tracks, and the quantisation steps of their motion, to another unit of positions.
+
+    The unit may change after a scene cut.
 
     Args:
         positions: Positions of the keyframe Gaussians in the old unit, int64 (n, 3), at most `MAX_COORD` in magnitude.
@@ -43,7 +45,8 @@ def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarr
         spacings: log2 of the ratio of the old to the new unit for each track, int64 (n).
 
     Returns:
-        Positions in the new unit, int64 (n, 3); and log2 of the quantisation steps, int64 (n, channels).
+        Positions in the new unit, int64 (n, 3); and log2 of the quantisation steps of motion in the new unit, int64 (n,
+        channels).
     """
     if not spacings.any():
         return positions, shifts

@@ -49,7 +49,8 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
         ridges: Regularisation of each term, float64 (10).
         nearest: Constant that limits the weight of very near neighbours. Each squared distance is divided by the mean
             squared distance of the k neighbours, and the constant is added to the quotient.
-        wild: Maximum sum of absolute weights; beyond it, inverse-distance weights are used.
+        wild: Maximum sum of the absolute weights of a query point. If the sum is larger, inverse-distance weights are
+            used for this point instead.
         proximity: Temporary memory for inverse-distance weights, float64 (k).
         terms: Temporary memory for the terms of each neighbour, float64 (k, 10).
         lower: Temporary memory for the moments, float64 (10, 10).

@@ -71,7 +71,10 @@ class TemporalConcealer(Protocol):
         """Name of the concealer, as passed to `temporal_concealer`."""
 
     def __call__(self, lost: LostMotion, /) -> ConcealedMotion:
-        """Estimates the motion of the tracks whose motion in one group of pictures was lost; NaN is an error."""
+        """Estimates the motion of the tracks whose motion in one group of pictures was lost.
+
+        A concealer must not return NaN.
+        """
 
 
 @dataclass(frozen=True)

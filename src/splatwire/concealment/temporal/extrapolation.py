@@ -90,9 +90,9 @@ def _query_neighbors(
         sequence: The sequence.
         tracks: Indices of all tracks with received motion.
         observed: Indices into `tracks` of the m tracks that may serve as neighbours.
-        origins: Offsets of the m tracks from their keyframe Gaussians at the start of the group, float32 (m, C).
-            Neighbours are then the nearest tracks at that time. None to choose them by the distances between keyframe
-            Gaussians.
+        origins: Offsets of the m tracks from their keyframe Gaussians at the start of the group, float32 (m, C). If
+            given, the neighbours are the nearest tracks at the start of the group. If None, they are the tracks with
+            the nearest keyframe Gaussians.
         lost_tracks: Indices of the tracks with lost motion.
         before: Concealment state at the end of the previous group.
         count: Maximum number of neighbours per track.

@@ -9,13 +9,13 @@ from splatwire.neural.training.state import TrainState
 
 
 def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
-    """Returns the last iteration before the averaging of parameters starts, in the phase of a given iteration.
+    """Returns the last iteration before parameters are averaged, in the phase to which a given iteration belongs.
 
     Parameters are averaged at the end of the main phase, and again at the end of the fine-tuning.
 
     Args:
         config: The configuration.
-        iteration: An iteration of the main phase or of the fine-tuning, which selects the phase.
+        iteration: Any iteration of the main phase or of the fine-tuning; it selects the phase.
     """
     # Parameters are averaged over the last iterations before the fine-tuning, and again over the last iterations of
     # the fine-tuning. Iterations in which anchors are added and removed are excluded.

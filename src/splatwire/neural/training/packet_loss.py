@@ -108,8 +108,8 @@ class PacketLosses:
     def begin(self, state: TrainState, cameras: Cameras) -> None:
         """Removes anchors without offsets, as an encoder does, and sorts the anchors by importance.
 
-        Sorting is needed only if `LossTraining.first` is set. Both steps take time, so that calls perform them only at
-        fixed intervals of iterations. All other calls change nothing.
+        The training calls this method before each iteration. Both steps take time, so they are performed only at fixed
+        intervals of iterations. All other calls change nothing. Anchors are sorted only if `LossTraining.first` is set.
 
         Args:
             state: State of the training before an iteration; changed in place.

@@ -51,9 +51,9 @@ def _context(n, run):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _num_raw_bits(count):
-    """Returns how many low bits of a number from 0 to `count - 1` are coded with equal probabilities of 0 and 1.
+    """Returns the number of low bits of a coded integer that are coded with equal probabilities of 0 and 1.
 
-    The other bits are at most 16 high bits. They are coded with a model.
+    The integer is from 0 to `count - 1`. Its other bits, at most 16 high bits, are coded with a model.
     """
     # The range coder supports probabilities of at most 16 bits. A larger number is split: a model predicts its high
     # part, and the low bits are coded with equal probabilities.

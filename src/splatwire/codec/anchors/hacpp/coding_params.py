@@ -94,7 +94,8 @@ def dequantise(symbols: np.ndarray, factors: np.ndarray, base: float) -> np.ndar
     Args:
         symbols: The attribute in quantisation steps, int32 (N, D).
         factors: Factor on the quantisation step of each anchor, int64 (N), `FACTOR_BITS` fractional bits.
-        base: Quantisation step of the attribute before multiplication with this factor.
+        base: Base quantisation step of the attribute. The quantisation step of an anchor is this step times the
+            anchor's factor.
 
     Returns:
         The attribute, float32 (N, D).
@@ -110,7 +111,8 @@ def quantise(values: np.ndarray, factors: np.ndarray, base: float) -> np.ndarray
     Args:
         values: The attribute, float (N, D).
         factors: Factor on the quantisation step of each anchor, int64 (N), `FACTOR_BITS` fractional bits.
-        base: Quantisation step of the attribute before multiplication with this factor.
+        base: Base quantisation step of the attribute. The quantisation step of an anchor is this step times the
+            anchor's factor.
 
     Returns:
         The attribute in quantisation steps, int32 (N, D).
