@@ -9,7 +9,8 @@ import sys
 def start() -> None:
     """Loads the command line and runs it with the arguments of this process.
 
-    Ctrl-C while it loads ends the process like Ctrl-C later, with exit status 130 and without a traceback.
+    Ctrl-C has the same effect during loading as at any later time: the process ends with exit status 130 and without a
+    traceback.
     """
     try:
         importlib.import_module("splatwire.cli.main").main()

@@ -82,7 +82,9 @@ class Registry(Generic[Entry]):
         self._warn(f"{text}, which is kept")
 
     def find(self, name: str) -> Entry | None:
-        """Returns the entry of a name; None if no package has an entry of that name.
+        """Returns the entry with a given name; None if no installed package has such an entry.
+
+        If the entry is not registered yet, the package that announces it is loaded.
 
         Raises:
             InvalidValueError: If the package that announces the entry cannot be loaded or does not register the entry,
@@ -93,10 +95,10 @@ class Registry(Generic[Entry]):
         return self._entries.get(name)
 
     def __getitem__(self, name: str) -> Entry:
-        """Returns the entry of a name.
+        """Returns the entry with a given name.
 
         Raises:
-            UnknownNameError: If no package has an entry of that name.
+            UnknownNameError: If no installed package has such an entry.
             InvalidValueError: See `find`.
         """
         entry = self.find(name)
@@ -133,9 +135,10 @@ class Registry(Generic[Entry]):
         return {*self._entries, *(point.name for point in self._announced())}
 
     def packages(self, name: str) -> tuple[str, ...]:
-        """Returns name and version of the installed packages that registered an entry, such as `name 1.0`.
+        """Returns the installed packages that provide an entry, each as a text with its name and version.
 
-        The result is empty for an entry of splatwire itself.
+        These are the packages that have registered the entry. If it is not registered yet, these are all packages that
+        announce it. The result is empty for an entry of splatwire itself.
         """
         points = [point for point in self._announced() if point.name == name and not _is_own(point)]
         points = [point for point in points if name not in self._entries or self._is_provided_by(point)]
@@ -158,7 +161,7 @@ class Registry(Generic[Entry]):
         """Selects one of several entry points with the same name; an entry point of splatwire is preferred.
 
         Raises:
-            InvalidValueError: If several other packages announce the name.
+            InvalidValueError: If several packages announce the name, and none of them is splatwire.
         """
         own_points = [point for point in points if _is_own(point)]
         if own_points or len(points) == 1:
@@ -182,10 +185,12 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _is_provided_by(self, point: "EntryPoint") -> bool:
-        """True if the package that declares an entry point has registered the entry of this name.
+        """True if the registered entry with the name of an entry point comes from the package of this entry point.
+
+        False if another package has registered its own entry under the same name.
 
         Args:
-            point: The entry point.
+            point: The entry point. An entry with its name must already be registered.
         """
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded

@@ -137,7 +137,7 @@ def _fill_inputs(positions, features, center, chosen, count, x):
         center: Camera centre.
         chosen: Indices of the anchors.
         count: Number of these anchors.
-        x: Output: the inputs, sixteen values for each.
+        x: Output: inputs of the networks, flat; input i of the anchor `chosen[a]` is at index `16 * i + a`.
     """
     num_features = features.shape[1]
     for lane in range(LANES):

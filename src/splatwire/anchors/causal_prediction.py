@@ -73,8 +73,9 @@ def predict_causal(
         config: Configuration of the context model.
         inputs: Encoded positions of the anchors, from `position_inputs`.
         feature: Features of the anchors, in quantisation steps.
-        log_sizes: Logarithms of the anchors' sizes, in quantisation steps, minus `CausalCoding.centres`: first the
-            common scale of the offsets, then the base size of the Gaussians along each of three axes.
+        log_sizes: Logarithms of the four sizes of each anchor, in quantisation steps, minus `CausalCoding.centres`. The
+            first size is the common scale of the offsets. The others are the base sizes of the Gaussians along three
+            axes.
         quantised: Function that rounds attributes, given the name of the network, the predicted means and the
             attributes; None for no rounding.
         join: Function that concatenates arrays along an axis; `torch.cat` for tensors.

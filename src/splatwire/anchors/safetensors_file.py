@@ -100,7 +100,8 @@ class TensorFile:
             entry: The entry, a JSON object.
 
         Returns:
-            Type and shape of the tensor; and start and end of its data, as byte offsets from the end of the header.
+            Four values: type of the tensor, shape of the tensor, start of its data, and end of its data. Start and end
+            are byte offsets from the end of the header.
         """
         fields = entry if isinstance(entry, dict) else {}
         type_name, shape, offsets = (fields.get(key) for key in ("dtype", "shape", "data_offsets"))

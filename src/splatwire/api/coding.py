@@ -88,8 +88,9 @@ def encode(
             is usually at most 3 % smaller.
         psnr: Explicit Gaussians: target PSNR against pictures of the source, decibels; usually reached within 0.2 dB.
         quality: Explicit Gaussians and frames: quality setting, instead of `quality` in the options.
-        effort: Explicit Gaussians: `fast` keeps all Gaussians, `default` removes those that pictures do not need,
-            `best` also fine-tunes the others, which takes minutes. None for `default` with `size` or `psnr`.
+        effort: Explicit Gaussians: `fast` keeps all Gaussians. `default` removes the Gaussians that pictures do not
+            need. `best` then also fine-tunes the remaining Gaussians, which takes minutes. None for `default` with
+            `size` or `psnr`.
         tuning: Options for `best`, such as the seed and a simulated packet loss; None for the defaults.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1; not for frames.

@@ -126,13 +126,15 @@ def check_side_info(manifest: Manifest, side_info: bytes, name: str) -> None:
 def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: int, intake: PacketIntake) -> None:
     """Reads the packets of a stream file and passes each packet to `intake`.
 
-    Damaged bytes are skipped up to the start of the next packet.
+    In the file, each packet follows a length field. Damaged bytes are skipped up to the next packet. The file is not
+    read to its end if too much of it is damaged.
 
     Args:
         file: The open file, at `position`.
         size: Size of the file in bytes.
-        position: Offset of the first packet in the file, with its length field.
-        stream_id: Id of the stream. Every packet contains it, so that packets are found after damaged bytes.
+        position: Byte offset of the length field of the first packet.
+        stream_id: Id of the stream. Every packet begins with bytes that contain this id. After damaged bytes, the next
+            packet is found by these bytes.
         intake: Checks, collects and counts the packets.
     """
     mark, effort = packet_mark(stream_id), RESYNC_EFFORT * size

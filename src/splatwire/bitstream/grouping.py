@@ -17,8 +17,8 @@ def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) ->
     This is the "Hash Interleaving" of Section 3.2.2 of the paper that this project implements (docs/paper-map.md).
 
     Args:
-        start: Index of the first element in coding order.
-        stop: Index after the last element.
+        start: Index of the block's first element in coding order.
+        stop: Index after the block's last element.
         interleave_depth: Number of packets per block, M.
         seed: Seed of the hash, ξ.
 

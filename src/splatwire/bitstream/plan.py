@@ -92,7 +92,7 @@ class PacketPlan:
         return self.tier_of(block) % 2 == 0
 
     def group_of_block(self, block: int) -> int:
-        """Index of the group of pictures of a block of a sequence.
+        """Index of the group of pictures (GOP) that a block belongs to. Only for sequences.
 
         Each group has two tiers: first its keyframe Gaussians, then its motion.
 

@@ -25,8 +25,8 @@ class TileIndex:
     Attributes:
         packets: Number of packets of each tile, int64 (B).
         sizes: Size of each tile in the file, bytes, int64 (B).
-        errors: Geometric error of each tile, world units, float32 (B). It is the RMS distance between the tile's
-            Gaussians and the Gaussians of the finest level that the tile replaces.
+        errors: Geometric error of each tile, world units, float32 (B). A tile replaces certain Gaussians of the finest
+            level. The error is the RMS distance between the tile's own Gaussians and the replaced ones.
     """
 
     packets: np.ndarray

@@ -28,8 +28,8 @@ class Tiles(CheckedFields):
         counts: Number of Gaussians of each tile, int64 (B).
         packets: Number of packets of each tile, int64 (B).
         sizes: Bytes of each tile in the file, int64 (B).
-        errors: Geometric error of each tile, world units, float64 (B). It is the RMS distance between the tile's
-            Gaussians and the Gaussians of the finest level that the tile replaces.
+        errors: Geometric error of each tile, world units, float64 (B). A tile replaces certain Gaussians of the finest
+            level. The error is the RMS distance between the tile's own Gaussians and the replaced ones.
         low: Lower corner of the bounding box of each tile, world units, float64 (B, 3).
         high: Upper corner of the box, float64 (B, 3).
     """
@@ -52,7 +52,10 @@ class Tiles(CheckedFields):
 
     @property
     def first_packets(self) -> np.ndarray:
-        """Index of each tile's first packet in sending order, and the total number of packets, int64 (B + 1)."""
+        """Index of each tile's first packet in sending order, int64 (B + 1).
+
+        The last entry is the total number of packets.
+        """
         return np.concatenate([[0], np.cumsum(self.packets)]).astype(np.int64)
 
 

@@ -165,8 +165,8 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
         seed: Random seed of the first transmission; the seeds of retransmissions are derived from it.
 
     Returns:
-        For each packet, in the order of `SceneStream.packets`, index of the group of pictures during which it arrives;
-        -1 if it never arrives; int64.
+        Index of the group of pictures during which each packet arrives, int64 (packets); -1 for a packet that never
+        arrives. Packets are in the order of `SceneStream.packets`.
     """
     plan, groups = stream.manifest.plan, _group_of_packets(stream)
     arrival = np.where(mask.received, groups, -1)

@@ -89,7 +89,7 @@ class MadeDownloads:
             stream_bytes: Content of the stream's `.swz` file.
             tag: Entity tag of the stream.
             format_name: One of `formats`.
-            part: For a folder, path of the file in it.
+            part: For a format with several files, path of the requested file in the folder.
 
         Returns:
             The file; None if the folder has no such file.

@@ -27,9 +27,12 @@ def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
         address: Address of the server or relay.
 
     Returns:
-        The function, with these arguments: options of the receiver; function that is called with each event, or None;
-        and two optional keyword arguments, `tap` (function that is called with each datagram) and `stop` (future that
-        ends the transfer).
+        The function. It has two positional arguments and two optional keyword arguments:
+
+        * Options of the receiver.
+        * Function that is called with each event, or None.
+        * `tap`: function that is called with each datagram.
+        * `stop`: future that ends the transfer.
 
     Raises:
         InvalidValueError: If options for certificates are invalid, or are set for UDP, which has no certificates.
@@ -89,7 +92,7 @@ def canceling_on_signals(stop: asyncio.Future[None]) -> Iterator[list[int]]:
         stop: The future.
 
     Yields:
-        List of the numbers of the received signals, which grows.
+        List of the numbers of the received signals. Each signal adds its number to the list.
     """
     received = list[int]()
 

@@ -144,8 +144,8 @@ class UpdateFolder:
     def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
         """Checks that no changed scene is equal to an earlier version of another served scene.
 
-        Receivers request an update by the version that they have, so that they would get the update of the other scene.
-        Only versions for which an update exists are checked.
+        Receivers request an update by the version that they have. If two scenes had an equal version, a receiver could
+        get the update of the wrong scene. Only versions for which an update exists are checked.
 
         Args:
             changed: Scenes that the update changes, by name, each with the update applied.

@@ -98,7 +98,7 @@ def first_interrupt(callback: Callable[[], None]) -> Iterator[None]:
     """Context in which the first SIGINT (Ctrl-C) only calls a function, in another thread.
 
     Each further SIGINT has the action that was set before the context. If SIGINT is ignored, as in background jobs of a
-    shell script, the context changes nothing. The same holds outside of the main thread.
+    shell script, the context changes nothing. Outside of the main thread, it changes nothing, either.
 
     Args:
         callback: Function to call.

@@ -252,7 +252,7 @@ def parsed_size(text: str) -> int:
 
 
 def checked_size(scene: AnchorScene, target_bytes: int) -> int | None:
-    """Returns the size of a trained scene's stream in bytes, and prints a message if it is far from the target size.
+    """Returns the size of a trained scene's stream in bytes; prints a message if the size is far from the target.
 
     Args:
         scene: The scene.

@@ -38,7 +38,8 @@ _CONVENTION = re.compile(
 )
 """Names of fields that may state other axes of the poses."""
 _BARE = ("camera", "pose", "world")
-"""Names among them that may also be those of a device or a place; their text must name axes."""
+"""Names of such fields that may also name a device or a place. A field with one of these names states axes only if its
+text names axes."""
 _AXES = re.compile(
     r"open[-_ ]?(?:cv|gl)|colmap|blender|nerf|ngp|arkit|pytorch3d|w2c|c2w|\bcv\b|\bgl\b|\b[rlfbud]{3}\b"
     r"|[xyz][-_ ]?(?:up|down)|world[-_ ]?(?:to|2)|(?:to|2)[-_ ]?world|(?:right|left)[-_ ]?hand",

@@ -36,7 +36,7 @@ class FisheyeLens(LensModel):
     sy1: float = 0.0
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane at distance 1."""
+        """Applies the lens distortion to rays (x, y, 1); returns points of the image plane at distance 1."""
         u, v = _equidistant(x, y)
         square = u * u + v * v
         radial = 1 + square * (self.k1 + square * (self.k2 + square * (self.k3 + square * self.k4)))
@@ -78,7 +78,7 @@ class RadTanThinPrismLens(LensModel):
     s3: float
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane at distance 1."""
+        """Applies the lens distortion to rays (x, y, 1); returns points of the image plane at distance 1."""
         u, v = _equidistant(x, y)
         angle = u * u + v * v
         radial = np.polynomial.polynomial.polyval(angle, (1.0, *astuple(self)[:6]))
@@ -107,7 +107,7 @@ class FovLens(LensModel):
         return abs(self.omega) >= 1e-3
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane at distance 1."""
+        """Applies the lens distortion to rays (x, y, 1); returns points of the image plane at distance 1."""
         radius, wide = np.hypot(x, y), 2 * np.tan(self.omega / 2)
         safe = np.maximum(radius, 1e-12)
         factor = np.where(radius > 1e-9, np.arctan(safe * wide) / (safe * self.omega), wide / self.omega)
@@ -133,7 +133,7 @@ class DivisionLens(LensModel):
         return self.k != 0
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane at distance 1.
+        """Applies the lens distortion to rays (x, y, 1); returns points of the image plane at distance 1.
 
         Rays that the lens does not image give NaN.
         """
@@ -160,7 +160,7 @@ class EucmLens(LensModel):
         return self.alpha != 0
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane at distance 1.
+        """Applies the lens distortion to rays (x, y, 1); returns points of the image plane at distance 1.
 
         Rays that the lens does not image give NaN.
         """

@@ -32,16 +32,17 @@ class LensModel(ABC):
 
     @abstractmethod
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane at distance 1.
+        """Applies the lens distortion: returns the points where the lens images the rays (x, y, 1).
 
-        Rays outside of the image give NaN.
+        The points are in the image plane at distance 1, before scaling by the focal length. Without distortion, the
+        point of a ray is (x, y). Rays that the lens does not image give NaN.
 
         Args:
             x: First components of the rays.
             y: Second components of the rays, of the same shape.
 
         Returns:
-            The coordinates x and y of the image points.
+            Coordinates x and y of the distorted points, of the same shape.
         """
 
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -90,7 +91,7 @@ class Lens(LensModel):
         return any(astuple(self))
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane at distance 1."""
+        """Applies the lens distortion to rays (x, y, 1); returns points of the image plane at distance 1."""
         square = x * x + y * y
         above, below = self._fraction(square)
         radial = above / below

@@ -269,7 +269,9 @@ def _has_size(values: dict[str, Any]) -> bool:
 
 
 def _with_size(values: dict[str, Any]) -> dict[str, Any]:
-    """Returns the JSON fields of a view, with the image size as `w` and `h` if it has other names, such as `width`.
+    """Adds the fields `w` and `h` to a view that states the image size under other names, such as `width`.
+
+    Any other view is returned unchanged.
 
     Args:
         values: Fields of the view.

@@ -291,7 +291,8 @@ def _construct(maker: Any, arguments: tuple[Any, ...]) -> Any:
         arguments: Arguments of the call.
 
     Returns:
-        Description of a tensor; a dictionary; or, for a parameter of a network, the tensor in the first argument.
+        For a function that builds a tensor, the description of the tensor. For an ordered dictionary, a dictionary. For
+        a parameter of a network, the tensor in the first argument.
 
     Raises:
         ValueError: If the function does not build a tensor, a parameter or an ordered dictionary.

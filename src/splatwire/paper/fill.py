@@ -117,8 +117,9 @@ def weighted_mean_of_existing(
         weight: Weights of the neighbours, not negative.
 
     Returns:
-        Averages, zero for offsets that exist in no neighbour; and for each offset, the weight of the neighbours in
-        which the offset exists, divided by the weight of all neighbours, 0 to 1.
+        Two arrays. The first has the averaged offsets; offsets that exist in no neighbour are zero. The second has the
+        support of each offset, 0 to 1: the weight of the neighbours in which the offset exists, divided by the weight
+        of all neighbours.
     """
     # Averages are scaled by the sum of the weights, usually 1.
     total = weight.sum(dim=1, keepdim=True)

@@ -79,7 +79,7 @@ class Anchors:
         return mean_log_size(self.scalings)
 
     def with_losses(self, fully_received: Bool[Any, "N"], positions: Float[Any, "N 3"]) -> "Anchors":
-        """Simulates losses: returns the anchors with lost ones at `positions`, and all their other attributes set to 0.
+        """Simulates losses: moves lost anchors to `positions`, and sets all other attributes of lost anchors to 0.
 
         Args:
             fully_received: Mask of received anchors.

@@ -58,8 +58,8 @@ class Importance:
 
         Args:
             fractions: Share of the anchors in each tier except the last, 0 to 1; (0.05, 0.15) makes three tiers.
-            mask: Mask of the anchors to divide by importance, to which `fractions` refers. All other anchors are in
-                the last tier. None to divide all anchors.
+            mask: Mask of the anchors to divide by importance. `fractions` are shares of these anchors. All other
+                anchors are in the last tier. None to divide all anchors.
 
         Raises:
             ValueError: If a fraction is not in [0, 1], the sum exceeds 1, or there are more than 255 fractions.

@@ -53,7 +53,7 @@ class Levels:
     def copied(self) -> Bool[np.ndarray, "N"]:
         """Mask of the Gaussians that are unchanged copies of a Gaussian of the next finer level of detail.
 
-        All Gaussians of the finest level, and Gaussians that were merged from several, are not in the mask.
+        The mask is False for all Gaussians of the finest level, and for Gaussians that were merged from several ones.
         """
         # The encoder gives copies a more precise class than merged Gaussians.
         coarser = self.lod_level > 0

@@ -61,7 +61,7 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
         The origin; `NO_ORIGIN` if none is needed.
 
     Raises:
-        InvalidValueError: If the positions are too far from 0 for an origin.
+        InvalidValueError: If a coordinate of the origin would exceed the largest permitted value.
     """
     statistics = _middle_and_spread(means)
     if statistics is None:
@@ -76,18 +76,19 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
 
 
 def choose_origin_of_small(means: np.ndarray) -> Origin:
-    """Chooses an origin for float64 positions if float32 without an origin would be too coarse.
+    """Chooses an origin for float64 positions, only if rounding them to float32 without an origin would be visible.
 
-    Float32 is too coarse for a scene that is small compared with its distance from 0.
+    The rounding step of float32 grows with the distance from 0. It is visible in a scene that is small compared with
+    its distance from 0. Positions relative to an origin near the scene have a small step.
 
     Args:
         means: World coordinates, float64 (N, 3); rows that are not finite are ignored.
 
     Returns:
-        The origin; `NO_ORIGIN` if float32 is precise enough for the positions.
+        The origin, near the median of the positions; `NO_ORIGIN` if float32 is precise enough without an origin.
 
     Raises:
-        InvalidValueError: If the positions are too far from 0 for an origin.
+        InvalidValueError: If a coordinate of the origin would exceed the largest permitted value.
     """
     statistics = _middle_and_spread(means)
     if statistics is None or not _is_far_and_small(statistics[1], statistics[2]):
@@ -96,13 +97,14 @@ def choose_origin_of_small(means: np.ndarray) -> Origin:
 
 
 def _middle_and_spread(means: np.ndarray) -> tuple[np.ndarray, float, float] | None:
-    """Returns the median and the extent of positions; None if no position is finite.
+    """Returns the median of positions and the size of the scene; None if no position is finite.
 
     Args:
         means: World coordinates, float (N, 3).
 
     Returns:
-        The median position; its largest absolute coordinate; and the largest extent along an axis, without outliers.
+        Three values: the median position; the largest absolute coordinate of the median position; and the largest
+        extent of all positions along an axis, without outliers.
     """
     sample = np.asarray(means[:: max(1, -(-len(means) // _SAMPLE))], np.float64)
     sample = sample[np.isfinite(sample).all(axis=1)]
@@ -132,7 +134,7 @@ def _rounded(middle: np.ndarray, spread: float) -> Origin:
         spread: Largest extent of the scene along an axis, in the same unit; 0 if unknown.
 
     Raises:
-        InvalidValueError: If the median is too far from 0 for an origin.
+        InvalidValueError: If a coordinate of the median exceeds the largest permitted value for an origin.
     """
     far = float(np.abs(middle).max())
     if far > _MAX_COORDINATE:

@@ -83,9 +83,10 @@ class Prior(CheckedFields):
 
 
 def plausible_scalings(anchors: Anchors, loss_mask: LossMask, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
-    """Raises estimated scalings to a lower limit: for each of the six components, the smallest received value.
+    """Raises estimated scalings that are too small to a lower limit.
 
-    If no scaling was received, the limit is 0.
+    Each of the six components has its own limit: the smallest received value of this component. If no scaling was
+    received, the limits are 0.
 
     Args:
         anchors: All anchors.

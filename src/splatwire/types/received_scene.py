@@ -59,7 +59,7 @@ class TierSizes(CheckedFields):
     An importance tier is a group of elements of similar importance. The encoder sends one typical size for each tier.
 
     Attributes:
-        sizes: Typical size in the tier of each element, above 0, in an arbitrary unit.
+        sizes: For each element, the typical size of its importance tier, above 0, in an arbitrary unit.
     """
 
     sizes: Float[Any, "N"]
@@ -186,7 +186,7 @@ class ReceivedScene(Generic[S]):
 
     @property
     def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
-        """Typical size of the elements in each element's importance tier, or None without sizes in the stream."""
+        """For each element, the typical size of its importance tier; None if the stream has no sizes."""
         tiers = self.get(TierSizes)
         return None if tiers is None else tiers.sizes
 

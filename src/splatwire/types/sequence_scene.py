@@ -67,9 +67,10 @@ class GroupMotion:
         begins: Index of each track's first frame in the group, counted from the start of the group, int64 (n).
         ends: Index of the frame after each track's last frame in the group, counted from the start of the group, int64
             (n).
-        at: Function that decodes the changes of the tracks in a frame of the group, float32 (n, C). The channels are:
-            position (world units); rotation vector of length `4 * tan(angle / 4)`; natural logarithms of scales
-            (largest first) and opacity; degree 0 of the spherical harmonics.
+        at: Function that decodes the changes of the tracks in a frame of the group, float32 (n, C). The C channels are,
+            in this order: position (3, world units), rotation vector (3, of length `4 * tan(angle / 4)`), natural
+            logarithms of the scales (3, largest scale first), natural logarithm of the opacity (1), and coefficients of
+            the spherical harmonics of degree 0 (3).
         covered: Mask of tracks for which a packet of the group was received, bool (T).
         complete: True if no packet is missing.
         unchanged: True if the group has no motion.

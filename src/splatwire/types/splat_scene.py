@@ -29,8 +29,9 @@ class SplatCoding(CheckedFields):
         size_log: log2 of the scene's size in world units.
         lattice_bits: Precision of decoded positions. They are multiples of a lattice spacing of
             `2 ** (size_log - lattice_bits)` world units.
-        max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
-        base_exponents: `-log2` of each quantity's quantisation step in precision class 0, as integers in units of 1/64.
+        max_position_shift: The largest quantisation step of positions is `2 ** max_position_shift` lattice spacings.
+        base_exponents: Base quantisation step of each quantity in precision class 0. The entry e stands for the step
+            `2 ** (-e / 64)`.
         transform: Decorrelating transform of the spherical harmonics, as integers.
         precision_classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.
     """

@@ -27,9 +27,15 @@ def describe_gaussians(splats: Splats, origin: Origin = NO_ORIGIN) -> dict[str, 
         origin: World coordinates of the point that positions are relative to.
 
     Returns:
-        Statistics by name: `num_gaussians`; `degree`; `bounds` and `core` (the middle 98 % on each axis), world units;
-        quantiles of `sizes` (largest standard deviation of each Gaussian, world units) and of `opacities`; and
-        `problems`, sentences about likely defects.
+        Statistics by name:
+
+        * `num_gaussians`: number of Gaussians.
+        * `degree`: degree of the harmonics.
+        * `bounds`: box around all centres, world coordinates.
+        * `core`: box around the middle 98 % of the centres on each axis, world coordinates.
+        * `sizes`: quantiles of the largest standard deviation of each Gaussian, world units.
+        * `opacities`: quantiles of the opacities.
+        * `problems`: list of sentences about likely defects.
     """
     if not splats.num_gaussians:
         return {"num_gaussians": 0, "degree": splats.degree, "problems": ["no Gaussian is left"]}

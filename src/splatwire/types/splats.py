@@ -175,7 +175,7 @@ class Splats:
         return self.log_axes.mean(axis=1)
 
     def with_losses(self, fully_received: Bool[np.ndarray, "G"], positions: Float[np.ndarray, "G 3"]) -> "Splats":
-        """Simulates losses: returns the Gaussians with lost ones at `positions` and with opacity 0.
+        """Simulates losses: moves lost Gaussians to `positions`, and sets the opacity of lost Gaussians to 0.
 
         Args:
             fully_received: Mask of received Gaussians.

@@ -48,8 +48,8 @@ class SequenceScore:
     Attributes:
         row: The loss model and the concealer.
         psnr: PSNR of each frame against the render of the original frame, mean over views, decibels, float64 (F).
-        change: Flicker between each frame and the next, float64 (F - 1): mean square of the change of the error. The
-            error is the rendered minus the original picture.
+        change: Flicker between each frame and the next, float64 (F - 1). The error of a frame is the rendered minus the
+            original picture. The flicker is the mean square of the difference between the errors of the two frames.
         later: Index of the first frame after the first GOP.
         num_lost: Number of packets that were lost or late.
     """

@@ -38,18 +38,18 @@ class SceneEntry:
         name: Name of the scene in reports.
         source: File or folder with the scene, of the given `kind`.
         kind: `stream` for a stream, `scene` for a scene file, `model` for a folder of the official HAC++ code.
-        photos: Dataset folder that gives the views and, unless `reference` is given, photos as reference images. None
-            for references that are rendered.
-        cameras: Cameras file that gives the views; ignored if `photos` is given. If both are None, views around the
+        photos: Folder of the dataset that defines the views. Its photos are the reference images, unless `reference` is
+            given. None for rendered reference images.
+        cameras: Cameras file that defines the views; ignored if `photos` is given. If both are None, views around the
             scene are generated.
-        reference: Scene or frames whose renders are the reference images, also if `photos` is given. None for the
-            photos or, if `photos` is None, for renders of the scene itself.
+        reference: Scene or frames whose renders are the reference images, even if `photos` is given. If this is None,
+            the photos are the reference images. If `photos` is None, too, they are renders of the scene itself.
         dataset: Name of the group of scenes over which results are averaged.
         images: Folder of photos to read instead of the folder `images` of the dataset, such as `images_4`; None to read
             the photos that the dataset names.
         split: Split of the dataset to read: `train`, `test` or `all`.
         test_views: Rule that selects the test views of the dataset; None for the default rule of its layout.
-        max_width: Width to which wider photos are reduced, pixels; None for no limit.
+        max_width: Maximum width of photos, pixels. Wider photos are reduced to this width.
         weights: Network weights for methods that conceal losses with a GNN, calibrated for this scene; None for none.
         sections: Stream of the scene that also has the additional side information that some methods need. It is
             evaluated instead of `source`. None to use `source`.
@@ -329,7 +329,7 @@ def _check_concealer(name: str, options: Mapping[str, Any]) -> None:
 
 
 def _check_metric(name: str) -> None:
-    """Checks that a metric exists, and that its name is not that of a column of the result records.
+    """Checks that a metric exists, and that no column of the result records has the same name.
 
     Raises:
         UnknownNameError: If no metric has that name.

@@ -59,7 +59,8 @@ class PreparedScene:
         entry: Definition of the scene.
         references: The reference images.
         streams: Encoded streams, by name of the stream (`Row.variant`).
-        parts: For each stream by name, the number of bytes of each part by name. An example of a part is one attribute.
+        parts: Number of bytes of each part of the data that a method sends. The outer key is the key of the method
+            (`Row.key`). The inner key is the name of the part, such as an attribute.
         masks: Loss masks, by name of the stream, loss and seed.
         sections: Names of the additional side information in the scene's streams.
         codec: Name of the codec schema; empty if nothing is sent.
@@ -256,7 +257,7 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 
 
 def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], digest: str, store: Store) -> None:
-    """Logs a warning if position and size of the reference suggest that it is another scene.
+    """Logs a warning if position and size of the reference suggest that the reference shows another scene.
 
     The comparison is stored. Empty scenes are not compared.
 
@@ -294,7 +295,7 @@ def _background(first: PreparedStream, store: Store) -> Background:
 
 
 def _frame_views(source: Source, reference_digest: str, store: Store) -> SceneEntry:
-    """Writes a cameras file for a sequence, with one camera for each frame, and adds it to the sequence's definition.
+    """Writes a cameras file with one camera for each frame of a sequence, and adds its path to the definition.
 
     Args:
         source: The sequence.
@@ -406,14 +407,14 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
 
 
 def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
-    """Divides a stream into packets by the packetization of a compared method; quantised values stay the same.
+    """Encodes a stream again with the packetization of one method of the study.
 
-    Side information that the method does not use is removed.
+    The study compares several methods on the same scene. All methods therefore get the same quantised values.
 
     Args:
         whole: The complete stream.
-        row: The method (a row of the result table). It determines the packetization, and the names of the additional
-            sections of side information that are kept.
+        row: The method, which is one row of the result table. It sets the packetization. It also lists the sections of
+            side information that the method needs. Other sections are removed, except background and masks.
         progress: Called with the finished share, 0 to 1.
     """
     # Quantised values and networks stay the same, so that the methods can be compared. Side information that the method

@@ -83,7 +83,8 @@ class _Worker:
         """Returns the outcome of the worker's task, after the task has ended or the process has died.
 
         Returns:
-            The task; its error message, or None if the task succeeded; and True if the process is alive.
+            Three values: the task; the error message of the task, None if the task succeeded; and a flag, True if the
+            process is still alive.
         """
         unit, self.unit = self.unit, None
         assert unit is not None

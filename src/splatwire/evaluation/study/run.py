@@ -176,7 +176,7 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Returns one task for each scene and loss model, from which the views in the report are chosen.
+    """Returns the tasks that determine which views the report shows: one task for each scene and loss model.
 
     The report shows the views with the lowest PSNR in these tasks. The method of each task is the baseline or, without
     a baseline, the first method with losses.

@@ -62,8 +62,8 @@ class Summary:
         delta: Estimate of the paired difference to the baseline, by metric; empty for the baseline itself.
         by_seed: For each metric by name, one value per seed: the mean over views.
         by_view: For each metric by name, one value per view: the mean over seeds.
-        view_range: For each metric by name, the lowest value over seeds for each view, and the highest value for each
-            view.
+        view_range: For each metric by name, two tuples with one value per view: the lowest value over all seeds, and
+            the highest value over all seeds.
         num_bytes: Size of the stream, including weights sent with it, bytes.
         parts: Bytes of each part of the stream.
         num_packets: Number of packets of the stream.

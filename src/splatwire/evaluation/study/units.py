@@ -31,14 +31,16 @@ class Unit:
         conceal: Name of the concealer.
         options: Options of the concealer.
         weights: File of the scene's GNN weights; empty if unused.
-        file_digest: Digests of weight files and versions of other packages that affect the result; empty without any.
+        file_digest: Text that identifies further inputs of the task: digests of weight files, and versions of other
+            packages. Empty if the result depends on neither.
         erode: The one attribute that is removed from anchors in lost packets; None if all attributes are removed.
         metrics: Names of the metrics.
         lpips_digest: Digest of the LPIPS weights; empty if they are absent or LPIPS is not requested.
         lpips_views: Maximum number of views for LPIPS.
         renderer: Name of the renderer.
         pictures: Indices of the views whose images are stored.
-        hardest: Number of views with the lowest PSNR whose images are stored if `pictures` is empty.
+        hardest: If `pictures` is empty, the number of views whose images are stored. These are the views with the
+            lowest PSNR.
     """
 
     scene: str

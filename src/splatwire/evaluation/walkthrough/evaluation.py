@@ -99,13 +99,15 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time from which on all pictures are at most `SETTLED_DB` worse than with the complete scene.
+    """Returns the time from which on every picture is nearly as good as the picture of the complete scene.
+
+    A picture is nearly as good if its PSNR is at most `SETTLED_DB` lower.
 
     Args:
         moments: Quality of the pictures at several times, ascending by time.
 
     Returns:
-        Seconds since the request; None if the last picture is still worse than that.
+        Seconds since the request; None if the last picture is not nearly as good.
     """
     # From then on, the PSNR of each picture is at most `SETTLED_DB` below that of the completely received scene.
     reached_at = None

@@ -65,12 +65,16 @@ def _half_steps(spans: np.ndarray) -> np.ndarray:
 def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
     """Sorts Gaussians and divides the result into chunks with small quantisation errors of positions.
 
-    A chunk with fewer than 256 Gaussians is filled with copies of its last Gaussian (padding).
+    A chunk has 256 rows. A chunk with fewer Gaussians is filled with copies of its last Gaussian (padding). Only the
+    last chunk stays short.
+
+    Smaller errors need more chunks with fewer Gaussians, and thus more padding. If the total padding would exceed
+    `most_filled`, larger errors are accepted.
 
     Args:
         splats: All Gaussians.
         rows: Indices of the Gaussians to sort and cut, int64 (n).
-        most_filled: Maximum number of rows filled with padding.
+        most_filled: Maximum number of padding rows in all chunks together.
 
     Returns:
         Index into `splats` for each row of the file, int64 (m); and mask of the rows that are padding, bool (m).

@@ -80,7 +80,12 @@ def _repaired(ordered: np.ndarray, centers: np.ndarray) -> tuple[np.ndarray, boo
 
 
 def nearest_number(values: np.ndarray, codebook: np.ndarray) -> np.ndarray:
-    """Returns the index of the nearest entry of an ascending code book with at most 256 entries, uint8."""
+    """Finds the code book entry that is nearest to each value; returns indices into the code book, uint8.
+
+    Args:
+        values: The values, any shape.
+        codebook: Entries of the code book, ascending, at most 256.
+    """
     return np.searchsorted((codebook[1:] + codebook[:-1]) / 2, values).astype(np.uint8)
 
 

@@ -141,11 +141,15 @@ def _check_bounds(chunks: PlyElement) -> None:
 
 
 def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin, bool]:
-    """Reads the bounds of the positions in each chunk and chooses an origin near them.
+    """Reads the bounds of the positions in each chunk and chooses an origin near the positions.
 
     Returns:
-        Four values: minimum of each chunk and maximum of each chunk, relative to the origin, float32 (C, 3) each; the
-        origin; and True if the bounds in the file are float64.
+        Four values:
+
+        * Minimum of each chunk, relative to the origin, float32 (C, 3).
+        * Maximum of each chunk, relative to the origin, float32 (C, 3).
+        * The origin.
+        * True if the bounds in the file are float64.
     """
     names = [[f"{side}_{name}" for name in _BOUNDS[0]] for side in ("min", "max")]
     low, high = (chunks.select_float64(names_of_bound) for names_of_bound in names)

@@ -47,9 +47,9 @@ class FileContent(CheckedFields):
         )
 
     def with_chosen_origin(self: Content) -> Content:
-        """Returns the content with positions relative to an origin near the Gaussians, if they are far from 0.
+        """Chooses an origin near the Gaussians, and returns the content with positions relative to this origin.
 
-        Content near 0, and content that already has an origin, is returned unchanged.
+        Content is returned unchanged if its positions are near 0, or if it already has an origin.
         """
         if self.origin != NO_ORIGIN:
             return self
@@ -57,9 +57,10 @@ class FileContent(CheckedFields):
 
 
 def origin_of_placed(parts: Sequence[tuple[Splats, np.ndarray, np.ndarray]]) -> Origin:
-    """Chooses an origin for Gaussians after a transform to world coordinates; `NO_ORIGIN` if they are near 0.
+    """Chooses an origin for Gaussians whose local coordinates are transformed to world coordinates.
 
-    Positions relative to the origin are small, so that float32 stores them precisely.
+    World coordinates relative to the origin are small, so that float32 stores them precisely. The result is `NO_ORIGIN`
+    if the Gaussians are near 0 anyway.
 
     Args:
         parts: Gaussians in local coordinates, and the transform of each part to the world: matrix (3, 3) and shift (3),
@@ -103,8 +104,9 @@ def coarse_positions(splats: Splats) -> tuple[float, float, float] | None:
         splats: The Gaussians, relative to the origin.
 
     Returns:
-        Three numbers: the share of such Gaussians; their largest distance from the origin, and the largest rounding
-        step of their positions, both in world units. None if only few Gaussians are affected.
+        Three numbers about these Gaussians: their share of all Gaussians, 0 to 1; their largest distance from the
+        origin, world units; and the largest rounding step of their positions, world units. None if only few Gaussians
+        are affected.
     """
     sample = slice(None, None, max(1, -(-splats.num_gaussians // _SAMPLE)))
     distances, sizes = np.abs(splats.means[sample]).max(axis=1), splats.scales[sample].max(axis=1)

@@ -50,8 +50,8 @@ class _Section:
         buckets: Number of buckets.
         block_size: Edge length of the cube that a bucket covers, world units.
         bucket_bytes: Bytes per bucket centre.
-        range: Position code of the bucket's centre. Position codes that differ by `range` are half of `block_size`
-            apart. 0 for the default.
+        range: Position code of the bucket's centre. If the codes of two positions differ by `range`, the positions are
+            half of `block_size` apart. 0 for the default value.
         full: Number of full buckets.
         partial: Number of partially filled buckets.
         degree: Degree of the spherical harmonics.

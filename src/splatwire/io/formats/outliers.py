@@ -38,7 +38,8 @@ outlier."""
 _CLIPPED = 1 / 16
 """Distance of colours and harmonics from the range of a format up to which clipping is invisible."""
 _SHARE = 0.25
-"""Smallest scale of a format, as a share of the largest axis of a Gaussian, above which the Gaussian looks larger."""
+"""Raising the scales of a Gaussian to the minimum of a format is invisible if this minimum is at most this share of the
+Gaussian's largest scale."""
 _MANY = 0.01
 """Smallest share of too small Gaussians that is visible; a few of them in a scene of larger ones are below a pixel."""
 _FEWEST = 8
@@ -163,7 +164,7 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
     """Returns the mask of Gaussians with a visible position error, bool (N).
 
     Args:
-        errors: Largest position error along an axis of each Gaussian, world units, (N).
+        errors: Position error of each Gaussian, the largest one along any axis, world units, (N).
         scales: Local length scale of each Gaussian, from `local_scales`, (N).
     """
     return np.asarray(errors > scales / VISIBLE)
@@ -173,7 +174,7 @@ def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
     """True if more than 1 % of the Gaussians have a position error that is too large for their local length scale.
 
     Args:
-        errors: Largest position error of each Gaussian along an axis, world units, (n).
+        errors: Position error of each Gaussian, the largest one along any axis, world units, (n).
         scales: Local length scale of each Gaussian, from `local_scales`, (n).
     """
     return bool(len(errors)) and float((errors > scales / FINE).mean()) > _FEW_COSTLY
@@ -184,7 +185,7 @@ def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
 
     Args:
         path: The file, for the message.
-        errors: Largest position error along an axis of each Gaussian, world units, (N).
+        errors: Position error of each Gaussian, the largest one along any axis, world units, (N).
         scales: Local length scale of each Gaussian, from `local_scales`, (N).
     """
     seen = visible_errors(errors, scales)

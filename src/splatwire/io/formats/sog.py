@@ -109,7 +109,10 @@ def stored_bytes(path: Path) -> int:
 
 
 class _FolderFiles:
-    """Files in the folder of a `meta.json`, or below this folder, by their relative paths."""
+    """Reader of the files of a SOG that is a folder on disk.
+
+    A file is named by its path relative to the folder of `meta.json`.
+    """
 
     def __init__(self, meta: Path) -> None:
         self._meta = meta
@@ -118,7 +121,7 @@ class _FolderFiles:
         """Returns the size of a file in bytes; None if there is no such file.
 
         Raises:
-            DatasetError: If it is a link out of the folder.
+            DatasetError: If the file is a symbolic link to a place outside of the folder.
         """
         file = self._meta.parent / name
         if not file.is_file():
@@ -137,7 +140,9 @@ class _FolderFiles:
 
 
 class _ArchiveFiles:
-    """Files in the folder of the `meta.json` of an archive, or below this folder, by their relative paths.
+    """Reader of the files of a SOG that is a zip archive.
+
+    A file is named by its path relative to the folder of `meta.json` in the archive.
 
     Raises:
         DatasetError: If the archive has no `meta.json`, or several; or if two members have the same path, such as
@@ -160,7 +165,10 @@ class _ArchiveFiles:
         return None if member is None else self._bundle.sizes[member]
 
     def stored_bytes(self, names: set[str]) -> int:
-        """Returns the size of the archive in bytes, because its members may be compressed."""
+        """Returns the size of the whole archive in bytes, whatever the names.
+
+        `size` returns decompressed sizes. The sum of these may differ from the bytes on disk.
+        """
         return self._path.stat().st_size
 
     def read(self, name: str, limit: int) -> bytes:

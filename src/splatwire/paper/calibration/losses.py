@@ -36,11 +36,12 @@ class LossWeights:
         smooth: Weight (lambda) of the smoothness term: differences between neighbouring lost anchors (queries) of a
             batch.
         prior: Weight (lambda) of the deviation from the prior's mean, in the prior's standard deviations.
-        render: Weight (lambda) of the difference between pictures of the concealed and the complete scene, per query; 0
-            to disable rendering.
+        render: Weight (lambda) of the mean absolute difference between pictures of the concealed and the complete
+            scene. The difference is multiplied by the number of queries of the batch. 0 disables rendering.
         smooth_neighbors: Number of neighbouring queries per query in the smoothness term, k_lap.
-        smooth_bandwidth: Standard deviation of the Gaussian weights by distance that neighbours have in the smoothness
-            term, relative to the mean neighbour distance; 0 for equal weights.
+        smooth_bandwidth: In the smoothness term, the weight of a neighbour is a Gaussian function of its distance. This
+            is the standard deviation of that function, divided by the mean distance of all neighbours. 0 gives all
+            neighbours equal weights.
     """
 
     # As with `feature`, weights of 0 leave out scalings and offsets.

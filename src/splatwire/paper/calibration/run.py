@@ -222,8 +222,9 @@ class CalibrationRun:
         """Returns True if the calibration has ended, either after the last step or by early stopping.
 
         With `CalibrationConfig.selected`, training stops early after `CalibrationConfig.patience` validations without
-        improvement. If the weights are to be quantised but are not yet, the method returns False instead: it restores
-        the best network, and the training continues with quantised weights.
+        improvement. There is one exception: if the weights will be quantised, and no step has used quantised weights
+        yet. The method then restores the best network and returns False, so that the training continues with quantised
+        weights.
         """
         # The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
         # `CalibrationConfig.patience` validations without improvement. If weights are quantised

@@ -29,8 +29,8 @@ class RepairGraph:
         queries: Indices in the scene of the incomplete anchors.
         index: For each query, indices in the scene of the k complete anchors next to it.
         interpolated: The queries with missing attributes estimated by the method `GnnSettings.interpolation`.
-        given: The queries with missing attributes estimated by the method `GnnSettings.query_input`: what the network
-            gets as its input.
+        given: The queries with missing attributes estimated by the method `GnnSettings.query_input`. These estimates
+            are inputs of the network.
     """
 
     queries: Int64[Tensor, "Q"]

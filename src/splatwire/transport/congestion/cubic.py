@@ -61,8 +61,8 @@ class CubicWindow:
 
         Args:
             share: Share of the bytes in flight that the new window permits, 0 to 1.
-            in_use: Number of bytes in flight, which is limited to the old window; infinite if the window was fully
-                used.
+            in_use: Number of bytes in flight. If it exceeds the old window, the old window is used instead. The default
+                therefore stands for a window that was fully used.
         """
         used = min(self.bytes, in_use)
         self._undo = self.bytes, self.threshold

@@ -24,8 +24,8 @@ CIRCUIT_BREAKER_LOSS = 0.45
 BATCH = 500
 """Number of datagrams over which the loss rate of the circuit breaker is averaged."""
 EVENTS = 3
-"""Number of control rounds with loss from which on a rise of the loss rate is significant. A test must be long enough
-for as many at the loss rate before the test.
+"""Minimum number of control rounds with loss for a rise of the loss rate to be significant. A test must last so long that
+this number is expected at the loss rate before the test.
 """
 ROUNDS = 16.0
 """Number of control rounds over which the variance of the loss is averaged."""
@@ -207,8 +207,9 @@ class LossMeter:
             slower: Sending rate during the test as a share of the rate before the test.
 
         Returns:
-            True if the loss was congestion: the loss decreased at the lower rate, or is so high that the path counts as
-            congested anyway. False if the loss persisted, so that it is random loss of the path.
+            True if the loss was congestion. This is the case if the loss decreased at the lower rate, or if the loss is
+            so high that the path counts as congested anyway. False if the loss persisted at the lower rate. It is then
+            random loss of the path.
         """
         self._late = LossCounter()
         if_full = max(1.0 - (1.0 - before.share) / slower, 0.0)

@@ -23,10 +23,10 @@ MAX_HEAD_BYTES = 8192
 CHUNK_BYTES = 1 << 16
 """Maximum number of body bytes passed to the kernel at once; no more is buffered for a slow client."""
 TURN_S = 0.01
-"""Under a total rate limit, duration of a response's turn, seconds. It sends the bytes of this time at once, and
-datagrams wait."""
+"""Duration of a turn of an HTTP response under a total rate limit, seconds. In its turn, a response sends at once the
+bytes that the limit permits in this time. Datagrams wait meanwhile."""
 MIN_TURN_BYTES = 1200
-"""Minimum size of such a turn, bytes."""
+"""Minimum number of bytes that a response sends in one turn."""
 YIELD_S = 0.002
 """Time that a response waits while datagrams are sent first, seconds."""
 LINGER_S, LINGER_BYTES = 1.0, 1 << 22

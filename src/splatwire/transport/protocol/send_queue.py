@@ -11,8 +11,8 @@ from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY
 
 Item = tuple[int, int, int]
-"""Datagram to send: its kind (`INIT_SYMBOL`, `DATA` or `PARITY`); number of the init segment's source block or of the
-parity group (0 for a packet); number of the symbol, or index of the packet in sending order.
+"""Datagram to send, as three integers. The first is its kind: `INIT_SYMBOL`, `DATA` or `PARITY`. The meaning of the other
+two depends on the kind (see `SendSchedule.datagrams`).
 """
 MAX_LOGGED_DATAGRAMS = 8192
 """Number of latest datagrams with stored packet indices."""
@@ -169,8 +169,8 @@ class SendQueue:
 
         Args:
             tile: Index of the tile.
-            if_begun: True to continue a tile of which some packets were already sent: the remaining packets are queued.
-                A tile of which no packet was sent is then skipped. False to queue all packets of the tile.
+            if_begun: False to queue all packets of the tile. True to queue only the packets that were not yet sent. In
+                the latter case, a tile of which no packet was sent is skipped.
         """
         tiles = self._stream.tiles
         assert tiles is not None
@@ -188,8 +188,8 @@ class SendQueue:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
             welcome: Queue item of the datagram that declares the new sizes of the stream.
-            num_known: Number of packets that the live stream had before. Later packets are added to those that still
-                wait in the queue. 0 for another stream: its packets replace the whole queue.
+            num_known: If a live stream has grown, its number of packets before the growth; the packets after these are
+                added to the queue. If another stream replaces the previous one, 0; the whole queue is then replaced.
         """
         self._stream = stream
         source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams

@@ -122,7 +122,12 @@ class ServedStream:
 
     @functools.cached_property
     def reliable_schedule(self) -> SendSchedule:
-        """Sending order for QUIC clients, which receive the init segment first, on a reliable stream."""
+        """Sending order for QUIC clients.
+
+        The source symbols of the init segment come first, because they are sent on a reliable QUIC stream. Packets and
+        their repair symbols follow in the same order as for UDP clients. Repair symbols of the init segment are left
+        out, because the reliable stream needs none.
+        """
         source_blocks = SourceBlocks(self.init_segment_bytes, self.symbol_bytes)
         init_items = (
             item for item in self.schedule if item[0] == INIT_SYMBOL and item[2] < source_blocks.size(item[1])
@@ -161,10 +166,10 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of FEC symbols that a client gets without a request for each source block of the init segment.
+        """Number of symbols of a source block of the init segment that every client gets without requesting them.
 
-        Source symbols and repair symbols are counted. A source block is a part of the init segment that is coded
-        separately. If source blocks have different numbers, the smallest number is returned.
+        A source block is a part of the init segment that is coded separately by the erasure code. Source symbols and
+        repair symbols are counted. If the numbers differ between source blocks, the smallest one is returned.
         """
         counts = Counter(source_block for kind, source_block, _ in self.schedule if kind == INIT_SYMBOL)
         # The smallest number, if it differs between source blocks. Further symbols are only sent after NACKs.

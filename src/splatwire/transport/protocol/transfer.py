@@ -185,10 +185,10 @@ class ServerTransfer:
         return self.bytes_sent > self._max_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
     def may_welcome(self, now: float) -> bool:
-        """Returns True if the server may send its response to the request (welcome) now, and counts it as sent.
+        """Returns True if the server may send its response to the request (welcome) now.
 
-        The response is repeated until the client's first feedback report: at a minimum interval, and a limited number
-        of times.
+        A response that may be sent is counted as sent. The response is repeated until the client's first feedback
+        report. There is a minimum interval between repetitions, and a maximum number of them.
 
         Args:
             now: Time, seconds.

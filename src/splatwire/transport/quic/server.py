@@ -213,8 +213,8 @@ class QuicServer(SocketServer):
 
         Args:
             network: Network of the new connection.
-            newcomer: The new connection if it is already counted, so that it is not chosen itself; None if the new
-                connection is not counted.
+            newcomer: The new connection if it is already among the counted connections. It is then never chosen itself.
+                None if the new connection is not counted yet.
 
         Returns:
             Connection to close, or None to refuse the new one.
