@@ -24,8 +24,8 @@ CIRCUIT_BREAKER_LOSS = 0.45
 BATCH = 500
 """Number of datagrams over which the loss rate of the circuit breaker is averaged."""
 EVENTS = 3
-"""Minimum number of control rounds with loss for a rise of the loss rate to be significant. A test must last so long that
-this number is expected at the loss rate before the test.
+"""Minimum number of control rounds with loss for a rise of the loss rate to be significant. A test must last long
+enough for this number of rounds with loss to be expected at the loss rate before the test.
 """
 ROUNDS = 16.0
 """Number of control rounds over which the variance of the loss is averaged."""

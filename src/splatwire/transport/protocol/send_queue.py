@@ -11,8 +11,8 @@ from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY
 
 Item = tuple[int, int, int]
-"""Datagram to send, as three integers. The first is its kind: `INIT_SYMBOL`, `DATA` or `PARITY`. The meaning of the other
-two depends on the kind (see `SendSchedule.datagrams`).
+"""Datagram to send, as three integers. The first is its kind: `INIT_SYMBOL`, `DATA` or `PARITY`. The others
+depend on the kind, as in `SendSchedule.datagrams`.
 """
 MAX_LOGGED_DATAGRAMS = 8192
 """Number of latest datagrams with stored packet indices."""
