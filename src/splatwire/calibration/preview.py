@@ -86,8 +86,8 @@ class PreviewResult:
     """Result of the fit of a preview.
 
     Attributes:
-        section: The preview (few coarse Gaussians for a first picture) in encoded form, which becomes the section
-            `preview` of the stream's side information.
+        section: Encoded preview: a few coarse Gaussians for a first picture. It becomes the section `preview` of the
+            stream's side information.
         num_gaussians: Number of Gaussians of the preview.
         psnr: Mean PSNR in decibels by name of the pictures: `background` (background colour only), `preview`, or
             `complete` (complete scene).

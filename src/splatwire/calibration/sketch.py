@@ -36,7 +36,7 @@ class SketchResult:
     """Result of creating a sketch (coarse copies of important elements) for a scene.
 
     Attributes:
-        section: The sketch in encoded form, which becomes the section `sketch` of the stream's side information.
+        section: Encoded sketch. It becomes the section `sketch` of the stream's side information.
         num_sketched: Number of elements that have a coarse copy in the sketch.
         exponent: Exponent that controls how much a receiver enlarges received elements to cover lost neighbours.
         trust: Weight of the neural network that corrects the enlargement, 0 to 1.

@@ -156,8 +156,7 @@ def encode_codes(codes, bits, models, inverses, widths, table, buffer):
         bits: Number of bits of a code.
         models: Adaptive bit models, changed in place.
         inverses: Reciprocal of each standard deviation in the coder's table of normal distributions.
-        widths: Largest distance from the mean that is coded without an escape code, for each standard deviation in this
-            table.
+        widths: For each standard deviation in this table, the largest distance from the mean that needs no escape code.
         table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
 

@@ -130,7 +130,7 @@ def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | N
 
 
 def temporal_names() -> tuple[str, ...]:
-    """Returns the names of the concealers of sequences, built-in ones first, except those with a required option."""
+    """Returns the names of the concealers of sequences that need no option, built-in ones first."""
     registrations = {name: named.temporal for name, named in CONCEALERS.all().items() if named.temporal is not None}
     return tuple(
         name for name, registration in registrations.items() if registration.listed and registration.option is None

@@ -29,7 +29,7 @@ def scale_index(scale: npt.ArrayLike) -> np.ndarray:
 def write_integers(writer: ByteWriter, values: np.ndarray) -> None:
     """Writes integers, entropy-coded under a normal distribution that is fitted to them.
 
-    The mean and standard deviation of the distribution are written, too. The number of integers is not written.
+    The output contains the mean and the standard deviation of the distribution, but not the number of integers.
     """
     mean = round(float(values.mean())) if len(values) else 0
     variance = ((values.astype(np.float64) - mean) ** 2).mean() if len(values) else 0.0

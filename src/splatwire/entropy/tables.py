@@ -103,7 +103,7 @@ def inverse_scale_table() -> np.ndarray:
 
 @functools.cache
 def half_width_table() -> np.ndarray:
-    """Returns the largest distance from the mean that is coded without an escape code, for each standard deviation.
+    """Returns, for each standard deviation, the largest distance from the mean that is coded without an escape code.
 
     Returns:
         int64 of length `NUM_SCALES`, in quantisation steps.

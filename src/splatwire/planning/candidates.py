@@ -187,7 +187,7 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
 def _init_segment_candidates(
     load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, bundled_share: float
 ) -> list[Protection]:
-    """Returns the settings of redundancy for the init segment (side information) that the planner compares.
+    """Returns the settings of redundancy that the planner compares for the init segment (side information).
 
     Args:
         load: Sizes of the stream's packets.

@@ -107,9 +107,9 @@ class PartialUpdates:
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
         """Encodes the largest changes of the Gaussians as an update, and leaves smaller changes for later calls.
 
-        If the number of Gaussians is unchanged, their order must be unchanged, too. Otherwise, Gaussians are matched by
-        position, and Gaussians without a match are new or removed. The whole scene is encoded again if an update cannot
-        express the change.
+        If `splats` has as many Gaussians as the newest scene so far, both must have the same order. Otherwise,
+        Gaussians are matched by position. Gaussians without a match are new or removed. The whole scene is encoded
+        again if an update cannot express the change.
 
         Args:
             splats: The newest Gaussians.

@@ -120,7 +120,8 @@ def _estimate_errors(
         camera_center: Position of the camera.
         rows: Indices of the R selected anchors.
         drawn: Gaussians of the view; and derivatives of the signed sum with respect to their attributes.
-        each: Change of the signed sum if one Gaussian is removed, for each of the K offsets of each selected anchor.
+        each: For each of the K offsets of each selected anchor, change of the signed sum if the Gaussian of this offset
+            is removed.
     """
     # Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
     # gradients of the sum of all pixels, each multiplied by a random sign.

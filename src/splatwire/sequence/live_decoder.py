@@ -168,8 +168,8 @@ class LiveDecoder:
         Args:
             decoder: Decoder that stores the Gaussians.
             manifest: Current manifest.
-            complete_only: True to decode a block only if all its packets have arrived. False to decode incomplete
-                blocks, too. A block is a group of keyframe Gaussians that are coded together.
+            complete_only: True to decode only blocks whose packets have all arrived. False to also decode blocks with
+                missing packets. A block is a group of keyframe Gaussians that are coded together.
         """
         num_received = {
             block: sum(packet.num_elements for packet in self._packets_by_block[block])

@@ -129,8 +129,9 @@ class LiveIngest:
     def _next_frame(self) -> Frame | None:
         """Reads the next file of the queue, and returns its frame.
 
-        Returns None if the file cannot be used now. An unreadable file may be incomplete, and is tried again later. It
-        is skipped if it stays unreadable for too long. An unsuitable frame is skipped, too.
+        Returns None if the file cannot be used now. An unreadable file may be incomplete, and is tried again later. If
+        it stays unreadable for too long, it is skipped. A readable frame that does not fit the previous frames is
+        skipped at once.
         """
         path, now = self._queue[0], self._clock()
         signature = signature_at(path)

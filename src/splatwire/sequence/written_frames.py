@@ -163,7 +163,10 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
 
 
 def numbered(frames: Iterable[SequenceFrame]) -> Iterator[tuple[SequenceFrame, int]]:
-    """Yields each frame with a number for its file name, which increases even if the server restarts."""
+    """Yields each frame with a number for its file name.
+
+    The numbers keep increasing if the server restarts.
+    """
     # Even if the server restarts and counts its frames from 0 again, no file is overwritten.
     last, offset = -1, 0
     for frame in frames:

@@ -123,9 +123,9 @@ def code_logs(coder, row, source, base_exponents, precision_class, neighbours, c
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
 
     Returns:
-        Five integers: decoded logarithms of the largest scale, of the ratio of the largest to the second scale, of the
-        ratio of the second to the smallest scale, and of the opacity; and the moving average of residual magnitudes, in
-        16ths of a quantisation step.
+        Five integers. The first four are decoded logarithms: of the largest scale, of the ratio of the largest to the
+        second scale, of the ratio of the second to the smallest scale, and of the opacity. The fifth is the moving
+        average of residual magnitudes, in 16ths of a quantisation step.
     """
     s0 = elongation = companded = opacity = np.int64(0)
     residual_magnitude = np.int64(16)

@@ -216,8 +216,8 @@ def predict(neighbours, count, defaults):
         defaults: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
 
     Returns:
-        Context of the entropy coder for the Gaussian's precision class: 0 without neighbours, otherwise 1 plus twice
-        the mean precision class of the neighbours, rounded.
+        Context of the entropy coder for the Gaussian's precision class. The context is 0 without neighbours. With
+        neighbours, it is 1 plus twice their mean precision class, rounded.
     """
     indices, weights, values, means, deviations = (
         neighbours.indices,

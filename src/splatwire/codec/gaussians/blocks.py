@@ -166,7 +166,7 @@ def check_codes(used_bits: int, bits: int) -> None:
     """Raises ValueError if a position is outside of its bounding box.
 
     Args:
-        used_bits: Bitwise or of all coordinates, shifted right by the number of low bits that Morton codes omit.
+        used_bits: Bitwise or of all coordinates, without the low bits that Morton codes omit: these were shifted out.
         bits: Number of bits of a coordinate within the box.
     """
     if used_bits >> MAX_CELL_BITS:

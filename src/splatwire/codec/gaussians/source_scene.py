@@ -301,11 +301,13 @@ class SourceScene:
     def arranged(self, block: int, info: SideInfo, selection: slice | np.ndarray = slice(None)) -> BlockSource:
         """Returns a block's Gaussians as input of the encoding kernels, in the order in which packets are filled.
 
+        If quantisation makes all harmonics of a Gaussian 0, the result contains 0 in place of its transformed
+        harmonics.
+
         Args:
             block: Index of the spatial block.
             info: Side information with the bounding boxes, the transform of spherical harmonics and the quantisation
-                steps. If quantisation makes all harmonics of a Gaussian 0, the result contains 0 instead of the
-                transformed harmonics.
+                steps.
             selection: Gaussians to return, as a range or as indices in the order in which packets are filled; all by
                 default.
         """

@@ -30,8 +30,9 @@ a finer lattice, coefficients of fast motion exceed `layout.MAX_COEFFICIENT`, an
 Gaussian: this costs bytes, and its loss leaves a ghost (a stale Gaussian that is still drawn).
 """
 KEPT_UNITS = range(-3, 11)
-"""Lattice spacings of a new shot for which the unit of motion stays, log2 in units of motion. If the lattice is finer
-by more than 3 octaves, the smallest steps of motion (see `encoder.COARSER`) are finer than the unit.
+"""Lattice spacings of a new shot for which the unit of motion stays: log2 of half the spacing, in units of motion. If
+the lattice is finer by more than 3 octaves, the smallest steps of motion (see `encoder.COARSER`) are finer than the
+unit.
 """
 WARNED_COUNT, WARNED_SHARE = 64, 0.5
 """Warning of a lattice that is too coarse: minimum number, and minimum fraction, of the new Gaussians of a group that
@@ -120,9 +121,11 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information whose lattice spacing is the unit of motion in the current shot (see `shots`).
+        """Side information that determines the unit of motion in the current shot (see `shots`).
 
-        This is the side information of the current shot, or of an earlier shot with almost the same quantisation steps.
+        The unit of motion is half the lattice spacing of this side information.
+
+        It belongs to the current shot, or to an earlier shot with almost the same quantisation steps.
         """
         return self._references[-1]
 
@@ -142,8 +145,8 @@ class KeyframeEncoder:
 
         Args:
             rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
-            coarser: log2 of the ratio of the steps of motion to the steps of the keyframe Gaussian, for each kind of
-                channel, int64 (kinds).
+            coarser: For each kind of channel, log2 of the factor by which the quantisation steps of motion are larger
+                than those of the keyframe Gaussian, int64 (kinds).
         """
         info = self._infos[-1][1][-1]
         return motion_shifts(rows, info, coarser, spacing_of(info, self.reference))

@@ -48,8 +48,8 @@ class Shot:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         info: Side information of the shot's keyframe Gaussians.
-        motion_spacing: log2 of the ratio of this shot's unit of motion to that of the first shot. The motion of
-            positions is coded in this unit.
+        motion_spacing: log2 of the ratio of this shot's unit of motion to the unit of motion of the first shot. The
+            unit of motion is the unit in which the motion of positions is coded.
     """
 
     first_group: int
@@ -66,8 +66,8 @@ class SequenceInfo:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
         shots: Side information of the keyframe Gaussians, one object per shot; a scene cut may begin a new shot.
-        coarser: log2 of the ratio of the quantisation steps of motion to those of the keyframe Gaussian, by kind of
-            channel (position, rotation, scale, opacity, colour), int64 (kinds).
+        coarser: For each kind of channel (position, rotation, scale, opacity, colour), log2 of the factor by which the
+            quantisation steps of motion are larger than those of the keyframe Gaussian, int64 (kinds).
         bit_zero: Initial probability that a bit is 0, for each adaptive bit model of motion, out of 2**8, int64
             (contexts).
         sections: Named sections, content by name.
@@ -101,7 +101,7 @@ class SequenceInfo:
 
     @property
     def motion_spacings(self) -> np.ndarray:
-        """log2 of the ratio of each group's unit of motion to the unit of motion of the first group, int64 (groups)."""
+        """Unit of motion of each group: log2 of its ratio to the unit of motion of the first group, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)

@@ -17,8 +17,8 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
     Args:
         rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
         info: Side information of the keyframe Gaussians.
-        coarser: log2 of the ratio of the steps of motion to the steps of the keyframe Gaussian, for each kind of
-            channel, int64 (kinds).
+        coarser: For each kind of channel, log2 of the factor by which the quantisation steps of motion are larger than
+            those of the keyframe Gaussian, int64 (kinds).
         spacing: log2 of half the lattice spacing of `info`, relative to the unit in which the motion of positions is
             coded.
 

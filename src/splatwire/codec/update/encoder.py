@@ -59,8 +59,9 @@ def encode_update(
         The update: a stream with the new Gaussians and the mask of removed ones.
 
     Raises:
-        InvalidValueError: If the stream cannot be updated (see `check_base`), or the scene is empty, of another kind or
-            degree of spherical harmonics, or too far away for the lattice of positions.
+        InvalidValueError: If the stream cannot be updated (see `check_base`), or the new scene is empty. Also if the
+            new scene has another kind of elements, another degree of spherical harmonics, or positions beyond the range
+            of the stream's lattice.
     """
     return encode_change(base, scene, classes, threads).update
 

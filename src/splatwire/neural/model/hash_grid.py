@@ -57,7 +57,7 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(corners: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Computes the part of the table row index that each axis contributes, for each neighbouring grid point.
+    """Computes, for each neighbouring grid point, the part that each axis contributes to the index of its table row.
 
     Combining the parts of all axes gives the row of a grid point: by addition, or by XOR if grid points are hashed.
 

@@ -47,8 +47,8 @@ class AttributeBits:
     Attributes:
         features: Bits of each feature channel.
         scalings: Bits of each scaling.
-        offsets: Bits of each offset coordinate, also of masked-out offsets. Order: x, y, z of the first offset, then of
-            the second, and so on.
+        offsets: Bits of each offset coordinate. Masked-out offsets are included. Order: x, y, z of the first offset,
+            then of the second, and so on.
     """
 
     features: Float[Tensor, "M F"]

@@ -37,7 +37,7 @@ class Moments:
 
 @dataclass
 class GrowthStatistics:
-    """Statistics of anchors and offsets that decide which anchors are removed, and where anchors are added.
+    """Statistics of anchors and offsets, for deciding which anchors to remove and where to add anchors.
 
     Attributes:
         opacity_sum: Sum of the opacities of an anchor's Gaussians, over the views that saw the anchor.
