@@ -187,8 +187,8 @@ def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift
         coder: Entropy coder.
         kind: Kind of value; selects the context.
         deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
-        magnitude_class: Class of the mean magnitude of earlier residuals; selects the context. For opacity and the
-            largest scale, log2 of the quantisation step instead.
+        magnitude_class: Third index of the context. For opacity and the largest scale, it is log2 of the quantisation
+            step. For all other kinds of value, it is the class of the mean magnitude of earlier residuals.
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.

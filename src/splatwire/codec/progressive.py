@@ -171,7 +171,8 @@ class ProgressiveDecoder(Arrivals):
 
         Args:
             run: The new packets.
-            rows: Decoded integers of the packets; None if they are decoded again when needed.
+            rows: Decoded integers of the packets. None if the integers are not kept: the packets are then decoded again
+                when the integers are needed.
         """
         # Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
         # updated.

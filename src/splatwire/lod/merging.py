@@ -41,8 +41,9 @@ def reduce_gaussians(splats: Splats, count: int, mass: np.ndarray | None = None)
         mass: Result of `footprints` for these Gaussians; None to compute it.
 
     Returns:
-        The reduced Gaussians, kept ones first; the number of kept Gaussians; and the error: the area-weighted root mean
-        square distance between the centre of each Gaussian and that of its replacement, world units.
+        Three items: the reduced Gaussians, kept ones first; the number of kept Gaussians; and the error, world units.
+        The error is the root mean square distance between the centres of the Gaussians and the centres of their
+        replacements, weighted by `mass`.
     """
     mass = footprints(splats) if mass is None else mass
     kept = _num_unchanged(mass, count)

@@ -162,8 +162,8 @@ class PartialUpdates:
             splats: Gaussians of the new scene.
 
         Returns:
-            The receivers' versions, arbitrary for new Gaussians; mask of the Gaussians that receivers have; and mask of
-            those that were last sent with larger quantisation steps (class `COARSE_CLASS`).
+            Three items: the receivers' versions, arbitrary for new Gaussians; mask of the Gaussians that the receivers
+            have; and mask of the Gaussians that were last sent with larger quantisation steps (class `COARSE_CLASS`).
         """
         if splats.num_gaussians == self.newest.num_gaussians:
             return self.held, self.known.copy(), self.coarse.copy()

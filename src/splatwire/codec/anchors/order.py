@@ -96,8 +96,8 @@ def prepare_anchor_repack(
         *section_names: Names of the sections of side information that `coder` computes again for the new stream.
 
     Raises:
-        InvalidValueError: If the order of the anchors changes, and the stream has sections that depend on it. These are
-            all sections except the background and those in `section_names`.
+        InvalidValueError: If the order of the anchors changes, and the stream has sections that depend on this order.
+            All sections depend on the order, except the background and those in `section_names`.
     """
     # With any section except `section_names` and the background, the order of the anchors must not change.
     sections = sections_of(stream)

@@ -225,8 +225,8 @@ class TracksEncoder:
         Gaussian.
 
         Returns:
-            Index of each track in the stream, -1 for new tracks, int64 (n); masks of tracks that need a new keyframe
-            Gaussian and of moving tracks, bool (n); and the motion of the tracks.
+            Four items: index of each track in the stream, -1 for new tracks, int64 (n); mask of the tracks that need a
+            new keyframe Gaussian, bool (n); mask of the moving tracks, bool (n); and the motion of the tracks.
         """
         count, frames = len(group.keys), group.moves.num_frames
         fitting, self._fitting = self._fitting, None

@@ -48,9 +48,9 @@ def decode_motion(
         first_new: Index in the stream of the first track that begins in the group.
 
     Returns:
-        Headers of the n tracks of all packets, int64 (n, fields); prediction residuals of the motion of these tracks,
-        int32 (n, channels * frames); and the number of coefficients per channel in each packet, for each kind of
-        channel, int64 (packets, kinds).
+        Three arrays. The first has the headers of the n tracks of all packets, int64 (n, fields). The second has the
+        prediction residuals of the motion of these tracks, int32 (n, channels * frames). The third has, for each packet
+        and kind of channel, the number of coefficients per channel, int64 (packets, kinds).
     """
     frames = len(info.timeline.frames_of(group))
     data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()

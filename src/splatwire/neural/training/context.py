@@ -323,8 +323,8 @@ def _channel_likelihood(
         step: Quantisation step of the features.
 
     Returns:
-        Probability of each feature; and logit of the weight of this probability in the mixture with the probability
-        that the prior network predicts.
+        Probability of each feature according to the channel networks; and logit of the weight of this probability. The
+        final probability is a mixture of this one and the one that the prior network predicts.
     """
     # Each network predicts a group of feature channels from the previous groups and the output of the prior
     # network.

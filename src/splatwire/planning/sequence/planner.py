@@ -41,7 +41,7 @@ class SequencePlan(Plan):
     """Encoding and redundancy of a sequence as chosen by the planner, with the expected quality.
 
     Attributes:
-        unprotected: Mean PSNR after losses of the best plan without parity, for comparison, decibels.
+        unprotected: For comparison: mean PSNR after losses if the best plan without parity is used, decibels.
         parity_bytes: Bytes of parity for motion.
     """
 

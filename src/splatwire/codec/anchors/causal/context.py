@@ -152,8 +152,8 @@ def position_activations(voxels: np.ndarray, middle: np.ndarray, extent: np.ndar
         extent: Extent of the scene, voxels, above 0, int64 (3).
 
     Returns:
-        Network inputs in fixed point: whole numbers in units of `2**-ACTIVATION_BITS`, stored as float64
-        (n, 3 (1 + octaves)) for the octaves of the positional encoding.
+        Network inputs in fixed point: whole numbers in units of `2**-ACTIVATION_BITS`, float64 (n, 3 (1 + octaves)),
+        where `octaves` is the number of octaves of the positional encoding.
     """
     # The contraction compresses coordinates far from the centre. The encoding consists of triangle waves with doubling
     # frequencies.

@@ -99,7 +99,7 @@ def _sampled(
 
 
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
-    """Returns the tolerated error of each network output from the quantisation of the network's weights.
+    """Returns, for each output of a network, the error that quantisation of the network's weights may cause.
 
     Args:
         name: Name of the network.

@@ -215,8 +215,9 @@ def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[
         voxels: Positions of the anchors, voxels, int64 (n, 3).
 
     Returns:
-        Outputs of the position network, float64 (n, outputs); predicted means in quantisation steps, and binary
-        logarithms of the standard deviations, int32 (n, attributes) each, with 16 fractional bits.
+        Three arrays: outputs of the position network, float64 (n, outputs); predicted means in quantisation steps,
+        int32 (n, attributes); and binary logarithms of the predicted standard deviations, int32 (n, attributes). The
+        second and the third array have 16 fractional bits.
     """
     # The causal model predicts some attributes from others. Here, its networks get the predicted means of these. The
     # standard deviations do not include the uncertainty of these means.

@@ -76,7 +76,7 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 
 
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
-    """Returns the tolerated error of each output of the prior network from the quantisation of the network's weights.
+    """Returns, for each output of the prior network, the error that quantisation of the network's weights may cause.
 
     The errors are chosen so that each output costs about the same number of additional bits. Only their ratios matter,
     because the caller multiplies all of them by one factor.
