@@ -64,9 +64,9 @@ class Sketch(Protocol):
 
     Attributes:
         num_sketched: Number of elements that have a coarse copy.
-        growth: Parameters of the enlargement: one exponent for anchors, or two for explicit Gaussians (size and
-            opacity). The last value is the weight of a neural network that corrects the enlargement, 0 (no correction)
-            to 1.
+        growth: Parameters of the enlargement: first the exponents, then the weight of a neural network that corrects
+            the enlargement, 0 (no correction) to 1. Anchors have one exponent, explicit Gaussians have two (size and
+            opacity).
         growths: Candidates for the exponents, the default first.
         trusts: Candidates for the weight of the network, 0 to 1, the default first.
     """

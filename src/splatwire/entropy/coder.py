@@ -104,7 +104,7 @@ def fresh_models(num_contexts: int) -> np.ndarray:
         num_contexts: Number of models. Each context of a bit has a separate model.
 
     Returns:
-        Two estimates of the probability that a bit is 0, for each context, in units of 2**-16, int64 (contexts, 2).
+        For each context, two estimates of the probability that a bit is 0, in units of 2**-16, int64 (contexts, 2).
     """
     # One estimate adapts slowly, one fast.
     return np.full((num_contexts, 2), 32768, dtype=np.int64)

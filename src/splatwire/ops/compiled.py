@@ -263,7 +263,9 @@ def _collect_constants(module: str, constants_by_module: dict[str, list[str]]) -
 
 @functools.cache
 def private_folder() -> Path | None:
-    """Returns a temporary folder for compiled code that only this user can write to, the same for all processes.
+    """Returns a temporary folder for compiled code, to which only this user can write.
+
+    All processes of the user get the same folder.
 
     Returns:
         The folder, or None if no safe one is available.
