@@ -338,6 +338,19 @@ def test_deadline_that_passes_before_all_arrived_is_no_success(stream_file, tmp_
     assert len(read_stream(target)[0].packets) == len(read_stream(stream_file)[0].packets) - 1
 
 
+@pytest.mark.parametrize("scheme", ["udp", "quic"])
+def test_waiting_for_a_live_stream_that_has_not_begun_is_reported_once(scheme: str, tmp_path: Path, capsys):
+    """A live server without a frame; the receiver obeys its deadline."""
+    words = ["live", str(tmp_path), "--port", "0", "--json", *(["--quic"] if scheme == "quic" else [])]
+    with server_process([sys.executable, "-m", "splatwire", *words]) as facts:
+        url = f"{scheme}://127.0.0.1:{facts['port']}"
+        trust = ["--insecure"] if scheme == "quic" else []
+        assert call("receive", url, "-o", str(tmp_path / "a.swz"), "--deadline", "1500ms", *trust) == 2
+    error = capsys.readouterr().err
+    assert error.count("splatwire: warning: the stream has not begun; waiting for its data\n") == 1
+    assert "no scene arrived (deadline: the stream has not begun)" in error
+
+
 @pytest.mark.parametrize(
     ("reason", "live", "missed", "complete"),
     [

@@ -1,21 +1,24 @@
 """A transfer survives an outage, an address change of its client, and a server restart."""
 
 import heapq
+import logging
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 
 from splatwire.bitstream import PacketId, make_packet
+from splatwire.bitstream.view import Viewpoint
 from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, StreamReplaced, make_served_stream
 from splatwire.transport.protocol import nack
 from splatwire.transport.protocol.events import Finished, Interrupted, Resumed
 from splatwire.transport.protocol.gap_tracker import MAX_GAPS, GapTracker
 from splatwire.transport.protocol.messages import Data, End, Feedback, ParityRange, Welcome
 from splatwire.transport.protocol.protection import Protection
-from splatwire.transport.protocol.wire import decode, encode
-from transport.network import SECRET, datagram_stream
+from splatwire.transport.protocol.wire import SMALL_MTU, decode, encode
+from transport.network import SECRET, Link, bernoulli, datagram_stream, transfer
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 STREAM = datagram_stream()
@@ -248,6 +251,58 @@ def test_path_that_passes_only_small_datagrams_gives_a_message():
     receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
     assert "MTU" in receiver.finished.reason
     assert path.now < 15.0
+
+
+@pytest.mark.parametrize(("rate", "begins"), [(250_000.0, 0.6), (60_000.0, 3.0)])
+def test_path_whose_mtu_falls_in_mid_transfer_is_named_at_both_ends(rate, begins, caplog):
+    """The datagrams of packets are lost from then on, in the second case until the receiver gives up."""
+    path = Path(serving(limits=ServerLimits(fixed_rate=rate)))
+    path.plan = [(begins, lambda: setattr(path, "most_bytes", 900))]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
+    assert receiver.finished == Finished(f"only small datagrams arrive: {SMALL_MTU}", True)
+    assert 0 < receiver.collector.num_packets < len(STREAM.packets)
+    assert path.now < begins + 8.0
+    lines = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
+    assert len(lines) == 1
+    assert lines[0].startswith("nothing arrives client=")
+    assert SMALL_MTU in lines[0]
+    assert not any(isinstance(event, Interrupted) for event in path.events)
+
+
+@pytest.mark.parametrize("loss", [0.3, 0.5])
+def test_lossy_path_is_not_taken_for_a_small_mtu(loss, caplog):
+    rng = random.Random(3)
+    for protection in (Protection(), Protection(retransmit_share=0.0)):
+        stalled = transfer(PROGRAM if protection == Protection() else STREAM, protection=protection,
+                           down=Link(bernoulli(loss, rng)), up=Link(bernoulli(loss, rng)))  # fmt: skip
+        assert "MTU" not in stalled.receiver.finished.reason
+    assert not [record for record in caplog.records if "MTU" in record.getMessage()]
+
+
+def test_idle_view_over_a_lossy_path_is_not_taken_for_a_small_mtu():
+    now = 0.1
+    welcome = Welcome(5, 1, 9, 1000, b"a" * 32, 256, 60, 1150, 0, (ParityRange(60, 0, 0),), b"", False, True)
+    viewer = Receiver(
+        5, 0.0, ReceiverOptions(viewpoint=Viewpoint(np.eye(4), 200.0, 320, 240), keep_open=True), reliable=True
+    )
+    viewer.receive(encode(welcome), now)
+    viewer.receive(encode(Data(1, 0, 0, make_packet(PacketId(0, 0), 1, b"", 9).data)), now)
+    for number in range(1, 400, 3):
+        now += 1.0
+        viewer.receive(encode(End(1, number)), now)
+        viewer.poll(now)
+    assert viewer.finished is None
+
+
+def test_rate_far_above_the_link_is_named_at_both_ends(caplog):
+    down = Link(rate=40_000.0)
+    result = transfer(PROGRAM, down=down, limits=ServerLimits(fixed_rate=2e6), options=ReceiverOptions(deadline_s=3.0))
+    assert result.receiver.finished.reason == "deadline"
+    text = result.receiver.describe_missing()
+    assert "% of the datagrams were lost: a server with --rate may send faster than the path carries" in text
+    (line,) = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
+    assert line.startswith("rate too high client=")
+    assert "without --rate, the server adapts" in line
 
 
 @pytest.mark.parametrize("is_live", [True, False])

@@ -1,6 +1,7 @@
 """Common code of `receive` and `view`: receives over UDP, QUIC or Media over QUIC, and checks certificates."""
 
 import asyncio
+import sys
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
@@ -13,6 +14,7 @@ from splatwire.transport import Receiver
 from splatwire.transport.address import Address
 from splatwire.transport.moq.publisher import RelayTrust, need_moq
 from splatwire.transport.moq.receiver import receive_relayed
+from splatwire.transport.protocol.events import Event, NotBegun
 from splatwire.transport.quic.installed import need_aioquic
 from splatwire.transport.udp import receive_udp
 
@@ -47,6 +49,16 @@ def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
     quic = _quic_functions()
     trust = quic.trust_of(trusted)
     return lambda options, on_event, **more: quic.receive_quic(address, options, trust, on_event, **more)
+
+
+def print_waiting(event: Event) -> None:
+    """Prints a warning on standard error if an event reports that a stream has not begun; a receiver reports it once.
+
+    Args:
+        event: Event of a receiver.
+    """
+    if isinstance(event, NotBegun):
+        print("splatwire: warning: the stream has not begun; waiting for its data", file=sys.stderr, flush=True)
 
 
 def _quic_functions() -> ModuleType:

@@ -17,7 +17,7 @@ from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.cli._files import output_path, prepared_output, read_report_json
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
-from splatwire.cli._receiving import canceling_on_signals, transfer_of
+from splatwire.cli._receiving import canceling_on_signals, print_waiting, transfer_of
 from splatwire.cli._signals import StoppedError
 from splatwire.cli._terminal import print_failure
 from splatwire.cli.receive import Receive
@@ -111,7 +111,8 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
         nonlocal num_written
 
         async def fetch(name: str) -> Receiver:
-            return await transfer(replace(options, name=name), None, stop=stop)
+            on_event = print_waiting if name == address.name else None
+            return await transfer(replace(options, name=name), on_event, stop=stop)
 
         async for stream in decoding.follow(fetch, address.name, print_warning):
             with _output(command) as path, progress_bars() as show:
@@ -256,6 +257,7 @@ class TransferTimes:
             event: The event.
             show: Called with the name of the task and the received share of the packets, 0 to 1.
         """
+        print_waiting(event)
         match event:
             case Welcomed():
                 self._expected = max(event.num_packets, 1)

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import sys
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from splatwire.api.following import updates_after
@@ -15,13 +15,13 @@ from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import input_path, stream_name
 from splatwire.cli._listening import check_port, stop_on_signals
 from splatwire.cli._output import print_json, print_summary
-from splatwire.cli._receiving import transfer_of
+from splatwire.cli._receiving import print_waiting, transfer_of
 from splatwire.cli.view import View
 from splatwire.codec.update.chain import MAX_UPDATES
 from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
 from splatwire.data import load_cameras
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
-from splatwire.transport import Receiver, ReceiverOptions, ServedStream
+from splatwire.transport import Event, Receiver, ReceiverOptions, ServedStream
 from splatwire.transport.address import parse_url, without_token
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
@@ -165,7 +165,15 @@ def _create_relay(command: View) -> Relay:
     address = parse_url(command.stream)
     transfer = transfer_of(command.trust, address)
     options = ReceiverOptions(name=address.name, scene_token=address.token)
-    return Relay(without_token(command.stream), lambda on_event: transfer(options, on_event))
+
+    async def receive(on_event: Callable[[Event], None]) -> Receiver:
+        def report(event: Event) -> None:
+            print_waiting(event)
+            on_event(event)
+
+        return await transfer(options, report)
+
+    return Relay(without_token(command.stream), receive)
 
 
 def _warn_of_missing(url: str, relay: Relay) -> None:

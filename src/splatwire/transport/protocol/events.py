@@ -40,6 +40,11 @@ class Welcomed:
 
 
 @dataclass(frozen=True)
+class NotBegun:
+    """The server has no data of the stream, such as before the first frame of a live sequence. The receiver waits."""
+
+
+@dataclass(frozen=True)
 class SideInfoArrived:
     """Manifest and side information are complete; the scene can be decoded from now on.
 
@@ -108,4 +113,4 @@ class Finished:
     ok: bool
 
 
-Event = Welcomed | SideInfoArrived | PacketArrived | StreamReplaced | Interrupted | Resumed | Finished
+Event = NotBegun | Welcomed | SideInfoArrived | PacketArrived | StreamReplaced | Interrupted | Resumed | Finished

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 from splatwire.transport.protocol.messages import Feedback
 
+MIN_LARGE_BYTES = 600
+"""Minimum size of a large datagram, bytes."""
 MAX_LOGGED_DATAGRAMS = 8192
 """Number of sending times that are stored, those of the latest datagrams."""
 
@@ -42,17 +44,26 @@ class FeedbackTracker:
     def __init__(self) -> None:
         self.sequence = 0
         self._num_bytes = self._clock = 0
-        self._times: deque[tuple[int, float]] = deque(maxlen=MAX_LOGGED_DATAGRAMS)
+        self._times: deque[tuple[int, float, int]] = deque(maxlen=MAX_LOGGED_DATAGRAMS)
         self._last: Feedback | None = None
+        self._num_large = self._num_large_reported = 0
 
     @property
     def has_unreported(self) -> bool:
         """True if datagrams were sent after the latest datagram that the receiver has reported."""
         return self.sequence - 1 > (self._last.largest if self._last else -1)
 
+    @property
+    def reported(self) -> tuple[int, int, int]:
+        """Numbers of datagrams up to the latest reported one: sent ones, received ones, and sent large ones."""
+        return (
+            (0, 0, 0) if self._last is None else (self._last.largest + 1, self._last.received, self._num_large_reported)
+        )
+
     def on_sent(self, num_bytes: int, now: float) -> None:
         """Records the time (seconds) and the size of a datagram that is being sent."""
-        self._times.append((self.sequence, now))
+        self._num_large += num_bytes >= MIN_LARGE_BYTES
+        self._times.append((self.sequence, now, self._num_large))
         self.sequence += 1
         self._num_bytes += num_bytes
 
@@ -78,6 +89,8 @@ class FeedbackTracker:
         while times and times[0][0] < message.largest:
             times.popleft()
         self._last = message
+        if times and times[0][0] == message.largest:
+            self._num_large_reported = times[0][2]
         if not times or times[0][0] != message.largest or last is None:
             return None
         sent, arrived = message.largest - last.largest, message.received - last.received

@@ -3,6 +3,7 @@
 The caller passes received datagrams and the time, and gets datagrams to send and events.
 """
 
+import itertools
 import math
 
 from splatwire.arguments import checked
@@ -14,6 +15,7 @@ from splatwire.transport.protocol.events import (
     Event,
     Finished,
     Interrupted,
+    NotBegun,
     PacketArrived,
     Resumed,
     SideInfoArrived,
@@ -44,7 +46,7 @@ from splatwire.transport.protocol.messages import (
 from splatwire.transport.protocol.nack import MAX_NACK_ATTEMPTS, NackTracker
 from splatwire.transport.protocol.receive_state import ReceiveState
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
-from splatwire.transport.protocol.wire import MAX_DATAGRAM, decode, encode
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, SMALL_MTU, decode, encode
 
 CONNECT_TIMEOUT_S = 10.0
 """Time after which an unanswered handshake fails, seconds."""
@@ -62,7 +64,6 @@ MISSING_STREAM = 1
 """Index in `datagrams.REFUSALS` of the refusal that the requested stream does not exist."""
 ATTEMPT_TIMEOUT_S = 4.0
 """Time after which a connection attempt gets a new nonce, seconds: a server starts only one transfer per nonce."""
-SMALL_MTU = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
 NO_UDP = "nothing seems to serve UDP there (`serve` with --page or --quic has a quic:// address)"
 NO_QUIC = "nothing seems to serve QUIC there (`serve` without --page and --quic has a udp:// address)"
 FEEDBACK_INTERVAL_S = 0.02
@@ -94,7 +95,16 @@ MAX_FRUITLESS_ENDS = 25
 """Number of consecutive `End` datagrams without data, despite NACKs, from which the receiver concludes that the server
 will not retransmit (`Protection.retransmit_share`). The server sends ten per second, so round-trip times up to 2.5 s
 are covered.
+Also the number of small datagrams without data after which the path is taken to drop large ones.
 """
+SUSPECT_ENDS, MAX_SMALL_NACKS = 5, 100
+"""Number of consecutive `End` datagrams without data from which on reports are small, and their maximum number of
+NACKs. The path may drop large datagrams in both directions.
+"""
+MAX_LOST_RATIO = 2
+"""Maximum number of lost datagrams for each small one that arrives; beyond it, the path is taken to drop large ones."""
+MIN_LOSS, MIN_LOSS_DATAGRAMS = 0.4, 100
+"""Minimum share of lost datagrams, and minimum number of sent ones, for a message that many are lost."""
 
 
 class Receiver(ReceiveState):
@@ -123,7 +133,9 @@ class Receiver(ReceiveState):
         )
         self._attempt: HandshakeAttempt | None = self._last_attempt
         self._refusal = ""
-        self._connected = False
+        self._connected = self._has_begun_waiting = False
+        self._num_sent_before = self._num_received_before = 0
+        self._largest_sequence, self._num_received = -1, 0
         self._view: View | None = None
         self._viewpoint: tuple[Viewpoint, int] | None = None
         self._moved_at = -math.inf
@@ -247,6 +259,23 @@ class Receiver(ReceiveState):
         if not self._connected:
             self._connected, self._connecting_since = True, now
 
+    def describe_missing(self) -> str:
+        """Returns a message about missing data and their cause, or an empty text before the server's response."""
+        if self._welcome is None:
+            return "the stream has not begun" if self._has_begun_waiting else ""
+        sent, received = (
+            self._num_sent_before + self._largest_sequence + 1,
+            self._num_received_before + self._num_received,
+        )
+        text = super().describe_missing()
+        cut_off = self.finished is not None and SMALL_MTU in self.finished.reason
+        if cut_off or sent < MIN_LOSS_DATAGRAMS or received > (1 - MIN_LOSS) * sent:
+            return text
+        return (
+            f"{text}; {1 - received / sent:.0%} of the datagrams were lost: a server with --rate may send faster than "
+            "the path carries, without --rate it adapts"
+        )
+
     def stop(self, reason: str = "stopped") -> tuple[list[bytes], list[Event]]:
         """Ends the transfer and keeps all received data.
 
@@ -296,7 +325,9 @@ class Receiver(ReceiveState):
         if reason == NOT_YET:
             self._connecting_since = now
             attempt.on_refusal(now, RETRY_S if now - self._began_at < FAST_RETRY_PERIOD_S else WAIT_S)
-            return [], []
+            events: list[Event] = [] if self._has_begun_waiting else [NotBegun()]
+            self._has_begun_waiting = True
+            return [], events
         self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
         if reason == OTHER_TRANSPORT:
             wrong, right = ("quic", "udp") if self._reliable else ("udp", "quic")
@@ -337,9 +368,14 @@ class Receiver(ReceiveState):
 
     def _begin_session(self, now: float) -> None:
         """Resets counters and timers for the datagrams of a new transfer."""
+        if self._welcome is not None:
+            self._num_sent_before += self._largest_sequence + 1
+            self._num_received_before += self._num_received
         self._largest_sequence, self._num_received, self._largest_arrived_at = -1, 0, now
         self._nack_tracker, self._gaps = NackTracker(), GapTracker()
-        self._view_repeats, self._fruitless_ends = 0, 0
+        self._view_repeats, self._fruitless_ends, self._num_notices = 0, 0, 0
+        self._largest_datagram = 0
+        self._before_ends = 0, 0
         self._progress, self._progress_at = (0, 0), now
         self._ended_at: float | None = None
         if self._collector is not None:
@@ -367,6 +403,9 @@ class Receiver(ReceiveState):
 
     def _on_further_welcome(self, before: Welcome, message: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes new sizes of a live stream, or the start of the next stream, during a transfer."""
+        if message == before._replace(preview=b"") and not before.is_live:  # the server's data do not arrive
+            self._heard_at, self._num_notices = now, self._num_notices + 1
+            return [], []
         follows = message.stream_id not in (before.stream_id, self._stream_before)
         grows = message.stream_id == before.stream_id and message.num_packets >= before.num_packets
         if not (message.session == before.session and before.is_live and (grows or follows)):
@@ -413,7 +452,10 @@ class Receiver(ReceiveState):
                 events += [PacketArrived(packet, True) for packet in self._collector.add_parity(message)]
             case End():
                 self._ended_at = now if self._ended_at is None else self._ended_at
+                if not self._fruitless_ends:
+                    self._before_ends = self._largest_sequence, self._num_received
                 self._fruitless_ends += 1
+        self._num_notices = 0
         if not isinstance(message, End):
             self._fruitless_ends = 0
             self._ended_at = None if self._viewing else self._ended_at
@@ -475,7 +517,7 @@ class Receiver(ReceiveState):
         unlimited = self._welcome.is_live or self.options.keep_open
         if not unlimited and self._heard_at - self._progress_at > MAX_FRUITLESS_S:
             return "the server sends nothing new"
-        if self._fruitless_ends >= MAX_FRUITLESS_ENDS and self._is_cut_off:
+        if self._is_cut_off:
             return f"only small datagrams arrive: {SMALL_MTU}"
         ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.is_live
         if self._viewing:
@@ -510,6 +552,13 @@ class Receiver(ReceiveState):
         """True if only small datagrams have arrived, probably because the path drops large ones (MTU)."""
         assert self._welcome is not None
         assert self._collector is not None
+        if self._num_notices >= MAX_FRUITLESS_ENDS:  # the server's data do not arrive, but its notices do
+            return True
+        if self._fruitless_ends < MAX_FRUITLESS_ENDS:
+            return False
+        sent, received = self._largest_sequence - self._before_ends[0], self._num_received - self._before_ends[1]
+        if not self._viewing and sent - received > MAX_LOST_RATIO * received:  # retransmissions, but no `End`
+            return True
         return self._collector.highest < 0 and self._largest_datagram < min(
             MAX_DATAGRAM // 2, self._welcome.packet_bytes
         )
@@ -554,4 +603,6 @@ class Receiver(ReceiveState):
         if self._ended_at is not None:
             stop = self._welcome.num_packets
         missing = self._collector.missing(max(start, self._nack_tracker.exhausted), max(stop, 0))
+        if self._fruitless_ends >= SUSPECT_ENDS:
+            missing = itertools.islice(missing, MAX_SMALL_NACKS)
         return tuple(self._nack_tracker.due(missing, now)), ()

@@ -40,7 +40,7 @@ from splatwire.transport.protocol.send_queue import ViewUpdateBudget
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.server_limits import ServerLimits
 from splatwire.transport.protocol.token import TokenMint
-from splatwire.transport.protocol.transfer import ServerTransfer
+from splatwire.transport.protocol.transfer import PROBLEMS, ServerTransfer
 from splatwire.transport.protocol.wire import (
     TO_SERVER,
     decode,
@@ -384,7 +384,17 @@ class Server:
                 self._transfers[key].on_viewpoint(message, self._view_budget, now)
             case Feedback():
                 self._transfers[key].feedback(message, now)
+                for problem in self._transfers[key].new_problems():
+                    self._log_problem(key, problem)
         self._schedule(key)
+
+    def _log_problem(self, key: Key, problem: str) -> None:
+        """Logs a problem of the path to a client, with advice; once for each transfer."""
+        transfer = self._transfers[key]
+        log_event(
+            LOG, logging.WARNING, problem, client=network_text(self._networks[key]), session=transfer.session,
+            lost=round(transfer.lost_share, 3), advice=PROBLEMS[problem],
+        )  # fmt: skip
 
     def _schedule(self, key: Key) -> None:
         """Schedules the next datagram of a transfer, or ends the transfer if its limits are reached."""

@@ -3,6 +3,7 @@
 The caller passes feedback and the time, and gets datagrams to send.
 """
 
+import math
 from collections import deque
 from collections.abc import Iterator
 
@@ -20,6 +21,7 @@ from splatwire.transport.protocol.wire import (
     DATA_OVERHEAD,
     INIT_SYMBOL,
     INIT_SYMBOL_OVERHEAD,
+    SMALL_MTU,
     WELCOME,
     encode,
     encode_data,
@@ -46,6 +48,26 @@ MAX_SEQUENCE = (1 << 32) - 1
 """Maximum sequence number of a datagram (32 bits): enough for 23 days of a live sequence at 20 Mbit/s."""
 MAX_TOKEN_AGE_S = 1.0
 """Maximum age of a client's token at which packets are sent before the first feedback, seconds."""
+NOTICE_AFTER_S, NOTICE_INTERVAL_S = 1.0, 0.1
+"""Time without a received datagram despite reports, seconds, after which the server sends small datagrams (a welcome
+without preview), and their interval. If only these arrive, the path drops large datagrams.
+"""
+MIN_UNREPORTED = 8
+"""Number of lost large datagrams from which on these small ones are sent, or a problem of the path is logged."""
+MIN_NOTICES = 20
+"""Number of these small datagrams after which the log says that nothing arrives."""
+MIN_SMALL_ARRIVED = 10
+"""Number of small datagrams that arrive one after another while all large ones are lost, from which on the path is
+taken to drop large datagrams.
+"""
+MIN_LOSS, MIN_LOSS_DATAGRAMS = 0.5, 500
+"""Minimum share of lost datagrams, and minimum number of reported ones, for the log line about a high rate."""
+PROBLEMS = {
+    "only small datagrams arrive": SMALL_MTU,
+    "nothing arrives": f"the client's reports do; perhaps {SMALL_MTU}",
+    "rate too high": "without --rate, the server adapts to the path",
+}
+"""Advice for the log about each problem of a path."""
 FEEDBACK_TIMEOUT_S = 1.0
 """Time without feedback after which sending is suspended, seconds. Receivers report 50 times per second."""
 
@@ -90,11 +112,19 @@ class ServerTransfer:
         self._init_segment_sent_at: float | None = None
         self._end_at, self._num_ends = 0.0, 0
         self._welcomed_at, self._num_welcomes = -WELCOME_INTERVAL_S, 0
+        self._arrived_at, self._notice_at = now, -math.inf
+        self._reported_before = 0, 0, 0
+        self._num_small_arrived = self._num_large_lost = self._num_notices = 0
+        self._problems, self._returned_problems = set[str](), set[str]()
         self._max_bytes = SPARE_BYTES
         self._raise_byte_limit(0)
 
-    def welcome(self) -> bytes:
-        """Returns the datagram that accepts the client's request and declares the sizes of the stream."""
+    def welcome(self, *, preview: bool = True) -> bytes:
+        """Returns the datagram that accepts the client's request and declares the sizes of the stream.
+
+        Args:
+            preview: False to leave the preview out, for a small datagram.
+        """
         stream = self.stream
         leading = (
             self.nonce,
@@ -111,7 +141,7 @@ class ServerTransfer:
                 stream.packet_bytes,
                 stream.num_bundled,
                 stream.parity_ranges,
-                stream.preview,
+                stream.preview if preview else b"",
                 stream.is_live,
                 stream.viewable,
             )
@@ -219,6 +249,11 @@ class ServerTransfer:
             self._has_feedback = self._may_send_opening = False
             return None
         self._slow_down(now)
+        if self._may_notice(now):
+            self._notice_at, self._num_notices = now, self._num_notices + 1
+            if self._num_notices >= MIN_NOTICES:
+                self._problems.add("nothing arrives")
+            return self._record_sent(self.welcome(preview=False), now, counted=False)
         if self._retransmissions:
             item = self._retransmissions.popleft()
             self._on_retransmitted(item, now)
@@ -259,10 +294,51 @@ class ServerTransfer:
         self.heard_at, self._has_feedback, self._reported = now, True, True
         if self._feedback_tracker.is_plausible(message):
             measured = self._feedback_tracker.on_feedback(message, now)
+            self._check_arrivals(now)
             if measured is not None:
                 self.control.on_feedback(now, *measured)
                 self._pacer.rate = self._limits.fixed_rate or self.control.rate
         self._queue_retransmissions(message, now)
+
+    def new_problems(self) -> list[str]:
+        """Returns the problems of the path that were found since the last call, keys of `PROBLEMS`; each once."""
+        new = sorted(self._problems - self._returned_problems)
+        self._returned_problems |= self._problems
+        return new
+
+    @property
+    def lost_share(self) -> float:
+        """Share of the reported datagrams that were lost, 0 to 1."""
+        sent, received, _ = self._feedback_tracker.reported
+        return 1 - min(received, sent) / sent if sent else 0.0
+
+    def _check_arrivals(self, now: float) -> None:
+        """Finds out from a new report if the path drops large datagrams, or loses most at a fixed rate."""
+        reported = sent, _, _ = self._feedback_tracker.reported
+        num_sent, num_received, num_large = (
+            after - before for after, before in zip(reported, self._reported_before, strict=True)
+        )
+        self._reported_before = reported
+        if num_received > 0:
+            self._arrived_at, self._num_notices = now, 0
+        # An `End` is small and arrives, while the retransmissions between two of them are lost.
+        if num_received != num_sent - num_large:
+            self._num_small_arrived = self._num_large_lost = 0
+        elif num_large:
+            self._num_large_lost += num_large if self._num_small_arrived else 0
+            self._num_small_arrived += num_received
+        if self._num_small_arrived >= MIN_SMALL_ARRIVED and self._num_large_lost >= MIN_UNREPORTED:
+            self._problems.add("only small datagrams arrive")
+        if self._limits.fixed_rate and sent >= MIN_LOSS_DATAGRAMS and self.lost_share > MIN_LOSS:
+            self._problems.add("rate too high")
+
+    def _may_notice(self, now: float) -> bool:
+        """True if a small datagram is due that shows that the server's data do not arrive."""
+        num_unreported = self._feedback_tracker.sequence - self._feedback_tracker.reported[0]
+        if self.stream.is_live or not self._reported or num_unreported < MIN_UNREPORTED:
+            return False
+        stalled = min(now - self._arrived_at, now - self.began_at) > NOTICE_AFTER_S
+        return stalled and now - self._notice_at >= NOTICE_INTERVAL_S
 
     def _slow_down(self, now: float) -> None:
         """Reduces the sending rate if the client's feedback is overdue."""

@@ -16,9 +16,9 @@ from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.address import Address
 from splatwire.transport.protocol.events import Event
 from splatwire.transport.protocol.messages import OTHER_TRANSPORT, Refuse
-from splatwire.transport.protocol.receiver import NO_QUIC, SMALL_MTU, Receiver
+from splatwire.transport.protocol.receiver import NO_QUIC, Receiver
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
-from splatwire.transport.protocol.wire import decode
+from splatwire.transport.protocol.wire import SMALL_MTU, decode
 from splatwire.transport.quic.certificate import check_authority, check_fingerprint, fingerprint
 from splatwire.transport.quic.common import (
     ALPN,
