@@ -33,7 +33,7 @@ def save_scene(scene: Scene, path: Path, *, loss_mask: LossMask | None = None) -
     """Writes a scene file atomically; equal scenes give equal bytes.
 
     Args:
-        scene: The scene, with results of loss concealment.
+        scene: The scene. Its results of loss concealment (`hints`) are written, too.
         path: Path of the file; its folder must exist.
         loss_mask: Mask of the received attributes, for information; None if the scene was never transmitted.
 

@@ -47,7 +47,9 @@ def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path
 
 
 def _system_error(error: SafetensorError, path: Path) -> OSError:
-    """Converts an error of safetensors to the operating system's error (such as a full disk) that its text states.
+    """Converts an error of safetensors to OSError.
+
+    If the text of the error states an error of the operating system, such as a full disk, the result is that error.
 
     Args:
         error: Error of safetensors.

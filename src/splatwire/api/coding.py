@@ -52,9 +52,10 @@ class AnchorOptions(CheckedFields):
     Attributes:
         packetization: Division into packets, or the name of a preset such as `paper`; None for the default.
         tiers: Importance tier of each anchor, 0 for the most important, whole numbers (N); None for one tier.
-        noise: Tolerated error of the context model's predictions after its weights are rounded, as a share of the
-            predicted standard deviations: 0.1 tolerates a tenth. Larger values give less side information (data that
-            all packets need) and larger packets. None for the default.
+        noise: Tolerance for rounding the weights of the context model. Rounding changes the predictions of the model.
+            The value is the tolerated change as a share of the predicted standard deviations, such as 0.1 for a tenth.
+            Larger values give less side information (data that all packets need) and larger packets. None for the
+            default.
     """
 
     packetization: Packetization | str | None = None

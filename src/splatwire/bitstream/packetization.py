@@ -46,7 +46,7 @@ class Packetization:
 
     Attributes:
         block_size: Maximum number of elements of a spatial block.
-        lanes: Number of packets of each block.
+        lanes: Number of packets of each block. With the grouping `hashed`, the value is 1 and has no meaning.
         seed: Seed of the hash that assigns elements to packets, 64 bits.
         order: Coding order of the anchors: `morton` (Z-order) or `raster` (z, then y, then x, as in HAC++).
         grouping: Assignment of the elements of a block to packets: `stratified` (by hash), `contiguous` (consecutive

@@ -106,7 +106,9 @@ def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
 
 @checked
 def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
-    """Adds data for a loss concealer to a stream's side information, as a named section; replaces a previous one.
+    """Adds data for a loss concealer to a stream's side information, as a named section.
+
+    An existing section of the same name is replaced.
 
     Args:
         stream: The stream, complete or not.

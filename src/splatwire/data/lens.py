@@ -48,7 +48,7 @@ class LensModel(ABC):
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Returns the factor by which the lens enlarges a small area: the determinant of the Jacobian of `distort`.
 
-        It is 0 or negative where the distortion folds the image, so that several rays reach the same point.
+        The factor is 0 or negative where the distortion folds the image, so that several rays reach the same point.
         """
         step = _DERIVATIVE_STEP * (1 + np.hypot(x, y))
         right, left = self.distort(x + step, y), self.distort(x - step, y)
@@ -61,8 +61,11 @@ class LensModel(ABC):
 class Lens(LensModel):
     """Radial and tangential distortion as in OpenCV (`calib3d`, "pinhole camera model") and COLMAP's FULL_OPENCV.
 
-    A ray (x, y, 1) with r^2 = x^2 + y^2 hits the image at (x', y'): x' = x R + 2 p1 x y + p2 (r^2 + 2 x^2), y' = y R +
-    p1 (r^2 + 2 y^2) + 2 p2 x y, R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6).
+    A ray (x, y, 1) hits the image at (x', y'). With r^2 = x^2 + y^2:
+
+    * R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)
+    * x' = x R + 2 p1 x y + p2 (r^2 + 2 x^2)
+    * y' = y R + p1 (r^2 + 2 y^2) + 2 p2 x y
 
     Attributes:
         k1: Radial coefficient of r^2.
@@ -102,7 +105,7 @@ class Lens(LensModel):
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Returns the factor by which the lens enlarges a small area: the determinant of the Jacobian of `distort`.
 
-        It is 0 or negative where the distortion folds the image, so that several rays reach the same point.
+        The factor is 0 or negative where the distortion folds the image, so that several rays reach the same point.
         """
         square = x * x + y * y
         above, below = self._fraction(square)

@@ -21,7 +21,8 @@ class MaskVote:
     neighbours. The rules are:
 
     * `majority`: an offset exists if its support is at least `threshold`;
-    * `count`: the anchor gets as many offsets as its neighbours have on average, those with the most support;
+    * `count`: the anchor gets as many offsets as its neighbours have on average. These are the offsets with the most
+      support;
     * `all`: every offset exists.
 
     Attributes:

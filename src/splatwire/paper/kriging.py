@@ -33,7 +33,7 @@ class Correlogram:
 
     Attributes:
         correlation: Correlation of different anchors at distance 0, at least 0 and less than 1.
-        range: Distance at which the correlation has fallen to `correlation / e`, positive, in units of the distance
+        range: Distance at which the correlation has fallen to `correlation / e`, positive. The unit is the distance
             from a lost anchor to its farthest neighbour.
     """
 

@@ -48,8 +48,8 @@ class Cameras:
         height: Image height in pixels.
         names: One name per view, without a file suffix.
         origin: World coordinates that the matrices are relative to.
-        near_depth: Near plane, world units: Gaussians whose centres are not beyond this depth are not drawn. For views
-            placed around a small scene, the near plane is nearer than `NEAR_DEPTH`.
+        near_depth: Depth of the near plane, world units. A Gaussian is drawn only if its centre is beyond this depth.
+            For views placed around a small scene, the near plane is nearer than `NEAR_DEPTH`.
     """
 
     viewmats: Float[Any, "C 4 4"]

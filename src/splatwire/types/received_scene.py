@@ -218,7 +218,10 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the distinct numbers of elements in records of side information; more than one if records disagree."""
+    """Returns the numbers of elements that the records of side information have, without duplicates.
+
+    Records that fit together give a single number.
+    """
     rows = set()
     for record in records:
         if isinstance(record, Expectation):

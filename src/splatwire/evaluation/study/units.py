@@ -69,7 +69,7 @@ class Unit:
 
     @cached_property
     def key(self) -> str:
-        """Hash of all inputs that affect the scores of the task, under which its results are stored."""
+        """Hash of all inputs that affect the scores of the task. The results of the task are stored under this hash."""
         # Files count by their contents, not by their paths. The selection of images to store does not count.
         content = {
             "code": CODE,

@@ -134,7 +134,7 @@ _OVERLAP = 200
 
 
 def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -> None:
-    """Logs a warning about each PLY comment that is not applied although it may change the scene, such as a shift.
+    """Logs a warning about each PLY comment that may change the scene, for example by a shift, but is not applied.
 
     Args:
         path: The file.
@@ -223,7 +223,7 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
 
 
 def _unapplied_change(comment: str) -> str | None:
-    """Searches a PLY comment for a change of the scene that this package does not apply, such as a shift.
+    """Searches a PLY comment for a change of the scene, such as a shift, that this package does not apply.
 
     Returns:
         Description of the change for a warning, such as `a shift of the positions`; None if none is found.

@@ -33,7 +33,8 @@ class _Sender(logging.Handler):
 
     Args:
         sink: Output that the parent process reads.
-        limits: Limits on the memory and time of the current process; their wall clock is suspended during writing.
+        limits: Limits on the memory and time of the current process. The limit on wall-clock time is suspended while a
+            message is written.
     """
 
     def __init__(self, sink: BinaryIO, limits: Limits) -> None:

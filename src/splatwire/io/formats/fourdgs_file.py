@@ -203,8 +203,8 @@ class _ConstantIntervals:
         An interval is a time during which one Gaussian of the sequence does not change.
 
         Returns:
-            Three items: the Gaussian of each of the N intervals; the start of each interval, float64 (N); and its end,
-            float64 (N). Times are seconds from the first frame.
+            Three items with an entry for each of the N intervals: the Gaussian, the start of the interval, float64 (N),
+            and the end of the interval, float64 (N). Times are seconds from the first frame.
         """
         if self._open is not None:
             self._end_intervals(np.ones(self._open.num_gaussians, bool))

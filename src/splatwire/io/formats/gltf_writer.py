@@ -51,8 +51,8 @@ def write_gltf(
             that it widens to a pixel (Mip-Splatting); stored in the primitive's extras.
         origin: World coordinates of the point that positions are relative to; stored as translation of the node.
         metadata: Metadata of the scene, relative to `origin`.
-        stream: Content of a `.swz` file of the same scene, to embed in the file; None for none. Programs that support
-            the extension EXT_splatwire (docs/gltf.md) draw it instead of the Gaussians in `parts`.
+        stream: Content of a `.swz` file of the same scene, to embed in the file; None to embed nothing. Programs that
+            support the extension EXT_splatwire (docs/gltf.md) draw this stream instead of the Gaussians in `parts`.
     """
     splats = join(path, parts)
     columns = _columns(flip_axes(splats, GLTF_FLIPS))

@@ -280,7 +280,7 @@ def _header(count: int, degree: int, steps: PlySteps | None, digest: str, remark
         digest: Digest of the vertices. Readers compare it to detect that the vertices were changed and the steps no
             longer apply.
         remarks: Texts of further comments.
-        origin: World coordinates of the origin; positions are float64 unless it is (0, 0, 0).
+        origin: World coordinates of the origin. Positions are float32 if this is (0, 0, 0), else float64.
     """
     digits = str(count)
     lines = ["ply", "format binary_little_endian 1.0", "comment splatwire" + "." * (_COUNT_DIGITS - len(digits))]

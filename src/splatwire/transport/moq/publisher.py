@@ -128,7 +128,7 @@ async def publish(
     """Publishes a stream at a relay until the event `stop` is set.
 
     Args:
-        address: Address of the relay; the last part of its name is the scene's name.
+        address: Address of the relay; the last part of `address.name` is the scene's name.
         stream: Complete stream to publish.
         trust: Accepted certificates of the relay.
         stop: Event that ends publishing.

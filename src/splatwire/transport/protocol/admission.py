@@ -75,8 +75,8 @@ def choose_eviction(connections: Mapping[Network, int], newcomer: Network) -> Ne
 def largest_holder(connections: Mapping[Network, int], prefix: Network = ()) -> Network:
     """Returns the network that should lose a connection when the server is full.
 
-    Starts with the widest IP prefixes and chooses the one with the most connections. Then chooses the one with the most
-    connections among the next narrower prefixes within it, and so on down to a single network.
+    First, the widest IP prefix with the most connections is chosen. Then, of the next narrower prefixes within this
+    prefix, the prefix with the most connections is chosen, and so on down to a single network.
 
     Args:
         connections: Number of connections per network, each above 0.
@@ -153,7 +153,7 @@ class ConnectionSlots:
         return True
 
     def leave(self, network: Network, connection: asyncio.WriteTransport) -> None:
-        """Removes a connection that has ended from the count, so that another one may take its place."""
+        """Removes an ended connection from the count, so that a new connection may take its place."""
         remaining = [other for other in self._connections.pop(network, []) if other is not connection]
         if remaining:
             self._connections[network] = remaining

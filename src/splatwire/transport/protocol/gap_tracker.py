@@ -68,7 +68,7 @@ class GapTracker:
             yield from range(start, min(stop, before))
 
     def _discard(self, number: int) -> None:
-        """Removes a sequence number from the missing ones, if it is one of them."""
+        """Removes a sequence number from the missing numbers. A number that is not missing is ignored."""
         at = bisect_right(self._starts, number) - 1
         if at < 0 or number >= self._stops[at]:
             return

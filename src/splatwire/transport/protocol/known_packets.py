@@ -16,7 +16,8 @@ class KnownPackets:
         """Records which packets a client already has, and returns the number of bytes that therefore need not be sent.
 
         Args:
-            message: Datagram of the client with a list of its packets. Ignored if the list is for another stream.
+            message: Datagram of the client with a list of its packets. Ignored if the list is for another stream or a
+                live stream, or begins after the last packet.
             stream: Stream that the server sends to the client.
         """
         count, at = len(stream.packets), message.first // 8

@@ -79,7 +79,7 @@ class LiveSession:
         Args:
             manifest: Manifest of the stream, including the new group.
             side_info: Side information of the stream, including the new group.
-            packets: Packets of the new group in sending order; the id of the stream is written into them here.
+            packets: Packets of the new group in sending order. This method writes the id of the stream into them.
 
         Raises:
             InvalidValueError: If a packet is too large for a datagram, or the manifest has another packet count.

@@ -188,8 +188,8 @@ class SendQueue:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
             welcome: Queue item of the datagram that declares the new sizes of the stream.
-            num_known: If a live stream has grown, its number of packets before the growth; the packets after these are
-                added to the queue. If another stream replaces the previous one, 0; the whole queue is then replaced.
+            num_known: Number of packets of the live stream before its growth; the new packets are added to the queue. 0
+                if another stream replaces the previous stream; the whole queue is then replaced.
         """
         self._stream = stream
         source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams

@@ -17,7 +17,7 @@ def build_send_schedule(
     """Returns the sending order of all datagrams of a stream: symbols of the init segment, packets, repair symbols.
 
     Args:
-        block_symbols: Number of symbols to send of each source block (separately encoded part) of the init segment.
+        block_symbols: For each source block (separately encoded part of the init segment), number of symbols to send.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Number of repair symbols of each parity group.
         protection: Redundancy.

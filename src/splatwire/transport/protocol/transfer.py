@@ -183,7 +183,7 @@ class ServerTransfer:
         self._max_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
 
     def exclude_known(self, message: Have) -> None:
-        """Records which packets the client already has, so that they are not sent; lowers the client's byte limit."""
+        """Records which packets the client already has. These are not sent, and the client's byte limit is lowered."""
         self._max_bytes -= int(self._limits.max_sent_ratio * self._known_packets.take(message, self.stream))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
@@ -201,6 +201,8 @@ class ServerTransfer:
 
     def on_handshake_rtt(self, round_trip: float | None) -> None:
         """Sets the initial sending rate from the round-trip time of the handshake.
+
+        Has no effect on a stream with levels of detail, or if the time is unknown or longer than `MAX_TOKEN_AGE_S`.
 
         Args:
             round_trip: Round-trip time, seconds; None if unknown.
@@ -422,7 +424,7 @@ class ServerTransfer:
 
         Yields:
             * For a request by packet index: this index, and None.
-            * For a request by the sequence number of a lost datagram: the index of its packet, -1 if unknown; and the
+            * For a request by sequence number: the index of the packet in the lost datagram (-1 if unknown), and the
               sequence number.
         """
         yield from ((index, None) for index in message.nacks)
