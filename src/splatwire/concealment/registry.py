@@ -28,7 +28,8 @@ class Registration:
     Attributes:
         make: Function that creates the concealer from keyword options.
         needs: Types of elements or side information that the concealer requires; a tuple lists alternatives.
-        option: Name of the option that the concealer requires, given as `name:VALUE`; None if it requires no option.
+        option: Name of the option that the concealer requires; None if it requires no option. Users set the value of
+            this option by `name:VALUE`, where `name` is the name of the concealer.
         section: Name of the side information section that the concealer reads; None for none. If a stream has this
             section, the option is not required.
         shipped: Network weight files in the package of the concealer.

@@ -312,8 +312,8 @@ class _Compilations(event.Listener):
 
     Attributes:
         depth: Number of running compilations in the current thread; one compilation can start another.
-        num_running: Number of running compilations in this process, plus the number of its threads that wait for
-            another process to compile a kernel.
+        num_running: Sum of two numbers: compilations that are running in this process, and threads of this process that
+            wait for another process to compile a kernel.
     """
 
     def __init__(self) -> None:

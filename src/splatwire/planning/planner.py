@@ -252,8 +252,8 @@ def _finalists(
 class _EvaluatedPlan:
     """A plan, and its quality measured in simulated transfers that were not used to choose the plan.
 
-    The best of many plans is partly best by chance. The transfers with which it was chosen would therefore overestimate
-    its quality.
+    The plan was chosen as the best of many plans, and such a plan is partly best by chance. In the transfers that were
+    used for the choice, its measured quality is therefore too high.
 
     Attributes:
         plan: The plan, with quality and losses measured in transfers that were not used for the choice.

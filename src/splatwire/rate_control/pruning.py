@@ -52,10 +52,10 @@ class RemovalViews:
     """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
 
     Attributes:
-        sets: Weight of each set of views, and pictures of the complete scene in these views. Given cameras form one
-            set. Without given cameras, there are three sets: views around the scene, views that frame it, and views
-            close to its surfaces. There is no set for a scene of more than `PART` Gaussians without given cameras. The
-            parts of such a scene are measured separately, each in its own views.
+        sets: Weight of each set of views, and pictures of the complete scene in these views. If cameras are given, they
+            form the only set. Otherwise, a scene of at most `PART` Gaussians has three sets: views around the scene,
+            views that frame it, and views close to its surfaces. A larger scene without given cameras has no set,
+            because its parts are measured separately, each in its own views.
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]

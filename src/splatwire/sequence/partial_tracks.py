@@ -218,7 +218,9 @@ def extrapolate_partial_tracks(
 
 
 def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighbors: NeighborSet) -> None:
-    """Moves tracks like their neighbours in the frames before the tracks begin and after they end.
+    """Fills in the positions of tracks in the frames before they begin and after they end.
+
+    In these frames, a track moves like its neighbours.
 
     Args:
         means: Positions of all tracks, float32 (n, F, 3); modified in place.

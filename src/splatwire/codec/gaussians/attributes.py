@@ -239,7 +239,8 @@ def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
         num_harmonics: Number of integers of the spherical harmonics of each Gaussian.
 
     Returns:
-        int64 (count, columns) for all attributes except harmonics, and int32 (count, num_harmonics) for the harmonics.
+        Two arrays: one for all attributes except harmonics, int64 (count, columns), and one for the harmonics, int32
+        (count, num_harmonics).
     """
     return np.zeros((count, COLUMNS), dtype=np.int64), np.zeros((count, num_harmonics), dtype=np.int32)
 

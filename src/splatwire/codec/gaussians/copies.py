@@ -108,8 +108,8 @@ def _parse_section(
         num_gaussians: Number of Gaussians in the stream.
 
     Returns:
-        Bounding box of the copies; indices of the copied Gaussians; parameters for enlarging received Gaussians
-        (`Copies.growth`); and decoded integers of the copies.
+        Four items: bounding box of the copies; indices of the copied Gaussians; parameters for enlarging received
+        Gaussians (`Copies.growth`); and decoded integers of the copies.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote the section.

@@ -193,8 +193,8 @@ def decode_packets(
         payloads: Content of each packet without its header.
 
     Returns:
-        Decoded integers of all Gaussians, packet by packet: int64 (n, columns) for all attributes except harmonics, and
-        int32 (n, harmonics) for the spherical harmonics.
+        Two arrays with a row for each Gaussian, packet by packet. The first has the decoded integers of all attributes
+        except harmonics, int64 (n, columns). The second has those of the spherical harmonics, int32 (n, harmonics).
     """
     assert max(counts, default=0) <= MAX_BLOCK_SIZE, "larger blocks have more rows than there are intervals"
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8).copy()

@@ -19,10 +19,11 @@ class KnownTracks:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
         by_key: Entry i is the index of the track with the i-th smallest key, int64 (T).
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
-        positions: Decoded position of each keyframe Gaussian, in the unit of positions of its shot (groups of frames
-            between scene cuts), int64 (T, 3).
+        positions: Decoded position of each keyframe Gaussian, int64 (T, 3), in the unit of positions of the shot in
+            which it was encoded. A shot is a range of groups of frames that share quantisation steps.
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
-        spacings: log2 of the ratio of the unit of each track's position to the unit of the first shot, int64 (T).
+        spacings: For each track, log2 of the ratio of the unit of its position to the unit of the first shot, int64
+            (T).
         weights: Visibility of each track (squared opacity times area), float64 (T).
         alive: Indices of the tracks present at the end of the last group, ascending, int64.
     """

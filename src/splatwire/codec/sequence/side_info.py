@@ -212,8 +212,8 @@ def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot,
     A shot is a range of groups of frames that share quantisation steps and probability tables.
 
     Args:
-        data: Serialised side information of all shots: first group of frames, unit of positions, and side information
-            of the keyframe Gaussians of each shot.
+        data: Serialised side information of all shots. For each shot, it contains the first group of frames, the unit
+            of positions, and the side information of the keyframe Gaussians.
         version: Version of the side information: `VERSION` for a single shot; `WITH_SHOTS` for several shots with the
             same unit of positions; `WITH_MOTION_UNITS` for shots with different units.
         blocks: Index of the first block of keyframe Gaussians of each group, then the number of all blocks.

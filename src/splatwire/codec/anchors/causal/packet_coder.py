@@ -177,8 +177,8 @@ def decode_packets(
         payloads: One payload per packet.
 
     Returns:
-        For all anchors: Morton codes of the positions, int64 (n); offset masks, uint8 (n, K); and decoded attributes in
-        quantisation steps with 16 fractional bits, int32 (n, attributes).
+        Three arrays with an entry for each anchor: Morton codes of the positions, int64 (n); offset masks, uint8 (n,
+        K); and decoded attributes in quantisation steps with 16 fractional bits, int32 (n, attributes).
     """
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
