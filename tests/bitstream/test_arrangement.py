@@ -122,7 +122,7 @@ def test_intake_refuses_packets_with_overlapping_anchors():
 
     def offer(block: int, first: int, count: int, size: int = 5) -> Packet | None:
         packet = make_packet(PacketId(block, first), count, bytes(size), stream.manifest.stream_id)
-        return intake.offer(packet.data, "test")
+        return intake.add_bytes(packet.data, "test")
 
     assert offer(0, 10, 10)
     for first, count in ((5, 6), (19, 1), (10, 9), (0, 50), (45, 6), (50, 1), (12, 3)):
@@ -143,7 +143,7 @@ def test_intake_keeps_no_more_packets_than_announced():
     intake = PacketIntake(stream.manifest)
     for rank in range(120):
         packet = make_packet(PacketId(rank // 50, rank % 50), 1, b"x", stream.manifest.stream_id)
-        intake.offer(packet.data, "test")
+        intake.add_bytes(packet.data, "test")
     assert len(intake.packets) == stream.manifest.num_packets
 
 

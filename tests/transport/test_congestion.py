@@ -193,9 +193,9 @@ def test_queue_delay_is_relative_to_the_shortest_transit():
     waits = [meter.add(0.1 * n, -500.0 + wait) for n, wait in enumerate([0.02, 0.0, 0.03, 0.04, 0.03, 0.01, 0.3])]
     assert waits == pytest.approx([0.0, 0.0, 0.03, 0.04, 0.03, 0.01, 0.3])
     assert meter.top == pytest.approx(0.03), "a queue that stood for three reports"
-    assert meter.high(0.02)
-    assert not meter.high(0.014)
-    assert meter.low(0.005)
+    assert meter.is_high(0.02)
+    assert not meter.is_high(0.014)
+    assert meter.is_low(0.005)
     assert meter.add(100.0, -499.0) == 0.0
 
 

@@ -24,7 +24,7 @@ from splatwire.types import SplatScene
 
 pytest.importorskip("moq", reason="the package moq-rs is not installed")
 import splatwire.transport.moq.receiver as moq_receiver
-from splatwire.transport.moq.publisher import HEAD, RelayTrust, parts_of, publish, tiles_of
+from splatwire.transport.moq.publisher import INIT_TRACK, RelayTrust, parts_of, publish, tiles_of
 from splatwire.transport.moq.receiver import RelayReceiver, receive_relayed
 from splatwire.transport.protocol.events import Interrupted, Resumed
 from splatwire.transport.protocol.layout import init_segment
@@ -136,7 +136,7 @@ def truth(stream: SceneStream) -> dict[str, list[bytes]]:
     packets = [packet.data for packet in stream.packets]
     parts = parts_of(stream.manifest, tiles_of(stream.manifest, stream.side_info))
     return {
-        HEAD: [head],
+        INIT_TRACK: [head],
         **{f"part/{n}": [file_record(packets[at]) for at in places] for n, places in enumerate(parts)},
     }
 
@@ -149,7 +149,7 @@ def test_hostile_relay_answers_are_validated():
     for _ in range(CASES // 6):
         altered = {name: [mutated(frame, rng) for frame in frames] for name, frames in tracks.items()}
         if rng.random() < 0.7:
-            altered[HEAD] = [*tracks[HEAD]]
+            altered[INIT_TRACK] = [*tracks[INIT_TRACK]]
         if rng.random() < 0.3:
             altered[rng.choice(list(altered))] *= rng.choice([0, 2, 5000])
         receiver = RelayReceiver(ReceiverOptions(limits=limits, viewpoint=far() if rng.random() < 0.5 else None), None)
@@ -231,7 +231,7 @@ def test_transfer_resumes_after_an_outage_of_the_relay(monkeypatch):
     receiver, events = relayed(monkeypatch, sessions, QUICK)
     assert receiver.finished.reason == "complete"
     assert set(receiver.stream().packets) == set(LEVELS.packets)
-    parts = [name for relay in sessions if relay for name in relay.asked if name != HEAD]
+    parts = [name for relay in sessions if relay for name in relay.asked if name != INIT_TRACK]
     assert sorted(parts) == sorted(set(parts))  # nothing is taken twice
     kinds = [type(event).__name__ for event in events if isinstance(event, (Interrupted, Resumed))]
     assert kinds == ["Interrupted", "Resumed", "Interrupted", "Resumed"]

@@ -11,7 +11,7 @@ pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.buffer import encode_uint_var
 from aioquic.quic.connection import stream_is_unidirectional
 
-from splatwire.transport.quic.common import ALPN, OUTSIDE_BYTES, STREAMS, UNREAD_BYTES, length_prefixed
+from splatwire.transport.quic.common import ALPN, MAX_OUTSIDE_BYTES, MAX_STREAMS, MAX_UNREAD_BYTES, length_prefixed
 from transport.test_quic import run, serving
 from transport.test_quic_hostile import Client, close_client, connected, request, still_serves, until
 
@@ -71,7 +71,7 @@ def test_data_outside_the_session_stream_is_bounded(stream: int, begins: bytes, 
             client.quic.send_stream_data(stream, begins)
             await pour(client, stream)
             await until(lambda: client.ended)
-            assert connection._read < OUTSIDE_BYTES + 4000
+            assert connection._read < MAX_OUTSIDE_BYTES + 4000
             await still_serves(server.port)
             await close_client(client)
 
@@ -91,7 +91,7 @@ def test_data_buffered_behind_a_gap_is_bounded(alpn: str, failures: list[Any]):
             client.quic._streams[0].sender._pending.subtract(0, 1)
             await pour(client, 0)
             await until(lambda: client.ended)
-            assert connection.quic._local_max_data.used < UNREAD_BYTES + 4000
+            assert connection.quic._local_max_data.used < MAX_UNREAD_BYTES + 4000
             await still_serves(server.port)
             await close_client(client)
 
@@ -105,7 +105,7 @@ def test_opened_and_ended_streams_are_counted(failures: list[Any]):
         watch(failures)
         async with serving() as server:
             client = await connected(server.port, "h3")
-            assert client.quic._remote_max_streams_bidi == client.quic._remote_max_streams_uni == STREAMS
+            assert client.quic._remote_max_streams_bidi == client.quic._remote_max_streams_uni == MAX_STREAMS
             (connection,) = server.connections
             for _ in range(2000):
                 if client.ended:
@@ -114,7 +114,7 @@ def test_opened_and_ended_streams_are_counted(failures: list[Any]):
                 client.transmit()
                 await asyncio.sleep(0.002)
             await until(lambda: client.ended)
-            assert connection.quic._local_max_streams_bidi.used <= OUTSIDE_BYTES // 16 + 64
+            assert connection.quic._local_max_streams_bidi.used <= MAX_OUTSIDE_BYTES // 16 + 64
             await still_serves(server.port)
             await close_client(client)
 

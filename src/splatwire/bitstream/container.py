@@ -146,7 +146,7 @@ def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: 
         if end is None:
             intake.count("corrupt", f"{source}: a packet is cut, or its size is damaged")
         else:
-            intake.offer(file.read(end - position - RECORD_PREFIX.size), source)
+            intake.add_bytes(file.read(end - position - RECORD_PREFIX.size), source)
             if intake.num_corrupt == num_corrupt:
                 position = end
                 continue

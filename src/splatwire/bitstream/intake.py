@@ -99,7 +99,7 @@ class PacketIntake:
         """Number of damaged packets so far."""
         return self._counts["corrupt"]
 
-    def offer(self, data: bytes | memoryview, source: str, expected: PacketId | None = None) -> Packet | None:
+    def add_bytes(self, data: bytes | memoryview, source: str, expected: PacketId | None = None) -> Packet | None:
         """Validates the bytes of a packet and accepts or rejects it.
 
         Args:
@@ -119,10 +119,10 @@ class PacketIntake:
         except BitstreamError as error:
             self.count("corrupt", f"{source}: {error}")
         else:
-            return self.take(packet, source)
+            return self.add(packet, source)
         return None
 
-    def take(self, packet: Packet, source: str) -> Packet | None:
+    def add(self, packet: Packet, source: str) -> Packet | None:
         """Accepts a packet if it fits the manifest and is not a duplicate.
 
         Args:

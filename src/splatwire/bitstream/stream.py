@@ -168,15 +168,15 @@ def _read_directory(folder: Path) -> tuple[SceneStream, ReadReport]:
     check_side_info(manifest, side_info, str(path))
     intake = PacketIntake(manifest)
     for name in packet_names:
-        _offer_file(intake, folder / name)
+        _add_file(intake, folder / name)
     return SceneStream(manifest, side_info, intake.packets), intake.report()
 
 
-def _offer_file(intake: PacketIntake, path: Path) -> None:
+def _add_file(intake: PacketIntake, path: Path) -> None:
     try:
         expected = PacketId.from_filename(path.name)
         data = read_at_most(path, MAX_PACKET_BYTES + 1, BitstreamError)
     except (InvalidValueError, BitstreamError) as error:
         intake.count("corrupt", f"{path.name}: {error}")
         return
-    intake.offer(data, path.name, expected)
+    intake.add_bytes(data, path.name, expected)

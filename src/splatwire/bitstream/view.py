@@ -11,11 +11,11 @@ from splatwire.reprs import summary_repr
 # `web/src/codec/levels/cut.ts` implements the same selection.
 BUDGET = 1_000_000
 """Default maximum number of Gaussians to draw."""
-FINE_ENOUGH = 0.48
+MIN_SCREEN_ERROR = 0.48
 """Largest acceptable screen error of centres, pixels. Tiles with a smaller error are not refined."""
-BEHIND = 0.05
+OUTSIDE_WEIGHT = 0.05
 """Factor of the error of tiles outside the picture; above 0, because the camera may soon show them."""
-NEAREST = 0.02
+MIN_DISTANCE_RATIO = 0.02
 """Smallest assumed distance between camera and tile, as a fraction of the tile's diagonal."""
 _PAIRS = 1 << 20
 """Number of pairs of a Gaussian and a tile that are compared at once; limits memory."""
@@ -87,7 +87,7 @@ def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[n
     if viewpoint is None:
         return errors, errors.copy()
     distance, seen, covered = _project_boxes(tiles, viewpoint)
-    counts = np.where(seen, 1.0, BEHIND)
+    counts = np.where(seen, 1.0, OUTSIDE_WEIGHT)
     useful = np.where(tiles.parents < 0, np.inf, covered * counts / np.maximum(tiles.sizes, 1))
     return errors * viewpoint.focal / distance * counts, useful
 
@@ -103,7 +103,7 @@ def _project_boxes(tiles: Tiles, viewpoint: Viewpoint) -> tuple[np.ndarray, np.n
         [-sum(viewpoint.viewmat[row, axis] * viewpoint.viewmat[row, 3] for row in range(3)) for axis in range(3)]
     )
     outside = np.maximum(np.abs(eye - middle) - half, 0)
-    distance = np.maximum(_length(outside), np.maximum(2 * NEAREST * _length(half), 1e-9))
+    distance = np.maximum(_length(outside), np.maximum(2 * MIN_DISTANCE_RATIO * _length(half), 1e-9))
     # Written out, so that every language adds in the same order.
     center = [
         row[0] * middle[:, 0] + row[1] * middle[:, 1] + row[2] * middle[:, 2] + row[3] for row in viewpoint.viewmat[:3]
@@ -167,7 +167,7 @@ def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarra
         of_level = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
         for values in (errors, useful):
             values[of_level] = np.minimum(values[of_level], values[tiles.parents[of_level]])
-    candidates = np.flatnonzero(errors > (FINE_ENOUGH if viewpoint is not None else 0.0))
+    candidates = np.flatnonzero(errors > (MIN_SCREEN_ERROR if viewpoint is not None else 0.0))
     order = candidates[np.argsort(-useful[candidates], kind="stable")]
     over = np.flatnonzero((np.cumsum(tiles.counts[order]) > budget) & (tiles.parents[order] >= 0))
     return order[: over[0]] if len(over) else order

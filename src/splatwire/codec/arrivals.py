@@ -58,7 +58,7 @@ class Arrivals:
 
     def _accept(self, packet: Packet) -> bool:
         passed = self._intake.has(packet) and packet.id not in self._accepted
-        if not passed and self._intake.take(packet, "transfer") is None:
+        if not passed and self._intake.add(packet, "transfer") is None:
             return False
         self._accepted.add(packet.id)
         self.num_accepted += packet.num_elements

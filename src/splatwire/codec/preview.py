@@ -21,7 +21,7 @@ from splatwire.types.splats import Splats
 SECTION = "preview"
 """Name of the section."""
 MAX_PREVIEW_BYTES = 1024
-"""Maximum size, bytes. A welcome message with a preview and ten runs of packets then fits 1200 bytes."""
+"""Maximum size, bytes. A welcome message with a preview and ten parity ranges then fits 1200 bytes."""
 VERSION = 1
 BITS = (8, 8, 8, 5, 5, 5, 5, 5, 5, 4)
 """Bits of a Gaussian's numbers: position x, y, z; size x, y, z; red, green, blue; opacity."""

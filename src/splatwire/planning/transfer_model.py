@@ -10,7 +10,7 @@ from splatwire.bitstream import SceneStream, send_sequence
 from splatwire.channel import LossModel
 from splatwire.errors import InvalidValueError, shown, whole_number
 from splatwire.transport.fec import MAX_REPAIR, symbol_bytes_for
-from splatwire.transport.protocol.layout import Group, SourceBlocks, bundled_bytes, init_segment, parity_groups
+from splatwire.transport.protocol.layout import ParityGroup, SourceBlocks, bundled_bytes, init_segment, parity_groups
 from splatwire.transport.protocol.protection import Protection, num_bundled_packets, packets_in_tiers, protected_tiers
 from splatwire.transport.protocol.send_schedule import build_send_schedule
 from splatwire.transport.protocol.served_stream import default_symbol_bytes
@@ -85,7 +85,7 @@ class TransferModel:
     symbol: np.ndarray
     num_bytes: np.ndarray
     source_block_sizes: tuple[int, ...]
-    groups: tuple[Group, ...]
+    groups: tuple[ParityGroup, ...]
     num_packets: int
     num_bundled: int = 0
 

@@ -10,25 +10,25 @@ START_RATE = 1.0e6
 MAX_RATE = 1.25e8
 ASSUMED_ROUND_TRIP_S = 0.1
 """Round-trip time assumed before the first measurement, seconds."""
-QUEUE_S, DRAINED_S = 0.025, 0.008
+MAX_QUEUE_S, DRAINED_QUEUE_S = 0.025, 0.008
 """Queuing delays, seconds: above the first, the sender drains the queue if there are no competing flows; below the
 second, the queue counts as drained.
 """
-START_QUEUE_S = 0.01
+MAX_START_QUEUE_S = 0.01
 """Queuing delay that ends slow start, seconds (RFC 9406)."""
-START_LOSS = 0.2
+ASSUMED_BASELINE_LOSS = 0.2
 """Loss rate tolerated in slow start before the baseline loss is known; a congested path soon loses more."""
-DRAIN_SHARE, FULL_SHARE = 0.75, 0.9
+DRAIN_RATE_SHARE, CRUISE_RATE_SHARE = 0.75, 0.9
 """Sending rates as shares of the path's capacity: while the queue is drained, and afterwards."""
-PROBE_SHARE = 0.5
+PROBE_RATE_SHARE = 0.5
 """Sending rate, as a share of the path's capacity, during a probe for competing flows."""
-TEST_SHARE = 0.6
+TEST_RATE_SHARE = 0.6
 """Sending rate during a test, as a share of the rate before the test. It shows if the loss depends on the rate."""
-PROBE_EVERY_S, PROBE_EVERY_MOST_S = 15.0, 80.0
+MIN_PROBE_INTERVAL_S, MAX_PROBE_INTERVAL_S = 15.0, 80.0
 """Minimum and maximum interval between probes for competing flows, seconds. Not a multiple of 10 s, the period in which
 BBR reduces its rate: if both flows reduce their rates together, this flow loses its fair share.
 """
-ROUND_S = 0.02
+MIN_ROUND_S = 0.02
 """Minimum length of a control round, seconds: the interval of receiver reports."""
 FEEDBACK_TIMEOUT_S, FEEDBACK_TIMEOUT_ROUNDS = 0.2, 4.0
 """Time without feedback after which the rate is halved, repeatedly: in seconds, and in round trips. The larger applies.
@@ -67,20 +67,20 @@ class _Round:
     """Feedback of the receiver in one control round (about one round trip).
 
     Attributes:
-        began: Time at which the round began, seconds.
+        began_at: Time at which the round began_at, seconds.
         seen: Sent and lost datagrams.
         arrived_bytes: Estimated size of the received datagrams in bytes.
         seconds: Time in which these bytes were received, seconds.
-        least_queue: Shortest queuing delay, seconds.
-        most_queue: Longest queuing delay, seconds.
+        min_queue: Shortest queuing delay, seconds.
+        max_queue: Longest queuing delay, seconds.
     """
 
-    began: float
+    began_at: float
     seen: LossCounter = field(default_factory=LossCounter)
     arrived_bytes: float = 0.0
     seconds: float = 0.0
-    least_queue: float = float("inf")
-    most_queue: float = 0.0
+    min_queue: float = float("inf")
+    max_queue: float = 0.0
 
 
 @dataclass
@@ -113,33 +113,33 @@ class RateControl:
     then no longer lowers the rate (competitive mode).
 
     Args:
-        start: Maximum sending rate before the first feedback, bytes per second.
-        most: Maximum sending rate, bytes per second.
-        bounded: True if QUIC limits the bytes in flight, so that sending may begin at the rate `start`. False to begin
-            with RFC 9438's initial window per round trip.
+        start_rate: Maximum sending rate before the first feedback, bytes per second.
+        max_rate: Maximum sending rate, bytes per second.
+        bounded: True if QUIC limits the bytes in flight, so that sending may begin at the rate `start_rate`. False to
+            begin with RFC 9438's initial window per round trip.
     """
 
-    def __init__(self, start: float = START_RATE, most: float = MAX_RATE, *, bounded: bool = False) -> None:
+    def __init__(self, start_rate: float = START_RATE, max_rate: float = MAX_RATE, *, bounded: bool = False) -> None:
         self.round_trip: float | None = None
         self._latest = 0.0
         self.window = CubicWindow()
         self.competing = False
         self.queue, self.loss = QueueMeter(), LossMeter()
-        self._start, self._most = min(start, most), most
+        self._start_rate, self._max_rate = min(start_rate, max_rate), max_rate
         self._quiet_since, self._quiet = 0.0, False
         self._round: _Round | None = None
         self._pause: _RateReduction | None = None
         self._carried = 0.0
-        self._probe_at, self._probe_every = 0.0, PROBE_EVERY_S
+        self._probe_at, self._probe_interval = 0.0, MIN_PROBE_INTERVAL_S
         self._left: tuple[float, float] | None = None
         self._hold_until = 0.0
         self._bounded = bounded
-        self.rate = self._start if bounded else min(self._start, INITIAL_WINDOW / ASSUMED_ROUND_TRIP_S)
+        self.rate = self._start_rate if bounded else min(self._start_rate, INITIAL_WINDOW / ASSUMED_ROUND_TRIP_S)
 
     def on_handshake_rtt(self, round_trip: float) -> None:
         """Sets the initial sending rate from the round-trip time of the handshake, seconds."""
         if self.round_trip is None and not self._bounded:
-            self.rate = min(self._start, INITIAL_WINDOW / max(round_trip, ROUND_S / 2))
+            self.rate = min(self._start_rate, INITIAL_WINDOW / max(round_trip, MIN_ROUND_S / 2))
 
     def on_send(self, now: float) -> None:
         """Restarts the feedback timeout.
@@ -197,13 +197,13 @@ class RateControl:
         current.seen.add(LossCounter(num_sent, lost))
         current.arrived_bytes += bytes_arrived
         current.seconds += seconds
-        current.least_queue, current.most_queue = min(current.least_queue, queue), max(current.most_queue, queue)
+        current.min_queue, current.max_queue = min(current.min_queue, queue), max(current.max_queue, queue)
         if self.window.in_slow_start and not self._pause and num_arrived and self._within_baseline(current.seen):
             # Scaled up, because baseline loss is no congestion.
             self.window.on_acked(bytes_arrived * num_sent / num_arrived)
-        if current.least_queue > START_QUEUE_S and current.seen.sent >= 8:
+        if current.min_queue > MAX_START_QUEUE_S and current.seen.sent >= 8:
             self.window.exit_slow_start()
-        if now - current.began >= max(self.round_trip, ROUND_S) and current.seen.sent >= 2:
+        if now - current.began_at >= max(self.round_trip, MIN_ROUND_S) and current.seen.sent >= 2:
             self._round = _Round(now)
             current.seen.events = int(current.seen.lost > 0)
             self._end_round(current, now)
@@ -211,14 +211,14 @@ class RateControl:
 
     def _set_rate(self) -> None:
         assert self.round_trip is not None
-        least = MIN_WINDOW / max(self.round_trip, ROUND_S)
+        least = MIN_WINDOW / max(self.round_trip, MIN_ROUND_S)
         if self._pause:
             wanted = max(self._pause.rate, least / 4)
         else:
             # A more smoothed round-trip time would lag behind the queue: after the window is reduced, the queue would
             # drain completely, and competing delay-based flows (BBR) would take the path for idle.
-            wanted = max(self.window.bytes / max(self._latest, ROUND_S / 2), least)
-        self.rate = min(wanted, self._most)
+            wanted = max(self.window.bytes / max(self._latest, MIN_ROUND_S / 2), least)
+        self.rate = min(wanted, self._max_rate)
 
     def _end_round(self, done: _Round, now: float) -> None:
         """Adapts congestion window or sending rate at the end of a control round (about one round trip).
@@ -228,10 +228,10 @@ class RateControl:
             now: Time, seconds.
         """
         assert self.round_trip is not None
-        length = max(now - done.began, 1e-3)
+        length = max(now - done.began_at, 1e-3)
         arrived = done.arrived_bytes / max(done.seconds, 1e-3)
         self._carried = arrived if self._carried == 0.0 else 0.5 * (self._carried + arrived)
-        high, low = self.queue.high(done.most_queue), self.queue.low(done.most_queue)
+        high, low = self.queue.is_high(done.max_queue), self.queue.is_low(done.max_queue)
         broken = self.loss.is_circuit_broken(done.seen)
         congested = broken or (high and self.loss.is_congested(done.seen))
         rise = self.loss.loss_rise(done.seen) if low and not self._testing else None
@@ -240,13 +240,13 @@ class RateControl:
         elif self._pause:
             self._within_pause(self._pause, done, now)
         elif rise is not None:
-            self._begin("test", now, 3 * self.round_trip, TEST_SHARE * self.rate, rise)
+            self._begin("test", now, 3 * self.round_trip, TEST_RATE_SHARE * self.rate, rise)
         elif self.competing and now >= self._probe_at and not self.window.in_slow_start:
-            self._begin("probe", now, self._time_to_drain(PROBE_SHARE), PROBE_SHARE * self._capacity)
-        elif not self.competing and done.least_queue > QUEUE_S:
-            self._begin("drain", now, 2 * self._time_to_drain(DRAIN_SHARE), DRAIN_SHARE * self._capacity)
+            self._begin("probe", now, self._time_to_drain(PROBE_RATE_SHARE), PROBE_RATE_SHARE * self._capacity)
+        elif not self.competing and done.min_queue > MAX_QUEUE_S:
+            self._begin("drain", now, 2 * self._time_to_drain(DRAIN_RATE_SHARE), DRAIN_RATE_SHARE * self._capacity)
         elif not self.window.in_slow_start and self._may_grow(done.seen, length):
-            self.window.grow(now, length, max(self.round_trip, ROUND_S))
+            self.window.grow(now, length, max(self.round_trip, MIN_ROUND_S))
 
     def _may_grow(self, seen: LossCounter, length: float) -> bool:
         """True if the sender used so much of the allowed rate that the congestion window may grow (RFC 7661).
@@ -259,7 +259,7 @@ class RateControl:
 
     def _within_baseline(self, seen: LossCounter) -> bool:
         """True if the loss in a control round is at most the path's baseline loss."""
-        baseline = self.loss.baseline or START_LOSS
+        baseline = self.loss.baseline or ASSUMED_BASELINE_LOSS
         return seen.lost <= BASELINE_TOLERANCE * baseline * seen.sent + self.loss.deviation(seen.sent)
 
     @property
@@ -285,7 +285,7 @@ class RateControl:
             now: Time, seconds.
         """
         # Further losses in the same round trip belong to the same congestion event.
-        if done.began < self._hold_until:
+        if done.began_at < self._hold_until:
             return
         self.window.reduce()
         self._hold_until = now + (self.round_trip or 0.0)
@@ -294,11 +294,11 @@ class RateControl:
 
     def _within_pause(self, pause: _RateReduction, done: _Round, now: float) -> None:
         pause.seen.add(done.seen)
-        drained = done.least_queue < max(DRAINED_S, 0.1 * self.queue.top)
+        drained = done.min_queue < max(DRAINED_QUEUE_S, 0.1 * self.queue.top)
         if pause.kind == "test":
             if now >= pause.until and self.loss.test_done(pause.before, pause.seen):
                 self._pause = None
-                if self.loss.finish_test(pause.before, pause.seen, TEST_SHARE):
+                if self.loss.finish_test(pause.before, pause.seen, TEST_RATE_SHARE):
                     self.window.reduce()
                 else:
                     self.window.undo()
@@ -306,11 +306,11 @@ class RateControl:
             self._pause = None
             if pause.kind == "drain":
                 self.window.reduce(1.0)
-                self._exit_drain(pause.rate / DRAIN_SHARE, self.round_trip or 0.0)
+                self._exit_drain(pause.rate / DRAIN_RATE_SHARE, self.round_trip or 0.0)
             else:
                 self.competing, self._left = False, (now, pause.window)
                 # The window before the probe would refill the queue at once.
-                self._exit_drain(pause.rate / PROBE_SHARE, self._latest)
+                self._exit_drain(pause.rate / PROBE_RATE_SHARE, self._latest)
         elif now >= pause.until:
             self._pause = None
             self._enter_competitive_mode(now, pause)
@@ -322,7 +322,7 @@ class RateControl:
             capacity: Estimated capacity of the path, bytes per second.
             round_trip: Round-trip time, seconds.
         """
-        self.window.set(FULL_SHARE * capacity * max(round_trip, ROUND_S))
+        self.window.set(CRUISE_RATE_SHARE * capacity * max(round_trip, MIN_ROUND_S))
 
     def _enter_competitive_mode(self, now: float, pause: _RateReduction) -> None:
         """Enters competitive mode, because another flow fills the queue. In this mode, only loss reduces the rate.
@@ -333,10 +333,12 @@ class RateControl:
         """
         window = pause.window
         if pause.kind == "drain":
-            again = self._left is not None and now - self._left[0] < PROBE_EVERY_S
+            again = self._left is not None and now - self._left[0] < MIN_PROBE_INTERVAL_S
             if again and self._left is not None:
                 window = max(window, self._left[1])
-            self._probe_every = min(2 * self._probe_every, PROBE_EVERY_MOST_S) if again else PROBE_EVERY_S
+            self._probe_interval = (
+                min(2 * self._probe_interval, MAX_PROBE_INTERVAL_S) if again else MIN_PROBE_INTERVAL_S
+            )
         self.competing, self._left = True, None
-        self._probe_at = now + self._probe_every
+        self._probe_at = now + self._probe_interval
         self.window.set(window)

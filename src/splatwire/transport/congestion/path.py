@@ -6,28 +6,28 @@ from dataclasses import dataclass
 
 BASE_WINDOW_S = 30.0
 """Period over which the minimum one-way delay is taken as that of an empty queue, seconds."""
-TOP_WINDOW_S = 10.0
-STANDING = 3
+LONGEST_QUEUE_WINDOW_S = 10.0
+MIN_LATE_REPORTS = 3
 """Number of consecutive reports with long delay that indicate a queue. Fewer can have other causes, such as Wi-Fi."""
 MIN_QUEUE_S = 0.004
 """Shortest queuing delay distinguished from noise, seconds."""
-HIGH, LOW = 0.5, 0.3
-"""Queuing delays as shares of the longest recent queuing delay: with more than `HIGH`, losses may be congestion; with
-less than `LOW`, losses are not congestion.
+HIGH_QUEUE_SHARE, LOW_QUEUE_SHARE = 0.5, 0.3
+"""Queuing delays as shares of the longest recent queuing delay: with more than `HIGH_QUEUE_SHARE`, losses may be
+congestion; with less than `LOW_QUEUE_SHARE`, losses are not congestion.
 """
-MEMORY = 2000.0
+BASELINE_DATAGRAMS = 2000.0
 """Number of datagrams over which the baseline loss is averaged."""
 MAX_BASELINE_LOSS = 0.3
 """Maximum baseline loss that the control accepts as unrelated to congestion."""
 CIRCUIT_BREAKER_LOSS = 0.45
 """Loss rate above which a path is considered congested or broken at any queuing delay (circuit breaker)."""
-BATCH = 500
+CIRCUIT_BREAKER_DATAGRAMS = 500
 """Number of datagrams over which the loss rate of the circuit breaker is averaged."""
-EVENTS = 3
+MIN_LOSS_ROUNDS = 3
 """Minimum number of control rounds with loss for a rise of the loss rate to be significant. A test must last long
 enough for this number of rounds with loss to be expected at the loss rate before the test.
 """
-ROUNDS = 16.0
+VARIANCE_ROUNDS = 16.0
 """Number of control rounds over which the variance of the loss is averaged."""
 LOSS_STEP = 0.005
 """Smallest rise of the loss rate that triggers a test."""
@@ -64,8 +64,8 @@ class QueueMeter:
     """Estimates the queuing delay from one-way delays, without synchronised clocks."""
 
     def __init__(self) -> None:
-        self._base, self._top = WindowedMinFilter(BASE_WINDOW_S), WindowedMinFilter(TOP_WINDOW_S)
-        self._late: deque[float] = deque(maxlen=STANDING)
+        self._base, self._top = WindowedMinFilter(BASE_WINDOW_S), WindowedMinFilter(LONGEST_QUEUE_WINDOW_S)
+        self._late: deque[float] = deque(maxlen=MIN_LATE_REPORTS)
         self.queue = self.top = 0.0
 
     def add(self, now: float, transit: float) -> float:
@@ -80,13 +80,13 @@ class QueueMeter:
         self.top = -self._top.add(now, -min(self._late))
         return self.queue
 
-    def high(self, queue: float) -> bool:
+    def is_high(self, queue: float) -> bool:
         """Returns True if a queuing delay (seconds) indicates that the queue may have overflowed."""
-        return queue >= max(HIGH * self.top, MIN_QUEUE_S)
+        return queue >= max(HIGH_QUEUE_SHARE * self.top, MIN_QUEUE_S)
 
-    def low(self, queue: float) -> bool:
+    def is_low(self, queue: float) -> bool:
         """Returns True if a queuing delay (seconds) is so short that the queue cannot have overflowed."""
-        return queue <= max(LOW * self.top, MIN_QUEUE_S)
+        return queue <= max(LOW_QUEUE_SHARE * self.top, MIN_QUEUE_S)
 
 
 @dataclass
@@ -140,7 +140,7 @@ class LossMeter:
         Args:
             seen: Numbers of datagrams sent and lost in the last control round (about one round trip).
         """
-        self._recent += min(seen.sent / BATCH, 1.0) * (seen.share - self._recent)
+        self._recent += min(seen.sent / CIRCUIT_BREAKER_DATAGRAMS, 1.0) * (seen.share - self._recent)
         return self._recent > CIRCUIT_BREAKER_LOSS
 
     def deviation(self, sent: int) -> float:
@@ -178,14 +178,14 @@ class LossMeter:
             Sent and lost datagrams of the recent rounds if their loss rate rose significantly, else None.
         """
         off = seen.lost - seen.sent * self.baseline
-        self.baseline = min(max(self.baseline + off / MEMORY, 0.0), self._max_baseline)
+        self.baseline = min(max(self.baseline + off / BASELINE_DATAGRAMS, 0.0), self._max_baseline)
         if self.baseline:  # else the variation may be congestion
-            self._spread += (off * off / seen.sent - self._spread) / ROUNDS
+            self._spread += (off * off / seen.sent - self._spread) / VARIANCE_ROUNDS
         late = self._late
         late.add(seen)
         most = (self.baseline + LOSS_STEP) * late.sent + self.deviation(late.sent)
-        rose = late.events >= EVENTS and late.lost > most
-        if rose or late.sent > MEMORY:
+        rose = late.events >= MIN_LOSS_ROUNDS and late.lost > most
+        if rose or late.sent > BASELINE_DATAGRAMS:
             self._late = LossCounter()
         return late if rose else None
 
@@ -196,7 +196,7 @@ class LossMeter:
             before: Sent and lost datagrams before the test.
             during: Sent and lost datagrams during the test so far.
         """
-        return during.sent * before.events >= EVENTS * before.sent
+        return during.sent * before.events >= MIN_LOSS_ROUNDS * before.sent
 
     def finish_test(self, before: LossCounter, during: LossCounter, slower: float) -> bool:
         """Evaluates a test at a lower sending rate, and updates the baseline loss if the loss persisted.

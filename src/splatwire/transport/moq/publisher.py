@@ -15,16 +15,16 @@ from splatwire.transport.address import Address
 from splatwire.transport.protocol.layout import init_segment
 
 INSTALL = "pip install 'splatwire[moq]'"
-HEAD = "head"
+INIT_TRACK = "head"
 """Name of the track with manifest and side information. The tracks `part/N` have the packets: one tile each for streams
-with levels of detail, else `RUN` packets each, in sending order.
+with levels of detail, else `PACKETS_PER_TRACK` packets each, in sending order.
 """
-RUN = 64
+PACKETS_PER_TRACK = 64
 FRAME_BYTES = 1 << 16
 """Maximum size in bytes of a frame of the track with manifest and side information."""
-KEPT_US = 3600 * 1_000_000
+MAX_CACHE_AGE_US = 3600 * 1_000_000
 """Age up to which relays still forward the content of a track, microseconds."""
-FOREMOST = 255
+INIT_TRACK_PRIORITY = 255
 """Priority of the track with manifest and side information; the tracks of packets have lower priorities, descending."""
 CONNECT_TIMEOUT_S = 10.0
 NO_SUCH_TRACK = 404
@@ -107,13 +107,13 @@ def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
     Args:
         manifest: Manifest of the stream.
         tiles: Tiles of the stream, one for each track. None for a stream without levels of detail: each track then gets
-            up to `RUN` consecutive packets.
+            up to `PACKETS_PER_TRACK` consecutive packets.
 
     Returns:
         For each track, the indices of its packets in sending order.
     """
     total = manifest.num_packets
-    edges = [*range(0, total, RUN), total] if tiles is None else tiles.first_packets.tolist()
+    edges = [*range(0, total, PACKETS_PER_TRACK), total] if tiles is None else tiles.first_packets.tolist()
     return [range(first, end) for first, end in itertools.pairwise(edges)]
 
 
@@ -155,7 +155,7 @@ async def publish(
                 if frames is None:
                     request.abort(NO_SUCH_TRACK)
                     continue
-                track = request.accept(moq.TrackInfo(max_age_us=KEPT_US))
+                track = request.accept(moq.TrackInfo(max_age_us=MAX_CACHE_AGE_US))
                 group = track.append_group()
                 for frame in frames:
                     group.write_frame(frame)
@@ -187,7 +187,7 @@ def _frames_of(name: str, head: bytes, track_packets: list[range], packets: list
         track_packets: For each MoQ track that has packets, the indices of these packets in sending order.
         packets: All packets in sending order.
     """
-    if name == HEAD:
+    if name == INIT_TRACK:
         return [head[at : at + FRAME_BYTES] for at in range(0, len(head), FRAME_BYTES)]
     kind, _, number = name.partition("/")
     if (

@@ -18,9 +18,9 @@ from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.address import Address
 from splatwire.transport.moq.publisher import (
     CONNECT_TIMEOUT_S,
-    FOREMOST,
-    HEAD,
-    KEPT_US,
+    INIT_TRACK,
+    INIT_TRACK_PRIORITY,
+    MAX_CACHE_AGE_US,
     RelayTrust,
     need_moq,
     parts_of,
@@ -147,7 +147,9 @@ class RelayReceiver:
         self._subscriptions.clear()
         self._bytes_before = self.num_bytes
         most = self.options.limits.init_segment_bytes
-        data = b"".join([frame async for frame in self._frames(broadcast, HEAD, FOREMOST, most, most // 64 + 1)])
+        data = b"".join(
+            [frame async for frame in self._frames(broadcast, INIT_TRACK, INIT_TRACK_PRIORITY, most, most // 64 + 1)]
+        )
         manifest, self._side_info, bundled = split_init_segment(data)
         check_side_info(manifest, self._side_info, "the side information that was sent")
         if bundled or manifest.num_packets > self.options.limits.packets:
@@ -169,7 +171,12 @@ class RelayReceiver:
 
         async def work() -> None:
             for number, indices, rank in waiting:
-                await self._part(broadcast, number, indices, max(1, FOREMOST - 1 - rank * FOREMOST // len(order)))
+                await self._part(
+                    broadcast,
+                    number,
+                    indices,
+                    max(1, INIT_TRACK_PRIORITY - 1 - rank * INIT_TRACK_PRIORITY // len(order)),
+                )
 
         tasks = [asyncio.ensure_future(work()) for _ in range(AT_ONCE)]
         try:
@@ -206,7 +213,7 @@ class RelayReceiver:
         num_taken = 0
         for record in _records(data):
             try:
-                packet = self._intake.take(packet_from_bytes(record, self._manifest.stream_id), "relay")
+                packet = self._intake.add(packet_from_bytes(record, self._manifest.stream_id), "relay")
             except BitstreamError:
                 packet = None
             if packet is None:
@@ -234,7 +241,7 @@ class RelayReceiver:
             BitstreamError: If the frames exceed the limits on number or size.
         """
         moq = need_moq()
-        wanted = moq.Subscription(priority=priority, max_age_us=KEPT_US)
+        wanted = moq.Subscription(priority=priority, max_age_us=MAX_CACHE_AGE_US)
         try:
             async with asyncio.timeout(self.options.silence_s):
                 track = await broadcast.subscribe_track(name, wanted)

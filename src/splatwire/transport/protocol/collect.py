@@ -11,7 +11,7 @@ from splatwire.bitstream import Manifest, Packet, PacketIntake, packet_from_byte
 from splatwire.bitstream.container import check_side_info
 from splatwire.errors import BitstreamError
 from splatwire.transport import fec
-from splatwire.transport.protocol.layout import GroupFinder, SourceBlocks, split_init_segment
+from splatwire.transport.protocol.layout import ParityGroupFinder, SourceBlocks, split_init_segment
 from splatwire.transport.protocol.messages import MAX_HELD_BYTES, Data, InitSymbol, Parity, Welcome
 from splatwire.transport.protocol.protection import MIN_SYMBOL_BYTES
 from splatwire.transport.protocol.served_stream import MAX_PACKET_BYTES
@@ -178,7 +178,7 @@ class PacketCollector:
 
     def __init__(self, welcome: Welcome) -> None:
         self._welcome = welcome
-        self._finder = GroupFinder(welcome.parity_ranges)
+        self._finder = ParityGroupFinder(welcome.parity_ranges)
         self._symbol_bytes = fec.symbol_bytes_for(welcome.packet_bytes)
         self._is_received = bytearray(welcome.num_packets)
         self._early: dict[int, Packet] = {}
@@ -198,7 +198,7 @@ class PacketCollector:
         Args:
             welcome: Server's response with the new sizes of the stream, already checked.
         """
-        old, self._welcome, self._finder = self._finder, welcome, GroupFinder(welcome.parity_ranges)
+        old, self._welcome, self._finder = self._finder, welcome, ParityGroupFinder(welcome.parity_ranges)
         for number in {*self._members, *self._repair}:
             if number >= self._finder.num_groups or self._finder.group(number) != old.group(number):
                 self._members.pop(number, None)
@@ -323,7 +323,7 @@ class PacketCollector:
 
     def _offer(self, packet: Packet) -> bool:
         assert self._intake is not None
-        if self._intake.take(packet, "datagram"):
+        if self._intake.add(packet, "datagram"):
             return True
         self.num_bad += 1
         return False

@@ -12,7 +12,7 @@ class KnownPackets:
         self._packets = bytearray()
         self._has_init_segment = False
 
-    def take(self, message: Have, stream: ServedStream) -> int:
+    def add(self, message: Have, stream: ServedStream) -> int:
         """Records which packets a client already has, and returns the number of bytes that therefore need not be sent.
 
         Args:

@@ -113,7 +113,7 @@ class SourceBlocks(NamedTuple):
         return slice(first * self.symbol_bytes, min(last * self.symbol_bytes, self.num_bytes))
 
 
-class Group(NamedTuple):
+class ParityGroup(NamedTuple):
     """Parity group: packets with the indices `start + n * step`, which share repair symbols.
 
     Attributes:
@@ -138,17 +138,17 @@ class Group(NamedTuple):
         return self.start + symbol * self.step
 
 
-def parity_groups(parity_ranges: Sequence[ParityRange]) -> list[Group]:
+def parity_groups(parity_ranges: Sequence[ParityRange]) -> list[ParityGroup]:
     """Returns the parity groups (packets that share repair symbols) of a stream.
 
     Args:
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
     """
-    finder = GroupFinder(parity_ranges)
+    finder = ParityGroupFinder(parity_ranges)
     return [finder.group(number) for number in range(finder.num_groups)]
 
 
-class GroupFinder:
+class ParityGroupFinder:
     """Finds the parity group (packets that share repair symbols) of a packet.
 
     Args:
@@ -160,7 +160,7 @@ class GroupFinder:
         self._ranges = tuple(parity_ranges)
         self.num_groups = sum(parity_range.groups for parity_range in self._ranges)
 
-    def group(self, number: int) -> Group:
+    def group(self, number: int) -> ParityGroup:
         """Returns the parity group with the given index, 0 to `num_groups - 1`."""
         first = 0
         for parity_range in self._ranges:
@@ -169,7 +169,7 @@ class GroupFinder:
             first, number = first + parity_range.num_packets, number - parity_range.groups
         else:
             raise IndexError("there is no such parity group")
-        return Group(
+        return ParityGroup(
             first + number,
             parity_range.groups,
             -(-(parity_range.num_packets - number) // parity_range.groups),

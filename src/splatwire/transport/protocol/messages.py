@@ -6,14 +6,14 @@ MAX_NAME = 64
 MAX_NACKS = 250
 """Maximum number of NACKs in one feedback datagram."""
 MAX_PARITY_RANGES = 130
-"""Maximum number of packet runs; a run is a series of packets in sending order with the same parity. A static scene has
-at most ten runs: eight importance tiers, bundled packets, packets without parity. A sequence has two runs for each
-group of pictures, and no preview, which leaves space for them in the welcome.
+"""Maximum number of parity ranges. A range is a series of packets in sending order with the same parity. A static scene
+has at most ten ranges: eight importance tiers, bundled packets, packets without parity. A sequence has two ranges for
+each group of pictures, and no preview, which leaves space for them in the welcome.
 """
 MAX_PREVIEW = 1024
 """Maximum size of a scene's preview in bytes."""
 MAX_DECLARED = MAX_PREVIEW + 8 * 10
-"""Maximum size in bytes of the preview plus the descriptions of packet runs (eight bytes each), so that the server's
+"""Maximum size in bytes of the preview plus the descriptions of parity ranges (eight bytes each), so that the server's
 first response (welcome) fits one datagram, with 1181 bytes.
 """
 MAX_HELD_BYTES = 1100

@@ -15,7 +15,7 @@ from splatwire.bitstream import Packet, PacketId, SceneStream, send_sequence
 from splatwire.bitstream.tiles import Tiles, read_tiles
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, repair_symbols, source_symbols, symbol_bytes_for
-from splatwire.transport.protocol.layout import Group, SourceBlocks, init_segment, parity_groups
+from splatwire.transport.protocol.layout import ParityGroup, SourceBlocks, init_segment, parity_groups
 from splatwire.transport.protocol.messages import MAX_PREVIEW, ParityRange
 from splatwire.transport.protocol.motion_parity import arrange, group_packets
 from splatwire.transport.protocol.protection import (
@@ -161,7 +161,7 @@ class ServedStream:
         return kind == INIT_SYMBOL or (kind == DATA and symbol < self.opening_packets)
 
     @functools.cached_property
-    def _groups(self) -> list[Group]:
+    def _groups(self) -> list[ParityGroup]:
         return parity_groups(self.parity_ranges)
 
     @functools.cached_property

@@ -184,7 +184,7 @@ class ServerTransfer:
 
     def exclude_known(self, message: Have) -> None:
         """Records which packets the client already has. These are not sent, and the client's byte limit is lowered."""
-        self._max_bytes -= int(self._limits.max_sent_ratio * self._known_packets.take(message, self.stream))
+        self._max_bytes -= int(self._limits.max_sent_ratio * self._known_packets.add(message, self.stream))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
         """Removes datagrams from the queue up to the first one that the client needs, and returns this datagram.

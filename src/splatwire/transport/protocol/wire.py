@@ -56,7 +56,7 @@ TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE, VIEW))
 ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, INIT_SYMBOL))
 """Kinds of messages that are sent on the reliable stream instead if there is one (QUIC), with a u16 size prefix."""
 
-MAX_FOCAL, MAX_FAR, TURNED = 1e6, 1e12, 0.01
+MAX_FOCAL, MAX_COORDINATE, MAX_ROTATION_ERROR = 1e6, 1e12, 0.01
 """Maxima that a valid viewpoint must not exceed: focal length in pixels, coordinates in scene units, and deviation of
 its matrix from a rotation.
 """
@@ -110,7 +110,7 @@ def encode_symbol(kind: int, session: int, sequence: int, group: int, symbol: in
         symbol: Index of the symbol in the source block or parity group.
         payload: Bytes of the symbol.
     """
-    return _closed(_INIT_SYMBOL.pack(VERSION << 4 | kind, session, sequence, group, symbol) + payload)
+    return _with_checksum(_INIT_SYMBOL.pack(VERSION << 4 | kind, session, sequence, group, symbol) + payload)
 
 
 def encode(message: Message) -> bytes:
@@ -124,34 +124,34 @@ def encode(message: Message) -> bytes:
             return encode_symbol(PARITY, *message)
         case Hello():
             body = _HELLO.pack(VERSION << 4 | HELLO, message.nonce, len(message.name.encode())) + message.name.encode()
-            return _closed(body.ljust(HELLO_BYTES - _CRC.size, b"\0"))
+            return _with_checksum(body.ljust(HELLO_BYTES - _CRC.size, b"\0"))
         case Challenge():
-            return _closed(_CHALLENGE.pack(VERSION << 4 | CHALLENGE, *message))
+            return _with_checksum(_CHALLENGE.pack(VERSION << 4 | CHALLENGE, *message))
         case Request():
             name = message.name.encode()
             prefix = _REQUEST.pack(VERSION << 4 | REQUEST, message.nonce, message.token, len(name))
-            return _closed(prefix + name + message.scene_token.encode())
+            return _with_checksum(prefix + name + message.scene_token.encode())
         case Welcome():
             flags = LIVE * message.is_live | VIEWABLE * message.viewable
             prefix = _WELCOME.pack(VERSION << 4 | WELCOME, *message[:9], flags, len(message.parity_ranges))
             ranges = b"".join(_PARITY_RANGE.pack(*parity_range) for parity_range in message.parity_ranges)
-            return _closed(prefix + ranges + _SIZE.pack(len(message.preview)) + message.preview)
+            return _with_checksum(prefix + ranges + _SIZE.pack(len(message.preview)) + message.preview)
         case Feedback():
             requested = (*message.nacks, *message.lost_sequences)
             prefix = _FEEDBACK.pack(
                 VERSION << 4 | FEEDBACK, *message[:5], len(message.nacks), len(message.lost_sequences)
             )
-            return _closed(prefix + struct.pack(f"<{len(requested)}I", *requested))
+            return _with_checksum(prefix + struct.pack(f"<{len(requested)}I", *requested))
         case Bye():
-            return _closed(_BYE.pack(VERSION << 4 | BYE, *message))
+            return _with_checksum(_BYE.pack(VERSION << 4 | BYE, *message))
         case View():
-            return _closed(_VIEW.pack(VERSION << 4 | VIEW, *message[:-1], *message.viewmat))
+            return _with_checksum(_VIEW.pack(VERSION << 4 | VIEW, *message[:-1], *message.viewmat))
         case Refuse():
-            return _closed(_REFUSE.pack(VERSION << 4 | REFUSE, *message))
+            return _with_checksum(_REFUSE.pack(VERSION << 4 | REFUSE, *message))
         case End():
-            return _closed(_END.pack(VERSION << 4 | END, *message))
+            return _with_checksum(_END.pack(VERSION << 4 | END, *message))
         case Have():
-            return _closed(_HAVE.pack(VERSION << 4 | HAVE, *message[:-1]) + message.held)
+            return _with_checksum(_HAVE.pack(VERSION << 4 | HAVE, *message[:-1]) + message.held)
 
 
 def message_kind(data: bytes) -> int:
@@ -176,7 +176,7 @@ def refuse_other_version(data: bytes) -> bytes | None:
     if not _is_intact(data):
         return None
     (nonce,) = struct.unpack_from("<Q", data, 1)
-    return _closed(_REFUSE.pack(data[0] & 0xF0 | REFUSE, nonce, OTHER_VERSION))
+    return _with_checksum(_REFUSE.pack(data[0] & 0xF0 | REFUSE, nonce, OTHER_VERSION))
 
 
 def refuse_other_transport(data: bytes) -> bytes | None:
@@ -231,11 +231,11 @@ def _is_intact(data: bytes) -> bool:
     return zlib.crc32(data[: -_CRC.size]) == _CRC.unpack_from(data, len(data) - _CRC.size)[0]
 
 
-def _closed(body: bytes) -> bytes:
+def _with_checksum(body: bytes) -> bytes:
     return body + _CRC.pack(zlib.crc32(body))
 
 
-def _exactly(layout: struct.Struct, body: bytes) -> tuple[Any, ...]:
+def _unpack_exact(layout: struct.Struct, body: bytes) -> tuple[Any, ...]:
     if len(body) != layout.size:
         raise BitstreamError(f"a datagram of {len(body)} bytes where {layout.size} are needed")
     return layout.unpack(body)[1:]
@@ -309,26 +309,31 @@ def _symbol(body: bytes) -> tuple[Any, ...]:
 
 
 def _view(body: bytes) -> View:
-    *fields, focal = _exactly(_VIEW, body)[:6]
+    *fields, focal = _unpack_exact(_VIEW, body)[:6]
     rows = _VIEW.unpack(body)[7:]
     turn = np.array(rows, dtype=np.float64).reshape(3, 4)
-    fine = np.isfinite(turn).all() and 0 < focal < MAX_FOCAL and min(fields[2:]) > 0 and np.abs(turn).max() < MAX_FAR
-    if not fine or np.abs(turn[:, :3] @ turn[:, :3].T - np.eye(3)).max() > TURNED:
+    fine = (
+        np.isfinite(turn).all()
+        and 0 < focal < MAX_FOCAL
+        and min(fields[2:]) > 0
+        and np.abs(turn).max() < MAX_COORDINATE
+    )
+    if not fine or np.abs(turn[:, :3] @ turn[:, :3].T - np.eye(3)).max() > MAX_ROTATION_ERROR:
         raise BitstreamError("a view with an invalid camera")
     return View._make([*fields, focal, rows])
 
 
 _DECODERS: dict[int, Callable[[bytes], Message]] = {
     HELLO: _hello,
-    CHALLENGE: lambda body: Challenge(*_exactly(_CHALLENGE, body)),
+    CHALLENGE: lambda body: Challenge(*_unpack_exact(_CHALLENGE, body)),
     REQUEST: _request,
     WELCOME: _welcome,
     INIT_SYMBOL: lambda body: InitSymbol(*_symbol(body)),
     PARITY: lambda body: Parity(*_symbol(body)),
     FEEDBACK: _feedback,
-    BYE: lambda body: Bye(*_exactly(_BYE, body)),
-    REFUSE: lambda body: Refuse(*_exactly(_REFUSE, body)),
+    BYE: lambda body: Bye(*_unpack_exact(_BYE, body)),
+    REFUSE: lambda body: Refuse(*_unpack_exact(_REFUSE, body)),
     VIEW: _view,
-    END: lambda body: End(*_exactly(_END, body)),
+    END: lambda body: End(*_unpack_exact(_END, body)),
     HAVE: _have,
 }

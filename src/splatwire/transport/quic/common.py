@@ -25,16 +25,16 @@ MAX_UDP_BYTES = 1232
 MAX_DATAGRAM_FRAME = 1 << 16
 WINDOW_BYTES = 4 << 20
 """Maximum number of bytes in flight per connection, and flow-control window of the peer's streams in bytes."""
-UNREAD_BYTES = 1 << 16
+MAX_UNREAD_BYTES = 1 << 16
 """Maximum number of bytes, over all streams of a client, that are buffered because earlier bytes are missing."""
-OUTSIDE_BYTES = 1 << 13
+MAX_OUTSIDE_BYTES = 1 << 13
 """Maximum number of bytes that an HTTP/3 client may send during a connection outside the stream of its WebTransport
 session: settings, requests and header compression. The limit is needed because aioquic buffers incomplete HTTP/3 frames
 and parses an incomplete frame again with every fragment.
 """
-MIN_BYTES = 16
-"""Minimum number of bytes that a fragment of a frame counts towards `OUTSIDE_BYTES`."""
-STREAMS = 16
+MIN_FRAGMENT_BYTES = 16
+"""Minimum number of bytes that a fragment of a frame counts towards `MAX_OUTSIDE_BYTES`."""
+MAX_STREAMS = 16
 """Maximum number of open QUIC streams per client and direction."""
 RATE_CONTROL = "splatwire"
 MAX_BACKOFF = 1

@@ -34,8 +34,8 @@ from splatwire.transport.quic.common import (
     FULL,
     INTERNAL,
     MALFORMED,
-    STREAMS,
-    UNREAD_BYTES,
+    MAX_STREAMS,
+    MAX_UNREAD_BYTES,
     QuicLimits,
     configuration,
     limit_backoff,
@@ -248,7 +248,7 @@ class _LimitedEndpoint(AioquicServer):
             other.end(FULL, FULL_REASON)
         connection = _Connection(quic, self._owner, self._network)
         for limit in (quic._local_max_streams_bidi, quic._local_max_streams_uni):  # aioquic has no option for it
-            limit.value = limit.sent = STREAMS
+            limit.value = limit.sent = MAX_STREAMS
         self._owner.accept(connection)
         return connection
 
@@ -415,7 +415,7 @@ class _Connection(QuicConnectionProtocol):
         """
         self.guarded(super().datagram_received, data, addr)
         # aioquic extends flow-control windows even for data that have not been read.
-        if not self._over and self.quic._local_max_data.used - self._read > UNREAD_BYTES:
+        if not self._over and self.quic._local_max_data.used - self._read > MAX_UNREAD_BYTES:
             self.malformed("too much waits for what is missing before it")
 
     def quic_event_received(self, event: events.QuicEvent) -> None:

@@ -11,8 +11,8 @@ from splatwire.errors import BitstreamError
 from splatwire.transport.protocol.messages import Welcome
 from splatwire.transport.protocol.wire import MAX_DATAGRAM, WELCOME, decode, message_kind
 from splatwire.transport.quic.common import (
-    MIN_BYTES,
-    OUTSIDE_BYTES,
+    MAX_OUTSIDE_BYTES,
+    MIN_FRAGMENT_BYTES,
     STREAM,
     WEBTRANSPORT_PATH,
     WINDOW_BYTES,
@@ -165,8 +165,8 @@ class WebTransportSessions:
             if isinstance(event, events.StopSendingReceived) and (inside or event.stream_id == self._id):
                 self._connection.malformed("the stream was given up")
                 return
-            self._outside += 0 if inside else max(MIN_BYTES, len(getattr(event, "data", b"")))
-            if self._outside > OUTSIDE_BYTES:
+            self._outside += 0 if inside else max(MIN_FRAGMENT_BYTES, len(getattr(event, "data", b"")))
+            if self._outside > MAX_OUTSIDE_BYTES:
                 self._connection.malformed("more than any session says outside its stream")
                 return
         try:
