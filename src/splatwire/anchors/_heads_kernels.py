@@ -263,8 +263,8 @@ def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers,
         slopes: Factors on negative hidden units (leaky ReLU) of the opacity, covariance and colour networks.
 
     Returns:
-        Six arrays with one row per Gaussian: means, quaternions, scales, opacities, colours, and two indices (that of
-        the anchor and that of the offset).
+        Six arrays with one row per Gaussian: means, quaternions, scales, opacities, colours, and pairs of indices. A
+        pair has the index of the anchor and the index of the offset within the anchor.
     """
     num_offsets, num_inputs = anchors[4].shape[1], anchors[1].shape[1] + 4
     groups, out_groups, padded = -(-num_hidden // ROWS), -(-num_offsets // ROWS), -(-num_hidden // 4) * 4

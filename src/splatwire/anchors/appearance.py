@@ -72,7 +72,7 @@ def _conversion_hint(value: object) -> str:
 def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
     """Returns the Gaussians that camera `view` draws. Not differentiable.
 
-    Their positions are relative to the scene's origin. The cameras must be, too:
+    Positions are relative to the scene's origin. The cameras must be relative to the same origin; to convert them, use
     `cameras.relative_to(origin_of(scene))`.
 
     Raises:

@@ -18,7 +18,7 @@ from splatwire.types.causal_coding import INPUT_UNIT, OCTAVES, CausalConfig
 class CausalPrediction:
     """Predicted probability distributions of the attributes of M anchors.
 
-    Means are in quantisation steps. Standard deviations are stored as their log2, also in quantisation steps.
+    Means and standard deviations are in quantisation steps. Standard deviations are stored as log2.
 
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.

@@ -121,7 +121,7 @@ def _once(warn: Warn) -> Warn:
         warn: Function that is called with the text of each warning.
 
     Returns:
-        Function that is called in place of `warn`. An empty text makes it forget all earlier warnings.
+        Function that is called in place of `warn`. After a call with an empty text, earlier warnings may be repeated.
     """
     said = set[str]()
 

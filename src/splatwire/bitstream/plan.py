@@ -25,7 +25,7 @@ class PacketGroups(NamedTuple):
     Attributes:
         ranks: All elements, group after group, int64 (N). Each is given by its index in plan order (see `PacketPlan`).
             Group g has the elements `ranks[starts[g]:starts[g + 1]]`.
-        starts: Start of each group in `ranks` and the end of the last, int64 (G + 1).
+        starts: Start of each group in `ranks`, followed by the end of the last group, int64 (G + 1).
     """
 
     ranks: np.ndarray

@@ -24,7 +24,7 @@ class Tiles(CheckedFields):
 
     Attributes:
         levels: Level of detail of each tile, 0 for the finest, int64 (B).
-        parents: Coarser tile that replaces each tile, int64 (B); -1 in the coarsest level.
+        parents: Index of the coarser tile that replaces each tile, int64 (B); -1 for tiles of the coarsest level.
         counts: Number of Gaussians of each tile, int64 (B).
         packets: Number of packets of each tile, int64 (B).
         sizes: Bytes of each tile in the file, int64 (B).

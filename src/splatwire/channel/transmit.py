@@ -225,8 +225,8 @@ def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np
         seed: Random seed.
 
     Returns:
-        True for each received packet, in sending order, bool; and the number of losses, in the loss model's unit (whole
-        packets or datagrams).
+        Two values: the mask of received packets in sending order, bool (packets); and the number of losses, counted in
+        the unit of the loss model (packets or datagrams).
     """
     rng = np.random.Generator(np.random.PCG64(seed))
     if loss.unit == "pak" or not len(datagrams):

@@ -79,7 +79,7 @@ def _evaluate_sequence(command: Evaluate, stream: SceneStream) -> None:
 
 
 def _print_sequence(content: dict[str, Any], title: str) -> None:
-    """Prints the image quality of a sequence on standard output, one table row per loss and concealer."""
+    """Prints the image quality of a sequence on standard output, one table row for each loss and concealer."""
     under = "".join(f" under {loss}" for loss in {row["loss"] for row in content["rows"]} - {None, "none"})
     later = ", from the second group on" if content["frames"] > content["group_frames"] else ""
     shown = [number for number, name in enumerate(HEADINGS) if name != "loss"]  # it is in the title

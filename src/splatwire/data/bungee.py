@@ -26,7 +26,7 @@ def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
     Args:
         path: Path of the file; the folder with the photos is next to it.
         images: Name of the folder with the photos, such as `images_2`; None for the folder `images`. The focal length
-            is scaled to the size of its photos.
+            is scaled to the size of the photos in this folder.
 
     Raises:
         DatasetError: If the file is damaged, a pose is not rigid, or the numbers of poses and photos differ.

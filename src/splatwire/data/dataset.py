@@ -140,7 +140,7 @@ def open_dataset(
         path: The folder.
         split: Split to read, one of `SPLITS`.
         images: Folder of photos to read instead of the folder `images`, such as `images_4`. Intrinsics are scaled to
-            the size of its photos. None to read the photos that the dataset names.
+            the size of the photos in this folder. None to read the photos that the dataset names.
         max_width: Wider photos are reduced to this width, as in the training of HAC++; None for no limit.
         test_views: Choice of test views, one of `TEST_VIEWS`: every eighth, or the first 31. None for the default of
             the layout.

@@ -20,8 +20,9 @@ WEIGHT_FILES = {
 def find_lpips_files(network: str = "vgg") -> tuple[Path, Path] | None:
     """Returns the paths of the weight files of LPIPS (backbone, linear layers) that environment variables name.
 
-    The variables are `SPLATWIRE_LPIPS_BACKBONE` and `SPLATWIRE_LPIPS_LINEAR`, or `SPLATWIRE_LPIPS_DIR` for a folder
-    with `vgg16_features.pth` and `lpips_lin_vgg.pth` (`alexnet_features.pth`, `lpips_lin_alex.pth`).
+    Either `SPLATWIRE_LPIPS_BACKBONE` and `SPLATWIRE_LPIPS_LINEAR` name the two files, or `SPLATWIRE_LPIPS_DIR` names a
+    folder with both files. In the folder, the files are called `vgg16_features.pth` and `lpips_lin_vgg.pth` for the
+    network `vgg`, and `alexnet_features.pth` and `lpips_lin_alex.pth` for the network `alex`.
 
     The result is None if no variable is set, or the folder does not contain the backbone.
 

@@ -17,7 +17,7 @@ _BLOCK = 64
 
 
 class MahalanobisSearch:
-    """Finds the points that are nearest to a query by Mahalanobis distance; exact.
+    """Exact search for the points that are nearest to a query by Mahalanobis distance.
 
     The distance of the query q from the point k is `sqrt((x_q - x_k)^T diag(size_k)^-2 (x_q - x_k))`.
 

@@ -78,8 +78,8 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
 def choose_origin_of_small(means: np.ndarray) -> Origin:
     """Chooses an origin for float64 positions, only if rounding them to float32 without an origin would be visible.
 
-    The rounding step of float32 grows with the distance from 0. It is visible in a scene that is small compared with
-    its distance from 0. Positions relative to an origin near the scene have a small step.
+    The rounding step of float32 grows with the distance from 0. This step is visible in a scene that is small compared
+    with its distance from 0. Positions relative to an origin near the scene have a small step.
 
     Args:
         means: World coordinates, float64 (N, 3); rows that are not finite are ignored.

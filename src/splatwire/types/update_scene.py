@@ -8,7 +8,9 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class UpdateScene(SplatScene):
-    """Difference between two versions of a scene: the new Gaussians (elements of this object), and the removed ones.
+    """Difference between two versions of a scene.
+
+    The elements of this object are the new Gaussians. `removed` lists the Gaussians that no longer exist.
 
     Attributes:
         base_digest: SHA-256 of the manifest of the stream before the update, hexadecimal.

@@ -43,7 +43,7 @@ class SceneEntry:
         cameras: Cameras file that defines the views; ignored if `photos` is given. If both are None, views around the
             scene are generated.
         reference: Scene or frames whose renders are the reference images, even if `photos` is given. If this is None,
-            the photos are the reference images. If `photos` is None, too, they are renders of the scene itself.
+            the photos are the reference images. If `photos` is None, too, renders of the scene itself are used.
         dataset: Name of the group of scenes over which results are averaged.
         images: Folder of photos to read instead of the folder `images` of the dataset, such as `images_4`; None to read
             the photos that the dataset names.

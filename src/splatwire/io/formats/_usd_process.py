@@ -67,7 +67,7 @@ def read_in_process(task: str, path: Path) -> Generator[Any, None, None]:
 
 
 def _received(path: Path, source: IO[bytes]) -> Iterator[Any]:
-    """Yields the messages of the process that reads an OpenUSD scene, and logs its warnings.
+    """Yields the messages of the process that reads an OpenUSD scene, and logs the warnings of this process.
 
     Args:
         path: Path of the scene, for messages.

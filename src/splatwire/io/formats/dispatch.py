@@ -100,8 +100,8 @@ def read_splats(path: Path) -> Splats:
 def read_content(path: Path) -> FileContent:
     """Reads explicit Gaussians of any supported format, with axes as in a 3DGS PLY (RDF).
 
-    Invisible and invalid Gaussians are removed and logged. Positions far from 0 are relative to an origin near them, so
-    that float32 suffices.
+    Invisible and invalid Gaussians are removed and logged. If positions are far from 0, the result has an origin near
+    the Gaussians, so that float32 suffices for positions relative to this origin.
 
     Raises:
         DatasetError: If the format is not supported, the file is damaged, or no Gaussian can be drawn.

@@ -80,7 +80,7 @@ def read_sog(path: Path) -> FileContent:
 
 
 def is_antialiased(path: Path) -> bool:
-    """True if a valid SOG declares that it was trained with antialiasing."""
+    """True if a valid SOG declares that its scene was trained with antialiasing."""
     with _opened(path) as sog:
         return sog.is_antialiased()
 

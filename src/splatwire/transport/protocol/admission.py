@@ -94,7 +94,9 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Returns the IP prefix with the most connections, and their number; None without any connection.
+    """Returns the IP prefix of a given depth with the most connections, and the number of these connections.
+
+    The result is None if no network has the prefixes `within`.
 
     Args:
         held: Number of connections per network. A network is a tuple of nested IP prefixes, the widest first.

@@ -55,7 +55,11 @@ class FeedbackTracker:
 
     @property
     def reported(self) -> tuple[int, int, int]:
-        """Numbers of datagrams up to the latest reported one: sent ones, received ones, and sent large ones."""
+        """Three numbers of datagrams, up to the latest datagram that the receiver has reported.
+
+        These are the number of sent datagrams, the number of received datagrams, and the number of sent large
+        datagrams.
+        """
         return (
             (0, 0, 0) if self._last is None else (self._last.largest + 1, self._last.received, self._num_large_reported)
         )

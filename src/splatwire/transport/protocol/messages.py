@@ -94,7 +94,7 @@ class ParityRange(NamedTuple):
 class Welcome(NamedTuple):
     """Response of the server that accepts a request and declares the sizes of the stream.
 
-    For a live stream, the server sends it again whenever the stream has grown.
+    For a live stream, the server sends such a response again whenever the stream has grown.
 
     Attributes:
         nonce: Number that identifies the client's connection attempt.

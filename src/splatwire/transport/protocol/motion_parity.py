@@ -92,7 +92,7 @@ def arrange(
 
 
 def _round_up(share: float) -> int:
-    """Rounds up to an integer, but rounds down if the fraction is at most 1e-9, a possible floating-point error."""
+    """Rounds up to an integer. A fraction of at most 1e-9 may be a floating-point error and is rounded down."""
     # Without the tolerance, 0.07 * 100 packets would be rounded up to 8.
     return math.ceil(share - 1e-9)
 

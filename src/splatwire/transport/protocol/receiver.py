@@ -260,7 +260,10 @@ class Receiver(ReceiveState):
             self._connected, self._connecting_since = True, now
 
     def describe_missing(self) -> str:
-        """Returns a message about missing data and their cause, or an empty text before the server's response."""
+        """Returns a message about missing data, with a likely cause if many datagrams were lost.
+
+        Before the server's response, the message is that the stream has not begun, or empty if this is unknown.
+        """
         if self._welcome is None:
             return "the stream has not begun" if self._has_begun_waiting else ""
         sent, received = (

@@ -303,7 +303,10 @@ class ServerTransfer:
         self._queue_retransmissions(message, now)
 
     def new_problems(self) -> list[str]:
-        """Returns the problems of the path that were found since the last call, keys of `PROBLEMS`; each once."""
+        """Returns the problems of the path that were found since the previous call, as keys of `PROBLEMS`.
+
+        A problem is returned only once for each transfer.
+        """
         new = sorted(self._problems - self._returned_problems)
         self._returned_problems |= self._problems
         return new
@@ -315,7 +318,11 @@ class ServerTransfer:
         return 1 - min(received, sent) / sent if sent else 0.0
 
     def _check_arrivals(self, now: float) -> None:
-        """Finds out from a new report if the path drops large datagrams, or loses most at a fixed rate."""
+        """Looks for problems of the path in a new report, and stores the problems that are found.
+
+        One problem is a path that drops all large datagrams. The other is a fixed sending rate at which too many
+        datagrams are lost.
+        """
         reported = sent, _, _ = self._feedback_tracker.reported
         num_sent, num_received, num_large = (
             after - before for after, before in zip(reported, self._reported_before, strict=True)
@@ -335,7 +342,7 @@ class ServerTransfer:
             self._problems.add("rate too high")
 
     def _may_notice(self, now: float) -> bool:
-        """True if a small datagram is due that shows that the server's data do not arrive."""
+        """True if the server should now send a small datagram, with which it tells the client that no data arrive."""
         num_unreported = self._feedback_tracker.sequence - self._feedback_tracker.reported[0]
         if self.stream.is_live or not self._reported or num_unreported < MIN_UNREPORTED:
             return False

@@ -342,7 +342,8 @@ class _Connected:
 
     Args:
         transport: asyncio transport of the connected socket.
-        tap: Called for each sent datagram, with True and the bytes of the datagram.
+        tap: Function that is called for each sent datagram. Its arguments are True, which stands for a sent datagram,
+            and the bytes of the datagram.
     """
 
     def __init__(self, transport: Any, tap: Callable[[bool, bytes], None]) -> None:
