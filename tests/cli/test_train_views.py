@@ -40,7 +40,8 @@ def test_rounded_cameras_in_map_coordinates_give_a_warning(tmp_path, caplog):
     assert train.cameras.origin == test.cameras.origin == NO_ORIGIN
     assert np.abs(train.cameras.centers - np.array(UTM)).max() < 1.6
     (warning,) = caplog.messages
-    assert "training rounds positions to float32, here steps of 0.5: subtract this point" in warning
+    assert "positions are rounded to float32, here steps of 0.5: train explicit Gaussians" in warning
+    assert "or subtract this point" in warning
 
 
 def test_cameras_around_0_give_no_warning(tmp_path, caplog):
