@@ -18,7 +18,7 @@ from splatwire.bitstream.tile_index import SECTION, read_tile_index
 from splatwire.bitstream.tiles import Tiles, parents_of
 from splatwire.bitstream.view import Viewpoint, cut_of, pixel_errors, replaces_tile
 from splatwire.codec import ProgressiveDecoder, add_concealment, decode_stream, encode_scene, repack
-from splatwire.concealment import conceal
+from splatwire.concealment import conceal, create_concealer
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.lod.building import build_levels
 from splatwire.lod.encoding import encode_levels
@@ -168,6 +168,15 @@ def test_coarse_concealer_draws_the_parents_of_lost_tiles(stream):
     assert near.any()
     nothing = decode_stream(stream.with_packets(p for p in stream.packets if p.id.block < first))
     assert conceal(nothing, "coarse").drawn().num_gaussians > 0
+
+
+def test_without_trust_the_coarse_concealer_hides_merged_gaussians_even_if_all_finer_ones_are_lost(stream):
+    first = stream.manifest.plan.spans[-1].first_block
+    received = decode_stream(stream.with_packets(packet for packet in stream.packets if packet.id.block < first))
+    shown = ~conceal(received, create_concealer("coarse", trust=0.0)).hints.left_out
+    copied = received[Levels].copied
+    assert bool((shown & copied).any())
+    assert not bool((shown & ~copied).any())
 
 
 def test_coarse_concealer_keeps_a_complete_scene(stream):

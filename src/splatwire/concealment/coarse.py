@@ -114,7 +114,7 @@ def _coarse_opacities(
     """
     # a copy is drawn unless its original arrived; a merged Gaussian gets the share of its area that is not covered
     covers = _coverage(splats)
-    shown = np.ones(len(coarse), np.float32)
+    shown = np.where(copied, 1, trust).astype(np.float32)
     if not len(fine):
         return shown
     original = _originals(splats, fine, coarse[copied])

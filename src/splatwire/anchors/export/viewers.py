@@ -69,7 +69,8 @@ def _explicit(scene: Scene) -> Splats:
     splats = explicit_gaussians(scene)
     if splats is None:
         raise InvalidValueError(
-            "the scene's Gaussians depend on the view: `splatwire export ply` fits explicit ones first"
+            "a viewer needs explicit Gaussians, but those of anchors depend on the view: "
+            "`splatwire export ply` fits explicit ones"
         )
     return splats
 

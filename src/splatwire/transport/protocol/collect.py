@@ -57,11 +57,11 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
         for parity_range in w.parity_ranges
     )
     checks = (
-        (0 < w.init_segment_bytes <= limits.init_segment_bytes, f"side information of {w.init_segment_bytes} bytes"),
+        (0 < w.init_segment_bytes <= limits.init_segment_bytes, f"an init segment of {w.init_segment_bytes} bytes"),
         (w.num_packets <= limits.packets, f"{w.num_packets} packets"),
         (total <= limits.stream_bytes, f"a stream of {total} bytes"),
         (w.packet_bytes <= MAX_PACKET_BYTES, f"packets of {w.packet_bytes} bytes"),
-        (w.num_bundled <= w.num_packets, f"{w.num_bundled} of {w.num_packets} packets within the side information"),
+        (w.num_bundled <= w.num_packets, f"{w.num_bundled} of {w.num_packets} packets within the init segment"),
         (
             MIN_SYMBOL_BYTES <= w.symbol_bytes <= MAX_DATAGRAM and w.symbol_bytes % fec.ALIGNMENT == 0,
             f"symbols of {w.symbol_bytes} bytes",
