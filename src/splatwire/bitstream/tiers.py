@@ -58,7 +58,7 @@ class Span(NamedTuple):
         return min(self.block_size, self.num_elements - (block - self.first_block) * self.block_size)
 
     def block_start(self, block: int) -> int:
-        """Returns the index of a block's first element when all elements of the stream are sorted by importance tier.
+        """Returns the index of a block's first element among all elements of the stream, sorted by importance tier.
 
         Args:
             block: Index of the block within the stream.

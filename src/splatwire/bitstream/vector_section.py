@@ -43,7 +43,7 @@ class VectorSection:
     def of_stream(self, stream: SceneStream) -> Vector:
         """Reads the three numbers of the section from a stream's side information.
 
-        If the stream has no such section, returns `usual`, the numbers for which the section is omitted.
+        Streams whose numbers equal `usual` have no such section. For them, `usual` is returned.
 
         Raises:
             BitstreamError: If the side information or the section is damaged.

@@ -41,8 +41,8 @@ class AnchorSketch:
         copies: The coarse copies, and the parameters with which a receiver enlarges anchors next to lost ones.
         buckets: Size class of each anchor, 0 for the largest, int64 (N); context of the entropy coder.
         growths: Exponents of the enlargement that the calibration tries, the default first.
-        trusts: Factors, 0 to 1, on the correction of the enlargement by a neural network. The calibration tries each,
-            the default first.
+        trusts: A neural network corrects the enlargement. These factors, 0 to 1, multiply its correction. The
+            calibration tries each factor, the default first.
     """
 
     copies: SketchSection

@@ -21,8 +21,8 @@ class LossText:
     """Registry entry that creates one kind of loss model from parameters given as text.
 
     Attributes:
-        make: Function or class that returns the loss model, given the text after the colon of `NAME:PARAMETERS` and the
-            keyword `unit`.
+        make: Function or class that returns the loss model. Its argument is `PARAMETERS` in `NAME:PARAMETERS`. It has
+            the keyword argument `unit`, too.
         form: Syntax of the model's text, such as `bernoulli:RATE`, for error messages.
     """
 

@@ -36,7 +36,7 @@ class StartupProgress(logging.Handler):
             self._loading.start()
 
     def stop(self) -> None:
-        """Cancels the timer of the message that libraries are being loaded."""
+        """Cancels the timer that would print the message about the loading of libraries."""
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:

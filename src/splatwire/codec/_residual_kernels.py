@@ -43,8 +43,8 @@ def residual_windows(scales, inverses, widths, normal):
     Args:
         scales: Index of each context's standard deviation in the coder's table, int64 (contexts).
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest magnitude of a residual with a probability interval, for each standard deviation in the coder's
-            table.
+        widths: For each standard deviation in the coder's table, the largest magnitude of residuals that have a
+            probability interval of their own.
         normal: Table of the normal cumulative distribution function.
 
     Returns:
@@ -53,7 +53,7 @@ def residual_windows(scales, inverses, widths, normal):
         `scales`: the argument as uint16 (contexts).
 
         `windows`: for each standard deviation, its range of residuals and its positions in the other arrays, int64
-        (standard deviations, 6). The constants `HALF` to `GUESS_BITS` are the columns.
+        (standard deviations, 6). The constants from `HALF` to `GUESS_BITS` are the indices of its columns.
 
         `bounds`: starts of the probability intervals, in units of 2**-`TOTAL_BITS`, int32.
 

@@ -18,8 +18,8 @@ INSERTED = 48
 def count_digits(values, prefixes, shift, bits, counts):
     """Counts the digits of floating-point numbers, as one pass of a radix selection.
 
-    Each number is converted to an unsigned integer, so that the integers have the same order as the numbers. For a
-    positive number, the sign bit is inverted. For a negative number, all bits are inverted.
+    Digits are groups of bits of unsigned integers that have the same order as the numbers. Such an integer consists of
+    the bits of the number. If the number is positive, its sign bit is inverted; if it is negative, all bits are.
 
     Args:
         values: The numbers, float32 or float64, reinterpreted as uint32 or uint64 (n).

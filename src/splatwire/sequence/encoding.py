@@ -287,9 +287,9 @@ class SequenceEncoder:
     def _precision(self, group: TrackGroup, cuts: list[int], new: np.ndarray) -> np.ndarray | None:
         """Chooses the precision class (set of quantisation steps) of each track in a group with a scene cut.
 
-        A track is one Gaussian over time. New tracks that begin at or after the first cut get classes by rendering; all
-        other tracks get a default class. In the first group, rendering is skipped if the classes of most tracks are
-        already known.
+        A track is one Gaussian over time. The classes of new tracks that begin at or after the first cut are chosen by
+        rendering. All other tracks get a default class. In the first group of a sequence, the classes of most tracks
+        may be known already. Then nothing is rendered.
 
         Args:
             group: Tracks of the group.
@@ -297,8 +297,8 @@ class SequenceEncoder:
             new: Mask of tracks that are new in this group, bool (n).
 
         Returns:
-            Precision class of each track, (n). None if the group has no scene cut. Also None in a live sequence, except
-            in its first group.
+            Precision class of each track, (n). None if the group has no scene cut, or if it is a later group of a live
+            sequence.
         """
         if not cuts or (self._live and self._num_groups):  # too slow for a live sequence
             return None

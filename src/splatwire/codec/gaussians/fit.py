@@ -101,7 +101,7 @@ def first_scales() -> np.ndarray:
     """Returns the same initial standard deviation for all residual contexts, for use before statistics exist.
 
     Returns:
-        One integer for each context, int64 (A, B, C), because a context has three indices (see `Coder`). The integer,
-        multiplied by `SCALE_UNIT`, is the index of the standard deviation in the coder's table.
+        Initial standard deviation of each context, int64 (A, B, C). The axes are the three indices of a context (see
+        `Coder`). Each number, multiplied by `SCALE_UNIT`, is an index into the coder's table of standard deviations.
     """
     return np.full((len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS), 24, dtype=np.int64)

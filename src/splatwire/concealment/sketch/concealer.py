@@ -141,7 +141,7 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def conceal(self, section: SketchSection) -> Concealed:
-        """Hides lost anchors without a coarse copy, and enlarges the drawn anchors next to hidden anchors.
+        """Hides those lost anchors that have no coarse copy, and enlarges drawn anchors next to hidden ones.
 
         Args:
             section: The decoded section `sketch`, with the parameters of the enlargement and the coarse copies.

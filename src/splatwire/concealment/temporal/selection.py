@@ -82,9 +82,9 @@ def _errors(
 ) -> list[np.ndarray]:
     """Measures the error of several estimators of lost motion on tracks whose true motion is known.
 
-    The error of a track is the squared difference between the estimated and the true colour and opacity. The difference
-    is measured at the true and at the estimated position of the track, and summed over a few frames. It is multiplied
-    by the squared scale and the opacity of the track's Gaussian.
+    The error of a track is a squared difference of colour and opacity between the true and the estimated picture. It is
+    computed at two points, the true and the estimated position of the track, for a few frames. The sum of these squared
+    differences is multiplied by the squared scale and the opacity of the track's Gaussian.
 
     Args:
         sequence: The sequence.

@@ -290,7 +290,7 @@ class Study:
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Returns the words that describe a packetization: the name of a preset, then the parameters that differ from it.
+    """Describes a packetization as a preset and the parameters whose values differ from those of the preset.
 
     Args:
         preset: The preset.
