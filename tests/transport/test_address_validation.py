@@ -158,7 +158,7 @@ def test_a_flood_of_initial_packets_reaches_no_cryptography(monkeypatch, caplog)
             assert 0 < len(strange) <= RETRY_HANDSHAKES
             assert server.num_dropped >= sent // 2
             (line,) = [record.getMessage() for record in caplog.records]
-            assert line.startswith("connection attempts dropped attempts=")
+            assert line.startswith("connection attempts dropped count=")
 
     run(work())
 

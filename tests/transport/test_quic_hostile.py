@@ -1,6 +1,7 @@
 """Hostile QUIC clients end only their own connection."""
 
 import asyncio
+import logging
 import random
 import socket
 import ssl
@@ -39,7 +40,7 @@ from splatwire.transport.quic.common import (
     configuration,
     length_prefixed,
 )
-from splatwire.transport.quic.server import RETRY_HANDSHAKES
+from splatwire.transport.quic.server import MIN_MALFORMED, RETRY_HANDSHAKES
 from splatwire.transport.quic.sessions import MAX_PENDING, MAX_PENDING_MESSAGES
 from transport.test_quic import OTHER, fetch, run, serving
 
@@ -136,6 +137,21 @@ def test_malformed_streams_end_their_connection_only(malice):
             await close_client(client)
 
     run(work())
+
+
+def test_many_malformed_connections_give_one_log_line(caplog):
+    async def work() -> None:
+        async with serving() as server:
+            for _ in range(MIN_MALFORMED + 2):
+                client = await connected(server.port, ALPN)
+                client.quic.send_stream_data(0, b"\0\0rest")
+                client.transmit()
+                await until(lambda client=client: client.ended)
+                await close_client(client)
+
+    run(work())
+    (line,) = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
+    assert line == f"malformed connections ended count={MIN_MALFORMED}"
 
 
 def test_thousands_of_invalid_frames_are_ignored():

@@ -21,6 +21,32 @@ def log_event(logger: logging.Logger, level: int, event: str, **fields: str | in
         logger.log(level, "%s", " ".join(words), extra={_FIELDS: {"event": event, **fields}})
 
 
+class RepeatedEvent:
+    """Log line about an event that may repeat itself many times: at most one line within an interval.
+
+    Args:
+        logger: Logger that receives the lines.
+        event: Name of the event.
+        interval_s: Minimum interval between two lines, seconds.
+        min_count: Minimum number of events since the last line for a further line.
+    """
+
+    def __init__(self, logger: logging.Logger, event: str, *, interval_s: float, min_count: int) -> None:
+        self._logger, self._event, self._interval_s, self._min_count = logger, event, interval_s, min_count
+        self._count, self._logged_at = 0, -interval_s
+
+    def record(self, now: float) -> None:
+        """Counts an event, and logs the number of events since the last line as a warning if a line is due.
+
+        Args:
+            now: Time, seconds.
+        """
+        self._count += 1
+        if self._count >= self._min_count and now - self._logged_at >= self._interval_s:
+            log_event(self._logger, logging.WARNING, self._event, count=self._count)
+            self._count, self._logged_at = 0, now
+
+
 class JsonFormatter(logging.Formatter):
     """Log formatter: one JSON object per line with time (UTC, RFC 3339), level, logger and the fields of the event."""
 

@@ -14,7 +14,7 @@ from aioquic.asyncio.server import QuicServer as AioquicServer
 from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
 
-from splatwire.transport.event_log import log_event
+from splatwire.transport.event_log import RepeatedEvent
 from splatwire.transport.protocol.admission import Network, choose_eviction, network_of
 from splatwire.transport.protocol.sender import Server
 from splatwire.transport.protocol.served_stream import ServedStream
@@ -60,8 +60,10 @@ MAX_HANDSHAKES_FACTOR = 4
 """Number of handshakes that a network may start within `HANDSHAKE_WINDOW_S`, as a multiple of
 `QuicLimits.per_network`, plus `SPARE`.
 """
-FLOOD_LOG_S, FLOOD_DROPPED = 10.0, 100
-"""Minimum interval of log lines about dropped connection attempts, seconds, and their minimum number for a line."""
+EVENT_INTERVAL_S = 10.0
+"""Minimum interval of log lines about dropped connection attempts or malformed connections, seconds."""
+MIN_DROPPED, MIN_MALFORMED = 100, 10
+"""Minimum numbers of dropped connection attempts, and of malformed connections, for a log line."""
 FULL_REASON = "the server is full, or your network has its share of it"
 REQUEST_TIMEOUT_S = 10.0
 """Time after which a connection without a request is closed, seconds."""
@@ -94,6 +96,9 @@ class QuicServer(SocketServer):
         self.num_refused = 0
         self.num_malformed = 0
         self.num_dropped = 0
+        dropped, malformed = "connection attempts dropped", "malformed connections ended"
+        self.dropped_event = RepeatedEvent(LOG, dropped, interval_s=EVENT_INTERVAL_S, min_count=MIN_DROPPED)
+        self.malformed_event = RepeatedEvent(LOG, malformed, interval_s=EVENT_INTERVAL_S, min_count=MIN_MALFORMED)
         self.connections: dict[_Connection, None] = {}  # the oldest first
         self.networks: Counter[Network] = Counter()
         self.handshaking: set[_Connection] = set()
@@ -238,7 +243,6 @@ class _LimitedEndpoint(AioquicServer):
         self._tokens = RetryTokens()
         self._responses, self._handshakes = ResponseBudget(), HandshakeBudget()
         self._retry: Any = None
-        self._num_dropped_before, self._logged_at = 0, -FLOOD_LOG_S
 
     def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
         while self._owner.is_full(self._network, begins=True):  # the address has been validated by now
@@ -318,12 +322,9 @@ class _LimitedEndpoint(AioquicServer):
             self._dropped(now)
 
     def _dropped(self, now: float) -> None:
-        """Counts a dropped connection attempt, and logs a flood of them."""
+        """Counts a dropped connection attempt; the log reports many."""
         self._owner.num_dropped += 1
-        count = self._owner.num_dropped - self._num_dropped_before
-        if count >= FLOOD_DROPPED and now - self._logged_at >= FLOOD_LOG_S:
-            self._logged_at, self._num_dropped_before = now, self._owner.num_dropped
-            log_event(LOG, logging.WARNING, "connection attempts dropped", attempts=count)
+        self._owner.dropped_event.record(now)
 
     def error_received(self, exc: Exception) -> None:
         """Ignores an ICMP error, such as "port unreachable"."""
@@ -467,6 +468,7 @@ class _Connection(QuicConnectionProtocol):
     def malformed(self, reason: str) -> None:
         """Closes the connection after invalid input of the client, and counts the event."""
         self.owner.num_malformed += 1
+        self.owner.malformed_event.record(self._loop.time())
         self.end(MALFORMED, reason[:200])
 
     def _ended(self) -> None:
