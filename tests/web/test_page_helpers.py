@@ -23,6 +23,7 @@ NO_HELPERS = "<script>const Plain = Blob; window.Blob = class extends Plain { co
 };</script>"
 TRUSTED_TYPES = '<meta http-equiv="Content-Security-Policy" content="require-trusted-types-for \'script\'">'
 PAGES = {
+    "no_workers": PAGE.format(policy=POLICY.format("'none'")),
     "trusted_types": PAGE.format(policy=TRUSTED_TYPES),
     "plain": PAGE.format(policy=""),
     "no_wasm": PAGE.format(policy=POLICY.format("blob:")),
@@ -44,9 +45,9 @@ def threads(page: Browser) -> int:
 
 def test_a_page_that_forbids_workers_shows_the_reason(stream: SceneStream) -> None:
     def work(host: Host, page: Browser) -> None:
-        page.open(f"{host.url}trusted_types")
-        page.wait_for(f"{STATUS}?.failed")
-        assert "Worker" in page.evaluate(f"{STATUS}.failed")
+        for name, reason in (("trusted_types", "Worker"), ("no_workers", "worker-src blob:")):
+            page.open(f"{host.url}{name}")
+            assert reason in page.wait_for(f"{ELEMENT}?.status?.failed")
 
     hosted(stream, work)
 

@@ -1,7 +1,7 @@
 // `splatwire/clip`: plays clips and live clips in other renderers. A worker receives and decodes; the renderer takes
 // the due frame once per picture.
 
-import startReceiver from "worker:receiver";
+import startReceiver, { notStarted } from "worker:receiver";
 import type { Viewpoint } from "./codec/decoder.ts";
 import { ClipClock, type FrameClock, LiveClock } from "./frame_clock.ts";
 import type { Packed } from "./render/packed.ts";
@@ -268,7 +268,7 @@ function firstFacts(worker: Worker, given?: AbortSignal): Promise<Facts> {
       else if (data.kind === "failed") reject(new Error(data.text));
     };
     worker.addEventListener("message", listen, { signal });
-    worker.addEventListener("error", ({ message }) => reject(new Error(message || "the worker did not start")), {
+    worker.addEventListener("error", ({ message }) => reject(new Error(message || notStarted)), {
       signal,
     });
   }).finally(() => done.abort());

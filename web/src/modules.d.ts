@@ -1,6 +1,8 @@
 /** Module that starts the worker from embedded text or from a separate file (scripts/bundle.mjs). */
 declare module "worker:receiver" {
   export default function start(): Worker;
+  /** Error message if the browser does not start it and gives no reason. */
+  export const notStarted: string;
 }
 
 /** Part of React that `integrations/react.ts` uses; React is not installed here. */

@@ -27,3 +27,5 @@ export class FakeWorker extends EventTarget {
 }
 
 export default (): Worker => new FakeWorker() as unknown as Worker;
+
+export const notStarted = "the worker did not start";

@@ -591,3 +591,21 @@ test("a file of which the server has sent a part is requested again while a web 
   assert.equal((await visit()).text, "this is not a splatwire stream");
   assert.ok(server.asked.length < 20, `${server.asked.length} requests`);
 });
+
+test("a login page in place of a file is named, also after a part of the file", async () => {
+  const login = (): Response =>
+    new Response("<!doctype html>", { headers: { "Content-Type": "text/html; charset=utf-8" } });
+  for (const first of [0, 1]) {
+    new Server((asked, n) => (n >= first ? login() : part(CLIP, asked)));
+    assert.equal((await visit()).text, `${URL_} is a web page, such as a login`);
+  }
+});
+
+test("a service worker that gives the same part each time is named, and the stream goes on after it", async () => {
+  const same = (asked: Asked): Response => part(CLIP, { ...asked, range: [0, LIMITS.firstBytes] }),
+    server = new Server((asked, n) => (n < 9 ? same(asked) : part(CLIP, asked))),
+    { complete, verified, lost } = await visit();
+  assert.deepEqual([complete, verified], [true, true]);
+  assert.ok(lost.length > 1 && server.asked.length < 20);
+  for (const reason of lost) assert.match(reason, /answers with a part of it/);
+});

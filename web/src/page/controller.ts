@@ -1,6 +1,6 @@
 // Controls an element's stream from start to release: connects the worker, the stage and the panel.
 
-import startReceiver from "worker:receiver";
+import startReceiver, { notStarted } from "worker:receiver";
 import { fromBase64 } from "../bytes.ts";
 import type { Viewpoint } from "../codec/decoder.ts";
 import type { FixedCamera } from "../model/camera.ts";
@@ -108,7 +108,7 @@ export class Controller {
       fail(error);
     };
     this.#worker.addEventListener("error", ({ message }) =>
-      failWith(this.#workerFailed, new Error(message || "the worker did not start")),
+      failWith(this.#workerFailed, new Error(message || notStarted)),
     );
     const title = titleOf(host);
     this.stage = new Stage(

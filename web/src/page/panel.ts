@@ -49,7 +49,6 @@ export class Panel {
     "aria-label": "received",
   });
   readonly #bar = createElement("div", { class: "bar", part: "controls" });
-  readonly #texts = createElement("div", { class: "texts" }, this.#title, this.#state);
   readonly #laboratory = createElement("section", {
     class: "laboratory",
     part: "laboratory",
@@ -105,7 +104,7 @@ export class Panel {
     const first = iconButton("first view", "reset");
     first.addEventListener("click", reset);
     this.#bar.append(
-      this.#texts,
+      createElement("div", { class: "texts" }, this.#title, this.#state),
       first,
       this.#rotation,
       this.#helpSwitch,
@@ -146,23 +145,19 @@ export class Panel {
 
   /** Calls `used` once, when a pointer or the focus first reaches the controls. */
   onFirstUse(used: () => void): void {
-    const first = new AbortController();
+    let isUsed = false;
     for (const name of ["pointerenter", "focusin"])
-      this.#bar.addEventListener(
-        name,
-        () => {
-          first.abort();
-          used();
-        },
-        { signal: first.signal },
-      );
+      this.#bar.addEventListener(name, () => {
+        if (!isUsed) used();
+        isUsed = true;
+      });
   }
 
   /** Adds a button that shows the scene in a headset. It is the first one, so that no other button moves. */
   addHeadset(enter: () => void): void {
     const button = iconButton("show in a headset", "headset");
     button.addEventListener("click", enter);
-    this.#texts.after(button);
+    this.#title.parentElement!.after(button);
   }
 
   /** Shows whether the camera rotates automatically. */

@@ -77,6 +77,8 @@ export class HttpFile {
   /** True once the server has delivered bytes of the file, and the number of later refusals without packets between. */
   hasAnswered = false;
   refusals = 0;
+  /** True if the last answer was a web page, such as that of a login. */
+  isWebPage = false;
   /** Number of damaged responses for each tile. */
   readonly damagedTiles = new Map<number, number>();
   /** True while the whole file is requested because range requests failed repeatedly. */
@@ -192,16 +194,21 @@ export class HttpFile {
     if (first !== null && status >= 400 && status < 502 && !PASSING.includes(status) && !this.#isMissing(status))
       throw new RangeUnsupported(`${this.name} answers ${status} to a request for a part of it`);
     if (!response.ok || !body || status === 204) throw new HttpError(this.url, response);
+    const type = headers.get("content-type") ?? "",
+      range = CONTENT_RANGE.exec(headers.get("content-range") ?? ""),
+      all = range?.[1] === "0" && Number(range[2]) + 1 === Number(range[3]);
+    this.isWebPage = type.startsWith("text/html");
+    if (first === null && status === 206 && range && Number(range[2]) + 1 < Number(range[3]))
+      throw new Error(`${this.name} answers with a part of it`);
     if (first === null || status !== 206) {
       if (offset > 0) throw new RangeUnsupported(`${this.name} ignores the range of a request`);
       if (first !== null) this.ranges = "unusable";
       [offset, whole] = [0, true];
     } else {
-      const header = headers.get("content-range"),
-        range = CONTENT_RANGE.exec(header ?? ""),
-        all = range?.[1] === "0" && Number(range[2]) + 1 === Number(range[3]),
-        fits = !header || (range && Number(range[1]) === first && (end === null || Number(range[2]) < end));
-      if (encoded || (headers.get("content-type") ?? "").startsWith("multipart/") || (!fits && !(all && first === 0)))
+      const fits =
+        !headers.has("content-range") ||
+        (range && Number(range[1]) === first && (end === null || Number(range[2]) < end));
+      if (encoded || type.startsWith("multipart/") || (!fits && !(all && first === 0)))
         throw new RangeUnsupported(`${this.name} answers with another part than was requested`);
       this.#partial = true;
       if (range && range[3] !== "*") total = Number(range[3]);

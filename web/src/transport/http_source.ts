@@ -74,7 +74,7 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
         if (++file.damages > MAX_REPEATS) {
           if (cause instanceof BitstreamError) {
             if (store.hasHead) file.ranges = "unknown"; // a web page may be in the file's place for a while
-            throw cause;
+            throw file.isWebPage ? new BitstreamError(`${file.name} is a web page, such as a login`) : cause;
           }
           if (!store.hasHead) {
             file.isCut = true;
