@@ -19,7 +19,6 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  */
 const INTERNAL = `
   addHeadset addKeyframes addPacket applyAttribute axisCount axisDeviation baseCount baseExponents birthGroup
-<<<<<<< HEAD
   birthGroups bitsOf blockCount cancelConcealment changeMs columnShifts completeRows concealmentBytes
   confirmed damagedTiles damages datagramsLost defaultDirection drawUnits elementsPerByte endState
   enterHeadset expectedErrors failuresAfter firstBytes firstFrame firstGroup firstNew firstTrack forCamera
@@ -35,26 +34,10 @@ const INTERNAL = `
   reportCamera reportPlayable rowSteps setConcealers setCooperative setMessage setRow setViewpoint showNotice
   shownPackets sideInfoBytes sideInfoDigest stalledFrames startWebGL stateOf stopProbabilities storeValues
   streamId symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tileRequest tilesBytes upRotation
-  viewDependent voxelSize wasExtrapolated withdraw withoutComparison
-=======
-  birthGroups bitsOf blockCount blockSize cancelConcealment changeMs columnShifts completeRows concealmentBytes
-  confirmed conflicts contradicts damagedTiles damages datagramsLost defaultDirection drawUnits elementsPerByte
-  endState enterHeadset expectedErrors failuresAfter firstBlock firstBytes firstFrame firstGroup firstNew
-  firstTrack forCamera forgetOffsets framesOf gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames
-  hasAnswered hasCopies hasHead hasUnknownBirth headBytes helpOpen idleMs initSegment initSegmentBytes
-  initSegmentMs isComplete isCut isLinear isOnlySource isReordered isRetry isRetryable isSameStream isSequence
-  isTryingWhole isVisible isWebPage keptBytes keyframeBlock keyframeIndices keyframeInfo lastOffsets latticeBits
-  leftOut logScales logSteps lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers
-  medianRadius nearestFirst nearestOthers newPackets noGaussians noteUseless numBlocks numGaussians numHarmonics
-  numHidden numInitSegments numIntact numKeyframes numLowBits numNew numOffsets numPackets numReceived
-  numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextLost
-  onFirstUse packetBytes paintedCanvas pictureChanged planBlock planIndices playingLive pointCameraAt
-  positionStep receiveDatagrams recordWhen repeatMs replaceTiles reportCamera reportPlayable requestFrame
-  requestId rowSteps setConcealers setCooperative setMessage setRow setViewpoint showNotice shownPackets
-  sideInfoBytes sideInfoDigest sizeLog stalledFrames startWebGL stateOf stopProbabilities streamId symbolBytes
-  symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes tileRequest tilesBytes upRotation viewDependent
-  voxelSize wasExtrapolated withdraw withoutComparison
->>>>>>> fac1c58e (Login pages, cut answers and forbidden workers are named)
+  viewDependent voxelSize wasExtrapolated withdraw withoutComparison firstBlock
+  numBlocks sizeLog blockSize requestId requestFrame tierSizes offsetStep numLowBits conflicts contradicts
+  onFirstUse isWebPage welcome unsigned timeline rejected lifetimes deviations closeness corners bundled viewing
+  transports
 `
   .trim()
   .split(/\s+/);
@@ -95,7 +78,14 @@ async function receiver() {
 /** Returns a script with the same effect: 6 % fewer compressed bytes than esbuild alone. */
 async function smallest(script) {
   const format = { comments: /^ splatwire/ };
-  return (await minify(script, { ecma: 2022, compress: { passes: 2, lhs_constants: false }, mangle: { toplevel: true }, format })).code;
+  return (
+    await minify(script, {
+      ecma: 2022,
+      compress: { passes: 2, lhs_constants: false },
+      mangle: { toplevel: true },
+      format,
+    })
+  ).code;
 }
 
 /** Module with a function that starts the receiver. All elements of a page share one URL of its text. */
