@@ -356,3 +356,15 @@ def test_gaps_equal_the_missing_sequence_numbers():
         assert set(gaps._below(largest)) == missing
     for turn in range(nack.MAX_NACK_ATTEMPTS):
         assert gaps.due(largest, 10.0 * turn)[0] == min(missing)
+
+
+def test_repeated_welcomes_of_a_reliable_stream_say_nothing_about_the_mtu():
+    """After an outage, a QUIC stream delivers them all at once, before the first data."""
+    tiers = (ParityRange(60, 0, 0),)
+    welcome = encode(Welcome(5, 1, 9, 1000, b"a" * 32, 256, 60, 1150, 0, tiers))
+    receiver = Receiver(5, 0.0, reliable=True)
+    receiver.poll(0.0)
+    for _ in range(100):
+        receiver.receive(welcome, 0.2)
+    receiver.poll(0.3)
+    assert receiver.finished is None

@@ -555,7 +555,9 @@ class Receiver(ReceiveState):
         """True if only small datagrams have arrived, probably because the path drops large ones (MTU)."""
         assert self._welcome is not None
         assert self._collector is not None
-        if self._num_notices >= MAX_FRUITLESS_ENDS:  # the server's data do not arrive, but its notices do
+        if (
+            self._num_notices >= MAX_FRUITLESS_ENDS and not self._reliable
+        ):  # the server's data do not arrive, but its notices do
             return True
         if self._fruitless_ends < MAX_FRUITLESS_ENDS:
             return False

@@ -344,6 +344,8 @@ class ServerTransfer:
     def _may_notice(self, now: float) -> bool:
         """True if the server should now send a small datagram, with which it tells the client that no data arrive."""
         num_unreported = self._feedback_tracker.sequence - self._feedback_tracker.reported[0]
+        if self._reliable_init_segment:  # a reliable stream repeats these, and delivers them after an outage
+            return False
         if self.stream.is_live or not self._reported or num_unreported < MIN_UNREPORTED:
             return False
         stalled = min(now - self._arrived_at, now - self.began_at) > NOTICE_AFTER_S
