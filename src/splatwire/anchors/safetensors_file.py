@@ -104,7 +104,9 @@ class TensorFile:
             are byte offsets from the end of the header.
         """
         fields = entry if isinstance(entry, dict) else {}
-        type_name, shape, offsets = (fields.get(key) for key in ("dtype", "shape", "data_offsets"))
+        type_name: Any = fields.get("dtype")
+        shape: Any = fields.get("shape")
+        offsets: Any = fields.get("data_offsets")
         numbers = [*(shape if isinstance(shape, list) else [-1]), *(offsets if isinstance(offsets, list) else [-1])]
         if any(type(number) is not int or not 0 <= number < 1 << 63 for number in numbers) or len(offsets) != 2:
             raise self._error(f"tensor {name[:80]!r} has no valid shape and offsets")
