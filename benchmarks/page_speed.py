@@ -72,7 +72,7 @@ window.Worker = class extends Threads {
   constructor(...given) {
     super(...given);
     this.addEventListener("message", ({data}) => {
-      if (data.kind === "facts") began = performance.now();
+      if (data.kind === "info") began = performance.now();
       if (data.kind === "finished") window.decoded = (performance.now() - began) / 1e3;
     });
   }

@@ -19,25 +19,26 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  */
 const INTERNAL = `
   addHeadset addKeyframes addPacket applyAttribute axisCount axisDeviation baseCount baseExponents birthGroup
-  birthGroups bitsOf blockCount cancelConcealment changeMs columnShifts completeRows concealmentBytes
-  confirmed damagedTiles damages datagramsLost defaultDirection drawUnits elementsPerByte endState
-  enterHeadset expectedErrors failuresAfter firstBytes firstFrame firstGroup firstNew firstTrack forCamera
-  forgetOffsets framesOf gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames hasAnswered hasCopies
-  hasHead hasUnknownBirth headBytes helpOpen idleMs initSegment initSegmentBytes initSegmentMs isComplete
-  isCut isLinear isOnlySource isReordered isRetry isRetryable isSameStream isSequence isTryingWhole isVisible
-  keptBytes keyframeBlock keyframeIndices keyframeInfo lastOffsets latticeBits leftOut logScales logSteps
-  lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers medianRadius nearestFirst
-  nearestOthers newPackets noGaussians noteUseless numGaussians numHarmonics numHidden numInitSegments
-  numIntact numKeyframes numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows
-  onAdopted onAnswer onCamera onChange onContextLost packetBytes paintedCanvas pictureChanged planBlock
-  planIndices playingLive pointCameraAt positionStep receiveDatagrams recordWhen repeatMs replaceTiles
-  reportCamera reportPlayable rowSteps setConcealers setCooperative setMessage setRow setViewpoint showNotice
-  shownPackets sideInfoBytes sideInfoDigest stalledFrames startWebGL stateOf stopProbabilities storeValues
-  streamId symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tileRequest tilesBytes upRotation
-  viewDependent voxelSize wasExtrapolated withdraw withoutComparison firstBlock
-  numBlocks sizeLog blockSize requestId requestFrame tierSizes offsetStep numLowBits conflicts contradicts
-  onFirstUse isWebPage welcome unsigned timeline rejected lifetimes deviations closeness corners bundled viewing
-  transports
+  birthGroups bitsOf blockCount blockSize bundled cancelConcealment changeMs closeness columnShifts
+  completeRows concealmentBytes confirmed conflicts contradicts corners damagedTiles damages datagramsLost
+  defaultDirection deviations drawUnits drawnChildren elementsPerByte endState enterHeadset expectedErrors
+  failuresAfter featureActivations firstBlock firstBytes firstFrame firstGroup firstNew firstTrack forCamera
+  forgetOffsets formatVersion framesOf gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames hasAnswered
+  hasCopies hasHead hasUnknownBirth headBytes helpOpen idleMs initSegment initSegmentBytes initSegmentMs
+  isComplete isCut isLinear isOnlySource isReordered isRetry isRetryable isSameStream isSequence isTryingWhole
+  isVisible isWebPage keptBytes keyframeBlock keyframeIndices keyframeInfo lastOffsets latticeBits leafIndex
+  leafSize leftOut lifetimes logScales logSteps lookUpSession lostSequences manifestBytes maxExcess
+  maxPositionShift maxTiers medianRadius nearestFirst nearestOthers newPackets noGaussians noteUseless
+  numBlocks numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLowBits numNew
+  numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer
+  onCamera onChange onContextLost onFirstUse packetBytes paintedCanvas pictureChanged planBlock planIndices
+  playingLive pointCameraAt positionStep predictAxis receiveDatagrams recordWhen rejected repeatMs
+  replaceTiles reportCamera reportPlayable requestFrame requestId rowSteps setConcealers setCooperative
+  setMessage setRow setViewpoint showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog
+  stalledFrames startWebGL stateOf stopProbabilities storeValues streamId symbolBytes symbolsDigest
+  symbolsMissing takeHaveMessages tierOf tierSizes tileRequest tilesBytes timeline transports unsigned
+  upRotation upperBits viewDependent viewing visibleParts voxelSize wasExtrapolated welcome withdraw
+  withoutComparison
 `
   .trim()
   .split(/\s+/);

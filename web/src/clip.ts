@@ -6,7 +6,7 @@ import type { Viewpoint } from "./codec/decoder.ts";
 import { ClipClock, type FrameClock, LiveClock } from "./frame_clock.ts";
 import type { Packed } from "./render/packed.ts";
 import { sourceOf } from "./transport/failover.ts";
-import type { Facts, FromWorker, ToWorker } from "./transport/messages.ts";
+import type { FromWorker, StreamInfo, ToWorker } from "./transport/messages.ts";
 import type { Session } from "./transport/webtransport.ts";
 
 export type { Session, Viewpoint };
@@ -32,7 +32,7 @@ export interface ClipFrame {
 }
 
 /** Properties of a stream that do not change. */
-type SequenceFacts = Facts & { readonly sequence: NonNullable<Facts["sequence"]> };
+type SequenceStreamInfo = StreamInfo & { readonly sequence: NonNullable<StreamInfo["sequence"]> };
 
 /**
  * A clip that is being received and played. It starts paused, unless it is live.
@@ -60,18 +60,18 @@ export class Clip extends EventTarget {
 
   private constructor(
     private readonly worker: Worker,
-    private readonly facts: SequenceFacts,
+    private readonly info: SequenceStreamInfo,
     readonly concealer: string,
   ) {
     super();
-    this.#antialiased = facts.antialiased;
-    this.#clock = facts.sequence.live ? new LiveClock(facts.sequence.rate) : new ClipClock(facts.sequence);
+    this.#antialiased = info.antialiased;
+    this.#clock = info.sequence.live ? new LiveClock(info.sequence.rate) : new ClipClock(info.sequence);
     worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
     worker.addEventListener("error", ({ message }) => {
       this.close();
       this.#fail(message || "the worker failed");
     });
-    if (facts.sequence.live) this.play();
+    if (info.sequence.live) this.play();
   }
 
   /**
@@ -88,12 +88,12 @@ export class Clip extends EventTarget {
     const worker = startReceiver();
     try {
       worker.postMessage({ kind: "open", ...source, bytes: null } satisfies ToWorker);
-      const facts = await firstFacts(worker, signal),
-        { sequence } = facts;
+      const info = await firstStreamInfo(worker, signal),
+        { sequence } = info;
       if (!sequence) throw new Error("the stream is not a clip: load it as a scene");
-      if (!facts.concealers.includes(concealer))
-        throw new Error(`the stream has no concealer '${concealer}', only ${facts.concealers.join(", ")}`);
-      return new Clip(worker, { ...facts, sequence }, concealer);
+      if (!info.concealers.includes(concealer))
+        throw new Error(`the stream has no concealer '${concealer}', only ${info.concealers.join(", ")}`);
+      return new Clip(worker, { ...info, sequence }, concealer);
     } catch (error) {
       worker.terminate();
       throw error;
@@ -102,22 +102,22 @@ export class Clip extends EventTarget {
 
   /** Frames per second. */
   get rate(): number {
-    return this.facts.sequence.rate;
+    return this.info.sequence.rate;
   }
 
   /** True for live clips, which have no end and do not seek. */
   get live(): boolean {
-    return this.facts.sequence.live;
+    return this.info.sequence.live;
   }
 
   /** Duration in seconds; infinite for live clips. */
   get duration(): number {
-    return this.live ? Infinity : this.facts.sequence.numFrames / this.rate;
+    return this.live ? Infinity : this.info.sequence.numFrames / this.rate;
   }
 
   /** Size of the scene, world units. It is the unit of length in frames. */
   get size(): number {
-    return this.facts.size;
+    return this.info.size;
   }
 
   /**
@@ -130,12 +130,12 @@ export class Clip extends EventTarget {
 
   /** Background colour, RGB, each 0 to 1. */
   get background(): readonly [number, number, number] {
-    return this.facts.background;
+    return this.info.background;
   }
 
   /** Initial viewpoint; null if the stream has none. */
   get viewpoint(): Viewpoint | null {
-    return this.facts.viewpoint;
+    return this.info.viewpoint;
   }
 
   get paused(): boolean {
@@ -250,7 +250,7 @@ export class Clip extends EventTarget {
         return;
       case "failed":
         return this.#fail(message.text);
-      case "facts": // of another stream: frames have another size and rate
+      case "info": // of another stream: frames have another size and rate
         this.close();
         return this.#fail("the file was replaced: open it again");
     }
@@ -258,13 +258,13 @@ export class Clip extends EventTarget {
 }
 
 /** Resolves with the properties of a stream. Rejects if it cannot be received, or when `given` is aborted. */
-function firstFacts(worker: Worker, given?: AbortSignal): Promise<Facts> {
+function firstStreamInfo(worker: Worker, given?: AbortSignal): Promise<StreamInfo> {
   const done = new AbortController(),
     { signal } = done;
-  return new Promise<Facts>((resolve, reject) => {
+  return new Promise<StreamInfo>((resolve, reject) => {
     given?.addEventListener("abort", () => reject(given.reason), { signal });
     const listen = ({ data }: MessageEvent<FromWorker>): void => {
-      if (data.kind === "facts") resolve(data.facts);
+      if (data.kind === "info") resolve(data.info);
       else if (data.kind === "failed") reject(new Error(data.text));
     };
     worker.addEventListener("message", listen, { signal });

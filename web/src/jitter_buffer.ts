@@ -6,8 +6,8 @@ const WINDOW_GROUPS = 24;
 /** Margin added to the latest of them, seconds. */
 const MARGIN_S = 0.03;
 /** Relative increase of the clock's speed while the delay is larger than needed, and while it is much larger. */
-const CATCH_UP = 0.04,
-  CATCH_UP_FAST = 0.15;
+const SPEED_UP = 0.04,
+  FAST_SPEED_UP = 0.15;
 /** Surplus delay above which the clock runs much faster, and above which it jumps, seconds. */
 const FAST_SURPLUS_S = 0.5,
   JUMP_SURPLUS_S = 1;
@@ -86,7 +86,7 @@ export class JitterBuffer {
     this.#at = now;
     if (wanted > this.#frameZeroAt) this.#frameZeroAt = wanted;
     else {
-      const share = this.#frameZeroAt - wanted > FAST_SURPLUS_S ? CATCH_UP_FAST : CATCH_UP;
+      const share = this.#frameZeroAt - wanted > FAST_SURPLUS_S ? FAST_SPEED_UP : SPEED_UP;
       this.#frameZeroAt = Math.max(wanted, this.#frameZeroAt - share * passed);
     }
     const due = Math.floor((now - this.#frameZeroAt) * this.rate);

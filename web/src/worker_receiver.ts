@@ -142,7 +142,7 @@ export class WorkerReceiver implements Receiver {
     this.#viewRequest = this.#answeredRequest = 0;
     this.#unconfirmed = false;
     this.#startPool(stream, file);
-    this.#reportFacts(stream);
+    this.#reportStreamInfo(stream);
   }
 
   /** Starts helpers for a stream that several threads can decode. `file` has the bytes of its head. */
@@ -170,7 +170,7 @@ export class WorkerReceiver implements Receiver {
   confirmed(): void {
     if (!this.#unconfirmed) return;
     this.#unconfirmed = false;
-    this.#reportFacts(this.#stream!);
+    this.#reportStreamInfo(this.#stream!);
     void this.#draw();
   }
 
@@ -190,7 +190,7 @@ export class WorkerReceiver implements Receiver {
   /** Processes a head of a live clip: its first one, one with more groups, or that of the next period. */
   #onLiveHead(head: Head, stream: DecodedStream, isSameStream: boolean): void {
     this.#stream = stream;
-    if (this.#sequenceFrames.follow(head, stream, isSameStream)) this.#reportFacts(stream);
+    if (this.#sequenceFrames.follow(head, stream, isSameStream)) this.#reportStreamInfo(stream);
     this.#sequenceFrames.reportPlayable();
   }
 
@@ -199,12 +199,12 @@ export class WorkerReceiver implements Receiver {
     return this.#sequenceFrames.live;
   }
 
-  #reportFacts({ decoder }: DecodedStream): void {
+  #reportStreamInfo({ decoder }: DecodedStream): void {
     const { head } = decoder,
       { manifest } = head,
       section = decoder.schema.sections.get("preview");
     if (section) this.preview(section);
-    const facts = {
+    const info = {
       gaussians: decoder.schema.tiling?.baseCount ?? manifest.count,
       packets: manifest.numPackets,
       degree: decoder.schema.degree,
@@ -222,8 +222,8 @@ export class WorkerReceiver implements Receiver {
       concealers: decoder.schema.sequence?.concealers ?? Object.keys(decoder.schema.concealers),
       sequence: decoder.schema.sequence && { ...decoder.schema.sequence.times, live: this.live },
     };
-    this.#size = facts.size;
-    post({ kind: "facts", facts });
+    this.#size = info.size;
+    post({ kind: "info", info });
   }
 
   packets(packets: readonly ReceivedPacket[]): void {

@@ -6,15 +6,15 @@ import { type TestContext, test } from "node:test";
 
 import { Clip, type ClipOptions } from "../src/clip.ts";
 import { pack } from "../src/render/packed.ts";
-import type { Facts } from "../src/transport/messages.ts";
+import type { StreamInfo } from "../src/transport/messages.ts";
 import { FakeWorker } from "./fake_worker.ts";
 
 const RATE = 10,
   TIMING = { rate: RATE, numFrames: 20, live: false };
 
 /** Properties of a stream of which a clip uses only these. */
-const factsOf = (sequence: Facts["sequence"], size = 3): Facts =>
-  ({ sequence, size, antialiased: false, concealers: ["motion", "hold"] }) as unknown as Facts;
+const infoOf = (sequence: StreamInfo["sequence"], size = 3): StreamInfo =>
+  ({ sequence, size, antialiased: false, concealers: ["motion", "hold"] }) as unknown as StreamInfo;
 
 /** One Gaussian. */
 const PACKED = { ...pack([], 0, 1), count: 1 };
@@ -22,13 +22,13 @@ const PACKED = { ...pack([], 0, 1), count: 1 };
 /** Opens a clip, at time 0 of a clock that the test moves. */
 async function opened(
   t: TestContext,
-  sequence: Facts["sequence"] = TIMING,
+  sequence: StreamInfo["sequence"] = TIMING,
 ): Promise<[Clip, FakeWorker, (ms: number) => void]> {
   let now = 0;
   t.mock.method(performance, "now", () => now);
   const opening = Clip.open("https://scenes.example/a.swz");
   const worker = await workerOf(opening);
-  worker.send({ kind: "facts", facts: factsOf(sequence) });
+  worker.send({ kind: "info", info: infoOf(sequence) });
   const clip = await opening;
   t.after(() => clip.close());
   return [clip, worker, (ms) => (now = ms)];
@@ -141,7 +141,7 @@ test("a replaced file is an error, because its frames have another size and rate
   const [clip, worker] = await opened(t),
     events = heard(clip);
   clip.update(); // a frame that is not answered any more
-  worker.send({ kind: "facts", facts: factsOf({ ...TIMING, rate: 30 }, 80) });
+  worker.send({ kind: "info", info: infoOf({ ...TIMING, rate: 30 }, 80) });
   assert.deepEqual(events, ["error the file was replaced: open it again"]);
   assert.deepEqual([worker.isTerminated, clip.size, clip.rate], [true, 3, RATE]);
 });
@@ -182,8 +182,8 @@ test("frames of a live clip may become antialiased", async (t) => {
 
 test("opening fails for stills, unknown concealers, failures and aborted signals", async () => {
   const cases: [ClipOptions, (worker: FakeWorker, stop: AbortController) => void, RegExp][] = [
-    [{}, (worker) => worker.send({ kind: "facts", facts: factsOf(null) }), /not a clip/],
-    [{ concealer: "grow" }, (worker) => worker.send({ kind: "facts", facts: factsOf(TIMING) }), /no concealer 'grow'/],
+    [{}, (worker) => worker.send({ kind: "info", info: infoOf(null) }), /not a clip/],
+    [{ concealer: "grow" }, (worker) => worker.send({ kind: "info", info: infoOf(TIMING) }), /no concealer 'grow'/],
     [{}, (worker) => worker.send({ kind: "failed", text: "there is no such file" }), /no such file/],
     [{}, (worker) => worker.dispatchEvent(Object.assign(new Event("error"), { message: "no memory" })), /no memory/],
     [{}, (_, stop) => stop.abort(new Error("too slow")), /too slow/],

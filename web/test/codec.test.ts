@@ -6,7 +6,7 @@ import { EXISTS, exactExists, exactSixteenths, powers, SIXTEENTHS } from "../src
 import { StreamDecoder } from "../src/codec/decoder.ts";
 import { exactFlatness, flatnessTable } from "../src/codec/gaussians/tables.ts";
 import { readPreview } from "../src/codec/preview.ts";
-import { type TierFacts, tierFacts } from "../src/codec/tiers.ts";
+import { type TierLayout, tierLayout } from "../src/codec/tiers.ts";
 import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../src/entropy/tables.ts";
 import type { Camera } from "../src/model/camera.ts";
 import type { Manifest } from "../src/packets/manifest.ts";
@@ -38,11 +38,11 @@ for (const path of STREAMS) {
 }
 
 test("the tier_sizes section has one byte per tier, and one of them is 0", () => {
-  const facts = (shapes: number[], ...sizes: number[]): TierFacts => {
+  const facts = (shapes: number[], ...sizes: number[]): TierLayout => {
     const sections = new Map([["tier_sizes", Uint8Array.from(sizes)]]),
       tiers = shapes.map((count) => ({ count, lanes: 1 }));
     if (tiers.length) sections.set("tiers", new Uint8Array(4));
-    return tierFacts(sections, { tiers, count: 3 } as unknown as Manifest);
+    return tierLayout(sections, { tiers, count: 3 } as unknown as Manifest);
   };
   assert.deepEqual(facts([0, 3], 0, 12).sizes, new Float32Array(3).fill(2 ** -1.5));
   for (const [shapes, sizes] of [

@@ -168,8 +168,8 @@ test("frames of a restarted live server are shown, which counts them from 0 agai
     return "complete";
   };
   const { said } = await visit(null, { session: SESSION }, { receiveDatagrams }),
-    kinds = said.flatMap((one) => (one.kind === "facts" || one.kind === "playable" ? [one] : [])),
-    ends = kinds.map((one) => (one.kind === "facts" ? "begins" : one.end));
+    kinds = said.flatMap((one) => (one.kind === "info" || one.kind === "playable" ? [one] : [])),
+    ends = kinds.map((one) => (one.kind === "info" ? "begins" : one.end));
   assert.deepEqual(ends, ["begins", 4, 8, "begins", 4, 8]);
 });
 

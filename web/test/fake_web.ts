@@ -207,7 +207,7 @@ export async function visit(
   world["self"] = {
     postMessage: (message: FromWorker): void => {
       said.push(message);
-      if (message.kind === "facts" && message.facts.viewDependent)
+      if (message.kind === "info" && message.info.viewDependent)
         setImmediate(() => reception.setView({ kind: "view", camera: NEAR, budget: 1_000_000, requestId: ++looks }));
     },
   };

@@ -120,7 +120,7 @@ for (const [kind, file] of KINDS) {
       server.answering = answering;
       const second = await visit(caches);
       assertWhole(second, other);
-      assert.equal(second.said.filter(({ kind: one }) => one === "facts").length, 1, "the old scene was shown");
+      assert.equal(second.said.filter(({ kind: one }) => one === "info").length, 1, "the old scene was shown");
       assertIntact(caches, other);
       assertWhole(await visit(caches), other);
     }
@@ -341,7 +341,7 @@ for (const [kind, file] of KINDS) {
     server.answering = (asked) => (down-- > 0 ? Promise.reject(new TypeError("Failed to fetch")) : part(other, asked));
     const ended = await visit(caches);
     assert.ok(ended.lost.length > 0);
-    assert.equal(ended.said.filter(({ kind: one }) => one === "facts").length, 2, "the old scene, then the new one");
+    assert.equal(ended.said.filter(({ kind: one }) => one === "info").length, 2, "the old scene, then the new one");
     assertWhole(ended, other);
   });
 }

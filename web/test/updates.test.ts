@@ -230,15 +230,15 @@ test("a damaged update is requested again, and the whole scene after the third o
 test("a scene that has grown, as in a training, replaces the one before in the same unit of length", async () => {
   const damaged = (update: Uint8Array): Uint8Array => flipped(update, update.length - 9),
     [said] = await followed(damaged, CHAIN.larger),
-    facts = said.find(({ kind }) => kind === "facts") as FromWorker & { kind: "facts" },
+    info = said.find(({ kind }) => kind === "info") as FromWorker & { kind: "info" },
     { hidden, packed } = said.find(({ kind }) => kind === "update") as FromWorker & { kind: "update" },
     scene = sceneOf(CHAIN.larger),
     means = scene.visibleParts().flatMap((part) => [...part.means]);
-  assert.equal(2 ** scene.info.sizeLog, 4 * facts.facts.size);
+  assert.equal(2 ** scene.info.sizeLog, 4 * info.info.size);
   assert.equal(hidden, null);
   assert.deepEqual(
     [...packed.centers].filter((_, n) => n % 4 < 3),
-    means.map((value) => Math.fround(value / facts.facts.size)),
+    means.map((value) => Math.fround(value / info.info.size)),
   );
 });
 

@@ -11,14 +11,14 @@ const COUNTS = 16,
 const SIZE_STEPS = 8;
 
 /** Order and sizes of a stream's elements, derived from its tiers. */
-export interface TierFacts {
+export interface TierLayout {
   /** Rank of the element at each place of the plan; null if there is one tier, where both are equal. */
   readonly order: Int32Array | null;
   /** Typical size of each element's tier, by rank; null if the stream does not contain it. */
   readonly sizes: Float32Array | null;
 }
 
-export function tierFacts(sections: Map<string, Uint8Array>, manifest: Manifest): TierFacts {
+export function tierLayout(sections: Map<string, Uint8Array>, manifest: Manifest): TierLayout {
   const tiers = readTiers(sections, manifest),
     sizes = readSizes(sections, manifest);
   return {

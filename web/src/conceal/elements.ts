@@ -16,10 +16,10 @@ export interface Elements {
   /** Log lengths of the received Gaussians' axes, shape (received, 3), largest first; null for anchors. */
   readonly logScales: Float32Array | null;
   /** Further properties of the received anchors, which are the first elements; null for explicit Gaussians. */
-  readonly anchors: (() => AnchorFacts) | null;
+  readonly anchors: (() => AnchorProperties) | null;
 }
 
-export interface AnchorFacts {
+export interface AnchorProperties {
   /** Logarithms of the unit of the offsets and of the three sizes, shape (received, 4). */
   readonly logs: Float64Array;
   /** Number of Gaussians of each anchor. */

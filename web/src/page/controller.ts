@@ -8,7 +8,8 @@ import { type PackedPreview, packPreview } from "../render/packed_preview.ts";
 import { ViewUpdates } from "../render/view_updates.ts";
 import { withoutQuery } from "../transport/http_error.ts";
 import type { LossSimulation } from "../transport/losses.ts";
-import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
+import type { FromWorker, StreamInfo, ToWorker } from "../transport/messages.ts";
+import { unlessAborted } from "./abort.ts";
 import { addressOf, resolveSource, titleOf } from "./address.ts";
 import { AutoRotation } from "./auto_rotation.ts";
 import { Comparison } from "./comparison.ts";
@@ -24,7 +25,6 @@ import { Panel } from "./panel.ts";
 import { pictureOf } from "./screenshot.ts";
 import { SequencePlayback, type WantedPlayback } from "./sequence_playback.ts";
 import { SessionStatus } from "./session_status.ts";
-import { unlessAborted } from "./settled.ts";
 import { Stage } from "./stage.ts";
 
 /** Memory that is reserved on the GPU for updates, in multiples of the scene. */
@@ -386,8 +386,8 @@ export class Controller {
       case "preview":
         if (!this.#gaussians) this.#preview(() => message);
         return;
-      case "facts":
-        return this.#onFacts(message.facts);
+      case "info":
+        return this.#onStreamInfo(message.info);
       case "splats":
         return this.#add(message);
       case "tiles":
@@ -440,19 +440,19 @@ export class Controller {
     }
   }
 
-  #onFacts(facts: Facts): void {
-    const { gaussians, size, middle, viewpoint, extent, up, viewDependent, concealers, sequence } = facts,
+  #onStreamInfo(info: StreamInfo): void {
+    const { gaussians, size, middle, viewpoint, extent, up, viewDependent, concealers, sequence } = info,
       { stage } = this;
     this.#gains.skip(); // those of an earlier stream are not answered
     this.#playback.begin(sequence, stage.isVisible);
     this.panel.setConcealers(concealers);
-    showMetadata(this.panel, facts, this.host.hasAttribute("aria-label"));
+    showMetadata(this.panel, info, this.host.hasAttribute("aria-label"));
     this.#gaussians = gaussians;
     this.#size = size;
     this.#started = false;
     this.#copies = 0;
-    stage.background(facts.background);
-    stage.antialias(facts.antialiased);
+    stage.background(info.background);
+    stage.antialias(info.antialiased);
     if (up && !this.host.getAttribute("up")) stage.setUp(up);
     if (viewpoint) stage.setViewpoint(viewpoint);
     if (middle) stage.pointCameraAt(middle, size);

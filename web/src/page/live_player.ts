@@ -17,7 +17,7 @@ export class LivePlayer extends PlayerBase {
   }
 
   /** Statistics for the panel: late frames, stalled frames, delay in seconds. */
-  get facts(): { late: number; stalled: number; buffer: number } {
+  get statistics(): { late: number; stalled: number; buffer: number } {
     return { late: this.skipped, stalled: Math.round(this.#buffer.stalledFrames), buffer: this.#buffer.seconds };
   }
 

@@ -1,6 +1,6 @@
 // Packet statistics and metadata in the panel.
 
-import type { Facts, FromWorker } from "../transport/messages.ts";
+import type { FromWorker, StreamInfo } from "../transport/messages.ts";
 import type { Panel } from "./panel.ts";
 
 export function showPacketStatistics(
@@ -24,7 +24,7 @@ export function showPacketStatistics(
  * Shows the texts of a scene, and its origin if it is georeferenced. The title is shown in the bar unless the page
  * names the scene itself (`isNamed`).
  */
-export function showMetadata(panel: Panel, { texts, origin }: Facts, isNamed: boolean): void {
+export function showMetadata(panel: Panel, { texts, origin }: StreamInfo, isNamed: boolean): void {
   if (texts.title && !isNamed) panel.title = texts.title;
   panel.setRow("title", texts.title, true);
   panel.setRow("author", texts.author, true);

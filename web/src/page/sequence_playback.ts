@@ -1,6 +1,6 @@
 // Playback of clips in the element: the player and its statistics in the panel.
 
-import type { Facts, FromWorker } from "../transport/messages.ts";
+import type { FromWorker, StreamInfo } from "../transport/messages.ts";
 import { LivePlayer } from "./live_player.ts";
 import type { Panel } from "./panel.ts";
 import { Player, type RequestFrame } from "./player.ts";
@@ -31,7 +31,7 @@ export class SequencePlayback {
    * Creates a player for a stream. `seen` is true if the element is visible. A clip that replaces a playing one
    * plays, too.
    */
-  begin(sequence: Facts["sequence"], seen: boolean): void {
+  begin(sequence: StreamInfo["sequence"], seen: boolean): void {
     const { wanted } = this,
       { time } = wanted,
       playing = (sequence?.live ? wanted.playingLive : wanted.playing) ?? this.#player?.started;
@@ -112,7 +112,7 @@ export class SequencePlayback {
   playable({ begin, end, late }: FromWorker & { kind: "playable" }): void {
     if (!(this.#player instanceof LivePlayer)) return;
     this.#player.playable(begin, end);
-    this.panel().setRow("late", `${late.toLocaleString()} packets, ${this.#player.facts.late} frames`);
+    this.panel().setRow("late", `${late.toLocaleString()} packets, ${this.#player.statistics.late} frames`);
   }
 
   /** Shows a frame's statistics in the panel. */
@@ -121,7 +121,7 @@ export class SequencePlayback {
     panel.setRow("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
     panel.setRow("motion shown", `${shownPackets.toLocaleString()} packets`);
     if (this.#player instanceof LivePlayer) {
-      const { stalled, buffer } = this.#player.facts;
+      const { stalled, buffer } = this.#player.statistics;
       panel.setRow("stalled", stalled ? `${stalled} frames` : "none");
       panel.setRow("buffer", `${(1000 * buffer).toFixed(0)} ms`);
     } else panel.setRow("late", `${this.#player?.skipped ?? 0} frames`);

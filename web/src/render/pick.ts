@@ -5,7 +5,7 @@ import { HALF_FLOAT_VALUES, type Packed } from "./packed.ts";
 
 const OPAQUE = 1 / 255,
   BLUR = 0.3,
-  NEAREST = 0.01;
+  NEAR_PLANE = 0.01;
 /** Squared radii at which an opaque Gaussian fades to 1/255. */
 const MAX_SQUARED_RADII = 2 * Math.log(1 / OPAQUE);
 /** Upper approximation of its square root. */
@@ -109,7 +109,7 @@ function project(
         b = centers[4 * i + 1],
         c = centers[4 * i + 2],
         depth = zx * a + zy * b + zz * c + zt;
-      if (depth <= NEAREST) continue;
+      if (depth <= NEAR_PLANE) continue;
       const scale = focal / depth,
         u = width / 2 + scale * (xx * a + xy * b + xz * c + xt);
       take(part, i, u, height / 2 + scale * (yx * a + yy * b + yz * c + yt), depth);

@@ -12,7 +12,7 @@ import { halfHeight, type Pose } from "./projection.ts";
 const MAX_PIXELS = 65_000,
   PREVIEW_PIXELS = 10_000,
   MAX_PREVIEW_COUNT = 256;
-const NEAREST = 0.01,
+const NEAR_PLANE = 0.01,
   BLUR = 0.3,
   OPAQUE = 1 / 255,
   STEPS = 1024,
@@ -114,7 +114,7 @@ function* project(
         y = r.y * dx + u.y * dy + b.y * dz,
         depth = -(r.z * dx + u.z * dy + b.z * dz);
       let opacity = opacities[i];
-      if (depth < NEAREST || !(opacity * 255 > 1)) continue;
+      if (depth < NEAR_PLANE || !(opacity * 255 > 1)) continue;
       const tx = Math.min(Math.max(x / depth, -limitX), limitX),
         ty = Math.min(Math.max(y / depth, -limitY), limitY),
         scale = focal / depth;

@@ -18,13 +18,13 @@ import {
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
 import { delay } from "../scheduler.ts";
+import { AsyncShaderDevice } from "./async_shader_device.ts";
 import { cssZoomOf } from "./css_zoom.ts";
 import { GpuFence, UploadSlices } from "./gpu_limits.ts";
 import { HalfFloatTarget } from "./half_float_target.ts";
 import { Headset } from "./headset.ts";
 import type { Orbit } from "./orbit.ts";
 import type { Packed, Tile } from "./packed.ts";
-import { PatientDevice } from "./patient_device.ts";
 import { pickPoint } from "./pick.ts";
 import { cameraFromPose, FAR_CLIP, halfHeight } from "./projection.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
@@ -92,7 +92,7 @@ export class View {
   readonly #camera: Entity;
   readonly #target: HalfFloatTarget;
   readonly #gpu: GpuFence;
-  readonly #device: PatientDevice;
+  readonly #device: AsyncShaderDevice;
   /** True if the next frame waits for the GPU to finish the last one. */
   #waitsForGpu = false;
   readonly #mesh: SingleMesh;
@@ -142,7 +142,7 @@ export class View {
     readonly canvas: HTMLCanvasElement,
     readonly orbit: Orbit,
   ) {
-    const device = new PatientDevice(canvas, {
+    const device = new AsyncShaderDevice(canvas, {
       antialias: false,
       alpha: false,
       powerPreference: "high-performance",

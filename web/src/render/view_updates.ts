@@ -6,7 +6,7 @@ import { type Camera, cameraPosition } from "../model/camera.ts";
 const REST_MS = 150;
 /** Movement that triggers an update: relative to the scene's size, and change of the camera's axes. */
 const MOVED = 0.01,
-  TURNED = 0.03;
+  MIN_ROTATION = 0.03;
 
 export class ViewUpdates {
   #requested: Camera | null = null;
@@ -71,6 +71,6 @@ export function cameraDistance(a: Camera, b: Camera, size: number): number {
     moved = Math.hypot(...eye.map((value, n) => value - other[n])) / (MOVED * size);
   const turned =
     Math.max(...[0, 1, 2].map((row) => Math.hypot(...[0, 1, 2].map((n) => a.viewmat[row][n] - b.viewmat[row][n])))) /
-    TURNED;
+    MIN_ROTATION;
   return Math.max(moved, turned);
 }

@@ -21,7 +21,7 @@ export type ToWorker =
   | { kind: "follow"; file: string };
 
 /** Properties of a stream. */
-export interface Facts {
+export interface StreamInfo {
   readonly gaussians: number;
   readonly packets: number;
   readonly degree: number;
@@ -51,7 +51,7 @@ export interface Facts {
 
 export type FromWorker =
   | ({ kind: "preview" } & PackedPreview)
-  | { kind: "facts"; facts: Facts }
+  | { kind: "info"; info: StreamInfo }
   /**
    * Gaussians for the page. `replaceAll`: replaces all earlier ones. `hasNew`: some are of packets not shown
    * before. `elements`: number of elements shown so far. `copies`: number of redundant Gaussians sent so far.
@@ -72,7 +72,7 @@ export type FromWorker =
   | { kind: "tiles"; removed: readonly number[]; added: readonly Tile[]; hasNew: boolean; requestId: number }
   /**
    * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `shownPackets`
-   * the number of motion packets that were not lost. `antialiased` is as in `Facts`; it may change in live clips.
+   * the number of motion packets that were not lost. `antialiased` is as in `StreamInfo`; it may change in live clips.
    */
   | {
       kind: "frame";

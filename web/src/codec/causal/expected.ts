@@ -1,6 +1,6 @@
 // Predicted positions, sizes and errors of anchors, received or lost, for the concealers.
 
-import type { AnchorFacts, Elements } from "../../conceal/elements.ts";
+import type { AnchorProperties, Elements } from "../../conceal/elements.ts";
 import type { Anchors } from "../../model/anchors.ts";
 import type { Pause } from "../../scheduler.ts";
 import { receivedRanksFirst } from "../anchor_part.ts";
@@ -66,7 +66,7 @@ export class AnchorPrediction {
     const sizes = await this.#predictSizes(pause);
     if (!sizes) return null;
     const { ranks, numReceived } = receivedRanksFirst(received, this.count);
-    let facts: AnchorFacts | null = null;
+    let properties: AnchorProperties | null = null;
     const { tierSizes } = this;
     return {
       positions: this.positions(ranks),
@@ -76,11 +76,11 @@ export class AnchorPrediction {
       known: new Uint8Array(this.count).fill(1, 0, numReceived),
       indices: ranks,
       logScales: null,
-      anchors: () => (facts ??= this.#anchorFacts(received, ranks.subarray(0, numReceived))),
+      anchors: () => (properties ??= this.#anchorProperties(received, ranks.subarray(0, numReceived))),
     };
   }
 
-  #anchorFacts(received: readonly ReceivedAnchors[], ranks: Int32Array): AnchorFacts {
+  #anchorProperties(received: readonly ReceivedAnchors[], ranks: Int32Array): AnchorProperties {
     const logs = new Float64Array(FORM * ranks.length),
       numGaussians = new Uint8Array(ranks.length),
       expectedErrors = new Float64Array(2 * ranks.length);

@@ -13,7 +13,7 @@ import { newSha256 } from "../../sha256.ts";
 import { type AnchorData, AnchorPart, selectAnchors } from "../anchor_part.ts";
 import type { Copies } from "../part.ts";
 import type { Schema } from "../schema.ts";
-import { tierFacts } from "../tiers.ts";
+import { tierLayout } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
 import { AnchorPrediction, type ReceivedAnchors } from "./expected.ts";
 import { PacketDecoder } from "./packet.ts";
@@ -55,7 +55,7 @@ export class CausalSchema implements Schema<CausalPart> {
     readonly plan: Plan,
   ) {
     this.info = readSideInfo(sideInfo, plan.manifest.count);
-    const tiers = tierFacts(this.info.sections, plan.manifest);
+    const tiers = tierLayout(this.info.sections, plan.manifest);
     this.#order = tiers.order;
     const [opacity, covariance, color] = this.info.heads.map(floatMlp);
     this.heads = new Heads(opacity, covariance, color);

@@ -8,7 +8,7 @@ interface Activation {
 }
 const base = WebglGraphicsDevice.prototype as unknown as Activation;
 
-export class PatientDevice extends WebglGraphicsDevice {
+export class AsyncShaderDevice extends WebglGraphicsDevice {
   #skipped = false;
 
   /** Uses a shader. Draws are skipped until it is linked. */
