@@ -291,11 +291,12 @@ def test_a_file_that_is_truncated_while_it_is_read_is_an_error(tmp_path):
             file.tensor("b")
 
 
-def test_a_file_that_is_replaced_while_it_is_read_stays_the_same(tmp_path):
+@pytest.mark.parametrize("size", [0, 9])
+def test_a_file_that_is_replaced_while_it_is_read_stays_the_same(size, tmp_path):
     path = tmp_path / "a"
     tensor_file.write_tensors({"a": np.zeros(5), "b": np.ones(5)}, {}, path)
     with open_tensor_file(path) as file:
-        tensor_file.write_tensors({"a": np.full(9, 7.0), "b": np.full(9, 8.0)}, {}, path)
+        tensor_file.write_tensors({"a": np.full(size, 7.0), "b": np.full(size, 8.0)}, {}, path)
         assert file.tensor("b").tolist() == [1.0] * 5
 
 
@@ -335,11 +336,35 @@ def _entry(start=0, stop=4, shape=(1,), dtype="F32"):
         ({"__metadata__": {"splatwire": 3}}, 0, "does not hold texts"),
         ({"__metadata__": [3]}, 0, "does not hold texts"),
         ([3], 0, "no JSON object"),
+        ({"a": _entry(shape=(1,) * 33)}, 4, "33 dimensions"),
+        ({"a": _entry(0, 0, (0, 1 << 40, 1 << 40))}, 0, "a shape that is too large"),
+        ({"a": _entry(0, 0, (1 << 62, 4, 0))}, 0, "a shape that is too large"),
     ],
 )
 def test_a_damaged_header_is_refused_with_the_reason(header, size, reason, tmp_path):
     text = json.dumps(header).encode()
     (tmp_path / "a").write_bytes(struct.pack("<Q", len(text)) + text + bytes(size))
+    with pytest.raises(BitstreamError, match=reason), open_tensor_file(tmp_path / "a"):
+        pass
+
+
+_TEXT = json.dumps({"a": _entry()})
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (f'{{"a": {json.dumps(_entry())}, {_TEXT[1:]}'.encode(), "has 'a' twice"),
+        (_TEXT.replace('"dtype"', '"dtype": "I8", "dtype"').encode(), "has 'dtype' twice"),
+        (_TEXT.replace("{", '{"__metadata__": {}, "__metadata__": {}, ', 1).encode(), "has '__metadata__' twice"),
+        (_TEXT.replace("}}", ', "b": NaN}}').encode(), "no JSON"),
+        (_TEXT.encode("utf-16-le"), "no JSON"),
+        (_TEXT.encode("utf-8-sig"), "no JSON"),
+        (b'{"\xff": 0}', "no JSON"),
+    ],
+)
+def test_a_header_that_readers_could_read_differently_is_refused(text, reason, tmp_path):
+    (tmp_path / "a").write_bytes(struct.pack("<Q", len(text)) + text + bytes(4))
     with pytest.raises(BitstreamError, match=reason), open_tensor_file(tmp_path / "a"):
         pass
 

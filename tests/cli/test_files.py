@@ -223,11 +223,13 @@ def test_a_folder_is_not_written_to_standard_output(run, journey, tmp_path, monk
         (("convert", "{a}.swz", "{o}.swz"), "a.swz"),
         (("export", "ply", "{a}.ply", "-o", "{o}.ply"), "a.ply"),
         (("apply", "{x}.swz", "{a}.swz", "-o", "{o}.swz"), "a.swz"),
+        (("pack", "{a}.glb", "-o", "{o}.glb"), "a.glb"),
+        (("import", "splats", "{a}.ply", "-o", "{o}.ply"), "a.ply"),
     ],
 )
 def test_an_output_that_is_an_input_is_refused(run, tmp_path, words, name, named):
     (tmp_path / "b").mkdir()
-    for path in ("a.ply", "a.swz", "x.swz"):
+    for path in ("a.ply", "a.swz", "a.glb", "x.swz"):
         (tmp_path / path).write_bytes(b"the only copy")
     (tmp_path / f"link{Path(name).suffix}").symlink_to(tmp_path / name)
     names = {"a": tmp_path / "a", "x": tmp_path / "x", "o": f"{tmp_path}/{named}"}

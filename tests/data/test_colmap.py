@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from splatwire.data import dataset_layout, open_dataset
-from splatwire.data._checks import make_cameras, pinhole
+from splatwire.data._checks import child, make_cameras, pinhole
 from splatwire.data.colmap import find_reconstruction, read_points, read_views
 from splatwire.data.rounding import without_origin
 from splatwire.errors import DatasetError
@@ -206,6 +206,17 @@ def test_names_of_another_unicode_normal_form_are_found(folders, capture):
     assert dataset.num_views == 12
     for view, number in enumerate(capture.sorted_views):
         assert np.array_equal(np.rint(dataset.image(view) * 255), capture.pixels[number])
+
+
+@pytest.mark.parametrize(("stated", "stored"), [("NFC", "NFD"), ("NFD", "NFC")])
+def test_photos_of_another_unicode_normal_form_are_found_without_listing_their_folder(
+    stated, stored, tmp_path, monkeypatch
+):
+    """A list for each photo would take a minute for 10,000 photos."""
+    path = tmp_path / unicodedata.normalize(stored, "Süd.jpg")
+    path.touch()
+    monkeypatch.setattr(os, "listdir", lambda folder: pytest.fail("the folder was listed"))
+    assert child(tmp_path, unicodedata.normalize(stated, "Süd.jpg"), tmp_path).samefile(path)
 
 
 def test_map_coordinates_are_relative_to_one_origin(capture):

@@ -4,6 +4,8 @@ The system ends a process that accesses a mapped file after another program has 
 """
 
 import json
+import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BufferedReader
@@ -25,6 +27,8 @@ _METADATA = "__metadata__"
 _SIZE_BYTES = 8
 _MAX_HEADER_BYTES = 100_000_000
 """Maximum size of the JSON header, as in the library safetensors, bytes."""
+_MAX_DIMENSIONS = 32
+"""Maximum number of dimensions of a tensor, as in NumPy 1."""
 
 
 class TensorFile:
@@ -46,11 +50,12 @@ class TensorFile:
     def __init__(self, path: Path, file: BufferedReader) -> None:
         self._path, self._file = path, file
         size = int.from_bytes(self._read(0, _SIZE_BYTES).tobytes(), "little")
-        if size > min(_MAX_HEADER_BYTES, path.stat().st_size):
+        if size > min(_MAX_HEADER_BYTES, self._file_bytes()):
             raise BitstreamError(is_not(path, "a safetensors file"))
         self.header_bytes = _SIZE_BYTES + size
+        text = self._read(_SIZE_BYTES, size).tobytes()
         try:
-            header = json.loads(self._read(_SIZE_BYTES, size).tobytes())
+            header = json.loads(text.decode("utf-8"), object_pairs_hook=self._object, parse_constant=_no_constant)
         except (ValueError, RecursionError) as error:
             raise self._error("its header is no JSON") from error
         if not isinstance(header, dict):
@@ -92,6 +97,19 @@ class TensorFile:
         data = self._read(self.header_bytes + start, stop - start)
         return data.view(_DTYPES[type_name]).reshape(shape)
 
+    def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        """Converts the fields of a JSON object of the header to a dictionary.
+
+        Raises:
+            BitstreamError: If two fields have the same name, of which readers could use either.
+        """
+        fields: dict[str, Any] = {}
+        for name, value in pairs:
+            if name in fields:
+                raise self._error(f"its header has {name[:80]!r} twice")
+            fields[name] = value
+        return fields
+
     def _entry(self, name: str, entry: Any) -> tuple[str, tuple[int, ...], int, int]:
         """Checks a tensor's entry in the header, and returns the content of the entry.
 
@@ -110,11 +128,15 @@ class TensorFile:
         numbers = [*(shape if isinstance(shape, list) else [-1]), *(offsets if isinstance(offsets, list) else [-1])]
         if any(type(number) is not int or not 0 <= number < 1 << 63 for number in numbers) or len(offsets) != 2:
             raise self._error(f"tensor {name[:80]!r} has no valid shape and offsets")
+        if len(shape) > _MAX_DIMENSIONS:
+            raise self._error(f"tensor {name[:80]!r} has {len(shape)} dimensions, at most {_MAX_DIMENSIONS} are read")
         if not isinstance(type_name, str) or type_name not in _DTYPES:
             raise self._error(f"tensor {name[:80]!r} is of type {type_name!r:.20}, which is not read")
-        size = np.dtype(_DTYPES[type_name]).itemsize
+        size = item_bytes = np.dtype(_DTYPES[type_name]).itemsize
         for length in shape:
             size *= length
+        if not size and item_bytes * math.prod(length for length in shape if length) >= 1 << 63:
+            raise self._error(f"tensor {name[:80]!r} has no bytes, but a shape that is too large")
         if offsets[1] - offsets[0] != size:
             raise self._error(f"tensor {name[:80]!r} has {offsets[1] - offsets[0]} bytes, its shape needs {size}")
         return type_name, tuple(shape), offsets[0], offsets[1]
@@ -126,13 +148,17 @@ class TensorFile:
             if start != end:
                 raise self._error("its tensors overlap or leave a gap")
             end = stop
-        size = self._path.stat().st_size
+        size = self._file_bytes()
         if self.header_bytes + end != size:
             raise self._error(f"it has {size:,} bytes, its tensors need {self.header_bytes + end:,}")
 
+    def _file_bytes(self) -> int:
+        """Returns the current size of the open file, which another file may have replaced at its path."""
+        return os.fstat(self._file.fileno()).st_size
+
     def _read(self, offset: int, size: int) -> np.ndarray:
         """Reads bytes of the file, uint8 (size)."""
-        if offset + size > self._path.stat().st_size:
+        if offset + size > self._file_bytes():
             raise self._error("it ends early")
         data, num_read = np.empty(size, np.uint8), 0
         self._file.seek(offset)
@@ -145,6 +171,11 @@ class TensorFile:
 
     def _error(self, reason: str) -> BitstreamError:
         return BitstreamError(f"{self._path}: a damaged file of tensors: {reason}")
+
+
+def _no_constant(text: str) -> None:
+    """Refuses `NaN` and `Infinity`, which Python would read although they are no JSON."""
+    raise ValueError(f"{text} is no JSON")
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from splatwire.cli._files import output_path
+from splatwire.cli._files import output_path, refuse_own_input
 from splatwire.cli._output import print_json, print_summary
 from splatwire.cli.import_model import Import
 from splatwire.errors import InvalidValueError
@@ -19,6 +19,7 @@ def run(command: Import) -> None:
     """Runs `splatwire import`: converts a model of other software."""
     if command.appearance is not None and command.kind != "scaffold":
         raise InvalidValueError("--appearance is for scaffold models")
+    refuse_own_input(command.output, command.model_dir)
     started = time.perf_counter()
     explicit = command.kind == "splats"
     with output_path(command.output, suffix=".ply" if explicit else "", json=command.json) as path:

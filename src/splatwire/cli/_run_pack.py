@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from splatwire.bitstream import SceneStream, read_stream
-from splatwire.cli._files import input_path, output_path, stream_name
+from splatwire.cli._files import input_path, output_path, refuse_own_input, stream_name
 from splatwire.cli._output import print_json, print_summary
 from splatwire.cli.pack import Pack
 from splatwire.errors import InvalidValueError
@@ -18,6 +18,7 @@ def run(command: Pack) -> None:
     gltf = command.output.lower().endswith(".glb")
     if not command.sources or (gltf and len(command.sources) > 1):
         raise InvalidValueError("a glTF file takes one stream" if command.sources else "name a stream to pack")
+    refuse_own_input(command.output, *command.sources)
     streams, num_lost = dict[str, SceneStream](), 0
     for source in command.sources:
         name = stream_name(source)

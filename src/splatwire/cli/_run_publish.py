@@ -56,14 +56,16 @@ def run(command: Publish) -> None:
 def _write(files: Mapping[str, bytes], folder: Path) -> None:
     """Writes the files of a site into a folder.
 
-    A new or empty folder gets all files at the same time. In a folder of an earlier `publish`, files are replaced one
-    after another.
+    A new folder gets all files at the same time. In an existing folder, files are written one after another: it may be
+    the working directory or a mounted disk, and have an owner and permissions of its own.
 
     Args:
         files: Contents of the files by relative path.
         folder: Folder of the site.
     """
-    if folder.is_dir() and any(folder.iterdir()):
+    if folder.is_dir():
+        if not any(folder.iterdir()):  # first the mark, so that `publish` can be repeated after a full disk
+            files = {_MARK: files[_MARK], **files}
         for path, data in files.items():
             atomic_write(folder / path, data, parents=True)
         return

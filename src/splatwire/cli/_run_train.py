@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from splatwire.cli._files import prepared_output
+from splatwire.cli._files import prepared_output, refuse_own_input
 from splatwire.cli._output import print_json, print_summary, refuse_options
 from splatwire.cli._scenes import chosen_background
 from splatwire.cli._trained_gaussians import GAUSSIAN_MODEL, check_gaussian_options, run_gaussians
@@ -140,6 +140,7 @@ def _check(command: Train) -> str:
         raise InvalidValueError("--init is for the start of a run: the checkpoint of --resume has its anchors")
     if command.output == "-":
         raise InvalidValueError("training writes a scene file and a checkpoint beside it: give -o a file")
+    refuse_own_input(command.output, command.init)
     if command.preview is not None and prepared_output(Path(command.preview)).suffix.lower() not in _PICTURE_SUFFIXES:
         raise InvalidValueError(f"--preview must end in {', '.join(_PICTURE_SUFFIXES)}, not {command.preview}")
     if command.loss_share is not None and not command.loss:

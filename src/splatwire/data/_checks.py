@@ -218,8 +218,21 @@ def _existing(root: Path, parts: Sequence[str]) -> Path:
     for part in parts:
         exact = path / part
         if not part.isascii() and not os.path.exists(exact):
-            wanted = unicodedata.normalize("NFC", part)
-            names = os.listdir(path) if path.is_dir() else []
-            exact = path / next((name for name in names if unicodedata.normalize("NFC", name) == wanted), part)
+            exact = path / _name_in(path, part)
         path = exact
     return path
+
+
+def _name_in(folder: Path, name: str) -> str:
+    """Returns the name of a file or folder that differs from a given one only in its normal form, else the given one.
+
+    Args:
+        folder: The folder that may contain it.
+        name: The given name.
+    """
+    composed = unicodedata.normalize("NFC", name)
+    for form in (composed, unicodedata.normalize("NFD", name)):
+        if os.path.exists(folder / form):  # without listing a folder of many photos for each of them
+            return form
+    names = os.listdir(folder) if folder.is_dir() else []
+    return next((other for other in names if unicodedata.normalize("NFC", other) == composed), name)

@@ -91,6 +91,10 @@ def test_finetune_command_runs(
             main([*map(str, words), *option])
         assert stopped.value.code == 2
         assert option[0] in capsys.readouterr().err
+    with pytest.raises(SystemExit) as stopped:
+        main(["train", str(folder), "-o", str(start), "--init", str(start)])
+    assert stopped.value.code == 2
+    assert f"{start} is the input {start}, which would be lost" in capsys.readouterr().err
 
 
 def test_format_1_scenes_are_finetuned_without_averaging() -> None:

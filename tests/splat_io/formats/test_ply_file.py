@@ -240,6 +240,13 @@ def test_bytes_after_the_last_row_give_a_warning(kind, more, stated, tmp_path, c
     assert f"b.ply: {stated} after the last row are not read" in message
 
 
+@pytest.mark.parametrize("kind", ["binary_little_endian", "ascii"])
+def test_a_file_without_elements_has_no_vertices(kind, tmp_path):
+    path = write(tmp_path / "a.ply", f"ply\nformat {kind} 1.0\nend_header\nmore".encode())
+    with pytest.raises(DatasetError, match="has no element vertex"):
+        read_splats(path)
+
+
 @pytest.mark.parametrize(("kind", "more"), [("binary_little_endian", bytes(80)), ("ascii", b" 1" * 20)])
 def test_rows_that_may_be_longer_than_the_header_says_are_refused(kind, more, tmp_path):
     path = write(tmp_path / "b.ply", _gaussians(tmp_path, kind) + more)

@@ -107,7 +107,7 @@ def _check_rest(path: Path, header: PlyHeader, num_more: int, unit: str) -> None
     """
     if not num_more:
         return
-    most = max(count for count, _ in header.elements.values())
+    most = max((count for count, _ in header.elements.values()), default=0)
     if most >= _MIN_ROWS and num_more % most == 0:
         raise _wrong_length(path, header, early=False)
     LOG.warning(
