@@ -601,11 +601,15 @@ test("a login page in place of a file is named, also after a part of the file", 
   }
 });
 
-test("a service worker that gives the same part each time is named, and the stream goes on after it", async () => {
-  const same = (asked: Asked): Response => part(CLIP, { ...asked, range: [0, LIMITS.firstBytes] }),
-    server = new Server((asked, n) => (n < 9 ? same(asked) : part(CLIP, asked))),
-    { complete, verified, lost } = await visit();
-  assert.deepEqual([complete, verified], [true, true]);
-  assert.ok(lost.length > 1 && server.asked.length < 20);
-  for (const reason of lost) assert.match(reason, /answers with a part of it/);
-});
+for (const [place, range] of [
+  ["first", [0, LIMITS.firstBytes]],
+  ["last", [1, CLIP.length]],
+] as const)
+  test(`a worker that always gives the ${place} part is named, and the stream goes on after it`, async () => {
+    const same = (asked: Asked): Response => part(CLIP, { ...asked, range: [...range] }),
+      server = new Server((asked, n) => (n < 9 ? same(asked) : part(CLIP, asked))),
+      { complete, verified, lost } = await visit();
+    assert.deepEqual([complete, verified], [true, true]);
+    assert.ok(lost.length > 1 && server.asked.length < 20);
+    for (const reason of lost) assert.match(reason, /answers with a part of it/);
+  });

@@ -9,7 +9,6 @@ const PAUSE_MS = 3000;
 
 export class AutoRotation {
   readonly #reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
-  readonly #destroyed = new AbortController();
   /** Radians per second; 0 stops. */
   #speed = 0;
   #frame = 0;
@@ -22,15 +21,10 @@ export class AutoRotation {
     readonly orbit: Orbit,
     changed: () => void,
   ) {
-    const { signal } = this.#destroyed;
-    this.#reducedMotion.addEventListener(
-      "change",
-      () => {
-        this.#run();
-        changed();
-      },
-      { signal },
-    );
+    this.#reducedMotion.onchange = () => {
+      this.#run();
+      changed();
+    };
   }
 
   /**
@@ -58,7 +52,7 @@ export class AutoRotation {
   }
 
   destroy(): void {
-    this.#destroyed.abort();
+    this.#reducedMotion.onchange = null;
     cancelAnimationFrame(this.#frame);
   }
 

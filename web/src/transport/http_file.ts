@@ -198,7 +198,7 @@ export class HttpFile {
       range = CONTENT_RANGE.exec(headers.get("content-range") ?? ""),
       all = range?.[1] === "0" && Number(range[2]) + 1 === Number(range[3]);
     this.isWebPage = type.startsWith("text/html");
-    if (first === null && status === 206 && range && Number(range[2]) + 1 < Number(range[3]))
+    if (first === null && status === 206 && range && range[3] !== "*" && !all)
       throw new Error(`${this.name} answers with a part of it`);
     if (first === null || status !== 206) {
       if (offset > 0) throw new RangeUnsupported(`${this.name} ignores the range of a request`);
