@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatwire.anchors.voxels import MAX_VOXEL_INDEX, voxel_indices, voxel_positions
@@ -9,12 +9,14 @@ from splatwire.errors import InvalidValueError
 INDICES = st.lists(st.tuples(*[st.integers(-MAX_VOXEL_INDEX, MAX_VOXEL_INDEX)] * 3), min_size=1, max_size=20)
 
 
+@settings(deadline=None)
 @given(INDICES, st.floats(1e-6, 1e3))
 def test_voxel_indices_round_trip_through_positions(indices, voxel_size):
     indices = np.array(indices)
     assert np.array_equal(voxel_indices(voxel_positions(indices, voxel_size), voxel_size), indices)
 
 
+@settings(deadline=None)
 @given(INDICES, st.floats(1e-6, 1e3))
 def test_positions_of_a_float32_product_have_the_same_indices(indices, voxel_size):
     indices = np.array(indices)
@@ -33,6 +35,7 @@ def test_positions_off_the_voxel_grid_are_refused(position):
         voxel_indices(np.array([[0.0, 0.001, 0.002], [position, 0.0, 0.0]], np.float32), 0.001)
 
 
+@settings(deadline=None)
 @given(INDICES, st.floats(1e-6, 1e3), st.floats(3.0, 1e12))
 def test_a_voxel_size_far_too_large_is_refused(indices, voxel_size, factor):
     """Every position would be within a small share of voxel 0, which only 0 itself should occupy."""

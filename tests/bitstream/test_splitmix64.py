@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reference.splitmix64 import splitmix64_reference
@@ -23,6 +23,7 @@ def test_splitmix64_equals_the_published_vectors():
     assert splitmix64(np.zeros(1, np.uint64)).tolist() == [0xE220A8397B1DCDAF]
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(0, MASK64), min_size=1, max_size=20))
 def test_splitmix64_equals_plain_integer_arithmetic(numbers):
     assert splitmix64(np.array(numbers, np.uint64)).tolist() == [splitmix64_reference(n) for n in numbers]

@@ -35,6 +35,7 @@ def preview_of(count: int, seed: int = 0) -> Preview:
     return Preview(FRAME, (1, 20, 255), levels)
 
 
+@settings(deadline=None)
 @given(st.integers(1, MAX_GAUSSIANS), st.integers(0, 1000))
 def test_preview_round_trips(count: int, seed: int) -> None:
     preview = preview_of(count, seed)
