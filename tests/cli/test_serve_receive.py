@@ -345,7 +345,7 @@ def test_waiting_for_a_live_stream_that_has_not_begun_is_reported_once(scheme: s
     with server_process([sys.executable, "-m", "splatwire", *words]) as facts:
         url = f"{scheme}://127.0.0.1:{facts['port']}"
         trust = ["--insecure"] if scheme == "quic" else []
-        assert call("receive", url, "-o", str(tmp_path / "a.swz"), "--deadline", "1500ms", *trust) == 2
+        assert call("receive", url, "-o", str(tmp_path / "a.swz"), "--deadline", "5s", *trust) == 2
     error = capsys.readouterr().err
     assert error.count("splatwire: warning: the stream has not begun; waiting for its data\n") == 1
     assert "no scene arrived (deadline: the stream has not begun)" in error

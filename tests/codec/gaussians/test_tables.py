@@ -21,7 +21,7 @@ def test_powers_and_logarithms_equal_the_reference() -> None:
     np.testing.assert_allclose(tables.exponentials(), 2.0 ** (np.arange(1 << BITS) / 4096), rtol=1e-15)
 
 
-def test_thinness_inverts_companding() -> None:
+def test_flatness_inverts_companding() -> None:
     t = np.arange(MAX_COMPANDED + 1)
     ratio = -np.log2(1 - t / 4096 * np.log(2))
     assert np.abs(tables.flatness_table() - ratio * 4096).max() <= 1
