@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 
 from scenes import tiny_cameras
+from splatwire.cli._files import refuse_own_input
 from splatwire.cli._parsing import settings_of
 from splatwire.cli._verbs import VERBS
 from splatwire.data import save_cameras
+from splatwire.errors import InvalidValueError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.files.scene_formats import FORMATS
 
@@ -235,6 +237,17 @@ def test_an_output_that_is_an_input_is_refused(run, tmp_path, words, name, named
     names = {"a": tmp_path / "a", "x": tmp_path / "x", "o": f"{tmp_path}/{named}"}
     assert_complains(run(*(word.format(**names) for word in words)), f"is the input {tmp_path / name}", "would be lost")
     assert (tmp_path / name).read_bytes() == b"the only copy"
+
+
+def test_an_output_that_is_redirected_to_standard_input_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "a").write_bytes(b"the only copy")
+    (tmp_path / "b").write_bytes(b"")
+    with (tmp_path / "a").open() as file:
+        monkeypatch.setattr(sys, "stdin", file)
+        refuse_own_input(tmp_path / "b", "-")
+        refuse_own_input("-", "-")
+        with pytest.raises(InvalidValueError, match="is the input standard input, which would be lost"):
+            refuse_own_input(tmp_path / "a", "-")
 
 
 def test_a_decoded_scene_does_not_replace_its_stream(run, journey, tmp_path):

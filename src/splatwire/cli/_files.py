@@ -145,20 +145,23 @@ def refuse_own_input(output: str | Path, *inputs: str | Path | None) -> None:
 
     Args:
         output: Output path given by the user; `-` for standard output.
-        *inputs: Inputs given by the user; None for options that are not set.
+        *inputs: Inputs given by the user; `-` for standard input, None for options that are not set.
 
     Raises:
         InvalidValueError: If the output is the file or folder of an input, under any name.
     """
     for name in inputs:
-        if name is None or STANDARD in (str(name), str(output)):
+        is_standard = str(name) == STANDARD
+        if name is None or str(output) == STANDARD or (is_standard and sys.stdin is None):
             continue
         try:
-            is_same = os.path.samefile(name, output)
+            source = sys.stdin.fileno() if is_standard else name  # of a shell's `< FILE`
+            is_same = os.path.samestat(os.stat(source), os.stat(output))
         except (OSError, ValueError):  # one of them does not exist
             continue
         if is_same:
-            raise InvalidValueError(f"{output} is the input {name}, which would be lost: name another output")
+            shown = "standard input" if is_standard else name
+            raise InvalidValueError(f"{output} is the input {shown}, which would be lost: name another output")
 
 
 @contextmanager
