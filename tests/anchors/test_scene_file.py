@@ -369,6 +369,14 @@ def test_a_header_that_readers_could_read_differently_is_refused(text, reason, t
         pass
 
 
+def test_a_header_that_would_fill_the_memory_is_refused(tmp_path):
+    with (tmp_path / "a").open("wb") as file:
+        file.write(struct.pack("<Q", (8 << 20) + 1))
+        file.truncate(9 << 20)
+    with pytest.raises(BitstreamError, match="its header has 8,388,609 bytes"), open_tensor_file(tmp_path / "a"):
+        pass
+
+
 @pytest.mark.parametrize("data", [b"", b"\1\0", struct.pack("<Q", 1 << 60) + b"{}", struct.pack("<Q", 3) + b"{}"])
 def test_a_file_without_a_whole_header_is_refused(data, tmp_path):
     (tmp_path / "a").write_bytes(data)

@@ -25,8 +25,9 @@ _DTYPES = {
 """numpy dtype of each supported type name."""
 _METADATA = "__metadata__"
 _SIZE_BYTES = 8
-_MAX_HEADER_BYTES = 100_000_000
-"""Maximum size of the JSON header, as in the library safetensors, bytes."""
+_MAX_HEADER_BYTES = 8 << 20
+"""Maximum size of the JSON header, bytes: many times that of any checkpoint. JSON takes up to 25 times its size in
+memory."""
 _MAX_DIMENSIONS = 32
 """Maximum number of dimensions of a tensor, as in NumPy 1."""
 
@@ -50,8 +51,10 @@ class TensorFile:
     def __init__(self, path: Path, file: BufferedReader) -> None:
         self._path, self._file = path, file
         size = int.from_bytes(self._read(0, _SIZE_BYTES).tobytes(), "little")
-        if size > min(_MAX_HEADER_BYTES, self._file_bytes()):
+        if size > self._file_bytes():
             raise BitstreamError(is_not(path, "a safetensors file"))
+        if size > _MAX_HEADER_BYTES:
+            raise self._error(f"its header has {size:,} bytes, at most {_MAX_HEADER_BYTES:,} are read")
         self.header_bytes = _SIZE_BYTES + size
         text = self._read(_SIZE_BYTES, size).tobytes()
         try:
