@@ -6,6 +6,7 @@ import logging
 import os
 import random
 import socket
+import ssl
 
 import pytest
 
@@ -14,16 +15,20 @@ from transport.relay import Relay
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.asyncio.server import QuicServer as AioquicServer
+from aioquic.buffer import Buffer
 from aioquic.quic.configuration import QuicConfiguration
 from aioquic.quic.connection import QuicConnection
-from aioquic.quic.packet import QuicProtocolVersion, encode_quic_retry
+from aioquic.quic.packet import QuicProtocolVersion, encode_quic_retry, pull_quic_header
 
 from splatwire.transport.quic import address_validation
+from splatwire.transport.quic import client as client_module
+from splatwire.transport.quic import server as server_module
 from splatwire.transport.quic.address_validation import (
     HANDSHAKE_WINDOW_S,
     MAX_NETWORK_RESPONSES,
     MAX_RESPONSES,
     TOKEN_LIFETIME_S,
+    TOKEN_PREFIX,
     WINDOW_S,
     HandshakeBudget,
     Initial,
@@ -31,9 +36,9 @@ from splatwire.transport.quic.address_validation import (
     RetryTokens,
     parse_initial,
 )
-from splatwire.transport.quic.common import ALPN, MAX_BACKOFF, configuration, limit_backoff
+from splatwire.transport.quic.common import ALPN, MAX_PROBE_INTERVAL_S, configuration, limit_backoff
 from splatwire.transport.quic.server import READ_BATCH, RETRY_HANDSHAKES
-from transport.test_quic import OTHER, fetch, run, serving
+from transport.test_quic import IDENTITY, OTHER, fetch, run, serving
 
 VERSIONS = (QuicProtocolVersion.VERSION_1, QuicProtocolVersion.VERSION_2)
 HERE = ("192.0.2.1", 4000)
@@ -81,7 +86,7 @@ def test_initial_packets_of_clients_are_parsed_and_answered_with_a_retry(version
         (("192.0.2.1", 4001), b"retried!", 5.0, None),
         (HERE, b"others!!", 5.0, None),
         (HERE, b"retried!", 5.1 + TOKEN_LIFETIME_S, None),
-        *((HERE, b"retried!", 5.0, place) for place in (0, 5, 19, 20, 27)),
+        *((HERE, b"retried!", 5.0, place) for place in (0, 4, 9, 23, 24, 31)),
     ],
 )
 def test_tokens_of_others_and_changed_tokens_are_refused(address, destination, now, flipped):
@@ -148,7 +153,7 @@ def test_a_flood_of_initial_packets_reaches_no_cryptography(monkeypatch, caplog)
                 fetching = asyncio.ensure_future(fetch(server.port, ReceiverOptions(name="other")))
                 while not fetching.done():
                     for n in range(100):
-                        token = rng.randbytes(50) if n % 2 else b""
+                        token = TOKEN_PREFIX + rng.randbytes(50) if n % 2 else rng.randbytes(n % 3)
                         server._endpoint.datagram_received(forged(rng, token), (f"192.0.2.{n}", rng.randrange(1, 9999)))
                     sent += 100
                     await asyncio.sleep(0)
@@ -217,7 +222,57 @@ def test_probes_of_a_handshake_follow_each_other_fast():
         now = client.get_timer()
         client.handle_timer(now=now)
     gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
-    assert max(gaps) <= gaps[0] * 2**MAX_BACKOFF * 1.01
+    assert max(gaps) <= MAX_PROBE_INTERVAL_S * 1.01
+
+
+@pytest.mark.parametrize("round_trip", [0.0002, 0.02, 0.3])
+def test_a_client_that_disappears_in_the_handshake_gets_few_probes(round_trip: float):
+    """It confirms the server's first packet only; a short round trip must not make the server repeat itself at once."""
+    settings = [configuration(is_client=is_client, alpn=[ALPN], idle_s=10.0) for is_client in (True, False)]
+    settings[0].server_name, settings[0].verify_mode = "localhost", ssl.CERT_NONE
+    settings[1].certificate, _, settings[1].private_key = IDENTITY
+    client, now = QuicConnection(configuration=settings[0]), 0.0
+    client.connect(HERE, now=now)
+    server = QuicConnection(
+        configuration=settings[1], original_destination_connection_id=client.original_destination_connection_id
+    )
+    server.receive_datagram(client.datagrams_to_send(now=now)[0][0], HERE, now=now)
+    for data, _ in server.datagrams_to_send(now=now):
+        client.receive_datagram(data, HERE, now=round_trip / 2)
+    data = client.datagrams_to_send(now=round_trip / 2)[0][0]
+    size = pull_quic_header(Buffer(data=data)).packet_length
+    now = round_trip
+    server._network_paths[0].is_validated = True  # as after a Retry
+    server.receive_datagram(data[:size].ljust(1200, b"\0"), HERE, now=now)
+    num_probes = 0
+    while server.get_timer() is not None and now < 30.0:
+        num_probes += len(server.datagrams_to_send(now=now))
+        limit_backoff(server)
+        now = max(now, server.get_timer() or 30.0)
+        server.handle_timer(now=now)
+    assert server._loss._rtt_initialized
+    assert 5 < num_probes < 150
+    assert now < 12.0
+
+
+@pytest.mark.parametrize("busy", [False, True])
+def test_a_client_with_a_token_of_another_server_is_served(busy, monkeypatch):
+    """Such as a browser that visited another server at this address; it gets a Retry while the server is busy."""
+
+    def with_token(**options: object) -> QuicConfiguration:
+        settings = configuration(**options)
+        settings.token = b"token of another server"
+        return settings
+
+    monkeypatch.setattr(client_module, "configuration", with_token)
+    monkeypatch.setattr(server_module, "RETRY_HANDSHAKES", 0 if busy else RETRY_HANDSHAKES)
+
+    async def work() -> None:
+        async with serving() as server:
+            assert (await fetch(server.port, ReceiverOptions(name="other"))).stream() == OTHER
+            assert server.num_dropped == 0
+
+    run(work())
 
 
 @pytest.mark.slow

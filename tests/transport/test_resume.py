@@ -13,10 +13,12 @@ from splatwire.bitstream import PacketId, make_packet
 from splatwire.bitstream.view import Viewpoint
 from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, StreamReplaced, make_served_stream
 from splatwire.transport.protocol import nack
+from splatwire.transport.protocol import transfer as transfer_module
 from splatwire.transport.protocol.events import Finished, Interrupted, Resumed
 from splatwire.transport.protocol.gap_tracker import MAX_GAPS, GapTracker
 from splatwire.transport.protocol.messages import Data, End, Feedback, ParityRange, Welcome
 from splatwire.transport.protocol.protection import Protection
+from splatwire.transport.protocol.transfer import ServerTransfer
 from splatwire.transport.protocol.wire import SMALL_MTU, decode, encode
 from transport.network import SECRET, Link, bernoulli, datagram_stream, transfer
 
@@ -294,6 +296,25 @@ def test_idle_view_over_a_lossy_path_is_not_taken_for_a_small_mtu():
     assert viewer.finished is None
 
 
+@pytest.mark.parametrize("is_live", [False, True])
+def test_resumed_stream_without_new_data_is_not_taken_for_a_small_mtu(is_live):
+    """The server has nothing to send: the view needs no more packets, or the live stream has paused."""
+    welcome = Welcome(5, 1, 9, 1000, b"a" * 32, 256, 60, 1150, 0, (ParityRange(60, 0, 0),), b"", is_live, not is_live)
+    viewpoint = None if is_live else Viewpoint(np.eye(4), 200.0, 320, 240)
+    viewer, now = Receiver(5, 0.0, ReceiverOptions(viewpoint=viewpoint, keep_open=True), reliable=True), 0.1
+    viewer.poll(0.0)
+    viewer.receive(encode(welcome), now)
+    viewer.receive(encode(Data(1, 0, 0, make_packet(PacketId(0, 0), 1, b"", 9).data)), now)
+    viewer.reconnect(10.0)
+    nonce, now = decode(viewer.poll(10.0)[0][0]).nonce, 10.1
+    viewer.receive(encode(welcome._replace(nonce=nonce, session=2)), now)
+    for number in range(100):
+        now += 0.1 if is_live else 1.0
+        viewer.receive(encode(End(2, number)), now)
+        viewer.poll(now)
+    assert viewer.finished is None
+
+
 def test_rate_far_above_the_link_is_named_at_both_ends(caplog):
     down = Link(rate=40_000.0)
     result = transfer(PROGRAM, down=down, limits=ServerLimits(fixed_rate=2e6), options=ReceiverOptions(deadline_s=3.0))
@@ -368,3 +389,63 @@ def test_repeated_welcomes_of_a_reliable_stream_say_nothing_about_the_mtu():
         receiver.receive(welcome, 0.2)
     receiver.poll(0.3)
     assert receiver.finished is None
+
+
+def begun_receiver() -> tuple[Receiver, int, float]:
+    """A receiver over QUIC with a third of the packets; its session's next sequence number, and the time."""
+    receiver, now = Receiver(5, 0.0, reliable=True), 0.0
+    sender = ServerTransfer(PROGRAM, 7, ServerLimits(fixed_rate=1e9), 0.0, reliable_init_segment=True, nonce=5)
+    receiver.poll(now)
+    receiver.receive(sender.welcome(), now)
+    while receiver.collector is None or receiver.collector.num_packets < len(STREAM.packets) // 3:
+        now += 0.001
+        sender.heard_at = now
+        if data := sender.poll(now):
+            receiver.receive(data, now)
+    return receiver, sender._feedback_tracker.sequence, now
+
+
+def test_many_ends_at_once_after_an_outage_end_no_transfer():
+    """QUIC keeps them while nothing is acknowledged. The server has not even got the requests for missing packets."""
+    receiver, number, now = begun_receiver()
+    receiver.receive(encode(End(7, number)), now)
+    for later in range(number + 500, number + 560):  # the outage has lost 500 datagrams
+        receiver.receive(encode(End(7, later)), now + 2.0)
+    for step in range(10):
+        receiver.receive(encode(End(7, number + 560 + step)), now + 2.1 + step / 10)
+        receiver.poll(now + 2.1 + step / 10)
+        assert receiver.finished is None
+
+
+def test_losses_after_the_last_data_give_no_advice_about_the_rate():
+    """They may have another cause, such as a path whose MTU has fallen."""
+    receiver, number, now = begun_receiver()
+    for step in range(80):
+        now += 0.1
+        receiver.receive(encode(End(7, number + 500 + step)), now)
+        receiver.poll(now)
+        if receiver.finished is not None:
+            break
+    assert receiver.finished == Finished("sent", True)
+    assert step >= 20
+    assert "--rate" not in receiver.describe_missing()
+
+
+@pytest.mark.parametrize("data_arrive", [False, True])
+def test_the_log_blames_the_rate_only_while_data_arrive(data_arrive, monkeypatch):
+    monkeypatch.setattr(transfer_module, "MIN_LOSS_DATAGRAMS", 50)
+    sender, now, received = ServerTransfer(PROGRAM, 7, ServerLimits(fixed_rate=1e9), 0.0), 0.0, 0
+    sender.feedback(Feedback(7, 0, 0, 0, 0, ()), now)
+    ends = 0
+    while ends < 30:
+        now += 0.01
+        sender.heard_at = now
+        data = sender.poll(now)
+        if data is None:
+            continue
+        number, is_end = sender._feedback_tracker.sequence - 1, isinstance(decode(data), End)
+        ends += is_end
+        if is_end or number < 10 or (data_arrive and number % 8 == 0):
+            received += 1
+            sender.feedback(Feedback(7, number, received, int(now * 1e6), 0, ()), now)
+    assert ("rate too high" in sender.new_problems()) is data_arrive

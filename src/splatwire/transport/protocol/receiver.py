@@ -97,6 +97,10 @@ will not retransmit (`Protection.retransmit_share`). The server sends ten per se
 are covered.
 Also the number of small datagrams without data after which the path is taken to drop large ones.
 """
+MIN_END_SPACING_S, MAX_END_SPACING_S = 0.05, 0.5
+"""Minimum time between two `End` datagrams that are both counted, seconds: after an outage, QUIC delivers many at once.
+After a longer time than the maximum, losses are counted anew, because an outage loses datagrams of every size.
+"""
 SUSPECT_ENDS, MAX_SMALL_NACKS = 5, 100
 """Number of consecutive `End` datagrams without data from which on reports are small, and their maximum number of
 NACKs. The path may drop large datagrams in both directions.
@@ -136,6 +140,7 @@ class Receiver(ReceiveState):
         self._connected = self._has_begun_waiting = False
         self._num_sent_before = self._num_received_before = 0
         self._largest_sequence, self._num_received = -1, 0
+        self._at_last_data = 0, 0
         self._view: View | None = None
         self._viewpoint: tuple[Viewpoint, int] | None = None
         self._moved_at = -math.inf
@@ -266,9 +271,10 @@ class Receiver(ReceiveState):
         """
         if self._welcome is None:
             return "the stream has not begun" if self._has_begun_waiting else ""
+        # Small datagrams that arrive after the last data say nothing about the rate.
         sent, received = (
-            self._num_sent_before + self._largest_sequence + 1,
-            self._num_received_before + self._num_received,
+            self._num_sent_before + self._at_last_data[0],
+            self._num_received_before + self._at_last_data[1],
         )
         text = super().describe_missing()
         cut_off = self.finished is not None and SMALL_MTU in self.finished.reason
@@ -372,13 +378,14 @@ class Receiver(ReceiveState):
     def _begin_session(self, now: float) -> None:
         """Resets counters and timers for the datagrams of a new transfer."""
         if self._welcome is not None:
-            self._num_sent_before += self._largest_sequence + 1
-            self._num_received_before += self._num_received
+            self._num_sent_before += self._at_last_data[0]
+            self._num_received_before += self._at_last_data[1]
         self._largest_sequence, self._num_received, self._largest_arrived_at = -1, 0, now
         self._nack_tracker, self._gaps = NackTracker(), GapTracker()
-        self._view_repeats, self._fruitless_ends, self._num_notices = 0, 0, 0
+        self._view_repeats, self._fruitless_ends, self._steady_ends, self._num_notices = 0, 0, 0, 0
+        self._end_counted_at = -math.inf
         self._largest_datagram = 0
-        self._before_ends = 0, 0
+        self._before_ends, self._at_last_data = (0, 0), (0, 0)
         self._progress, self._progress_at = (0, 0), now
         self._ended_at: float | None = None
         if self._collector is not None:
@@ -424,7 +431,11 @@ class Receiver(ReceiveState):
         if follows:
             self._stream_before, self._nack_tracker = before.stream_id, NackTracker()
         self._nack_tracker.max_attempts, self._ended_at = MAX_NACK_ATTEMPTS, None
-        self._progress_at, self._fruitless_ends = now, 0  # the live stream may have paused before it ended
+        self._progress_at, self._fruitless_ends, self._steady_ends = (
+            now,
+            0,
+            0,
+        )  # the live stream may have paused before it ended
         return [self._feedback(now)], [*events, Welcomed.of(message)]
 
     def _transferred(self, message: InitSymbol | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
@@ -455,12 +466,11 @@ class Receiver(ReceiveState):
                 events += [PacketArrived(packet, True) for packet in self._collector.add_parity(message)]
             case End():
                 self._ended_at = now if self._ended_at is None else self._ended_at
-                if not self._fruitless_ends:
-                    self._before_ends = self._largest_sequence, self._num_received
-                self._fruitless_ends += 1
+                self._count_end(now)
         self._num_notices = 0
         if not isinstance(message, End):
-            self._fruitless_ends = 0
+            self._fruitless_ends = self._steady_ends = 0
+            self._at_last_data = self._largest_sequence + 1, self._num_received
             self._ended_at = None if self._viewing else self._ended_at
         progress = self._collector.num_packets, self._init_segment.num_missing if self._init_segment else 0
         if progress != self._progress:
@@ -472,6 +482,15 @@ class Receiver(ReceiveState):
             out, finish_events = self._finish("complete")
             return out, [*events, *finish_events]
         return [], events
+
+    def _count_end(self, now: float) -> None:
+        """Counts an `End` datagram without data since the one before."""
+        spacing = now - self._end_counted_at
+        if not self._steady_ends or spacing > MAX_END_SPACING_S:
+            self._before_ends, self._steady_ends = (self._largest_sequence, self._num_received), 0
+        if not self._fruitless_ends or spacing >= MIN_END_SPACING_S:
+            self._fruitless_ends, self._steady_ends = self._fruitless_ends + 1, self._steady_ends + 1
+            self._end_counted_at = now
 
     def _on_init_symbol(self, message: InitSymbol) -> list[Event]:
         assert self._welcome is not None
@@ -555,15 +574,17 @@ class Receiver(ReceiveState):
         """True if only small datagrams have arrived, probably because the path drops large ones (MTU)."""
         assert self._welcome is not None
         assert self._collector is not None
-        if (
-            self._num_notices >= MAX_FRUITLESS_ENDS and not self._reliable
-        ):  # the server's data do not arrive, but its notices do
+        if self._num_notices >= MAX_FRUITLESS_ENDS and not self._reliable:  # only notices arrive
             return True
         if self._fruitless_ends < MAX_FRUITLESS_ENDS:
             return False
         sent, received = self._largest_sequence - self._before_ends[0], self._num_received - self._before_ends[1]
-        if not self._viewing and sent - received > MAX_LOST_RATIO * received:  # retransmissions, but no `End`
+        is_steady = self._steady_ends >= MAX_FRUITLESS_ENDS and not self._viewing
+        if is_steady and sent - received > MAX_LOST_RATIO * received:  # retransmissions, but no `End`
             return True
+        may_idle, num_lost = self._viewing or self._welcome.is_live, self._largest_sequence + 1 - self._num_received
+        if may_idle and num_lost <= MAX_LOST_RATIO * self._num_received:  # no data were sent, as after a resumption
+            return False
         return self._collector.highest < 0 and self._largest_datagram < min(
             MAX_DATAGRAM // 2, self._welcome.packet_bytes
         )

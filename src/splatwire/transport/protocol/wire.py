@@ -188,7 +188,7 @@ def refuse_other_transport(data: bytes) -> bytes | None:
     Returns:
         The encoded refusal; None if the datagram starts no connection. The nonce of the refusal identifies the
         connection attempt. For plain UDP, it is the nonce of the client's datagram. For QUIC, it consists of the first
-        8 bytes of the destination connection id.
+        8 bytes of the client's (source) connection id.
     """
     if message_kind(data) in (HELLO, REQUEST):
         if len(data) <= _REFUSE.size + _CRC.size or not _is_intact(data):

@@ -30,6 +30,10 @@ HANDSHAKE_WINDOW_S = 10.0
 """Period over which handshakes of one network are counted, seconds."""
 MAX_COUNTED_NETWORKS = 4096
 """Maximum number of networks whose handshakes are counted; all counts are dropped beyond it."""
+TOKEN_PREFIX = b"SWRT"
+"""First bytes of each token. Tokens without them are of other servers: a browser returns a token to whatever server it
+finds at an address later (RFC 9000, 8.1.3), and these tokens must not keep it away.
+"""
 _STAMP_BYTES, _MAC_BYTES, _TICKS = 4, 16, 100.0
 _LONG_INITIAL = {1: (0xC0, 0xF0), 0x6B3343CF: (0xD0, 0xC0)}
 """First byte of Initial and Retry packets by QUIC version (1 and 2), without the low 4 bits."""
@@ -48,13 +52,18 @@ class Initial:
         version: QUIC version.
         destination: Destination connection id, 0 to 20 bytes.
         source: Source connection id, 0 to 20 bytes.
-        token: Token of an earlier Retry packet; empty without one.
+        token: Token of an earlier Retry packet, or of another server; empty without one.
     """
 
     version: int
     destination: bytes
     source: bytes
     token: bytes
+
+    @property
+    def has_retry_token(self) -> bool:
+        """True if the token has the form of the tokens of `RetryTokens`; it may be invalid."""
+        return self.token.startswith(TOKEN_PREFIX)
 
 
 def parse_initial(data: bytes) -> Initial | None:
@@ -93,8 +102,8 @@ def is_unknown_version(data: bytes) -> bool:
 class RetryTokens:
     """Creates and verifies the tokens of QUIC Retry packets.
 
-    A token contains a time stamp, a keyed hash, and the destination connection id of the client's first packet. The
-    class replaces aioquic's `QuicRetryTokenHandler` with the same methods, which take a tenth of the time.
+    A token contains `TOKEN_PREFIX`, a time stamp, a keyed hash, and the destination connection id of the client's first
+    packet. The class replaces aioquic's `QuicRetryTokenHandler` with the same methods, which take a tenth of the time.
     """
 
     def __init__(self) -> None:
@@ -113,7 +122,7 @@ class RetryTokens:
         """
         stamp = (int(now * _TICKS) & 0xFFFFFFFF).to_bytes(_STAMP_BYTES, "big")
         mac = self._mac(stamp, address, original_destination_connection_id, retry_source_connection_id)
-        return stamp + mac + original_destination_connection_id
+        return TOKEN_PREFIX + stamp + mac + original_destination_connection_id
 
     def validate_token(self, *, address: Any, destination_cid: bytes, token: bytes, now: float) -> bytes:
         """Verifies a token, and returns the destination connection id of the client's first packet.
@@ -127,9 +136,11 @@ class RetryTokens:
         Raises:
             ValueError: If the token is invalid or has expired.
         """
-        stamp, original = token[:_STAMP_BYTES], token[_STAMP_BYTES + _MAC_BYTES :]
+        prefix, content = token[: len(TOKEN_PREFIX)], token[len(TOKEN_PREFIX) :]
+        stamp, original = content[:_STAMP_BYTES], content[_STAMP_BYTES + _MAC_BYTES :]
         mac = self._mac(stamp, address, original, destination_cid)
-        if not hmac.compare_digest(mac, token[_STAMP_BYTES : _STAMP_BYTES + _MAC_BYTES]):
+        is_own = hmac.compare_digest(mac, content[_STAMP_BYTES : _STAMP_BYTES + _MAC_BYTES])
+        if prefix != TOKEN_PREFIX or not is_own:
             raise ValueError("the token is invalid")
         if ((int(now * _TICKS) - int.from_bytes(stamp, "big")) & 0xFFFFFFFF) > TOKEN_LIFETIME_S * _TICKS:
             raise ValueError("the token has expired")

@@ -2,6 +2,7 @@
 
 import functools
 import logging
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -37,10 +38,15 @@ MIN_FRAGMENT_BYTES = 16
 MAX_STREAMS = 16
 """Maximum number of open QUIC streams per client and direction."""
 RATE_CONTROL = "splatwire"
-MAX_BACKOFF = 1
-"""Maximum number of times that the interval of QUIC's probes (PTO) doubles. Without a limit, a path that loses half of
-its packets, or a flood at the server, delays a handshake by many seconds. The idle timeout limits the number of probes.
+MAX_PROBE_INTERVAL_S = 0.4
+"""Time up to which the interval of QUIC's probes (PTO) doubles with each probe, seconds. On paths with long round
+trips, the interval may be longer; it then doubles `MIN_BACKOFF` times.
+
+Without a limit, a path that loses half of its packets, or a flood at the server, delays a handshake by many seconds.
+With a limit on the number of doublings only, probes on paths with short round trips would be too many.
 """
+MIN_BACKOFF = 1
+"""Number of doublings of the probe interval that are always permitted."""
 
 REFUSED, MALFORMED, FULL, INTERNAL = 1, 2, 3, 4
 """Application error codes with which the server closes connections."""
@@ -119,12 +125,15 @@ def send_on_stream(quic: Any, stream: int, data: bytes) -> bool:
 
 
 def limit_backoff(quic: Any) -> None:
-    """Limits the interval of QUIC's probes (`MAX_BACKOFF`); aioquic has no option for it.
+    """Limits the interval of QUIC's probes (`MAX_PROBE_INTERVAL_S`); aioquic has no option for it.
 
     Args:
         quic: Connection of aioquic.
     """
-    quic._loss._pto_count = min(quic._loss._pto_count, MAX_BACKOFF)
+    loss = quic._loss
+    first = loss.get_probe_timeout(include_max_ack_delay=loss.handshake_confirmed)
+    doublings = max(MIN_BACKOFF, int(math.log2(MAX_PROBE_INTERVAL_S / first)))
+    loss._pto_count = min(loss._pto_count, doublings)
 
 
 def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:

@@ -283,7 +283,7 @@ class _LimitedEndpoint(AioquicServer):
         initial = parse_initial(data)
         if initial is None:  # aioquic answers unknown versions with a list of its versions
             return is_unknown_version(data) and self._responses.take(addr, now)
-        has_token = bool(initial.token)
+        has_token = initial.has_retry_token
         if has_token and not self._tokens.is_valid(initial, addr, now):
             self._dropped(now)
             return False
