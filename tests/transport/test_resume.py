@@ -449,3 +449,18 @@ def test_the_log_blames_the_rate_only_while_data_arrive(data_arrive, monkeypatch
             received += 1
             sender.feedback(Feedback(7, number, received, int(now * 1e6), 0, ()), now)
     assert ("rate too high" in sender.new_problems()) is data_arrive
+
+
+@pytest.mark.parametrize("small", [False, True])
+def test_silent_server_whose_quic_packets_arrive_suggests_a_small_mtu(small):
+    receiver, number, now = begun_receiver()
+    for later in range(200):  # most datagrams are lost already
+        receiver.receive(encode(Data(7, number + 9 * later, 0, make_packet(PacketId(0, 0), 1, b"", 9).data)), now)
+    assert "--rate" in receiver.describe_missing()
+    while receiver.finished is None:
+        now += 0.1
+        receiver.on_quic_packet(40 if small else 1232)
+        receiver.poll(now)
+    assert receiver.finished.reason.startswith("the server fell silent")
+    assert (SMALL_MTU in receiver.finished.reason) is small
+    assert "--rate" not in receiver.describe_missing()

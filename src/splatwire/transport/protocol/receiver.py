@@ -107,6 +107,11 @@ NACKs. The path may drop large datagrams in both directions.
 """
 MAX_LOST_RATIO = 2
 """Maximum number of lost datagrams for each small one that arrives; beyond it, the path is taken to drop large ones."""
+SILENT = "the server fell silent"
+MIN_QUIC_PACKETS = 100
+"""Minimum number of small packets of QUIC since the last message of a silent server. The packets acknowledge the
+client's reports, so that the path works for small packets.
+"""
 MIN_LOSS, MIN_LOSS_DATAGRAMS = 0.4, 100
 """Minimum share of lost datagrams, and minimum number of sent ones, for a message that many are lost."""
 
@@ -141,6 +146,7 @@ class Receiver(ReceiveState):
         self._num_sent_before = self._num_received_before = 0
         self._largest_sequence, self._num_received = -1, 0
         self._at_last_data = 0, 0
+        self._num_quic_packets = 0
         self._view: View | None = None
         self._viewpoint: tuple[Viewpoint, int] | None = None
         self._moved_at = -math.inf
@@ -198,6 +204,7 @@ class Receiver(ReceiveState):
             self.num_rejected += 1
             return [], []
         self.num_bytes += len(data)
+        self._num_quic_packets = 0
         self._largest_datagram = (
             len(data) if self._welcome is not None and len(data) > self._largest_datagram else self._largest_datagram
         )
@@ -264,6 +271,14 @@ class Receiver(ReceiveState):
         if not self._connected:
             self._connected, self._connecting_since = True, now
 
+    def on_quic_packet(self, num_bytes: int) -> None:
+        """Records that a packet of QUIC arrived, which may contain no message of the server.
+
+        Args:
+            num_bytes: Size of the packet, bytes.
+        """
+        self._num_quic_packets += num_bytes < MAX_DATAGRAM // 2
+
     def describe_missing(self) -> str:
         """Returns a message about missing data, with a likely cause if many datagrams were lost.
 
@@ -277,8 +292,9 @@ class Receiver(ReceiveState):
             self._num_received_before + self._at_last_data[1],
         )
         text = super().describe_missing()
-        cut_off = self.finished is not None and SMALL_MTU in self.finished.reason
-        if cut_off or sent < MIN_LOSS_DATAGRAMS or received > (1 - MIN_LOSS) * sent:
+        reason = "" if self.finished is None else self.finished.reason
+        has_other_cause = SMALL_MTU in reason or reason.startswith(SILENT)
+        if has_other_cause or sent < MIN_LOSS_DATAGRAMS or received > (1 - MIN_LOSS) * sent:
             return text
         return (
             f"{text}; {1 - received / sent:.0%} of the datagrams were lost: a server with --rate may send faster than "
@@ -535,7 +551,9 @@ class Receiver(ReceiveState):
                 return "no answer: the server accepts connections, but sends nothing"
             return f"no answer: {NO_UDP}, or {SMALL_MTU}"
         if now - self._heard_at > max(self.options.silence_s, self.options.reconnect_s):
-            return f"the server fell silent{f', then: {self._refusal}' if self._refusal else ''}"
+            if self._num_quic_packets >= MIN_QUIC_PACKETS and not self._refusal:
+                return f"{SILENT}, but small packets of QUIC arrive: perhaps {SMALL_MTU}"
+            return f"{SILENT}{f', then: {self._refusal}' if self._refusal else ''}"
         unlimited = self._welcome.is_live or self.options.keep_open
         if not unlimited and self._heard_at - self._progress_at > MAX_FRUITLESS_S:
             return "the server sends nothing new"

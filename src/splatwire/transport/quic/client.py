@@ -185,6 +185,8 @@ class _Client(QuicConnectionProtocol):
                 self._send_and_report(*self._receiver.refuse_transport())
                 self._finish()
                 return
+            if self._established:
+                self._receiver.on_quic_packet(len(data))
             super().datagram_received(data, self._target)
         except Exception as error:  # raised by the caller's callback: re-raised in `receive_quic`
             self._fail(error)
