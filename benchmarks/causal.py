@@ -44,7 +44,7 @@ from splatwire.entropy.tables import inverse_scale_table
 from splatwire.evaluation import rate_distortion
 from splatwire.evaluation.rate_distortion import RatePoint
 from splatwire.files.byte_io import ByteReader
-from splatwire.neural.training.causal import number_bits
+from splatwire.neural.training.causal import value_bits
 from splatwire.neural.training.quality import assess_scene
 from splatwire.ops.morton import morton_encode
 from splatwire.ops.threads import use_single_thread
@@ -162,7 +162,7 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     without = replace(found, positions=replace(positions, unknown=np.zeros_like(known.unknown)))
     place = float((anchor_bits(context, found) - anchor_bits(context, without)).mean())
     spread = -torch.from_numpy(np.log2(inverse_scale_table()[found.scales] / 2.0**20))
-    each = number_bits(torch.from_numpy(found.symbols), torch.zeros(1), spread).numpy()
+    each = value_bits(torch.from_numpy(found.symbols), torch.zeros(1), spread).numpy()
     each[:, context.stages[-1].first :] *= np.repeat(masks, 3, axis=1)
     p = 1 / (1 + np.exp(-found.logits * 2.0**-16))
     edges = [0, layout.feature_dim, layout.feature_dim + 1, layout.feature_dim + 4, each.shape[1]]

@@ -38,7 +38,7 @@ def _gradients(device: str) -> dict[str, torch.Tensor]:
     """Gradients of a weighted pixel sum with respect to the Gaussians and their 2D centres, in pixels."""
     fields = {name: value.to(device).requires_grad_() for name, value in vars(_gaussians(0.9)).items()}
     draw, background = create_training_renderer(torch.device(device)), torch.tensor([0.1, 0.2, 0.3]).to(device)
-    drawing = draw(Gaussians(**fields), _camera(), background=background, watched=True)
+    drawing = draw(Gaussians(**fields), _camera(), background=background, center_gradients=True)
     weight = torch.rand(120, 160, 3, generator=torch.Generator().manual_seed(1)).to(device)
     (drawing.image * weight).sum().backward()
     assert drawing.d_centers is not None
@@ -62,7 +62,9 @@ def test_gsplat_gradients_equal_those_of_the_cpu_renderer() -> None:
 def test_scene_without_gaussians_renders_the_background() -> None:
     none = Gaussians(**{name: value[:0].to(DEVICE).requires_grad_() for name, value in vars(_gaussians(1.0)).items()})
     background = torch.tensor([0.1, 0.2, 0.3]).to(DEVICE)
-    drawing = create_training_renderer(torch.device(DEVICE))(none, _camera(), background=background, watched=True)
+    drawing = create_training_renderer(torch.device(DEVICE))(
+        none, _camera(), background=background, center_gradients=True
+    )
     drawing.image.sum().backward()
     assert torch.equal(drawing.image.cpu()[5, 7], background.cpu())
     assert drawing.d_centers is not None

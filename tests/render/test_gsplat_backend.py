@@ -64,7 +64,7 @@ def test_training_renderers_return_centre_gradients(count: int, gsplat: types.Mo
     for draw in (draw_cpu, GsplatRenderer().draw):
         assert isinstance(draw, TrainingRenderer)
         gaussians = _gaussians(count)
-        drawing = draw(gaussians, _camera(), background=background, watched=True)
+        drawing = draw(gaussians, _camera(), background=background, center_gradients=True)
         assert drawing.d_centers is None
         (drawing.image * weight).sum().backward()
         assert drawing.d_centers is not None
@@ -72,7 +72,7 @@ def test_training_renderers_return_centre_gradients(count: int, gsplat: types.Mo
         # gsplat normalises quaternions, so its gradient has no part along them
         pulls["quats"] = _across(gaussians.quats.detach(), pulls["quats"])
         results.append([drawing.image.detach(), drawing.d_centers, *pulls.values()])
-        assert draw(_gaussians(count), _camera(), background=background, watched=False).d_centers is None
+        assert draw(_gaussians(count), _camera(), background=background, center_gradients=False).d_centers is None
     assert count == 0 or float(results[0][1].norm(dim=1).max()) > 0.1
     assert [t.shape for t in results[0]] == [t.shape for t in results[1]]
     for own, theirs in zip(*results, strict=True):
@@ -87,7 +87,7 @@ def test_centre_gradients_are_in_pixels(gsplat: types.ModuleType) -> None:
     gaussians = Gaussians(place, torch.eye(4)[:1], torch.full((1, 3), 0.15), 0.8 * one, torch.ones(1, 3))
     for draw in (draw_cpu, GsplatRenderer().draw):
         camera = _camera()
-        drawing = draw(gaussians, camera, background=torch.zeros(3), watched=True)
+        drawing = draw(gaussians, camera, background=torch.zeros(3), center_gradients=True)
         (drawing.image * weight).sum().backward()
         assert drawing.d_centers is not None
         sums = []
@@ -95,7 +95,7 @@ def test_centre_gradients_are_in_pixels(gsplat: types.ModuleType) -> None:
             Ks = camera.Ks.clone()
             Ks[0, 0, 2] += shift
             moved = Cameras(camera.viewmats, Ks, camera.width, camera.height, camera.names)
-            image = draw(gaussians, moved, background=torch.zeros(3), watched=False).image
+            image = draw(gaussians, moved, background=torch.zeros(3), center_gradients=False).image
             sums.append(float((image.detach() * weight).sum()))
         assert abs(sums[0] - sums[1]) > 0.1
         assert float(drawing.d_centers[0, 0]) == pytest.approx((sums[0] - sums[1]) / 0.1, rel=0.05)

@@ -23,7 +23,7 @@ class CausalPrediction:
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.
         exists: Predicted probability that each offset exists, as a logit.
-        form: Means and log2 of standard deviations for the logarithms of the four sizes of each anchor. The
+        log_sizes: Means and log2 of standard deviations for the logarithms of the four sizes of each anchor. The
             first size is the scale of the anchor's offsets. The others are the base sizes of the anchor's Gaussians
             along three axes.
         offset: Means and log2 of standard deviations of the offsets.
@@ -31,7 +31,7 @@ class CausalPrediction:
 
     feature: tuple[Float[Any, "M F"], Float[Any, "M F"]]
     exists: Float[Any, "M K"]
-    form: tuple[Float[Any, "M 4"], Float[Any, "M 4"]]
+    log_sizes: tuple[Float[Any, "M 4"], Float[Any, "M 4"]]
     offset: tuple[Float[Any, "M O"], Float[Any, "M O"]]
 
     __repr__ = summary_repr

@@ -56,7 +56,7 @@ class TrainingRenderer(Protocol):
     """
 
     def __call__(
-        self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Any, "3"], watched: bool
+        self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Any, "3"], center_gradients: bool
     ) -> Drawing:
         """Draws the only view of `cameras`.
 
@@ -64,6 +64,6 @@ class TrainingRenderer(Protocol):
             gaussians: The Gaussians.
             cameras: Cameras of one view.
             background: RGB of the background.
-            watched: True if the gradient with respect to the 2D centres is needed.
+            center_gradients: True if the gradient with respect to the 2D centres is needed.
         """
         ...

@@ -17,11 +17,11 @@ from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.neural.training import create_config, train_scene
 from splatwire.neural.training.causal import (
-    TrainedCausal,
+    TrainableCausal,
     anchor_bits,
-    calibrate_causal,
     channel_steps,
-    noisy_numbers,
+    initialise_causal,
+    noisy_causal_attributes,
     position_inputs_of,
 )
 from splatwire.neural.training.causal_device import DeviceCausal
@@ -75,7 +75,7 @@ def _scattered(dataset: Dataset, config: TrainConfig) -> TrainState:
 @torch.no_grad()
 def _estimate(state: TrainState, config: TrainConfig) -> float:
     steps = channel_steps(state.parameters["steps"], config.causal)
-    values = noisy_numbers(state, torch.arange(state.num_anchors), steps, uniform_from_host)
+    values = noisy_causal_attributes(state, torch.arange(state.num_anchors), steps, uniform_from_host)
     mask = state.masks(config.mask_threshold).float()
     found = anchor_bits(state, config.causal, position_inputs_of(state), values, steps, (mask, mask.amax(dim=1)))
     return float(found.sum()) - 16 * state.num_anchors  # without the estimated bytes of positions
@@ -84,7 +84,7 @@ def _estimate(state: TrainState, config: TrainConfig) -> float:
 def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, recipe: TrainConfig) -> None:
     state = _scattered(dataset, recipe)
     before = _estimate(state, recipe)
-    calibrate_causal(state, recipe, position_inputs_of(state))
+    initialise_causal(state, recipe, position_inputs_of(state))
     estimate = _estimate(state, recipe)
     assert estimate < 0.8 * before
     stream = encode_scene(export_scene(state, recipe), noise=0.005)
@@ -98,7 +98,7 @@ def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, recipe: TrainC
 
 def test_refitting_saves_bytes_and_keeps_the_scene(dataset: Dataset, recipe: TrainConfig) -> None:
     state = _scattered(dataset, recipe)
-    calibrate_causal(state, recipe, position_inputs_of(state))
+    initialise_causal(state, recipe, position_inputs_of(state))
     scene = export_scene(state, recipe)
     again = refine_context(scene, RefineConfig(steps=60, batch=1000))
     assert again.anchors is scene.anchors
@@ -122,13 +122,13 @@ def test_a_run_ends_in_a_stream_that_decodes(dataset: Dataset, recipe: TrainConf
 
 
 def test_masks_get_gradients_once_the_rate_counts(dataset: Dataset, recipe: TrainConfig) -> None:
-    state, model = initial_state(dataset, recipe), TrainedCausal(recipe, COMPILED, AnchorCache(recipe))
+    state, model = initial_state(dataset, recipe), TrainableCausal(recipe, COMPILED, AnchorCache(recipe))
     everything = torch.arange(state.num_anchors)
     for iteration, learns in ((1, False), (30, False), (40, True)):
         state.iteration = iteration
-        ((_, masks), rate) = model.observe(state, everything)
+        ((_, masks), estimated_bits) = model.simulate_quantisation(state, everything)
         assert masks.requires_grad == learns
-        assert (rate is not None) == learns
+        assert (estimated_bits is not None) == learns
     assert bool((model.expected_scalings(state, everything) > 0).all())
 
 
@@ -168,7 +168,7 @@ def test_target_size_run_resumes_with_its_lambda(dataset: Dataset, recipe: Train
     aim = 20_000 * (1 + headroom(wanted.milestones, times[0]))
     missing = math.log(stream_bytes(export_scene(state, wanted)) / aim)
     assert state.steering == Steering(INTEGRAL * missing, missing)
-    assert state.rate(wanted.weights) == wanted.weights.rate * math.exp(INTEGRAL * missing)
+    assert state.current_lambda(wanted.weights) == wanted.weights.rate * math.exp(INTEGRAL * missing)
     save_checkpoint(state, wanted, tmp_path / "a.checkpoint")
     assert load_checkpoint(tmp_path / "a.checkpoint")[0].steering == state.steering
     steer(state, recipe)
@@ -197,7 +197,7 @@ def test_sizes_are_interpolated_between_encoded_ones(
 
 def test_device_size_estimate_equals_the_rate(dataset: Dataset, recipe: TrainConfig) -> None:
     state = _scattered(dataset, recipe)
-    calibrate_causal(state, recipe, position_inputs_of(state))
+    initialise_causal(state, recipe, position_inputs_of(state))
     model = DeviceCausal(recipe, dataclasses.replace(COMPILED, asynchronous=True), AnchorCache(recipe))
     expected = (_estimate(state, recipe) + 16 * state.num_anchors) / 8
     assert model.estimate_bytes(state) == pytest.approx(expected, rel=0.005)

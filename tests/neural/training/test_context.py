@@ -5,7 +5,13 @@ from splatwire.codec import encode_scene
 from splatwire.data import Dataset
 from splatwire.neural.model.tensors import run_network
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import AnchorCache, calibrate_prior, grid_features, sample_rate, step_columns
+from splatwire.neural.training.context import (
+    AnchorCache,
+    estimate_sample_bits,
+    grid_features,
+    initialise_prior,
+    step_columns,
+)
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.rate import binary_entropy_bits
@@ -38,17 +44,17 @@ def _masks(state: TrainState) -> tuple[torch.Tensor, torch.Tensor]:
 @pytest.mark.slow
 def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, config: TrainConfig) -> None:
     state = _scattered(dataset, config)
-    calibrate_prior(state, config)
+    initialise_prior(state, config)
     everything = torch.arange(state.num_anchors)
     with torch.no_grad():
         features = grid_features(state, AnchorCache(config), everything)
-        rate = sample_rate(state, config, features, everything, _masks(state))
+        estimated_bits = estimate_sample_bits(state, config, features, everything, _masks(state))
     mask = _masks(state)[0]
     mask_bits = binary_entropy_bits(float(mask.sum()), mask.numel())
     stream = encode_scene(export_scene(state, config), noise=0.005)
     real = stream.parts()["packet_payloads"]
     packets = len(stream.packets)
-    estimate = (float(rate.bits) + mask_bits) / 8 + 2.1 * packets  # 2.1 bytes end a packet's code
+    estimate = (float(estimated_bits.bits) + mask_bits) / 8 + 2.1 * packets  # 2.1 bytes end a packet's code
     assert abs(estimate - real) < 0.012 * real
 
 
@@ -59,8 +65,8 @@ def test_calibration_lowers_the_rate_of_a_random_context(dataset: Dataset, confi
     for _ in range(2):
         with torch.no_grad():
             features = grid_features(state, cache, everything)
-            rates.append(float(sample_rate(state, config, features, everything, _masks(state)).bits))
-        calibrate_prior(state, config)
+            rates.append(float(estimate_sample_bits(state, config, features, everything, _masks(state)).bits))
+        initialise_prior(state, config)
     assert rates[1] < 0.8 * rates[0]
 
 
@@ -70,7 +76,7 @@ def test_masked_anchors_have_zero_rate(dataset: Dataset, config: TrainConfig) ->
     zeros = torch.zeros_like(state.parameters["mask_logits"])
     with torch.no_grad():
         features = grid_features(state, AnchorCache(config), everything)
-        assert float(sample_rate(state, config, features, everything, (zeros, zeros[:, 0])).bits) == 0
+        assert float(estimate_sample_bits(state, config, features, everything, (zeros, zeros[:, 0])).bits) == 0
 
 
 def test_steps_equal_the_last_columns_of_the_prior(dataset: Dataset, config: TrainConfig) -> None:

@@ -9,8 +9,8 @@ import torch
 from scenes import SMALL_CAUSAL, tiny_cameras, tiny_scene
 from splatwire.neural.model import gaussian_heads
 from splatwire.neural.model.tensors import run_network, to_tensors
-from splatwire.neural.training.causal import channel_steps, number_bits, number_bits_of
-from splatwire.neural.training.causal_device import POSITION_BITS, _NumberBits, column_steps, sample_bits
+from splatwire.neural.training.causal import anchor_and_offset_bits, channel_steps, value_bits
+from splatwire.neural.training.causal_device import POSITION_BITS, _ValueBits, column_steps, sample_bits
 from splatwire.neural.training.device_view import ViewConstants, on_image, spawn_all, visible_anchors
 from splatwire.neural.training.growth import on_image as on_image_reference
 from splatwire.neural.training.kernels import sample_from_host, sample_on_device
@@ -57,17 +57,17 @@ def test_packed_networks_equal_the_networks() -> None:
 def test_bit_gradient_equals_its_definition() -> None:
     rng = torch.Generator().manual_seed(0)
     values, mean = 3 * torch.randn(400, 10, generator=rng), torch.randn(400, 10, generator=rng)
-    spread = 6 * torch.randn(400, 10, generator=rng)  # some out of bounds
+    log_deviation = 6 * torch.randn(400, 10, generator=rng)  # some out of bounds
     values[:5] += 1000  # below the smallest likelihood
     results = []
-    for bits_of in (number_bits, _NumberBits.apply):
-        own = [value.clone().double().requires_grad_() for value in (values, mean, spread)]
+    for bits_of in (value_bits, _ValueBits.apply):
+        own = [value.clone().double().requires_grad_() for value in (values, mean, log_deviation)]
         found = bits_of(*own)
         (found * torch.linspace(0.5, 2, 4000).view(400, 10)).sum().backward()
         results.append([found.detach(), *(value.grad for value in own)])
     for expected, found in zip(*results, strict=True):
         torch.testing.assert_close(found, expected, atol=1e-6, rtol=1e-5)
-    single = _NumberBits.apply(values, mean, spread)
+    single = _ValueBits.apply(values, mean, log_deviation)
     assert bool(torch.isfinite(single).all())
 
 
@@ -79,7 +79,7 @@ def test_sampled_bits_equal_those_of_separate_networks() -> None:
     values = torch.randn(70, width, generator=rng)
     mask = (torch.rand(70, config.layout.num_offsets, generator=rng) < 0.5).float()
     parts = values.split([config.layout.feature_dim, 4, 3 * config.layout.num_offsets], dim=1)
-    own, offsets = number_bits_of(networks, config, place, parts, mask)
+    own, offsets = anchor_and_offset_bits(networks, config, place, parts, mask)
     found = sample_bits(networks, config, place, values, mask)
     torch.testing.assert_close(found, own + offsets.sum(dim=1) + POSITION_BITS, atol=0.02, rtol=1e-4)
 

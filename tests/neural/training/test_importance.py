@@ -9,12 +9,12 @@ import torch
 
 from splatwire.data import Dataset
 from splatwire.neural.training.config import LossTraining, TrainConfig
-from splatwire.neural.training.context import AnchorCache, TrainedContext
+from splatwire.neural.training.context import AnchorCache, TrainableHacpp
 from splatwire.neural.training.importance import importance_of, order_anchors
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED
 from splatwire.neural.training.losses import prepare_photo
-from splatwire.neural.training.packet_loss import Loss, PacketLosses
+from splatwire.neural.training.packet_loss import PacketLossSimulator, ReceivedAnchors
 from splatwire.neural.training.state import TrainState
 from splatwire.neural.training.step import TrainingStep
 from splatwire.types.importance import Importance
@@ -48,17 +48,17 @@ def test_anchors_are_reordered_with_all_their_state(state: TrainState, config: T
 def test_first_share_of_anchors_is_received(state: TrainState, dataset: Dataset, config: TrainConfig) -> None:
     losses = LossTraining(first=(0.25,), share=1.0)
     config = dataclasses.replace(config, losses=losses, milestones=dataclasses.replace(config.milestones, growth_end=5))
-    channel = PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
+    channel = PacketLossSimulator(config, TrainableHacpp(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     assert state.iteration == config.milestones.growth_end + 1
     channel.begin(state, dataset.cameras)
     importance = importance_of(state, config, dataset.cameras).share
     assert bool((importance[:-1] >= importance[1:]).all())
-    loss = channel.draw(state, None)
-    assert isinstance(loss, Loss)
+    received = channel.simulate(state, None)
+    assert isinstance(received, ReceivedAnchors)
     count = round(0.25 * state.num_anchors)
-    assert loss.received.tolist() == [True] * count + [False] * (state.num_anchors - count)
-    assert bool((loss.size_gain[:count] > 1).any())
-    assert bool((loss.size_gain[count:] == 1).all())
+    assert received.received.tolist() == [True] * count + [False] * (state.num_anchors - count)
+    assert bool((received.size_gain[:count] > 1).any())
+    assert bool((received.size_gain[count:] == 1).all())
 
 
 @pytest.mark.parametrize(("since", "again"), [(1, True), (101, False), (201, False), (301, True), (601, True)])
@@ -67,7 +67,7 @@ def test_anchors_are_sorted_again_as_importance_changes(
 ) -> None:
     losses = LossTraining(first=(0.25,))
     config = dataclasses.replace(config, losses=losses, milestones=dataclasses.replace(config.milestones, growth_end=5))
-    channel = PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
+    channel = PacketLossSimulator(config, TrainableHacpp(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     state.iteration = config.milestones.growth_end + since
     order_anchors(state, Importance.of_footprints(-importance_of(state, config, dataset.cameras).share + 1))
     channel.begin(state, dataset.cameras)

@@ -20,12 +20,12 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.neural.training.config import LossTraining, TrainConfig
-from splatwire.neural.training.context import AnchorCache, SampleBits, TrainedContext
+from splatwire.neural.training.context import AnchorCache, SampleBits, TrainableHacpp
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED
 from splatwire.neural.training.losses import prepare_photo
-from splatwire.neural.training.packet_loss import Loss, PacketLosses, packet_of_rank
+from splatwire.neural.training.packet_loss import PacketLossSimulator, ReceivedAnchors, packet_of_rank
 from splatwire.neural.training.presets import create_config
 from splatwire.neural.training.state import TrainState
 from splatwire.neural.training.step import TrainingStep
@@ -40,8 +40,8 @@ def _lossy(config: TrainConfig, *models: str, share: float = 0.5) -> TrainConfig
     return dataclasses.replace(config, losses=LossTraining(models, share=share))
 
 
-def _losses(config: TrainConfig) -> PacketLosses:
-    return PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
+def _losses(config: TrainConfig) -> PacketLossSimulator:
+    return PacketLossSimulator(config, TrainableHacpp(config, COMPILED, AnchorCache(config)), AnchorCache(config))
 
 
 @pytest.fixture(scope="module")
@@ -78,8 +78,8 @@ def test_training_losses_and_growth_equal_those_of_a_receiver(
     exact = evaluate_prior(to_tensors(scene.coding.context), positions, scene.coding.config)
     expected = Grow()(changed(context, prior=to_arrays(exact)))
     order = anchor_order(state.voxels.numpy(), "morton")
-    grown = _losses(_lossy(config, model)).lose(state, PACKETS, loss_model, 7, 1)
-    assert isinstance(grown, Loss)
+    grown = _losses(_lossy(config, model)).lose_packets(state, PACKETS, loss_model, 7, 1)
+    assert isinstance(grown, ReceivedAnchors)
     assert np.array_equal(grown.received[order].numpy(), ~expected.left_out)
     assert 0.1 < float(expected.left_out.mean()) < 0.9
     assert float(np.abs(grown.size_gain[order].numpy() - expected.size_gain).max()) < 1e-4
@@ -98,7 +98,7 @@ def test_growth_of_first_anchors_equals_that_of_a_received_tier(
     expected = Grow()(received)
     order = anchor_order(state.voxels.numpy(), "morton")
     grown = _losses(_lossy(config)).keep_first(state, share)
-    assert isinstance(grown, Loss)
+    assert isinstance(grown, ReceivedAnchors)
     assert np.array_equal(grown.received[order].numpy(), ~expected.left_out)
     ratio = grown.size_gain[order].numpy() / expected.size_gain
     assert float(np.abs(ratio - 1).max()) < 0.03  # a tier's size is a byte
@@ -126,17 +126,17 @@ def test_training_without_losses_draws_no_random_numbers(
     losses = _losses(config)
     luck, voxels = state.generator.get_state(), state.voxels
     losses.begin(state, dataset.cameras)
-    assert losses.draw(state, None) is None
+    assert losses.simulate(state, None) is None
     assert torch.equal(state.generator.get_state(), luck)
     assert state.voxels is voxels
 
 
 def test_losses_start_after_growth_for_their_share_of_iterations(state: TrainState, config: TrainConfig) -> None:
     losses = _losses(_lossy(config, "bernoulli:0.4", share=0.3))
-    drawn = sum(losses.draw(state, None) is not None for _ in range(400))
+    drawn = sum(losses.simulate(state, None) is not None for _ in range(400))
     assert 0.3 * 400 - 40 < drawn < 0.3 * 400 + 40
     state.iteration = config.milestones.growth_end
-    assert not any(losses.draw(state, None) for _ in range(40))
+    assert not any(losses.simulate(state, None) for _ in range(40))
 
 
 def test_invisible_anchors_are_removed_before_packet_loss(
@@ -157,21 +157,23 @@ def test_lost_anchors_get_no_picture_gradient(
     """Only the picture has gradients here, without a rate."""
     config = dataclasses.replace(config, milestones=dataclasses.replace(config.milestones, context_start=100))
     config = _lossy(config, "bernoulli:0.5", share=1.0)
-    drawn, draw = [], PacketLosses.draw
+    results, simulate = [], PacketLossSimulator.simulate
 
-    def watched(losses: PacketLosses, state: TrainState, rate: SampleBits | None) -> Loss | None:
-        drawn.append(draw(losses, state, rate))
-        return drawn[-1]
+    def recorded(
+        losses: PacketLossSimulator, state: TrainState, estimated_bits: SampleBits | None
+    ) -> ReceivedAnchors | None:
+        results.append(simulate(losses, state, estimated_bits))
+        return results[-1]
 
-    monkeypatch.setattr(PacketLosses, "draw", watched)
+    monkeypatch.setattr(PacketLossSimulator, "simulate", recorded)
     gradients: list[torch.Tensor] = []
     state.parameters["features"].register_hook(gradients.append)
     state.iteration -= 1
     TrainingStep(config, dataset.cameras)(state, 0, prepare_photo(torch.from_numpy(dataset.image(0))))
-    (loss,) = drawn
-    assert loss is not None
-    assert not bool(gradients[0][~loss.received].any())
-    assert bool(gradients[0][loss.received].any())
+    (received,) = results
+    assert received is not None
+    assert not bool(gradients[0][~received.received].any())
+    assert bool(gradients[0][received.received].any())
 
 
 def test_loss_models_for_training_are_parsed_from_text() -> None:

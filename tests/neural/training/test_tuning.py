@@ -13,8 +13,8 @@ from splatwire.neural.training.context import AnchorCache
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import choose_kernels
-from splatwire.neural.training.models import trained_model
-from splatwire.neural.training.packet_loss import PacketLosses
+from splatwire.neural.training.models import new_context_model
+from splatwire.neural.training.packet_loss import PacketLossSimulator
 from splatwire.neural.training.presets import loss_training
 from splatwire.neural.training.tuning import start_fine_tuning
 
@@ -71,7 +71,7 @@ def test_losses_start_with_the_resumed_run_and_importance_from_its_middle(
     for losses, begin in ((("bernoulli:0.3",), 60), (("bernoulli:0.3", "first:0.3"), 50)):
         recipe = dataclasses.replace(config, losses=loss_training(losses, 1.0))
         cache = AnchorCache(recipe)
-        drawn = PacketLosses(recipe, trained_model(recipe, kernels, cache), cache)
+        drawn = PacketLossSimulator(recipe, new_context_model(recipe, kernels, cache), cache)
         active = []
         for state.iteration in range(1, 81):
             active.append(drawn.active(state))

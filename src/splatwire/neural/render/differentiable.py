@@ -43,19 +43,21 @@ def render_differentiable(
     return pictures.to(gaussians.means.device)
 
 
-def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
+def draw_cpu(
+    gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], center_gradients: bool
+) -> Drawing:
     """Renders one view for training.
 
     Args:
         gaussians: The Gaussians to render.
         cameras: Camera of the view.
         background: RGB of the background.
-        watched: True to record the 2D centres too, so that a backward pass computes their gradient.
+        center_gradients: True to record the 2D centres too, so that a backward pass computes their gradient.
 
     Returns:
-        The picture; and the tensor that receives the gradient of the 2D centres, None unless `watched`.
+        The picture; and the tensor that receives the gradient of the 2D centres, None unless `center_gradients`.
     """
-    probe = torch.zeros(1, gaussians.num_gaussians, 2, requires_grad=True) if watched else None
+    probe = torch.zeros(1, gaussians.num_gaussians, 2, requires_grad=True) if center_gradients else None
     return Drawing(render_differentiable(gaussians, cameras, background=background, probe=probe)[0], probe)
 
 

@@ -45,22 +45,24 @@ class GsplatRenderer:
         moved = Gaussians(**{name: value.to("cuda", torch.float32) for name, value in vars(gaussians).items()})
         return self._rasterize(moved, cameras, background)[0].to(home)
 
-    def draw(self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
+    def draw(
+        self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], center_gradients: bool
+    ) -> Drawing:
         """Renders one view for training.
 
         Args:
             gaussians: The Gaussians to render.
             cameras: Camera of the view.
             background: RGB of the background.
-            watched: True to record the 2D centres too, so that a backward pass computes their gradient.
+            center_gradients: True to record the 2D centres too, so that a backward pass computes their gradient.
 
         Returns:
-            The picture; and the tensor that receives the gradient of the 2D centres, None unless `watched`.
+            The picture; and the tensor that receives the gradient of the 2D centres, None unless `center_gradients`.
         """
         images, centers = self._rasterize(gaussians, cameras, background)
-        if watched:
+        if center_gradients:
             centers.retain_grad()
-        return Drawing(images[0], centers if watched else None)
+        return Drawing(images[0], centers if center_gradients else None)
 
     def _rasterize(
         self, gaussians: Gaussians, cameras: Cameras, background: Float[Tensor, "3"]
@@ -117,7 +119,7 @@ def check_gsplat(device: str = "cuda") -> None:
         quats, scales = torch.eye(4, device=device)[:1], torch.full_like(means, 0.1)
         camera = Cameras(torch.eye(4)[None], torch.tensor([[[8.0, 0, 8], [0, 8.0, 8], [0, 0, 1]]]), 16, 16, ("one",))
         gaussian = Gaussians(means, quats, scales, 0.5 * one, torch.ones_like(means))
-        drawing = draw(gaussian, camera, background=torch.zeros(3), watched=True)
+        drawing = draw(gaussian, camera, background=torch.zeros(3), center_gradients=True)
         drawing.image.sum().backward()
     except (ImportError, AttributeError, TypeError, KeyError, RuntimeError, OSError) as error:
         how = (

@@ -11,7 +11,7 @@ from torch import Tensor
 from splatwire.anchors.causal_prediction import CausalPrediction, position_inputs, predict_causal
 from splatwire.neural.model.tensors import run_network
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import AnchorCache, SampleBits, Seen, straight_through_masks
+from splatwire.neural.training.context import AnchorCache, MaskedAttributes, SampleBits, straight_through_masks
 from splatwire.neural.training.initial import position_bounds
 from splatwire.neural.training.kernels import Kernels, Uniform
 from splatwire.neural.training.rate import bits
@@ -24,13 +24,13 @@ RATE_UNIT = 8e6
 """Bits per megabyte; lambda is the weight of a megabyte of the whole scene."""
 POSITION_BITS = 16.0
 """Approximate bits of an anchor's position. Part of the rate, so that anchors that contribute little are removed."""
-SPREADS = (-6.0, 13.0)
+LOG_DEVIATION_RANGE = (-6.0, 13.0)
 """Limits of the binary logarithm of a predicted standard deviation in quantisation steps."""
 NARROW = 0.5
 """Minimum of the initially predicted standard deviations, in quantisation steps."""
 
 
-class TrainedCausal:
+class TrainableCausal:
     """Trainer of the causal context model.
 
     This model predicts the distributions of an anchor's attributes from the anchor's position and from the attributes
@@ -56,7 +56,7 @@ class TrainedCausal:
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = position_bounds(state.voxels)
             self._key = None
-            calibrate_causal(state, self._config, self._position_inputs(state))
+            initialise_causal(state, self._config, self._position_inputs(state))
 
     def _position_inputs(self, state: TrainState) -> Float[Tensor, "N P"]:
         """Returns the positions of all anchors and their positional encoding, the input of the position network.
@@ -67,7 +67,9 @@ class TrainedCausal:
             self._key, self._inputs = state.voxels, position_inputs_of(state)
         return self._inputs
 
-    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
+    def simulate_quantisation(
+        self, state: TrainState, visible: Int64[Tensor, "M"]
+    ) -> tuple[MaskedAttributes, SampleBits | None]:
         """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
 
         Args:
@@ -85,7 +87,7 @@ class TrainedCausal:
         steps = channel_steps(state.parameters["steps"], self._model)
         if phase is Phase.NOISE:
             steps = (steps[0].detach(), steps[1].detach(), steps[2].detach())
-        feature, logs, offsets = noisy_numbers(state, visible, steps, self._random.uniform)
+        feature, logs, offsets = noisy_causal_attributes(state, visible, steps, self._random.uniform)
         drawn = feature, expanded_scalings(logs.exp()), offsets
         if phase is Phase.NOISE:  # masks are trained only once the loss includes the rate
             return (drawn, masks.detach()), None
@@ -109,16 +111,16 @@ class TrainedCausal:
             nothing.expand(-1, NUM_SIZES), quantised=lambda name, mean, values: mean, join=torch.cat,
         )  # fmt: skip
         steps = channel_steps(state.parameters["steps"], self._model)[1]
-        return expanded_scalings((predicted.form[0] * steps + state.parameters["centres"]).exp())
+        return expanded_scalings((predicted.log_sizes[0] * steps + state.parameters["centres"]).exp())
 
-    def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
+    def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the estimated size of the scene in megabytes."""
-        share = state.num_anchors / max(rate.num_anchors, 1)
-        return state.rate(self._config.weights) * rate.bits * share / RATE_UNIT
+        share = state.num_anchors / max(estimated_bits.num_anchors, 1)
+        return state.current_lambda(self._config.weights) * estimated_bits.bits * share / RATE_UNIT
 
     def _rate(self, state: TrainState, sample: Int64[Tensor, "M"], steps: tuple[Tensor, Tensor, Tensor]) -> SampleBits:
         masks = straight_through_masks(state, self._config, sample)
-        values = noisy_numbers(state, sample, steps, self._random.uniform)
+        values = noisy_causal_attributes(state, sample, steps, self._random.uniform)
         total = anchor_bits(state, self._model, self._position_inputs(state)[sample], values, steps, masks)
         return SampleBits(total.sum(), len(sample))
 
@@ -150,7 +152,7 @@ def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tenso
     return feature, torch.stack([scale, size, size, size]), offset
 
 
-def noisy_numbers(
+def noisy_causal_attributes(
     state: TrainState, index: Int64[Tensor, "M"], steps: tuple[Tensor, ...], uniform: Uniform
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 4"], Float[Tensor, "M O"]]:
     """Returns features, logarithms of scale and sizes, and offsets of anchors, with noise in place of rounding.
@@ -207,24 +209,24 @@ def anchor_bits(
         state: State of the training.
         config: Shapes of anchors and networks.
         position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
-        values: Features, logarithms of scale and sizes, and offsets, with noise (`noisy_numbers`).
+        values: Features, logarithms of scale and sizes, and offsets, with noise (`noisy_causal_attributes`).
         steps: Quantisation steps of these values (`channel_steps`).
         masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
     """
     logs = values[1] - state.parameters["centres"].detach()
-    numbers = [value / step for value, step in zip((values[0], logs, values[2]), steps, strict=True)]
+    values_in_steps = [value / step for value, step in zip((values[0], logs, values[2]), steps, strict=True)]
     offset_mask, anchor_mask = masks
-    anchor_number_bits, offsets = number_bits_of(
-        causal_networks(state.parameters, config), config, position_inputs, numbers, offset_mask
+    anchor_value_bits, offsets = anchor_and_offset_bits(
+        causal_networks(state.parameters, config), config, position_inputs, values_in_steps, offset_mask
     )
-    return (anchor_number_bits + offsets.sum(dim=1) + POSITION_BITS) * anchor_mask
+    return (anchor_value_bits + offsets.sum(dim=1) + POSITION_BITS) * anchor_mask
 
 
-def number_bits_of(
+def anchor_and_offset_bits(
     networks: dict[str, Mlp],
     config: CausalConfig,
     position_inputs: Float[Tensor, "M P"],
-    numbers: Sequence[Tensor],
+    values: Sequence[Tensor],
     offset_mask: Float[Tensor, "M K"],
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M K"]]:
     """Estimates the bits of the attributes of each anchor, and separately the bits of each offset.
@@ -233,21 +235,21 @@ def number_bits_of(
         networks: The networks by name.
         config: Shapes of anchors and networks.
         position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
-        numbers: Features, logarithms and offsets, in quantisation steps, with noise in place of rounding.
+        values: Features, logarithms and offsets, in quantisation steps, with noise in place of rounding.
         offset_mask: Mask of the offsets that exist, 0 or 1.
 
     Returns:
         For each anchor, bits of its features and of the logarithms of its sizes, (M). For each offset, bits of its
         coordinates and of its mask, (M, K).
     """
-    feature, form, offset = numbers
-    predicted = predict_causal(_functions(networks), config, position_inputs, feature, form, join=torch.cat)
-    anchor_number_bits = number_bits(torch.cat([feature, form], dim=1), *joined(predicted.feature, predicted.form)).sum(
-        dim=1
-    )
-    each = number_bits(offset, *predicted.offset).view(len(position_inputs), -1, 3).sum(dim=2)
+    feature, log_sizes, offset = values
+    predicted = predict_causal(_functions(networks), config, position_inputs, feature, log_sizes, join=torch.cat)
+    anchor_value_bits = value_bits(
+        torch.cat([feature, log_sizes], dim=1), *joined(predicted.feature, predicted.log_sizes)
+    ).sum(dim=1)
+    each = value_bits(offset, *predicted.offset).view(len(position_inputs), -1, 3).sum(dim=2)
     one, zero = mask_bits(predicted)
-    return anchor_number_bits, offset_mask * (each + one) + (1 - offset_mask) * zero
+    return anchor_value_bits, offset_mask * (each + one) + (1 - offset_mask) * zero
 
 
 def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
@@ -273,7 +275,7 @@ def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[
     return softplus(-predicted.exists) / math.log(2), softplus(predicted.exists) / math.log(2)
 
 
-def number_bits(
+def value_bits(
     values: Float[Tensor, "M D"], mean: Float[Tensor, "M D"], log_deviation: Float[Tensor, "M D"]
 ) -> Float[Tensor, "M D"]:
     """Returns the ideal code length of quantised values under normal distributions, in bits.
@@ -283,14 +285,14 @@ def number_bits(
         mean: Means of the distributions, in quantisation steps.
         log_deviation: log2 of the standard deviations in quantisation steps.
     """
-    inverse = torch.exp2(-log_deviation.clamp(*SPREADS))
+    inverse = torch.exp2(-log_deviation.clamp(*LOG_DEVIATION_RANGE))
     # mirror both bounds to below the mean, where differences of tiny probabilities are precise
     distance = (values - mean).abs()
     return bits(torch.special.ndtr((0.5 - distance) * inverse) - torch.special.ndtr((-0.5 - distance) * inverse))
 
 
 @torch.no_grad()
-def calibrate_causal(state: TrainState, config: TrainConfig, position_inputs: Float[Tensor, "N P"]) -> None:
+def initialise_causal(state: TrainState, config: TrainConfig, position_inputs: Float[Tensor, "N P"]) -> None:
     """Initialises the networks of the causal model so that they predict the mean and deviation of each attribute.
 
     Args:
@@ -306,21 +308,21 @@ def calibrate_causal(state: TrainState, config: TrainConfig, position_inputs: Fl
     steps = channel_steps(parameters["steps"], model)
     logs = parameters["log_scalings"] - parameters["centres"]
     columns = parameters["features"], logs, parameters["offsets"].flatten(1)
-    means, spreads = [], []
+    means, log_deviations = [], []
     for values, step in zip(columns, steps, strict=True):
         values = values[alive] / step
         means.append(values.mean(dim=0))
-        spreads.append(values.std(dim=0).clamp(min=NARROW).log2())
+        log_deviations.append(values.std(dim=0).clamp(min=NARROW).log2())
     groups, before = model.layout.feature_groups, 0
     start = {}
     for group, size in enumerate(groups):
         part = slice(before, before + size)
-        start[f"feature{group}"] = [means[0][part], spreads[0][part]]
+        start[f"feature{group}"] = [means[0][part], log_deviations[0][part]]
         before += size
     share = state.masks(config.mask_threshold)[alive].float().mean(dim=0).clamp(0.01, 0.99)
-    start["form"] = [torch.logit(share), means[1][:1], spreads[1][:1]]
-    start["size"] = [means[1][1:], spreads[1][1:]]
-    start["offset"] = [means[2], spreads[2]]
+    start["form"] = [torch.logit(share), means[1][:1], log_deviations[1][:1]]
+    start["size"] = [means[1][1:], log_deviations[1][1:]]
+    start["offset"] = [means[2], log_deviations[2]]
     for name, parts in start.items():
         parameters[f"causal.{name}.output.weight"].mul_(0.3)
         parameters[f"causal.{name}.output.bias"].copy_(torch.cat(parts))

@@ -11,8 +11,14 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from splatwire.neural.model.tensors import run_network
-from splatwire.neural.training.causal import POSITION_BITS, RATE_UNIT, SPREADS, TrainedCausal, causal_networks
-from splatwire.neural.training.context import SampleBits, Seen, straight_through
+from splatwire.neural.training.causal import (
+    LOG_DEVIATION_RANGE,
+    POSITION_BITS,
+    RATE_UNIT,
+    TrainableCausal,
+    causal_networks,
+)
+from splatwire.neural.training.context import MaskedAttributes, SampleBits, straight_through
 from splatwire.neural.training.packed import pack_networks
 from splatwire.neural.training.rate import MIN_LIKELIHOOD
 from splatwire.neural.training.schedule import Phase, phase_of
@@ -24,16 +30,18 @@ _CHUNK = 1 << 16
 """Number of anchors per chunk of the bit estimate."""
 
 
-class DeviceCausal(TrainedCausal):
+class DeviceCausal(TrainableCausal):
     """Trainer of the causal context model on a GPU.
 
-    Arguments are the same as for `TrainedCausal`.
+    Arguments are the same as for `TrainableCausal`.
     """
 
-    # Needs fewer GPU operations than `TrainedCausal`, with the same results: visible and sampled anchors are
+    # Needs fewer GPU operations than `TrainableCausal`, with the same results: visible and sampled anchors are
     # processed together, and all networks are packed into one.
 
-    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
+    def simulate_quantisation(
+        self, state: TrainState, visible: Int64[Tensor, "M"]
+    ) -> tuple[MaskedAttributes, SampleBits | None]:
         """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
 
         Args:
@@ -67,11 +75,11 @@ class DeviceCausal(TrainedCausal):
         moved = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
         scale_moved, _ = moved.split([layout.feature_dim, 1, NUM_SIZES - 1 + 3 * layout.num_offsets], dim=1)[1:]
         parts = moved.split(list(widths), dim=1)
-        numbers = features + parts[0], logs + parts[1], torch.addcmul(parts[2], offsets, (-scale_moved).exp())
+        noisy = features + parts[0], logs + parts[1], torch.addcmul(parts[2], offsets, (-scale_moved).exp())
         if phase is Phase.NOISE:
-            return ((numbers[0], expanded_scalings(numbers[1].exp()), numbers[2]), masks.detach()), None
+            return ((noisy[0], expanded_scalings(noisy[1].exp()), noisy[2]), masks.detach()), None
         counts = [len(visible), len(sample)]
-        (feature, own), (log, logs), (offset, offsets) = (number.split(counts) for number in numbers)
+        (feature, own), (log, logs), (offset, offsets) = (values.split(counts) for values in noisy)
         (drawn_masks, masks), (_, any_mask) = masks.split(counts), any_mask.split(counts)
         total = self._bits(state, sample, (own, logs, offsets), steps, (masks, any_mask))
         return ((feature, expanded_scalings(log.exp()), offset), drawn_masks), SampleBits(total, len(sample))
@@ -80,7 +88,7 @@ class DeviceCausal(TrainedCausal):
         self,
         state: TrainState,
         index: Int64[Tensor, "M"],
-        numbers: tuple[Tensor, Tensor, Tensor],
+        noisy: tuple[Tensor, Tensor, Tensor],
         steps: Float[Tensor, "D"],
         masks: tuple[Tensor, Tensor],
     ) -> Float[Tensor, ""]:
@@ -89,11 +97,11 @@ class DeviceCausal(TrainedCausal):
         Args:
             state: State of the training.
             index: Indices of the M anchors in the training state.
-            numbers: Features, logarithms of offset scale and sizes, and offsets, with noise in place of rounding.
+            noisy: Features, logarithms of offset scale and sizes, and offsets, with noise in place of rounding.
             steps: Quantisation step of each attribute value (`column_steps`).
             masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
         """
-        (feature, logs, offsets), (offset_mask, anchor_mask) = numbers, masks
+        (feature, logs, offsets), (offset_mask, anchor_mask) = noisy, masks
         values = torch.cat([feature, logs - state.parameters["centres"].detach(), offsets], dim=1) / steps
         inputs = self._position_inputs(state).index_select(0, index)
         networks = causal_networks(state.parameters, self._model)
@@ -109,18 +117,18 @@ class DeviceCausal(TrainedCausal):
         for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
             moved = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
             feature, logs, offsets = moved.split(list(widths), dim=1)
-            numbers = (
+            noisy = (
                 parameters["features"][index] + feature, parameters["log_scalings"][index] + logs,
                 parameters["offsets"][index].flatten(1) * (-logs[:, :1]).exp() + offsets,
             )  # fmt: skip
             masks = straight_through(parameters["mask_logits"][index], config.mask_threshold)
-            total.append(self._bits(state, index, numbers, steps, masks))
+            total.append(self._bits(state, index, noisy, steps, masks))
         return float(torch.stack(total).sum()) / 8
 
-    def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
+    def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the estimated size of the scene in megabytes."""
-        share = state.num_anchors / max(rate.num_anchors, 1)
-        return rate.bits * (state.rate(self._config.weights) * share / RATE_UNIT)
+        share = state.num_anchors / max(estimated_bits.num_anchors, 1)
+        return estimated_bits.bits * (state.current_lambda(self._config.weights) * share / RATE_UNIT)
 
 
 def column_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
@@ -163,23 +171,23 @@ def sample_bits(
     inputs, _ = values.split([num_own, 3 * layout.num_offsets], dim=1)
     hidden = torch.cat([run_network(position, position_inputs), inputs * INPUT_UNIT], dim=1)
     outputs = packed(hidden, CHANNEL_SLOPE)
-    mean, spread, exists = outputs.split([order.numbers, order.numbers, layout.num_offsets], dim=1)
-    first, offsets = _NumberBits.apply(values, mean, spread).split([num_own, 3 * layout.num_offsets], dim=1)
+    mean, log_deviation, exists = outputs.split([order.num_values, order.num_values, layout.num_offsets], dim=1)
+    first, offsets = _ValueBits.apply(values, mean, log_deviation).split([num_own, 3 * layout.num_offsets], dim=1)
     # the mask bit costs softplus(-x) if the offset exists, otherwise softplus(x); the difference is x
     mask_bits = torch.nn.functional.softplus(exists).mul(1 / math.log(2))
     each = offsets.view(len(position_inputs), -1, 3).sum(dim=2).add(exists, alpha=-1 / math.log(2))
     return first.sum(dim=1) + (offset_mask * each + mask_bits).sum(dim=1) + POSITION_BITS
 
 
-class _NumberBits(torch.autograd.Function):
-    """Autograd function that computes the bits of quantised values (`causal.number_bits`), and their gradient."""
+class _ValueBits(torch.autograd.Function):
+    """Autograd function that computes the bits of quantised values (`causal.value_bits`), and their gradient."""
 
     # `a` and `b` are the bounds of a value's quantisation interval, measured from the mean in units of sqrt(2) standard
     # deviations. The probability of the value is half of `erfc(a) - erfc(b)`.
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, mean: Tensor, log_deviation: Tensor) -> Tensor:
-        bounded, difference = log_deviation.clamp(*SPREADS), values - mean
+        bounded, difference = log_deviation.clamp(*LOG_DEVIATION_RANGE), values - mean
         inverse = torch.rsub(bounded, -0.5).exp2_()
         a = difference.abs().sub_(0.5).mul_(inverse)
         b = a + inverse
@@ -187,16 +195,16 @@ class _NumberBits(torch.autograd.Function):
         bounded_share = share.clamp(min=MIN_LIKELIHOOD)
         weight = (share >= MIN_LIKELIHOOD) / bounded_share
         near, far = (a * a).neg_().exp_(), (b * b).neg_().exp_()
-        d_spread = (far * b).addcmul_(near, a, value=-1).mul_(weight).mul_(log_deviation == bounded)
+        d_log_deviation = (far * b).addcmul_(near, a, value=-1).mul_(weight).mul_(log_deviation == bounded)
         d_value = near.sub_(far).mul_(inverse).mul_(weight).mul_(difference.sign_())
-        ctx.save_for_backward(d_value, d_spread)
+        ctx.save_for_backward(d_value, d_log_deviation)
         return bounded_share.log2_().neg_()
 
     @staticmethod
     def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        d_value, d_spread = ctx.saved_tensors
+        d_value, d_log_deviation = ctx.saved_tensors
         value = (upstream[0] * d_value).mul_(1 / (math.sqrt(math.pi) * math.log(2)))
-        return value, -value, (upstream[0] * d_spread).mul_(1 / math.sqrt(math.pi))
+        return value, -value, (upstream[0] * d_log_deviation).mul_(1 / math.sqrt(math.pi))
 
 
 @dataclass(frozen=True)
@@ -207,11 +215,11 @@ class _OutputOrder:
 
     Attributes:
         outputs: For each output in this order, its index in the concatenated outputs of the separate networks.
-        numbers: Number of attribute values per anchor; each has a mean and a standard deviation.
+        num_values: Number of attribute values per anchor; each has a mean and a standard deviation.
     """
 
     outputs: tuple[int, ...]
-    numbers: int
+    num_values: int
 
 
 @lru_cache(maxsize=8)
@@ -219,11 +227,11 @@ def _output_order(config: CausalConfig) -> _OutputOrder:
     names = [name for name in config.shapes() if name != "position"]
     sizes = [config.shapes()[name][1] for name in names]
     first = dict(zip(names, accumulate([0, *sizes[:-1]]), strict=True))
-    means, spreads, exists = list[int](), list[int](), list[int]()
+    means, log_deviations, exists = list[int](), list[int](), list[int]()
     for name, size in zip(names, sizes, strict=True):
         outputs = list(range(first[name], first[name] + size))
         if name == "form":
             exists, outputs = outputs[:-2], outputs[-2:]
         half = len(outputs) // 2
-        means, spreads = means + outputs[:half], spreads + outputs[half:]
-    return _OutputOrder(tuple(means + spreads + exists), len(means))
+        means, log_deviations = means + outputs[:half], log_deviations + outputs[half:]
+    return _OutputOrder(tuple(means + log_deviations + exists), len(means))

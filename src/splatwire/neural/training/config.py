@@ -153,8 +153,8 @@ class LossWeights:
     Attributes:
         dssim: Weight of 1 - SSIM; the weight of the mean absolute error is 1 - `dssim`.
         volume: Weight of the mean product of the Gaussians' three sizes.
-        rate: Weight of the rate, lambda. The rate is measured in bits per parameter; with the causal model, in
-            megabytes of the scene.
+        rate: Lambda, the weight of the bit rate in the loss. The bit rate is measured in bits per parameter; with the
+            causal model, in megabytes of the scene.
         sample_share: Share of the anchors whose rate is estimated in each iteration.
         size: Target size of the stream in bytes; lambda is controlled to reach it (`neural.training.size`). 0 keeps
             lambda constant.
@@ -251,7 +251,7 @@ class TrainConfig(CheckedFields):
         voxel_size: Spacing of anchor positions in world units; 0 to derive it from the points.
         hidden: Hidden units of the rendering networks, the prior network and the channel networks.
         milestones: Schedule of the training.
-        rates: Learning rates.
+        rates: Learning rates by parameter group.
         growth: Rules for adding and removing anchors.
         weights: Weights of the terms of the training loss.
         refine: Settings for the refinement of the context model at the end.

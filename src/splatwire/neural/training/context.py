@@ -21,7 +21,7 @@ from splatwire.types.prior import MIN_SCALE
 
 Attributes = tuple[Float[Tensor, "_ F"], Float[Tensor, "_ 6"], Float[Tensor, "_ O"]]
 """Features, scalings and flat offsets of some anchors."""
-Seen = tuple[Attributes, Float[Tensor, "_ K"]]
+MaskedAttributes = tuple[Attributes, Float[Tensor, "_ K"]]
 """Attributes with which anchors are rendered (noise replaces rounding), and straight-through masks of offsets."""
 Steps = Sequence[Tensor | float]
 """Quantisation steps of features, scalings and offsets: each a number, or a column with a row per anchor."""
@@ -84,7 +84,7 @@ class AnchorCache:
         return self._corners
 
 
-class TrainedContext:
+class TrainableHacpp:
     """Trainer of the HAC++ context model, which predicts the distributions of an anchor's attributes from a hash grid.
 
     Args:
@@ -103,7 +103,7 @@ class TrainedContext:
         """
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
-            calibrate_prior(state, self._config)
+            initialise_prior(state, self._config)
 
     def quantise(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Steps | None, SampleBits | None]:
         """Determines the quantisation steps of the visible anchors, and estimates the bits of a sample of all anchors.
@@ -126,10 +126,14 @@ class TrainedContext:
         features = grid_features(state, self._cache, torch.cat([visible, sample]), self._kernels)
         logits = run_network(step_columns(state.networks.context_prior), features[: len(visible)])
         masks = straight_through_masks(state, config, sample)
-        rate = sample_rate(state, config, features[len(visible) :], sample, masks, self._kernels.random.uniform)
-        return adaptive_steps(logits, config.hacpp).split(1, dim=1), rate
+        estimated_bits = estimate_sample_bits(
+            state, config, features[len(visible) :], sample, masks, self._kernels.random.uniform
+        )
+        return adaptive_steps(logits, config.hacpp).split(1, dim=1), estimated_bits
 
-    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
+    def simulate_quantisation(
+        self, state: TrainState, visible: Int64[Tensor, "M"]
+    ) -> tuple[MaskedAttributes, SampleBits | None]:
         """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
 
         Args:
@@ -140,22 +144,22 @@ class TrainedContext:
             Attributes of the visible anchors with noise in place of rounding; their offset masks; and the estimated
             bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
-        steps, rate = self.quantise(state, visible)
+        steps, estimated_bits = self.quantise(state, visible)
         drawn = (
             state.attributes(visible)
             if steps is None
             else noisy_attributes(state, visible, steps, self._kernels.random.uniform)
         )
-        return (drawn, straight_through_masks(state, self._config, visible)[0]), rate
+        return (drawn, straight_through_masks(state, self._config, visible)[0]), estimated_bits
 
-    def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
+    def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the mean bits per attribute value.
 
         Args:
             state: State of the training.
-            rate: Estimated bits of a sample of anchors.
+            estimated_bits: Estimated bits of a sample of anchors.
         """
-        return state.rate(self._config.weights) * self.bits_per_parameter(state, rate)
+        return state.current_lambda(self._config.weights) * self.bits_per_parameter(state, estimated_bits)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
         """Predicts the scalings of anchors from their positions alone, as a receiver must for lost anchors.
@@ -174,14 +178,16 @@ class TrainedContext:
         )
         return run_network(means, grid_features(state, self._cache, index, self._kernels))
 
-    def bits_per_parameter(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
+    def bits_per_parameter(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Estimates the mean number of bits per attribute value of a scene, including the bits of the hash grid."""
         # The bits of the attributes are estimated from a sample of anchors. The bits of the hash grid's signs
         # are added, divided by the number of attribute values of all anchors.
         layout = self._config.model.layout
         per_anchor = layout.feature_dim + 6 + 3 * layout.num_offsets
         grid = sign_bits(state.parameters["grid.volume"], state.parameters["grid.planes"])
-        return rate.bits / max(rate.num_anchors * per_anchor, 1) + grid / (state.num_anchors * per_anchor)
+        return estimated_bits.bits / max(estimated_bits.num_anchors * per_anchor, 1) + grid / (
+            state.num_anchors * per_anchor
+        )
 
 
 def straight_through_masks(
@@ -248,7 +254,7 @@ def noisy_attributes(
     return feature, scaling, offset
 
 
-def sample_rate(
+def estimate_sample_bits(
     state: TrainState,
     config: TrainConfig,
     features: Float[Tensor, "M H"],
@@ -338,7 +344,7 @@ def _channel_likelihood(
 
 
 @torch.no_grad()
-def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
+def initialise_prior(state: TrainState, config: TrainConfig) -> None:
     """Initialises the context networks so that they predict the present mean and deviation of each attribute.
 
     Args:

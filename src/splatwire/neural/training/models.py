@@ -5,17 +5,17 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from splatwire.neural.training.causal import TrainedCausal
+from splatwire.neural.training.causal import TrainableCausal
 from splatwire.neural.training.causal_device import DeviceCausal
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import AnchorCache, SampleBits, Seen, TrainedContext
+from splatwire.neural.training.context import AnchorCache, MaskedAttributes, SampleBits, TrainableHacpp
 from splatwire.neural.training.kernels import Kernels
 from splatwire.neural.training.state import TrainState
 from splatwire.types.causal_coding import CausalConfig
 
 
 @runtime_checkable
-class TrainedModel(Protocol):
+class TrainableContextModel(Protocol):
     """Typing protocol (structural type) for a context model in training.
 
     The model adds noise in place of quantisation and estimates the rate.
@@ -26,7 +26,9 @@ class TrainedModel(Protocol):
         # An implementation initialises its networks before the first iteration whose loss includes the bit
         # rate.
 
-    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
+    def simulate_quantisation(
+        self, state: TrainState, visible: Int64[Tensor, "M"]
+    ) -> tuple[MaskedAttributes, SampleBits | None]:
         """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
 
         Args:
@@ -46,11 +48,11 @@ class TrainedModel(Protocol):
             index: Indices of the M anchors in the training state.
         """
 
-    def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the rate term of the loss, given the estimated rate of a sample of anchors."""
+    def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
+        """Returns the rate term of the loss, given the estimated bits of a sample of anchors."""
 
 
-def trained_model(config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> TrainedModel:
+def new_context_model(config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> TrainableContextModel:
     """Creates the context model that is to be trained, with random weights.
 
     Args:
@@ -59,5 +61,5 @@ def trained_model(config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> 
         cache: Cache of data that depend only on the positions of the anchors.
     """
     if not isinstance(config.model, CausalConfig):
-        return TrainedContext(config, kernels, cache)
-    return (DeviceCausal if kernels.asynchronous else TrainedCausal)(config, kernels, cache)
+        return TrainableHacpp(config, kernels, cache)
+    return (DeviceCausal if kernels.asynchronous else TrainableCausal)(config, kernels, cache)

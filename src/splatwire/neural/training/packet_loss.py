@@ -19,9 +19,9 @@ from splatwire.codec.tier_sizes import relative_sizes
 from splatwire.concealment import Grow
 from splatwire.concealment.grow import lost_share_among
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import AnchorCache, SampleBits, Seen
+from splatwire.neural.training.context import AnchorCache, MaskedAttributes, SampleBits
 from splatwire.neural.training.importance import importance_of, order_anchors
-from splatwire.neural.training.models import TrainedModel
+from splatwire.neural.training.models import TrainableContextModel
 from splatwire.neural.training.state import TrainState, keep_anchors
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.knn import NeighborTree, nearest_others
@@ -40,7 +40,7 @@ _MASK_BYTES = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Loss:
+class ReceivedAnchors:
     """Received anchors of one training iteration with simulated packet loss, and their enlargement by the concealer.
 
     Attributes:
@@ -51,23 +51,25 @@ class Loss:
     received: Bool[Tensor, "N"]
     size_gain: Float[Tensor, "N"]
 
-    def drawn(self, visible: Int64[Tensor, "M"], seen: Seen) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"]]:
+    def select_visible(
+        self, visible: Int64[Tensor, "M"], visible_attributes: MaskedAttributes
+    ) -> tuple[Int64[Tensor, "m"], MaskedAttributes, Float[Tensor, "m"]]:
         """Selects the visible anchors that were received, for rendering.
 
         Args:
             visible: Indices of the visible anchors.
-            seen: Attributes and offset masks of the visible anchors.
+            visible_attributes: Attributes and offset masks of the visible anchors.
 
         Returns:
             Indices, attributes and masks of the selected anchors, and the factor by which their Gaussians are enlarged.
         """
         kept = self.received[visible]
-        (features, scalings, offsets), masks = seen
+        (features, scalings, offsets), masks = visible_attributes
         left = features[kept], scalings[kept], offsets[kept]
         return visible[kept], (left, masks[kept]), self.size_gain[visible[kept]]
 
 
-class PacketLosses:
+class PacketLossSimulator:
     """Simulates random packet losses during training, and conceals them as a receiver would.
 
     Args:
@@ -76,7 +78,7 @@ class PacketLosses:
         cache: Cache of the anchors' positions.
     """
 
-    def __init__(self, config: TrainConfig, model: TrainedModel, cache: AnchorCache) -> None:
+    def __init__(self, config: TrainConfig, model: TrainableContextModel, cache: AnchorCache) -> None:
         self._config, self._model, self._cache = config, model, cache
         self._models = tuple(parse_loss(text) for text in config.losses.models)
         self._voxels: Tensor | None = None
@@ -127,12 +129,12 @@ class PacketLosses:
             order_anchors(state, importance_of(state, self._config, cameras))
 
     @torch.no_grad()
-    def draw(self, state: TrainState, rate: SampleBits | None) -> Loss | None:
+    def simulate(self, state: TrainState, estimated_bits: SampleBits | None) -> ReceivedAnchors | None:
         """Draws a random packet loss for an iteration.
 
         Args:
             state: State of the training; its random generator is used.
-            rate: Estimated bits of the anchors, which determine the number of anchors per packet.
+            estimated_bits: Estimated bits of the anchors, which determine the number of anchors per packet.
 
         Returns:
             The loss; None if the iteration simulates no packet loss, or if all or no anchors are received.
@@ -146,10 +148,10 @@ class PacketLosses:
         seed = int(torch.randint(1 << 62, (), generator=state.generator))
         if isinstance(choice, float):
             return self.keep_first(state, choice)
-        return self.lose(state, packetization, choice, seed, _anchors_per_packet(packetization, rate))
+        return self.lose_packets(state, packetization, choice, seed, _anchors_per_packet(packetization, estimated_bits))
 
     @torch.no_grad()
-    def keep_first(self, state: TrainState, share: float) -> Loss | None:
+    def keep_first(self, state: TrainState, share: float) -> ReceivedAnchors | None:
         """Simulates that only the most important anchors are received.
 
         Args:
@@ -163,9 +165,9 @@ class PacketLosses:
         return self._concealed(state, self._order < round(share * state.num_anchors), cut_off=True)
 
     @torch.no_grad()
-    def lose(
+    def lose_packets(
         self, state: TrainState, packetization: Packetization, model: LossModel, seed: int, packet_anchors: int
-    ) -> Loss | None:
+    ) -> ReceivedAnchors | None:
         """Simulates the loss of packets according to a loss model, and conceals it as a receiver would.
 
         Args:
@@ -184,7 +186,9 @@ class PacketLosses:
         received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
         return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
 
-    def _concealed(self, state: TrainState, fully_received: Bool[Tensor, "N"], *, cut_off: bool = False) -> Loss | None:
+    def _concealed(
+        self, state: TrainState, fully_received: Bool[Tensor, "N"], *, cut_off: bool = False
+    ) -> ReceivedAnchors | None:
         """Computes by how much the concealer `grow` enlarges the Gaussians of each received anchor.
 
         Args:
@@ -210,7 +214,7 @@ class PacketLosses:
             gain[fully_received] = torch.from_numpy(_GROW.gain(1 - share, received, tier_sizes)).to(gain)
         gain_of = torch.empty_like(gain)
         gain_of[self._order] = gain
-        return Loss(arrived, gain_of)
+        return ReceivedAnchors(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, fully_received: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
         """Estimates the typical size of the received anchors and that of the lost anchors, as a receiver does.
@@ -269,14 +273,14 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
     return np.unique(key, return_inverse=True)[1]
 
 
-def _anchors_per_packet(packetization: Packetization, rate: SampleBits | None) -> int:
+def _anchors_per_packet(packetization: Packetization, estimated_bits: SampleBits | None) -> int:
     """Estimates how many anchors a packet contains, from the estimated bits per anchor.
 
     The result is 1 without an estimate of the bits, and for packetizations without hashed grouping, which do not need
     the number.
     """
     # Only packetizations with hashed grouping (packets filled up to a size in bytes) need this number.
-    if rate is None or not packetization.hashed:
+    if estimated_bits is None or not packetization.hashed:
         return 1
-    anchor_bytes = float(rate.bits.detach()) / 8 / max(rate.num_anchors, 1) + _MASK_BYTES
+    anchor_bytes = float(estimated_bits.bits.detach()) / 8 / max(estimated_bits.num_anchors, 1) + _MASK_BYTES
     return max(1, round((packetization.packet_bytes - HEADER_BYTES) / anchor_bytes))

@@ -63,7 +63,7 @@ class Preset:
     """Settings for one benchmark data set.
 
     Attributes:
-        rate: Default weight of the rate in the loss (lambda).
+        rate: Default lambda, the weight of the bit rate in the loss.
         voxel_size: Spacing of anchor positions in world units; 0 to derive it from the points.
         coarsest_cell: Cell size of the coarsest grid for adding anchors (`GrowthRules.levels`), in voxels.
         mask_rate_per_lambda: Final learning rate of the masks, divided by lambda.
@@ -134,19 +134,19 @@ def create_config(
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, PRESETS)
     chosen = PRESETS[preset]
-    rate = (chosen.rate if model == HACPP else CAUSAL_RATE) if lmbda is None else lmbda
+    rate_weight = (chosen.rate if model == HACPP else CAUSAL_RATE) if lmbda is None else lmbda
     voxel = chosen.voxel_size if voxel_size is None else voxel_size
-    _check(rate, voxel, iterations)
+    _check(rate_weight, voxel, iterations)
     milestones = _milestones(iterations, growth_interval)
     steps = min(RefineConfig().steps, iterations // 4) if refine_steps is None else refine_steps
-    mask_rate = max(min(chosen.mask_rate_per_lambda * rate, chosen.mask_rate_cap), 1e-6)
+    mask_rate = max(min(chosen.mask_rate_per_lambda * rate_weight, chosen.mask_rate_cap), 1e-6)
     config = TrainConfig(
         preset=preset,
         voxel_size=voxel,
         milestones=milestones,
         rates=for_length(LearningRates(mask_logits=LearningRate(0.01, mask_rate)), iterations),
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
-        weights=LossWeights(rate=rate, size=size),
+        weights=LossWeights(rate=rate_weight, size=size),
         refine=RefineConfig(steps=steps, seed=seed),
         losses=loss_training(losses, loss_share),
         background=background,
@@ -217,9 +217,9 @@ def _with_fine_tuning(config: TrainConfig) -> TrainConfig:
     )
 
 
-def _check(rate: float, voxel: float, iterations: int) -> None:
-    if not (math.isfinite(rate) and rate >= 0):
-        raise InvalidValueError(f"lambda must be 0 or more, not {rate}")
+def _check(rate_weight: float, voxel: float, iterations: int) -> None:
+    if not (math.isfinite(rate_weight) and rate_weight >= 0):
+        raise InvalidValueError(f"lambda must be 0 or more, not {rate_weight}")
     if not (math.isfinite(voxel) and voxel >= 0):
         raise InvalidValueError(f"the voxel size must be 0 (derive it from the points) or more, not {voxel}")
     if iterations < MIN_ITERATIONS:

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from splatwire.anchors.causal_prediction import position_inputs
 from splatwire.neural.model.tensors import to_tensors
-from splatwire.neural.training.causal import channel_steps, number_bits_of
+from splatwire.neural.training.causal import anchor_and_offset_bits, channel_steps
 from splatwire.neural.training.config import RefineConfig
 from splatwire.neural.training.export import copied_mlp
 from splatwire.neural.training.fit import fit_samples
@@ -46,8 +46,8 @@ def refine_causal(
 
     def loss_of(index: Tensor, generator: torch.Generator) -> Tensor:
         noisy = [value[index] + torch.rand(value[index].shape, generator=generator) - 0.5 for value in values]
-        anchor_number_bits, offsets = number_bits_of(networks, coding.config, inputs[index], noisy, mask[index])
-        return (anchor_number_bits + offsets.sum(dim=1)).mean()
+        anchor_value_bits, offsets = anchor_and_offset_bits(networks, coding.config, inputs[index], noisy, mask[index])
+        return (anchor_value_bits + offsets.sum(dim=1)).mean()
 
     fit_samples([(parameters, config.network_rate)], len(inputs), config, loss_of, progress)
     fitted = {name: copied_mlp(network) for name, network in networks.items()}
@@ -66,10 +66,10 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
         Inputs of the position network, attributes of the anchors in quantisation steps, and offset masks, 0 or 1.
     """
     anchors = scene.anchors.select(alive)
-    feature, form, offset = channel_steps(coding.steps.log(), coding.config)
+    feature, log_size, offset = channel_steps(coding.steps.log(), coding.config)
     voxels = torch.round(anchors.positions.double() / coding.voxel_size)
     logs = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.centres
-    values = [anchors.features / feature, logs / form, anchors.offsets.flatten(1) / offset]
+    values = [anchors.features / feature, logs / log_size, anchors.offsets.flatten(1) / offset]
     return position_inputs(((voxels - coding.middle) / coding.spread).float(), torch.cat), values, anchors.mask.float()
 
 

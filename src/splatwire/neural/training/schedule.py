@@ -39,10 +39,10 @@ def changes_anchors(milestones: Milestones, iteration: int) -> bool:
     return due and not paused
 
 
-def learning_rate_at(rate: LearningRate, share: float) -> float:
+def learning_rate_at(schedule: LearningRate, share: float) -> float:
     """Returns the learning rate, log-linearly interpolated, after a share (0 to 1) of the training."""
     share = min(max(share, 0.0), 1.0)
-    return math.exp((1 - share) * math.log(rate.initial) + share * math.log(rate.final))
+    return math.exp((1 - share) * math.log(schedule.initial) + share * math.log(schedule.final))
 
 
 def half_cosine(share: float) -> float:
@@ -77,7 +77,7 @@ def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) ->
         share, plan = (iteration - milestones.fine_tuning_start) / milestones.tuning, second_half(config.rates)
     else:
         share, plan = iteration / milestones.fine_tuning_start, config.rates
-    rates = {name: learning_rate_at(rate, share) for name, rate in vars(plan).items()}
+    rates = {name: learning_rate_at(schedule, share) for name, schedule in vars(plan).items()}
     if iteration > milestones.growth_end:
         rates = {name: rate * getattr(plan, name).late for name, rate in rates.items()}
     for name in SCALED_BY_EXTENT:

@@ -157,7 +157,7 @@ class TrainState:
     def __post_init__(self) -> None:
         self.networks = Networks.of(self.parameters)
 
-    def rate(self, weights: LossWeights) -> float:
+    def current_lambda(self, weights: LossWeights) -> float:
         """Returns lambda, the weight of the bit rate in the loss, as currently set by the size controller.
 
         Args:

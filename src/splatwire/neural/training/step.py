@@ -21,8 +21,8 @@ from splatwire.neural.training.device_view import AllGaussians
 from splatwire.neural.training.growth import adjust_anchors, gather_statistics
 from splatwire.neural.training.kernels import COMPILED, Kernels
 from splatwire.neural.training.losses import Photo
-from splatwire.neural.training.models import trained_model
-from splatwire.neural.training.packet_loss import PacketLosses
+from splatwire.neural.training.models import new_context_model
+from splatwire.neural.training.packet_loss import PacketLossSimulator
 from splatwire.neural.training.schedule import changes_anchors, gathers_statistics, learning_rates
 from splatwire.neural.training.state import Moments, TrainState, group_of
 from splatwire.neural.training.tuning import start_fine_tuning
@@ -83,8 +83,8 @@ class TrainingStep:
     def __init__(self, config: TrainConfig, cameras: Cameras, kernels: Kernels = COMPILED) -> None:
         self._config, self._cameras, self._kernels = config, to_tensors(cameras), kernels
         self._cache = AnchorCache(config)
-        self._model = trained_model(config, kernels, self._cache)
-        self._losses = PacketLosses(config, self._model, self._cache)
+        self._model = new_context_model(config, kernels, self._cache)
+        self._packet_loss = PacketLossSimulator(config, self._model, self._cache)
         self._views = device_view.ViewConstants.of(self._cameras) if kernels.asynchronous else None
         cameras = self._cameras
         self._centers, self._background = cameras.centers, cameras.Ks.new_tensor(config.background)
@@ -106,33 +106,33 @@ class TrainingStep:
         if config.milestones.tuning and state.iteration == config.milestones.fine_tuning_start + 1:
             start_fine_tuning(state, config)
         self._model.begin(state)
-        self._losses.begin(state, self._cameras)
+        self._packet_loss.begin(state, self._cameras)
         visible = self._visible(state, view)
-        (attributes, weight), rate = self._model.observe(state, visible)
+        (attributes, weight), estimated_bits = self._model.simulate_quantisation(state, visible)
         size_gain = None
-        if (lost := self._losses.draw(state, rate)) is not None:
-            visible, (attributes, weight), size_gain = lost.drawn(visible, (attributes, weight))
+        if (received := self._packet_loss.simulate(state, estimated_bits)) is not None:
+            visible, (attributes, weight), size_gain = received.select_visible(visible, (attributes, weight))
         anchors = self._drawn_anchors(state, visible, attributes, weight)
-        watched = gathers_statistics(config.milestones, state.iteration)
+        center_gradients = gathers_statistics(config.milestones, state.iteration)
         spawned = self._spawn(state, anchors, weight, view, size_gain)
-        drawing = self._draw(spawned.gaussians, view, watched)
+        drawing = self._draw(spawned.gaussians, view, center_gradients)
         loss, l1 = self._kernels.photometric_loss(drawing.image, photo, config.weights.dssim)
         if isinstance(spawned, SpawnedGaussians):
             drawn = torch.tensor(spawned.gaussians.num_gaussians)
         else:
             drawn = spawned.num_existing
-        loss = self._total_loss(loss, state, spawned, drawn, rate)
+        loss = self._total_loss(loss, state, spawned, drawn, estimated_bits)
         self._check(state, loss)
         if loss.requires_grad:
             loss.backward()
-        if watched and (d_centers := drawing.d_centers) is not None:
+        if center_gradients and (d_centers := drawing.d_centers) is not None:
             self._gather(state, visible, spawned, d_centers, view)
         if changes_anchors(config.milestones, state.iteration):
             adjust_anchors(state, config, self._kernels.random.uniform)
         self._update(state)
         gather_mean(state, config)
-        bits = None if rate is None else rate.bits.detach()
-        return StepReport(loss.detach(), l1, bits, 0 if rate is None else rate.num_anchors, drawn)
+        bits = None if estimated_bits is None else estimated_bits.bits.detach()
+        return StepReport(loss.detach(), l1, bits, 0 if estimated_bits is None else estimated_bits.num_anchors, drawn)
 
     @property
     def size_estimate(self) -> Callable[[TrainState], float] | None:
@@ -185,11 +185,11 @@ class TrainingStep:
         everything = torch.ones(anchors.num_anchors, dtype=torch.bool, device=state.device)
         return spawn_gaussians(anchors, heads, center, everything, size_gain=size_gain, mask_weight=weight)
 
-    def _draw(self, gaussians: Gaussians, view: int, watched: bool) -> Drawing:
+    def _draw(self, gaussians: Gaussians, view: int, center_gradients: bool) -> Drawing:
         cameras, one = self._cameras, slice(view, view + 1)
         camera = replace(cameras, viewmats=cameras.viewmats[one], Ks=cameras.Ks[one], names=cameras.names[one])
         background = self._background.to(gaussians.means)
-        return self._kernels.draw(gaussians, camera, background=background, watched=watched)
+        return self._kernels.draw(gaussians, camera, background=background, center_gradients=center_gradients)
 
     def _total_loss(
         self,
@@ -197,7 +197,7 @@ class TrainingStep:
         state: TrainState,
         spawned: SpawnedGaussians | AllGaussians,
         drawn: Int64[Tensor, ""],
-        rate: SampleBits | None,
+        estimated_bits: SampleBits | None,
     ) -> Float[Tensor, ""]:
         """Returns the total loss: photometric loss, volume of the Gaussians, and rate.
 
@@ -208,7 +208,7 @@ class TrainingStep:
             state: State of the training.
             spawned: Gaussians of the view.
             drawn: Number of Gaussians drawn.
-            rate: Estimated bits of a sample of anchors; None to leave out the rate.
+            estimated_bits: Estimated bits of a sample of anchors; None to leave out the rate.
         """
         weights, scales, loss = self._config.weights, spawned.gaussians.scales, picture
         if len(scales) and isinstance(spawned, SpawnedGaussians):
@@ -216,8 +216,8 @@ class TrainingStep:
         elif isinstance(spawned, AllGaussians):  # the gradient of torch.prod synchronises with the host
             x, y, z = scales.unbind(dim=1)
             loss = loss + weights.volume * torch.dot(x * y * z, spawned.exists.to(scales)) / drawn.clamp(min=1)
-        if rate is not None:
-            loss = loss + self._model.rate_loss(state, rate)
+        if estimated_bits is not None:
+            loss = loss + self._model.rate_loss(state, estimated_bits)
         return loss
 
     def _gather(

@@ -57,17 +57,17 @@ class GaussianStep:
         camera = replace(cameras, viewmats=cameras.viewmats[one], Ks=cameras.Ks[one], names=cameras.names[one])
         background = self._background.to(gaussians.means)
         shown = self._with_dropout(state, gaussians)
-        image = self._kernels.draw(shown, camera, background=background, watched=False).image
+        image = self._kernels.draw(shown, camera, background=background, center_gradients=False).image
         loss, l1 = self._kernels.photometric_loss(image, photo, config.dssim)
         loss = loss + config.opacity_weight * gaussians.opacities.mean()
         loss = loss + config.scale_weight / state.camera_extent * gaussians.scales.mean()
         self._check(state, loss)
         loss.backward()
-        rate = self._update(state)
+        learning_rate = self._update(state)
         if config.relocates(state.iteration):
             wanted = config.wanted(state.iteration, state.num_gaussians)
             relocate(state, wanted, config.relocation.dead_opacity)
-        noise = config.relocation.noise * rate / config.rates.means.initial / state.camera_extent
+        noise = config.relocation.noise * learning_rate / config.rates.means.initial / state.camera_extent
         add_noise(state, noise, self._kernels.random.uniform)
         return StepReport(loss.detach(), l1, None, 0, torch.tensor(state.num_gaussians))
 
@@ -91,18 +91,20 @@ class GaussianStep:
             Learning rate of the centres, before multiplication by the extent of the cameras.
         """
         share = state.iteration / self._config.iterations
-        rates = {name: learning_rate_at(rate, share) for name, rate in vars(self._config.rates).items()}
+        learning_rates = {
+            name: learning_rate_at(schedule, share) for name, schedule in vars(self._config.rates).items()
+        }
         updates = []
         for name, parameter in state.parameters.items():
             if parameter.grad is None:
                 continue
             if name not in state.moments:
                 state.moments[name] = Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
-            rate = rates[name.split(".")[0]] * (state.camera_extent if name == "means" else 1.0)
-            updates.append((parameter, parameter.grad, state.moments[name], rate))
+            learning_rate = learning_rates[name.split(".")[0]] * (state.camera_extent if name == "means" else 1.0)
+            updates.append((parameter, parameter.grad, state.moments[name], learning_rate))
             parameter.grad = None
         self._kernels.adam_update(updates)
-        return rates["means"]
+        return learning_rates["means"]
 
 
 def seen_gaussians(parameters: dict[str, Tensor], degree: int, center: Float[Tensor, "3"]) -> Gaussians:
