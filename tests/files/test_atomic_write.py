@@ -148,6 +148,32 @@ def test_ctrl_c_while_a_temporary_folder_is_made_leaves_none(tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
 
 
+def test_an_empty_folder_is_kept_and_filled(tmp_path):
+    target = tmp_path / "a"
+    target.mkdir(mode=0o750)
+    number = target.stat().st_ino
+    with suppress(ZeroDivisionError), atomic_output(target) as new:
+        (new / "x").mkdir(parents=True)
+        _ = 1 / 0
+    assert not list(target.iterdir())
+    with atomic_output(target) as new:
+        (new / "b").mkdir(parents=True)
+        (new / "b" / "x").touch()
+        (new / "y").touch()
+        assert not (target / "y").exists()
+    assert sorted(str(path.relative_to(target)) for path in target.rglob("*")) == ["b", "b/x", "y"]
+    assert (target.stat().st_ino, target.stat().st_mode & 0o777) == (number, 0o750)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows does not remove the working directory")
+def test_the_working_directory_can_be_the_output(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with atomic_output(".") as new:
+        new.mkdir()
+        (new / "x").touch()
+    assert os.listdir() == ["x"]
+
+
 def test_ctrl_c_while_a_temporary_folder_is_removed_leaves_none(tmp_path, monkeypatch):
     remove, calls = whole.shutil.rmtree, []
 

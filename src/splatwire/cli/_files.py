@@ -12,7 +12,7 @@ from typing import Any
 from splatwire.bitstream import ReadReport, is_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.files.atomic_write import atomic_output, check_writable
+from splatwire.files.atomic_write import atomic_output, check_writable, remove_unfinished
 from splatwire.files.kinds import EMPTY, TEXT, UNKNOWN, kind_of_bytes, opened
 from splatwire.files.names import real_path
 
@@ -173,6 +173,7 @@ def output_folder(name: str) -> Iterator[Path]:
     """
     target = Path(name)
     check_folder(target)
+    remove_unfinished(target)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InvalidValueError(f"{target} is there already and not empty: frames go into a new folder")
     with atomic_output(target) as made:

@@ -12,7 +12,7 @@ from splatwire.cli._subprocess import in_fresh_process
 from splatwire.cli.publish import Publish
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.evaluation.thumbnail import picture_bytes, stream_thumbnail
-from splatwire.files.atomic_write import atomic_output, atomic_write
+from splatwire.files.atomic_write import atomic_output, atomic_write, remove_unfinished
 from splatwire.files.scene_formats import FORMATS
 from splatwire.transport.http.pack import check_page_support
 from splatwire.transport.http.publish import PublishedScene, published_files
@@ -56,16 +56,14 @@ def run(command: Publish) -> None:
 def _write(files: Mapping[str, bytes], folder: Path) -> None:
     """Writes the files of a site into a folder.
 
-    A new folder gets all files at the same time. In an existing folder, files are written one after another: it may be
-    the working directory or a mounted disk, and have an owner and permissions of its own.
+    A new or empty folder gets all files at the same time. In a folder of an earlier `publish`, files are replaced one
+    after another.
 
     Args:
         files: Contents of the files by relative path.
         folder: Folder of the site.
     """
-    if folder.is_dir():
-        if not any(folder.iterdir()):  # first the mark, so that `publish` can be repeated after a full disk
-            files = {_MARK: files[_MARK], **files}
+    if folder.is_dir() and any(folder.iterdir()):
         for path, data in files.items():
             atomic_write(folder / path, data, parents=True)
         return
@@ -87,6 +85,7 @@ def _check_output(folder: Path) -> None:
         InvalidValueError: If the folder has other files, which would be published with the scenes.
     """
     check_folder(folder)
+    remove_unfinished(folder)
     if folder.is_dir() and any(folder.iterdir()) and not (folder / _MARK).is_file():
         raise InvalidValueError(f"{folder} has files that `publish` did not write: name a new folder")
 

@@ -36,7 +36,8 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
     """Yields a temporary path for a file or folder, which replaces the target atomically on success.
 
     A folder cannot be replaced in a single step. The old folder is therefore renamed first, and the path does not exist
-    for a moment.
+    for a moment. An empty folder is kept, and gets the content of the new folder: it may be the working directory or a
+    mounted disk, and have an owner and permissions of its own.
 
     Args:
         target: Path of the output. For a symbolic link, the file it refers to is replaced.
@@ -51,13 +52,21 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
     if parents:
         goal.parent.mkdir(parents=True, exist_ok=True)
     check_parent(goal)
-    _tidy_once(goal.parent)
+    keeps = goal.is_dir() and not any(goal.iterdir())
+    parent = goal if keeps else goal.parent
+    _tidy_once(parent)
     try:
-        with _workspace(goal.parent) as space:
+        with _workspace(parent) as space:
             (space / _NEW).mkdir()
             new = space / _NEW / goal.name
             yield new
-            _take_name(new, goal, space / _OLD)
+            if not keeps:
+                _take_name(new, goal, space / _OLD)
+            elif not new.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+            else:
+                for entry in sorted(new.iterdir()):
+                    entry.rename(goal / entry.name)
     except OSError as error:
         hidden = _START in str(error.filename or "")
         if hidden or error.errno in _FULL:
