@@ -9,6 +9,7 @@ import pytest
 from splatwire.cli import _processes, _subprocess
 from splatwire.codec import decode_stream
 from splatwire.concealment import concealer_names
+from splatwire.types import Anchors, Prior
 from splatwire.types.splats import Splats
 
 pytestmark = pytest.mark.slow
@@ -35,7 +36,7 @@ def test_demo_shows_the_gain_of_concealment_on_the_bundled_scene(run, tmp_path, 
     rows = {row["method"]: row for row in content["rows"]}
     with_torch = find_spec("torch") is not None
     assert list(rows)[:7] == ROWS if with_torch else not {"prior", "cari", "kriging"} & set(rows)
-    assert set(concealer_names()) - {"coarse"} <= set(rows)  # this concealer requires levels
+    assert set(concealer_names((), {Anchors, Prior})) <= set(rows)
     assert rows["no loss"]["exact"]
     assert rows["no loss"]["psnr"] is None
     assert rows["no loss"]["ssim"] == 1

@@ -24,7 +24,7 @@ from splatwire.types.validity import validity_of_splats
 
 NUM_FRAMES_TO_ADOPT = 15
 """Number of consecutive frames with a different degree of harmonics or antialiasing after which the sequence adopts
-their settings.
+their settings. Independent of the length of groups.
 """
 FRAME_ERRORS = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
 """Exceptions that concern a single frame; encoding continues with the next frame."""

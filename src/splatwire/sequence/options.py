@@ -10,8 +10,8 @@ from splatwire.errors import InvalidValueError
 from splatwire.types.background import BLACK, Background
 
 GROUP_FRAMES = 15
-"""Default length of a group of pictures (GOP), frames. The help of `splatwire encode --group` and `splatwire live
---group` states it."""
+"""Default length of a group of pictures (GOP), frames. CONTRIBUTING.md lists the texts that
+state it."""
 FRAME_RATE = Fraction(30)
 """Default frame rate, frames per second."""
 

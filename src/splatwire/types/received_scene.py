@@ -168,7 +168,7 @@ class ReceivedScene(Generic[S]):
 
         In a stream whose positions cannot be lost, these are the decoded positions. In other streams, exact positions
         can be lost with their packets. All positions, even those of received elements, are then the ones that the side
-        information predicts (`ExpectedPlaces`).
+        information predicts (`ExpectedPlaces`). Without such predictions, lost elements have placeholder positions.
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions

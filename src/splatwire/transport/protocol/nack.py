@@ -9,12 +9,13 @@ from splatwire.transport.protocol.messages import MAX_NACKS
 #
 # * interval between feedback datagrams: `receiver.FEEDBACK_INTERVAL_S`;
 # * interval between NACKs for a packet: `NACK_INTERVAL_S`;
-# * number of NACKs per packet of a live stream, and per sequence number: `MAX_NACK_ATTEMPTS`;
+# * number of NACKs per packet of a live stream, and per sequence number: `MAX_NACK_ATTEMPTS` (a packet of a still scene
+#   has no maximum);
 # * number of missing sequence numbers that are stored: `gap_tracker.MAX_GAPS`;
-# * number of NACKs per feedback datagram: `datagrams.MAX_NACKS`;
+# * number of NACKs per feedback datagram: `messages.MAX_NACKS`;
 # * number of later packets after which a packet counts as missing: `receiver.REORDER_THRESHOLD`;
 # * number of successive `End` datagrams without a new packet, after which the receiver gives up:
-#   `receiver.MAX_FRUITLESS_ENDS`.
+#   `receiver.MAX_FRUITLESS_ENDS`; and time without anything new, after which it gives up: `receiver.MAX_FRUITLESS_S`.
 #
 # Limits of a server:
 #
@@ -28,7 +29,8 @@ from splatwire.transport.protocol.messages import MAX_NACKS
 # * bytes sent to a client: `ServerLimits.max_sent_ratio`.
 #
 # The counterpart in browsers is `web/src/transport/transfer.ts`. `web/scripts/make_tables.py` copies the limits of a
-# receiver to `web/src/transport/wire.ts`. `docs/transport.md` states the first two.
+# receiver to `web/src/transport/wire.ts`. `docs/transport.md` states `NACK_INTERVAL_S`, `MAX_NACK_ATTEMPTS`
+# and `REORDER_THRESHOLD`, `docs/wire.md` states `MAX_NACKS`.
 
 NACK_INTERVAL_S = 0.12
 """Minimum interval between NACKs for the same packet, seconds."""

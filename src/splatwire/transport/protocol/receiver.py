@@ -61,7 +61,7 @@ NUM_HAVE_REPEATS, HAVE_INTERVAL_S = 3, 0.3
 transfer. Repetition covers losses.
 """
 MISSING_STREAM = 1
-"""Index in `datagrams.REFUSALS` of the refusal that the requested stream does not exist."""
+"""Index in `messages.REFUSALS` of the refusal that the requested stream does not exist."""
 ATTEMPT_TIMEOUT_S = 4.0
 """Time after which a connection attempt gets a new nonce, seconds: a server starts only one transfer per nonce."""
 NO_UDP = "nothing seems to serve UDP there (`serve` with --page or --quic has a quic:// address)"
