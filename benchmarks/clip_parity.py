@@ -91,8 +91,8 @@ class Clip:
         """PSNR of one simulated transfer, mean over frames and views, decibels."""
         load, stream = self.loads[level], self.streams[level]
         there = delivered(load, protection, parse_loss(loss, "datagram"), seed)
-        persistent = stream.manifest.plan.persistent
-        came = [p for p in stream.packets if p.id in there or persistent(p.id.block)]
+        is_keyframe = stream.manifest.plan.is_keyframe
+        came = [p for p in stream.packets if p.id in there or is_keyframe(p.id.block)]
         key = (level, name, frozenset(p.id for p in came))
         if key not in self._known:
             clip = decode_stream(stream.with_packets(came)).scene

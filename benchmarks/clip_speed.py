@@ -31,7 +31,7 @@ from splatwire.codec import decode_stream
 from splatwire.ops.threads import use_single_thread
 from splatwire.sequence import SequenceEncoder, SequenceOptions, decode_frames
 from splatwire.sequence.live_decoder import LiveDecoder
-from splatwire.transport.protocol.live_session import LiveSession
+from splatwire.transport.protocol.live_packager import LivePackager
 from splatwire.types.splats import Splats
 
 GROUP, LIVE_GROUP = 15, 8
@@ -90,7 +90,7 @@ def live(path: Path, tracks: int) -> dict:
     """
     use_single_thread()
     encoder, decoder = SequenceEncoder(SequenceOptions(group_frames=LIVE_GROUP, threads=1), live=True), LiveDecoder()
-    broadcast, steps = LiveSession(importance=encoder.importance), list[dict[str, float]]()
+    broadcast, steps = LivePackager(importance=encoder.importance), list[dict[str, float]]()
     for frame in bent_frames(capture(path, DEGREE, tracks), 6 * LIVE_GROUP):
         times = [time.process_time()]
         packets = encoder.push(frame)

@@ -27,7 +27,7 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.sequence import SequenceEncoder, SequenceOptions
 from splatwire.sequence.decoding import decode_frame
 from splatwire.transport import PacketArrived, Receiver, ServerLimits, SideInfoArrived
-from splatwire.transport.protocol.live_session import LiveSession, LiveState
+from splatwire.transport.protocol.live_packager import LivePackager, LiveSnapshot
 from splatwire.transport.protocol.sender import Server
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
@@ -57,19 +57,19 @@ class Link:
             yield heapq.heappop(self._flying)[2]
 
 
-def live_state(frames: list[Splats], quality: Quality) -> tuple[LiveState, SceneStream]:
+def live_state(frames: list[Splats], quality: Quality) -> tuple[LiveSnapshot, SceneStream]:
     """Stream that is served after some frames, prepared for sending and as it is."""
     encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP, quality=quality))
-    session = LiveSession(importance=encoder.importance)
+    packager = LivePackager(importance=encoder.importance)
     for splats in frames:
         packets = encoder.push(splats)
         if packets:
-            state = session.add(*encoder.so_far(STREAM_ID), packets)
+            state = packager.add(*encoder.so_far(STREAM_ID), packets)
     return state, encoder.finish()
 
 
 def arrivals(
-    state: LiveState, rate: float, delay: float, until: float, fixed_rate: float | None
+    state: LiveSnapshot, rate: float, delay: float, until: float, fixed_rate: float | None
 ) -> tuple[float, list[tuple[float, Packet]]]:
     """Time at which a receiver knows the stream after its request, and arrival time of each packet."""
     rng = random.Random(1)

@@ -19,7 +19,7 @@ from splatwire.transport import (
     SideInfoArrived,
     StreamReplaced,
 )
-from splatwire.transport.protocol.live_session import PROTECTION
+from splatwire.transport.protocol.live_packager import PROTECTION
 from splatwire.transport.protocol.sender import Server
 from splatwire.transport.protocol.wire import DATA, decode, message_kind
 from splatwire.types.splats import Splats

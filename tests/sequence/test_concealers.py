@@ -29,8 +29,8 @@ def frames():
 @pytest.fixture(scope="module")
 def lossy(frames):
     stream = encode_sequence(frames, SequenceOptions(group_frames=4))[0]
-    persistent = stream.manifest.plan.persistent
-    motion = [packet for packet in stream.packets if not persistent(packet.id.block)]
+    is_keyframe = stream.manifest.plan.is_keyframe
+    motion = [packet for packet in stream.packets if not is_keyframe(packet.id.block)]
     return stream.with_packets(packet for packet in stream.packets if packet not in motion[1:])
 
 

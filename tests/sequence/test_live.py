@@ -27,7 +27,7 @@ from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import Receiver, ServerLimits
 from splatwire.transport.protocol.layout import parity_groups
-from splatwire.transport.protocol.live_session import PROTECTION, LiveSession
+from splatwire.transport.protocol.live_packager import PROTECTION, LivePackager
 from splatwire.transport.protocol.messages import ParityRange, Welcome
 from splatwire.transport.protocol.sender import Server
 from splatwire.transport.protocol.wire import DATA, PARITY, decode, encode, message_kind
@@ -178,7 +178,7 @@ def test_packets_of_each_block_are_sent_by_importance():
         packets = encoder.push(splats)
     manifest, _ = encoder.so_far(STREAM_ID)
     stream = encoder.finish()
-    persistent = [manifest.plan.persistent(packet.id.block) for packet in packets]
+    persistent = [manifest.plan.is_keyframe(packet.id.block) for packet in packets]
     assert persistent == sorted(persistent, reverse=True)
     offline, found = stream_importance(stream), encoder.importance(packets)
     motion = [importance for importance, lasts in zip(found, persistent, strict=True) if not lasts]
@@ -199,7 +199,7 @@ def test_packets_of_each_block_are_sent_by_importance():
 
 
 def test_recorded_live_stream_decodes_as_a_clip(frames):
-    encoder, broadcast = SequenceEncoder(SequenceOptions(group_frames=GROUP)), LiveSession()
+    encoder, broadcast = SequenceEncoder(SequenceOptions(group_frames=GROUP)), LivePackager()
     for splats in frames[: 2 * GROUP]:
         packets = encoder.push(splats)
         if packets:
@@ -233,7 +233,7 @@ def test_stream_updates_with_a_wrong_packet_count_are_refused(frames):
     encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     packets = [packet for splats in frames[:GROUP] for packet in encoder.push(splats)]
     with pytest.raises(InvalidValueError, match="packets, and the manifest says"):
-        LiveSession().add(*encoder.so_far(STREAM_ID), packets[1:])
+        LivePackager().add(*encoder.so_far(STREAM_ID), packets[1:])
 
 
 def test_receiver_waits_while_the_server_is_not_ready():
@@ -312,7 +312,7 @@ def test_parity_restores_motion_without_retransmission(frames):
     bare, _ = LivePath(frames, GROUP, loss=0.1, asks=False).run()
     protection = dataclasses.replace(PROTECTION, motion=((1.0, 1.0),))
     watched, stream = LivePath(frames, GROUP, loss=0.1, protection=protection, asks=False).run()
-    motion = {p.id for p in stream.packets if not stream.manifest.plan.persistent(p.id.block)}
+    motion = {p.id for p in stream.packets if not stream.manifest.plan.is_keyframe(p.id.block)}
     assert bare.repaired == 0
     assert watched.repaired > 0
     assert len(motion - watched.arrived) < len(motion - bare.arrived) / 2
@@ -320,7 +320,7 @@ def test_parity_restores_motion_without_retransmission(frames):
 
 def test_group_code_numbers_are_stable_and_protect_the_most_important_packets(frames):
     encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
-    broadcast = LiveSession(dataclasses.replace(PROTECTION, motion=((0.5, 0.5),)), encoder.importance)
+    broadcast = LivePackager(dataclasses.replace(PROTECTION, motion=((0.5, 0.5),)), encoder.importance)
     found = None
     for splats in frames[: 3 * GROUP]:
         packets = encoder.push(splats)

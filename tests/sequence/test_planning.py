@@ -59,7 +59,7 @@ def test_importance_of_forged_packets_is_bounded(stream):
     plan, rng = stream.manifest.plan, random.Random(3)
     hostile = []
     for packet in stream.packets:
-        if not plan.persistent(packet.id.block):
+        if not plan.is_keyframe(packet.id.block):
             payloads = (rng.randbytes(rng.randrange(60)) for _ in range(20))
             hostile += [make_packet(packet.id, packet.num_elements, payload) for payload in payloads]
     found = packet_importance(stream.manifest, stream.side_info, hostile, np.ones(10))
@@ -68,7 +68,7 @@ def test_importance_of_forged_packets_is_bounded(stream):
 
 def test_importance_grows_with_visible_motion(stream, worth):
     plan = stream.manifest.plan
-    assert {worth[p.id] for p in stream.packets if plan.persistent(p.id.block)} == {0.0}
+    assert {worth[p.id] for p in stream.packets if plan.is_keyframe(p.id.block)} == {0.0}
     assert sum(worth.values()) > 0
 
 

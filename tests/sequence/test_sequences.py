@@ -163,7 +163,7 @@ def test_stream_does_not_depend_on_the_number_of_threads(frames, stream):
 @pytest.mark.parametrize("seed", range(3))
 def test_received_tracks_equal_those_of_the_complete_clip(stream, seed):
     rng, plan = np.random.default_rng(seed), stream.manifest.plan
-    kept = [p for p in stream.packets if plan.persistent(p.id.block) or rng.random() < 0.5]
+    kept = [p for p in stream.packets if plan.is_keyframe(p.id.block) or rng.random() < 0.5]
     assert len(kept) < len(stream.packets)
     complete, lossy = (decode_frames(decode_stream(s).scene) for s in (stream, stream.with_packets(kept)))
     lost = 0
@@ -179,7 +179,7 @@ def test_received_tracks_equal_those_of_the_complete_clip(stream, seed):
 
 def test_motion_without_its_keyframe_gaussian_is_concealed(stream):
     plan = stream.manifest.plan
-    bases = [p for p in stream.packets if plan.persistent(p.id.block)]
+    bases = [p for p in stream.packets if plan.is_keyframe(p.id.block)]
     clip = decode_stream(stream.with_packets(p for p in stream.packets if p != bases[0])).scene
     shown = decode_frame(clip, 0)
     assert shown.scene.num_elements == int(clip.tracks.received[clip.tracks.born == 0].sum())
@@ -210,7 +210,7 @@ def test_keyframe_packets_are_retransmitted_and_motion_packets_are_not(stream):
     plan = stream.manifest.plan
     lost = set(stream.packets) - set(lossy.packets)
     assert lost
-    assert not any(plan.persistent(packet.id.block) for packet in lost)
+    assert not any(plan.is_keyframe(packet.id.block) for packet in lost)
     assert record.num_lost == len(lost)
 
 

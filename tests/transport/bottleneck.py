@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from splatwire.transport.protocol.live_session import LiveState
+from splatwire.transport.protocol.live_packager import LiveSnapshot
 from splatwire.transport.protocol.messages import Feedback, ParityRange
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.receiver import FEEDBACK_INTERVAL_S
@@ -236,7 +236,7 @@ class LiveSplatwire(Splatwire):
             "retransmit_share": None,
             "is_live": True,
         }
-        return LiveState(**{**fields, **changes}, persistent=persistent, newest=first)
+        return LiveSnapshot(**{**fields, **changes}, persistent=persistent, newest=first)
 
     def _renew(self) -> None:
         self.transfer.update(self._program())

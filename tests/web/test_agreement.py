@@ -316,7 +316,7 @@ def with_repeated_tracks(stream: SceneStream) -> SceneStream:
     manifest, kept = stream.manifest, list[Packet]()
     for block, together in itertools.groupby(stream.packets, key=lambda packet: packet.id.block):
         packets = list(together)
-        if not manifest.plan.persistent(block):
+        if not manifest.plan.is_keyframe(block):
             small = min(packets, key=lambda packet: packet.num_elements)
             packets = packets[: 2 * len(packets) // 3]
             packets[1::2] = [
@@ -333,7 +333,7 @@ def lossy_clips(
     """A lossy clip, and rows of every frame by track: track, position, rotation, sizes, appearance."""
     plan, rng = stream.manifest.plan, random.Random(3)
     for share in shares:
-        kept = [p for p in stream.packets if plan.persistent(p.id.block) or rng.random() < share]
+        kept = [p for p in stream.packets if plan.is_keyframe(p.id.block) or rng.random() < share]
         assert (len(kept) == len(stream.packets)) == (share == 1.0)
         path = folder.with_name(f"{folder.name}_{share}.swz")
         write_stream(stream.with_packets(kept), path)

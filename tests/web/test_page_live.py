@@ -16,7 +16,7 @@ from splatwire.sequence.frames import Frame
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport.http.content import Link, PageContent
 from splatwire.transport.http.server import PageServer
-from splatwire.transport.protocol.live_session import LiveState
+from splatwire.transport.protocol.live_packager import LiveSnapshot
 from transport.chromium import executable, isolated_page
 from web.node import lacking
 from web.pictures import ELEMENT
@@ -119,7 +119,7 @@ def test_page_draws_a_live_clip_whose_source_changes_degree_and_antialiasing() -
     red = np.zeros((300, 3, 3))
     red[:, 1, 0] = 1.0
     kinds = [(frames, False), ([replace(one, sh=np.concatenate([one.sh, red], axis=1)) for one in frames], True)]
-    served = list[list[LiveState]]()
+    served = list[list[LiveSnapshot]]()
     for splats, antialiased in [*kinds, kinds[0]]:
         clip.restart()
         found = [clip.push(Frame.of(one, antialiased=antialiased)) for _ in range(2) for one in splats]

@@ -26,20 +26,20 @@ const INTERNAL = `
   featureActivations firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera
   forgetOffsets formatVersion framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames
   hasAnswered hasCopies hasHead hasManifestOf hasUnknownBirth headBytes helpOpen identityAt idleMs initSegment
-  initSegmentBytes initSegmentMs isComplete isCut isLinear isOnlySource isReordered isRetry isRetryable
-  isSameStream isSequence isSorting isTryingWhole isVisible isWebPage keptBytes keyframeBlock keyframeIndices
-  keyframeInfo lastOffsets latticeBits leafIndex leafSize leftOut lifetimes logScales logSteps lookUpSession
-  lostSequences manifestBytes maxExcess maxPositionShift maxTiers medianRadius nearestFirst nearestOthers
-  newPackets noGaussians noteChange noteFailure noteUseless numBlocks numGaussians numHarmonics numHidden
-  numInitSegments numIntact numKeyframes numLowBits numNew numOffsets numPackets numReceived numRemoved
-  numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextLost onFirstUse
-  packetBytes paintedCanvas pictureChanged planBlock planIndices playingLive pointCameraAt positionStep
-  predictAxis readMotion receiveDatagrams recordWhen rejected repeatMs replaceTiles reportCamera
-  reportPlayable requestFrame requestId rowSteps setConcealers setCooperative setMessage setRow setViewpoint
-  setVisible showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog stalledFrames startWebGL
-  stateOf stopProbabilities storeValues streamId symbolBytes symbolsDigest symbolsMissing takeHaveMessages
-  tierOf tierSizes tileRequest tilesBytes timeline transports unsigned upRotation upperBits viewDependent
-  viewing visibleParts voxelSize wasExtrapolated welcome withdraw withoutComparison
+  initSegmentBytes initSegmentMs isComplete isCut isLinear isOnlySource isReceived isReordered isRetry
+  isRetryable isSameStream isSequence isSorting isTryingWhole isVisible isWebPage keptBytes keyframeBlock
+  keyframeIndices keyframeInfo lastOffsets latticeBits leafIndex leafSize leftOut lifetimes logScales
+  logStepRatios logSteps lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers
+  medianRadius nearestFirst nearestOthers newPackets noGaussians noteChange noteFailure noteUseless numBlocks
+  numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLowBits numNew numOffsets
+  numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera
+  onChange onContextLost onFirstUse packetBytes paintedCanvas pictureChanged planBlock planIndices playingLive
+  pointCameraAt positionStep predictAxis readMotion receiveDatagrams recordWhen rejected repeatMs replaceTiles
+  reportCamera reportPlayable requestFrame requestId rowSteps setConcealers setCooperative setMessage setRow
+  setViewpoint setVisible showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog stalledFrames
+  startWebGL stateOf stopProbabilities storeValues streamId symbolBytes symbolsDigest symbolsMissing
+  takeHaveMessages tierOf tierSizes tileRequest tilesBytes timeline transports unsigned upRotation upperBits
+  viewDependent viewing visibleParts voxelSize wasExtrapolated welcome withdraw withoutComparison
 `
   .trim()
   .split(/\s+/);

@@ -87,8 +87,8 @@ class PacketPlan:
     def _first_indices(self) -> list[int]:
         return [span.first for span in self.spans]
 
-    def persistent(self, block: int) -> bool:
-        """True if a block of a sequence contains keyframe Gaussians, which later groups of frames also need."""
+    def is_keyframe(self, block: int) -> bool:
+        """True if a block contains keyframe Gaussians, which later groups of frames also need. Only for sequences."""
         return self.tier_of(block) % 2 == 0
 
     def group_of_block(self, block: int) -> int:

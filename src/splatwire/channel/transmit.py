@@ -170,12 +170,12 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
     """
     plan, groups = stream.manifest.plan, _group_of_packets(stream)
     arrival = np.where(mask.received, groups, -1)
-    persistent = np.array([plan.persistent(packet.id.block) for packet in stream.packets], bool)
+    is_keyframe = np.array([plan.is_keyframe(packet.id.block) for packet in stream.packets], bool)
     num_datagrams = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
     for turn in range(1, ATTEMPTS_PER_GROUP * len(plan.spans) // 2):
         group = turn // ATTEMPTS_PER_GROUP
         sent_before = (groups < group) | ((groups == group) & (turn % ATTEMPTS_PER_GROUP > 0))
-        again = np.flatnonzero(persistent & (arrival < 0) & sent_before)
+        again = np.flatnonzero(is_keyframe & (arrival < 0) & sent_before)
         came, _ = draw_in_order(num_datagrams[again], loss, seed + turn * SEED_STEP)
         arrival[again[came]] = group
     return arrival

@@ -23,7 +23,7 @@ from splatwire.sequence.frame_sources import FolderSource, FrameSource, PipeSour
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.sequence.live_ingest import LiveIngest, new_stream_id
 from splatwire.transport import Protection, ServedStream, ServerLimits
-from splatwire.transport.protocol.live_session import PROTECTION
+from splatwire.transport.protocol.live_packager import PROTECTION
 from splatwire.transport.running_server import RunningServer
 
 STREAM_NAME = "live"

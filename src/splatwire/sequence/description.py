@@ -16,7 +16,7 @@ def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
     info = open_side_info(manifest, stream.side_info)
     sizes = {True: 0, False: 0}
     for packet in stream.packets:
-        sizes[plan.persistent(packet.id.block)] += packet.num_bytes
+        sizes[plan.is_keyframe(packet.id.block)] += packet.num_bytes
     births, time_ = [group.births for group in info.groups], info.timeline
     tracking = TrackingReport.read(info.sections[SECTION]) if SECTION in info.sections else None
     return {

@@ -32,7 +32,7 @@ def packet_importance(
     firsts = np.cumsum([0, *(group.births for group in info.groups)])
 
     def worth(packet: Packet) -> float:
-        if plan.persistent(packet.id.block):
+        if plan.is_keyframe(packet.id.block):
             return 0.0
         group = plan.group_of_block(packet.id.block)
         heads, _, _ = decode_motion(info, group, np.array([packet.num_elements]), [packet.payload], int(firsts[group]))

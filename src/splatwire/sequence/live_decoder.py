@@ -82,11 +82,11 @@ class LiveDecoder:
             self._num_bytes += packet.num_bytes
             block = packet.id.block
             group = plan.group_of_block(block)
-            if group < self._next_group and not plan.persistent(block):
+            if group < self._next_group and not plan.is_keyframe(block):
                 continue
             self._packets_by_block.setdefault(block, []).append(packet)
             self._num_received[group] = self._num_received.get(group, 0) + packet.num_elements
-            if plan.persistent(block):
+            if plan.is_keyframe(block):
                 self._new_keyframe_blocks.add(block)
             else:
                 motion.append(packet)
@@ -155,7 +155,7 @@ class LiveDecoder:
         self._store_keyframes(decoder, manifest, complete_only=False)
         plan, motion = manifest.plan, 2 * group + 1
         for block in [
-            block for block in self._packets_by_block if not plan.persistent(block) and plan.tier_of(block) < motion
+            block for block in self._packets_by_block if not plan.is_keyframe(block) and plan.tier_of(block) < motion
         ]:
             del self._packets_by_block[block]
         for block in [block for block in self._packets_by_block if plan.tier_of(block) == motion]:

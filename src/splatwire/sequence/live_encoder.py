@@ -6,7 +6,7 @@ from splatwire.bitstream import Packet
 from splatwire.sequence.encoding import SequenceEncoder
 from splatwire.sequence.frames import Frame
 from splatwire.sequence.options import SequenceOptions
-from splatwire.transport.protocol.live_session import PROTECTION, LiveSession, LiveState
+from splatwire.transport.protocol.live_packager import PROTECTION, LivePackager, LiveSnapshot
 from splatwire.transport.protocol.protection import Protection
 from splatwire.types.splats import Splats
 
@@ -39,7 +39,7 @@ class LiveEncoder:
         self._begin_period(SequenceEncoder(options, live=True))
         self.num_frames = self._num_served = 0
 
-    def push(self, frame: Frame | Splats) -> LiveState | None:
+    def push(self, frame: Frame | Splats) -> LiveSnapshot | None:
         """Adds the next frame; returns an update of the stream if a group of pictures is complete, else None.
 
         Raises:
@@ -64,12 +64,12 @@ class LiveEncoder:
         self.num_frames = self._num_served
         self._begin_period(self.encoder.restarted(self.num_frames))
 
-    def end(self) -> list[LiveState]:
+    def end(self) -> list[LiveSnapshot]:
         """Ends the live sequence; encodes the frames that are left, and returns the last updates of the stream."""
         if not self.num_frames:
             return []
         rest = [self._add(self.encoder.flush())] if self.num_frames % self._options.group_frames else []
-        return [*rest, self._session.end(*self.encoder.so_far(self._stream_id))]
+        return [*rest, self._packager.end(*self.encoder.so_far(self._stream_id))]
 
     @property
     def _is_period_full(self) -> bool:
@@ -77,10 +77,10 @@ class LiveEncoder:
 
     def _begin_period(self, encoder: SequenceEncoder) -> None:
         self.encoder, self._stream_id = encoder, self._new_id()
-        self._session = LiveSession(self._protection, encoder.importance)
+        self._packager = LivePackager(self._protection, encoder.importance)
         self._num_groups = self._num_bytes = 0
 
-    def _add(self, packets: list[Packet]) -> LiveState:
+    def _add(self, packets: list[Packet]) -> LiveSnapshot:
         self._num_groups += 1
         self._num_bytes += sum(packet.num_bytes for packet in packets)
-        return self._session.add(*self.encoder.so_far(self._stream_id), packets)
+        return self._packager.add(*self.encoder.so_far(self._stream_id), packets)

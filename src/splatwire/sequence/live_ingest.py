@@ -19,7 +19,7 @@ from splatwire.sequence.frame_sources import (
     signature_at,
 )
 from splatwire.sequence.frames import Frame
-from splatwire.transport.protocol.live_session import LiveState
+from splatwire.transport.protocol.live_packager import LiveSnapshot
 from splatwire.types.validity import validity_of_splats
 
 NUM_FRAMES_TO_ADOPT = 15
@@ -38,13 +38,13 @@ class GroupEncoder(Protocol):
     def num_frames(self) -> int:
         """Number of encoded frames."""
 
-    def push(self, frame: Frame) -> LiveState | None:
+    def push(self, frame: Frame) -> LiveSnapshot | None:
         """Encodes a frame, and returns the new state of the stream if the frame completes a group, else None."""
 
     def restart(self) -> None:
         """Discards the frames of the incomplete group; the next frame starts a new stream."""
 
-    def end(self) -> Iterable[LiveState]:
+    def end(self) -> Iterable[LiveSnapshot]:
         """Encodes the remaining frames, and returns the resulting states of the stream."""
 
 
@@ -68,7 +68,7 @@ class LiveIngest:
 
     def __init__(
         self, source: FrameSource, encoder: GroupEncoder, options: SequenceOptions,
-        publish: Callable[[LiveState], None], stop: Callable[[], bool], warn: Callable[[str], None],
+        publish: Callable[[LiveSnapshot], None], stop: Callable[[], bool], warn: Callable[[str], None],
         *, clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:  # fmt: skip

@@ -79,7 +79,7 @@ def clip() -> SceneStream:
 
 
 def without_motion(stream: SceneStream) -> SceneStream:
-    return stream.with_packets(p for p in stream.packets if stream.manifest.plan.persistent(p.id.block))
+    return stream.with_packets(p for p in stream.packets if stream.manifest.plan.is_keyframe(p.id.block))
 
 
 def test_lifetimes_do_not_depend_on_motion_packets(monkeypatch):

@@ -15,16 +15,16 @@ from splatwire.codec.sequence.basis import polynomials
 from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS, NUM_KINDS, STATE
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.sequence.side_info import SequenceInfo, open_side_info
-from splatwire.codec.sequence.trajectories import Offsets, PacketMoves, Targets, Trajectories, add_frames
+from splatwire.codec.sequence.trajectories import MotionCoefficients, Offsets, PacketMoves, Trajectories, add_frames
 from splatwire.concealment.temporal.neighbors import Neighbors, smooth_weights
 from splatwire.sequence import SequenceOptions, encode_sequence
 
 FRAMES, GROUP = 10, 5
 
 
-def targets_of(moves, bases, numbers, lattice_bits: int, size_log: int) -> Targets:
+def targets_of(moves, bases, numbers, lattice_bits: int, size_log: int) -> MotionCoefficients:
     """Coefficients of motion, fitted to all frames at once."""
-    found = Targets.zero(len(numbers), moves.num_frames)
+    found = MotionCoefficients.zero(len(numbers), moves.num_frames)
     add_frames(found, moves, bases, numbers, 0, moves.num_frames, lattice_bits, size_log)
     return found
 
@@ -122,7 +122,7 @@ def test_trajectories_are_restored_from_coefficients():
     here = np.arange(200)
     targets = targets_of(moves, moves.at(here, np.zeros(200, np.int64)), here, 30, 0)
     offsets = np.stack([offsets_at(np.rint(targets.coefficients), 6, frame, 30, 0) for frame in range(6)], axis=2)
-    assert targets.turns.max() < 1e-12
+    assert targets.largest_rotation.max() < 1e-12
     assert np.allclose(offsets[:, :3], (moves.means - moves.means[:, :1]).swapaxes(1, 2), atol=1e-6)
     assert np.allclose(offsets[:, 10:], (moves.colours - moves.colours[:, :1]).swapaxes(1, 2), atol=1e-2)
     assert np.abs(offsets[:, 3:10]).max() < 1e-3
@@ -150,13 +150,13 @@ def test_coefficients_equal_the_reference(frames):
     coefficients, turns = plain_targets(tracks, bases.select(numbers), 30, 2)
     assert np.allclose(fast.coefficients, coefficients, rtol=1e-9, atol=1e-9 * np.abs(coefficients).max() + 1e-9)
     assert np.array_equal(fast.largest, np.abs(fast.coefficients).max(axis=2))
-    assert np.allclose(fast.turns, turns, rtol=1e-6)
+    assert np.allclose(fast.largest_rotation, turns, rtol=1e-6)
     assert not fast.coefficients[:40].any()
 
 
 def test_incremental_fit_is_bit_identical():
     tracks, numbers, bases = random_tracks(6)
-    whole, found = targets_of(tracks, bases, numbers, 30, 2), Targets.zero(300, 6)
+    whole, found = targets_of(tracks, bases, numbers, 30, 2), MotionCoefficients.zero(300, 6)
     for begin, end in ((0, 3), (3, 4), (4, 6)):
         add_frames(found, tracks, bases, numbers, begin, end, 30, 2)
     for name, values in vars(whole).items():

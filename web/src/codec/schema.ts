@@ -17,10 +17,10 @@ export interface SequenceDecoder {
   /** Names of the concealers for lost motion packets. */
   readonly concealers: readonly string[];
   /**
-   * Returns a frame. A packet counts as lost if `shown` returns false. With `reuse`, its Gaussians are valid
+   * Returns a frame. A packet counts as lost if `isReceived` returns false. With `reuse`, its Gaussians are valid
    * until the next call.
    */
-  frame(number: number, shown: (packet: Packet) => boolean, concealer: string, reuse?: boolean): DecodedFrame;
+  frame(number: number, isReceived: (packet: Packet) => boolean, concealer: string, reuse?: boolean): DecodedFrame;
   /** Decodes the frames after `number` in advance, for up to `ms` milliseconds. */
   prefetch(number: number, ms: number): void;
   /** Received motion packets with payloads still in memory. */

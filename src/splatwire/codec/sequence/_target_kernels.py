@@ -139,7 +139,20 @@ def _project(values, table, begin, end, coefficients):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def fit_motion(trajectories, keyframes, keyframe_indices, unit, luma, table, begin, end, targets, largest, turns, last):
+def fit_motion(
+    trajectories,
+    keyframes,
+    keyframe_indices,
+    unit,
+    luma,
+    table,
+    begin,
+    end,
+    coefficients,
+    largest,
+    largest_rotation,
+    last,
+):
     """Fits polynomials over time to the motion of n tracks (Gaussians over time), before quantisation.
 
     Each call adds the contribution of a range of frames, in ascending order.
@@ -154,11 +167,12 @@ def fit_motion(trajectories, keyframes, keyframe_indices, unit, luma, table, beg
         table: Basis polynomials, float64 (F, F).
         begin: First frame of this call.
         end: End of the frames of this call (exclusive).
-        targets: Polynomial coefficients, float64 (n, channels, frames), zero before the first call; changed in place.
+        coefficients: Polynomial coefficients, float64 (n, channels, frames), zero before the first call; changed in
+            place.
         largest: Output: largest magnitude of each channel's coefficients, float64 (n, channels), written with the last
             frame.
-        turns: tan(angle / 4) of the largest rotation of each track so far, relative to its keyframe Gaussian, float64
-            (n); zero before the first call, changed in place.
+        largest_rotation: tan(angle / 4) of the largest rotation of each track so far, relative to its keyframe
+            Gaussian, float64 (n); zero before the first call, changed in place.
         last: Rotation of each track in the last added frame, as a quaternion, float64 (n, 4); the identity before the
             first call, changed in place.
     """
@@ -176,15 +190,15 @@ def fit_motion(trajectories, keyframes, keyframe_indices, unit, luma, table, beg
                 for b in range(3):
                     total += (np.float64(colours[i, f, b]) - np.float64(c[j, 0, b])) * luma[a, b]
                 values[10 + a, f] = total
-        turns[i] = _relative_rotations(quats[i], q[j, 0], begin, end, last[i], turns[i], values)
+        largest_rotation[i] = _relative_rotations(quats[i], q[j, 0], begin, end, last[i], largest_rotation[i], values)
         _log_scale_changes(scales[i], opacities[i], s[j, 0], o[j, 0], begin, end, values)
-        _project(values, table, begin, end, targets[i])
+        _project(values, table, begin, end, coefficients[i])
         if end < len(table):
             continue
         for channel in range(NUM_CHANNELS):
             most = _ZERO
             for k in range(len(table)):
-                most = max(most, abs(targets[i, channel, k]))
+                most = max(most, abs(coefficients[i, channel, k]))
             largest[i, channel] = most
 
 

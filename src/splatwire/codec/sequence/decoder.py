@@ -156,7 +156,7 @@ class TracksDecoder:
         spacing = self.info.shot_spacing(keyframe_block)
         store_block(self._splats, tracks, whole, harmonics, received, keyframes, block)
         self._positions[tracks] = scene_positions(whole, keyframes, block, spacing)
-        self._shifts[tracks] = motion_shifts(whole, keyframes, self.info.coarser, spacing)
+        self._shifts[tracks] = motion_shifts(whole, keyframes, self.info.log_step_ratios, spacing)
         self._received[tracks] = received
         exponents = self._shifts[tracks, 0].astype(np.int32) + keyframes.size_log - keyframes.lattice_bits - spacing - 1
         self._rounding[tracks] = np.ldexp(received.astype(np.float32), exponents)

@@ -35,7 +35,7 @@ from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
 from splatwire.codec.sequence.sending import by_importance, interleave_blocks
 from splatwire.codec.sequence.side_info import Group, SequenceInfo, write_side_info
 from splatwire.codec.sequence.track_group import TrackGroup
-from splatwire.codec.sequence.trajectories import Targets, Trajectories
+from splatwire.codec.sequence.trajectories import MotionCoefficients, Trajectories
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
 from splatwire.types.background import BLACK, Background
@@ -48,9 +48,9 @@ DATAGRAMS = Packetization(block_size=4800, lanes=1, grouping="hashed", packet_by
 neighbours of a lost track are received. Blocks of 1200 tracks take 0.82 to 0.93 of the bytes, but a packet is then most
 of a block: 20 % packet loss costs 4.7 dB with such blocks, and 0.6 dB with this packetization.
 """
-COARSER = np.array([2, 3, 2, 2, 2], dtype=np.int64)
-"""Octaves by which quantisation steps of motion are larger than those of keyframe Gaussians, for each kind of channel
-in `layout.KINDS`.
+LOG_STEP_RATIOS = np.array([2, 3, 2, 2, 2], dtype=np.int64)
+"""log2 of the ratio of the quantisation steps of motion to those of keyframe Gaussians, for each kind of channel in
+`layout.KINDS`.
 """
 LIVE_GROUPS = 2
 """Number of latest groups of frames with track lifetimes in the side information of a live stream. For older groups,
@@ -131,13 +131,13 @@ class TracksEncoder:
             group = self._known.empty_group(group.moves.num_frames)
         self.importance = {}
         first_new = self._num_tracks
-        track_indices, new, moving, targets = self._classify_tracks(group)
+        track_indices, new, moving, motion = self._classify_tracks(group)
         old, born = np.flatnonzero(~new), np.flatnonzero(new)
         coding_rows = np.concatenate([old[np.argsort(track_indices[old])], born])
         self._num_tracks += len(born)
         self._costs = np.concatenate([self._costs, np.full(len(born), FIRST_COST)])
         most = self._packetization.packet_bytes - HEADER_BYTES
-        coder = MotionCoder.of(len(coding_rows), targets.coefficients, first_new, most)
+        coder = MotionCoder.of(len(coding_rows), motion.coefficients, first_new, most)
 
         @functools.cache
         def births() -> list[Packet]:
@@ -145,8 +145,8 @@ class TracksEncoder:
             packets = self._encode_keyframes(group, classes, born, track_indices, cut=cut)
             threads, fitted_tracks = 1 if len(old) else self._threads, np.where(new, track_indices, -1)
             frames = (0, group.moves.num_frames)
-            fit(targets, group.moves, self._known, self._keyframes.reference, fitted_tracks, frames, threads)
-            of_births = targets.largest[born], targets.turns[born]
+            fit(motion, group.moves, self._known, self._keyframes.motion_unit_info, fitted_tracks, frames, threads)
+            of_births = motion.largest[born], motion.largest_rotation[born]
             _, moving[born] = motion_masks(*of_births, self._known.shifts, track_indices[born])
             coding_rows[len(old) :] = born[np.argsort(track_indices[born])]
             self._fill_coder(coder, slice(len(old), None), group, coding_rows, track_indices, moving)
@@ -156,7 +156,7 @@ class TracksEncoder:
         if cut:
             before = self._keyframes.motion_spacing
             births()
-            self._change_unit(targets, old, track_indices, moving, before)
+            self._change_unit(motion, old, track_indices, moving, before)
             self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
         motions, moved = self._encode_motion(group, coder, len(old), births)
         self._groups.append(Group(len(born), motions))
@@ -214,11 +214,13 @@ class TracksEncoder:
             np.full(NUM_CONTEXTS, 128) if self._zero_probabilities is None else self._zero_probabilities
         )
         named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
-        info = SequenceInfo(timeline, tuple(self._groups), self._keyframes.shots, COARSER, zero_probabilities, named)
+        info = SequenceInfo(
+            timeline, tuple(self._groups), self._keyframes.shots, LOG_STEP_RATIOS, zero_probabilities, named
+        )
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 
-    def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, Targets]:
+    def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, MotionCoefficients]:
         """Determines which tracks of a group need a new keyframe Gaussian, and which tracks move.
 
         A track needs a new keyframe Gaussian if the track is new, or if it moves too far away from its present keyframe
@@ -231,21 +233,26 @@ class TracksEncoder:
         count, frames = len(group.keys), group.moves.num_frames
         fitting, self._fitting = self._fitting, None
         if not self._groups:
-            return np.full(count, -1), np.ones(count, bool), np.zeros(count, bool), Targets.zero(count, frames)
+            return (
+                np.full(count, -1),
+                np.ones(count, bool),
+                np.zeros(count, bool),
+                MotionCoefficients.zero(count, frames),
+            )
         if fitting is None or not fitting.fits(group.keys, frames):
             fitting = self._fit(group.keys, group.moves)
             fitting.add_frames(group.moves, frames)
-        targets = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
+        motion = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
         new = fitting.track_indices < 0
         known_indices = np.maximum(fitting.track_indices, 0)
         _, shifts = self._known.in_units(slice(None), self._keyframes.motion_spacing)
-        far, moving = motion_masks(targets.largest, targets.turns, shifts, known_indices)
+        far, moving = motion_masks(motion.largest, motion.largest_rotation, shifts, known_indices)
         anew = np.flatnonzero(far & ~new)
-        targets.put(anew, Targets.zero(len(anew), frames))
-        return fitting.track_indices, new | far, moving, targets
+        motion.put(anew, MotionCoefficients.zero(len(anew), frames))
+        return fitting.track_indices, new | far, moving, motion
 
     def _change_unit(
-        self, targets: Targets, old: np.ndarray, track_indices: np.ndarray, moving: np.ndarray, before: int
+        self, motion: MotionCoefficients, old: np.ndarray, track_indices: np.ndarray, moving: np.ndarray, before: int
     ) -> None:
         """Converts the motion of older tracks to the unit of positions of a new shot.
 
@@ -253,19 +260,19 @@ class TracksEncoder:
         tracks are tracks that began in earlier groups.
 
         Args:
-            targets: Motion of the group's tracks, changed in place.
+            motion: Motion of the group's tracks, changed in place.
             old: Indices, among the tracks of the group, of the older tracks.
             track_indices: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            before: The unit of positions of the preceding shot, which is the unit of `targets` before the call. Given
+            before: The unit of positions of the preceding shot, which is the unit of `motion` before the call. Given
                 as log2 of the ratio of this unit to the unit of the first shot.
         """
         after = self._keyframes.motion_spacing
         if before == after or not len(old):
             return
-        targets.rescale_positions(old, before - after)
+        motion.rescale_positions(old, before - after)
         _, shifts = self._known.in_units(track_indices[old], after)
-        far, _ = motion_masks(targets.largest[old], targets.turns[old], shifts, np.arange(len(old)))
+        far, _ = motion_masks(motion.largest[old], motion.largest_rotation[old], shifts, np.arange(len(old)))
         lost = moving[old] & far
         moving[old[lost]] = False
         if lost.any():
@@ -275,7 +282,7 @@ class TracksEncoder:
             )  # fmt: skip
 
     def _fit(self, keys: np.ndarray, trajectories: Trajectories) -> Fitting:
-        return Fitting(keys, self._known, self._keyframes.reference, trajectories.num_frames, self._threads)
+        return Fitting(keys, self._known, self._keyframes.motion_unit_info, trajectories.num_frames, self._threads)
 
     def _encode_keyframes(
         self,
@@ -302,7 +309,7 @@ class TracksEncoder:
         )
         born = born_rows[coded.order]
         keyframes = group.moves.at(born, np.zeros_like(born))
-        shifts = self._keyframes.shifts_of(coded.rows, COARSER)
+        shifts = self._keyframes.shifts_of(coded.rows, LOG_STEP_RATIOS)
         first_new = len(self._known.keys)
         self._known = self._known.with_births(
             keyframes, group.keys[born], coded.positions, shifts, self._keyframes.motion_spacing

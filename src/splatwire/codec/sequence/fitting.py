@@ -7,7 +7,7 @@ from splatwire.codec.sequence import _target_kernels as kernels
 from splatwire.codec.sequence.known_tracks import KnownTracks
 from splatwire.codec.sequence.layout import MAX_COEFFICIENT, MAX_QUANTISED
 from splatwire.codec.sequence.motion_coder import DEAD
-from splatwire.codec.sequence.trajectories import Targets, Trajectories, add_frames
+from splatwire.codec.sequence.trajectories import MotionCoefficients, Trajectories, add_frames
 
 WIDEST_TURN = 2.0
 """Largest rotation of a track from its keyframe Gaussian, as the tangent of a quarter of the angle: about 254 degrees.
@@ -40,7 +40,7 @@ class Fitting:
     ) -> None:  # fmt: skip
         self._keys, self._known, self._info, self._threads = keys.copy(), known_tracks, info, threads
         self.track_indices, self._end = known_tracks.indices_of(keys), 0
-        self._targets = Targets.zero(len(keys) + len(keys) // SPARE, frames)
+        self._motion = MotionCoefficients.zero(len(keys) + len(keys) // SPARE, frames)
 
     def fits(self, keys: np.ndarray, frames: int) -> bool:
         """True if this fit can be continued for a group of frames with the given tracks and length.
@@ -50,7 +50,7 @@ class Fitting:
                 of the fit's tracks, in the same order.
             frames: Number of frames in the group.
         """
-        room, last = self._targets.coefficients.shape[0], self._targets.coefficients.shape[2]
+        room, last = self._motion.coefficients.shape[0], self._motion.coefficients.shape[2]
         # Tracks that appeared later may follow.
         return last == frames and len(keys) <= room and np.array_equal(keys[: len(self._keys)], self._keys)
 
@@ -62,10 +62,10 @@ class Fitting:
             end: Number of available frames; frames from `end` on are ignored.
         """
         selection = slice(len(self._keys))
-        self._add(self._targets.select(selection), trajectories.select(selection), self.track_indices, self._end, end)
+        self._add(self._motion.select(selection), trajectories.select(selection), self.track_indices, self._end, end)
         self._end = end
 
-    def finish(self, keys: np.ndarray, trajectories: Trajectories, full_length: np.ndarray) -> Targets:
+    def finish(self, keys: np.ndarray, trajectories: Trajectories, full_length: np.ndarray) -> MotionCoefficients:
         """Completes the fit of a group after all frames were added; returns the motion of all tracks.
 
         Args:
@@ -76,21 +76,21 @@ class Fitting:
         """
         self.track_indices = np.concatenate([self.track_indices, self._known.indices_of(keys[len(self._keys) :])])
         # Some positions of a track that begins or ends in the group may have been unknown when the frames were added.
-        incomplete, targets = np.flatnonzero(~full_length), self._targets.select(slice(len(keys)))
-        others = Targets.zero(len(incomplete), trajectories.num_frames)
+        incomplete, motion = np.flatnonzero(~full_length), self._motion.select(slice(len(keys)))
+        others = MotionCoefficients.zero(len(incomplete), trajectories.num_frames)
         self._add(others, trajectories.select(incomplete), self.track_indices[incomplete], 0, trajectories.num_frames)
-        targets.put(incomplete, others)
-        return targets
+        motion.put(incomplete, others)
+        return motion
 
     def _add(
-        self, targets: Targets, trajectories: Trajectories, track_indices: np.ndarray, begin: int, end: int
+        self, motion: MotionCoefficients, trajectories: Trajectories, track_indices: np.ndarray, begin: int, end: int
     ) -> None:
         """Adds the motion of tracks (Gaussians over time) in a range of frames to their least-squares fit."""
-        fit(targets, trajectories, self._known, self._info, track_indices, (begin, end), self._threads)
+        fit(motion, trajectories, self._known, self._info, track_indices, (begin, end), self._threads)
 
 
 def fit(
-    targets: Targets, trajectories: Trajectories, known_tracks: KnownTracks, info: KeyframeInfo,
+    motion: MotionCoefficients, trajectories: Trajectories, known_tracks: KnownTracks, info: KeyframeInfo,
     track_indices: np.ndarray, frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
     """Continues the least-squares fit of motion polynomials with the motion of tracks in further frames.
@@ -98,7 +98,7 @@ def fit(
     A track is a Gaussian over time.
 
     Args:
-        targets: Polynomial coefficients of the motion of n tracks, changed in place.
+        motion: Polynomial coefficients of the motion of n tracks, changed in place.
         trajectories: Trajectories of the n tracks over the group of frames.
         known_tracks: All tracks that have a keyframe Gaussian so far.
         info: Side information whose lattice spacing determines the unit of fitted positions.
@@ -108,7 +108,7 @@ def fit(
         threads: Number of threads; None for one per processor.
     """
     add_frames(
-        targets, trajectories, known_tracks.keyframes, track_indices, *frames, info.lattice_bits, info.size_log, threads
+        motion, trajectories, known_tracks.keyframes, track_indices, *frames, info.lattice_bits, info.size_log, threads
     )
 
 

@@ -31,8 +31,8 @@ Gaussian: this costs bytes, and its loss leaves a ghost (a stale Gaussian that i
 """
 KEPT_UNITS = range(-3, 11)
 """Lattice spacings of a new shot for which the unit of motion stays: log2 of half the spacing, in units of motion. If
-the lattice is finer by more than 3 octaves, the smallest steps of motion (see `encoder.COARSER`) are finer than the
-unit.
+the lattice is finer by more than 3 octaves, the smallest steps of motion (see `encoder.LOG_STEP_RATIOS`) are finer than
+the unit.
 """
 WARNED_COUNT, WARNED_SHARE = 64, 0.5
 """Warning of a lattice that is too coarse: minimum number, and minimum fraction, of the new Gaussians of a group that
@@ -96,7 +96,7 @@ class KeyframeEncoder:
     def __init__(self, quality: Quality, packetization: Packetization, threads: int | None) -> None:
         self._quality, self._packetization, self._threads = quality, packetization, threads
         self._infos: list[tuple[int, list[SideInfo]]] = []
-        self._references: list[SideInfo] = []
+        self._motion_unit_infos: list[SideInfo] = []
         self._template: SideInfo | None = None
         self._warned = False
         self._median_class = 0
@@ -109,25 +109,25 @@ class KeyframeEncoder:
         begin a new shot.
         """
         shots, block = list[Shot](), 0
-        for (first_group, infos), reference in zip(self._infos, self._references, strict=True):
+        for (first_group, infos), unit_info in zip(self._infos, self._motion_unit_infos, strict=True):
             boxes = [info.boxes for info in infos]
             joined = Boxes(
                 *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "origins", "extents"))
             )
             info = replace(infos[0], boxes=joined, defaults=np.concatenate([i.defaults for i in infos]))
-            shots.append(Shot(first_group, block, info, self._spacing_to_first(reference)))
+            shots.append(Shot(first_group, block, info, self._spacing_to_first(unit_info)))
             block += len(info.defaults)
         return tuple(shots)
 
     @property
-    def reference(self) -> SideInfo:
+    def motion_unit_info(self) -> SideInfo:
         """Side information that determines the unit of motion in the current shot (see `shots`).
 
         The unit of motion is half the lattice spacing of this side information.
 
         It belongs to the current shot, or to an earlier shot with almost the same quantisation steps.
         """
-        return self._references[-1]
+        return self._motion_unit_infos[-1]
 
     @property
     def motion_spacing(self) -> int:
@@ -135,21 +135,21 @@ class KeyframeEncoder:
 
         A shot is a range of groups of frames that share quantisation parameters; a scene cut may begin a new shot.
         """
-        return self._spacing_to_first(self.reference) if self._references else 0
+        return self._spacing_to_first(self.motion_unit_info) if self._motion_unit_infos else 0
 
     def _spacing_to_first(self, info: SideInfo) -> int:
         return spacing_of(info, self._infos[0][1][0])
 
-    def shifts_of(self, rows: np.ndarray, coarser: np.ndarray) -> np.ndarray:
+    def shifts_of(self, rows: np.ndarray, log_step_ratios: np.ndarray) -> np.ndarray:
         """Returns log2 of the quantisation steps of the motion of tracks (Gaussians over time), int64 (n, channels).
 
         Args:
             rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
-            coarser: For each kind of channel, log2 of the factor by which the quantisation steps of motion are larger
-                than those of the keyframe Gaussian, int64 (kinds).
+            log_step_ratios: For each kind of channel, log2 of the factor by which the quantisation steps of motion are
+                larger than those of the keyframe Gaussian, int64 (kinds).
         """
         info = self._infos[-1][1][-1]
-        return motion_shifts(rows, info, coarser, spacing_of(info, self.reference))
+        return motion_shifts(rows, info, log_step_ratios, spacing_of(info, self.motion_unit_info))
 
     def encode(self, splats: Splats, classes: np.ndarray | None, group: int, *, cut: bool = False) -> CodedKeyframes:
         """Encodes the keyframe Gaussians of a group of frames.
@@ -206,8 +206,8 @@ class KeyframeEncoder:
             group: Index of the group of frames.
         """
         self._infos.append((group, [fitted.info]))
-        keep = self._references and spacing_of(fitted.info, self.reference) in KEPT_UNITS
-        self._references.append(self.reference if keep else fitted.info)
+        keep = self._motion_unit_infos and spacing_of(fitted.info, self.motion_unit_info) in KEPT_UNITS
+        self._motion_unit_infos.append(self.motion_unit_info if keep else fitted.info)
         self._template, self._median_class = fitted.info, int(np.median(fitted.source.classes))
         return self._coded(fitted)
 
@@ -277,7 +277,7 @@ class KeyframeEncoder:
             return encode_block(source.arranged(block, info), info, block, np.zeros(0, np.int64), most)
 
         order, rows, positions, digested, packets = [], [], [], [], []
-        spacing = spacing_of(info, self.reference)
+        spacing = spacing_of(info, self.motion_unit_info)
         for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads_for(plan))):
             starts = np.cumsum(coded.sizes) - coded.sizes
             for start, count, payload in zip(starts.tolist(), coded.sizes.tolist(), coded.payloads, strict=True):

@@ -66,8 +66,8 @@ class SequenceInfo:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
         shots: Side information of the keyframe Gaussians, one object per shot; a scene cut may begin a new shot.
-        coarser: For each kind of channel (position, rotation, scale, opacity, colour), log2 of the factor by which the
-            quantisation steps of motion are larger than those of the keyframe Gaussian, int64 (kinds).
+        log_step_ratios: For each kind of channel (position, rotation, scale, opacity, colour), log2 of the factor by
+            which the quantisation steps of motion are larger than those of the keyframe Gaussian, int64 (kinds).
         bit_zero: Initial probability that a bit is 0, for each adaptive bit model of motion, out of 2**8, int64
             (contexts).
         sections: Named sections, content by name.
@@ -77,7 +77,7 @@ class SequenceInfo:
     timeline: Timeline
     groups: tuple[Group, ...]
     shots: tuple[Shot, ...]
-    coarser: np.ndarray
+    log_step_ratios: np.ndarray
     bit_zero: np.ndarray
     sections: Mapping[str, bytes] = field(default_factory=dict)
     lifetimes: Lifetimes = field(default_factory=lambda: Lifetimes.joined([]))
@@ -133,7 +133,7 @@ def write_side_info(info: SequenceInfo) -> bytes:
     clip.u8(version)
     for value in (time.rate.numerator, time.rate.denominator, time.num_frames, time.group_frames):
         clip.unsigned(value)
-    for octaves in info.coarser.tolist():
+    for octaves in info.log_step_ratios.tolist():
         motion.signed(octaves)
     writer = ByteWriter()
     for part in (
@@ -168,13 +168,13 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
         raise BitstreamError(
             f"side information: {timeline.num_groups} groups of frames, the manifest has {len(groups)}"
         )
-    coarser, bit_zero = _read_motion(motion)
+    log_step_ratios, bit_zero = _read_motion(motion)
     sections = read_sections(reader.rest())
     size = manifest.packetization.block_size
     blocks = np.cumsum([0, *(-(-group.births // size) for group in groups)]).tolist()
     shots = _read_shots(keyframes, version, blocks)
     lifetimes = read_lifetimes(sections, [group.births for group in groups], timeline)
-    return SequenceInfo(timeline, groups, shots, coarser, bit_zero, sections, lifetimes)
+    return SequenceInfo(timeline, groups, shots, log_step_ratios, bit_zero, sections, lifetimes)
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
@@ -283,9 +283,9 @@ def _read_timeline(data: bytes) -> tuple[int, Timeline]:
 
 def _read_motion(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     reader = ByteReader(data, "side information of motion")
-    coarser = np.array([reader.signed() for _ in range(NUM_KINDS)], dtype=np.int64)
-    if np.abs(coarser).max() > MAX_OFFSET:
-        raise BitstreamError(f"side information: impossible steps of motion {coarser.tolist()}")
+    log_step_ratios = np.array([reader.signed() for _ in range(NUM_KINDS)], dtype=np.int64)
+    if np.abs(log_step_ratios).max() > MAX_OFFSET:
+        raise BitstreamError(f"side information: impossible steps of motion {log_step_ratios.tolist()}")
     zero = np.frombuffer(reader.take(NUM_CONTEXTS), np.uint8).astype(np.int64)
     reader.finish()
-    return coarser, np.clip(zero, 1, 255)
+    return log_step_ratios, np.clip(zero, 1, 255)

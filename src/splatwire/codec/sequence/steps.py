@@ -11,14 +11,14 @@ from splatwire.codec.sequence.layout import KIND_OF, MAX_COORD, NUM_CHANNELS
 MAX_SHIFT = 30
 
 
-def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spacing: int = 0) -> np.ndarray:
+def motion_shifts(rows: np.ndarray, info: KeyframeInfo, log_step_ratios: np.ndarray, spacing: int = 0) -> np.ndarray:
     """Returns log2 of the quantisation steps of the motion of tracks (Gaussians over time).
 
     Args:
         rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
         info: Side information of the keyframe Gaussians.
-        coarser: For each kind of channel, log2 of the factor by which the quantisation steps of motion are larger than
-            those of the keyframe Gaussian, int64 (kinds).
+        log_step_ratios: For each kind of channel, log2 of the factor by which the quantisation steps of motion are
+            larger than those of the keyframe Gaussian, int64 (kinds).
         spacing: log2 of half the lattice spacing of `info`, relative to the unit in which the motion of positions is
             coded.
 
@@ -31,7 +31,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
         columns, info.base_exponents, info.lattice_bits, max(info.max_position_shift, 0), flatness_table(), shifts
     )
     shifts[:, :3] += spacing
-    return np.clip(shifts + coarser[KIND_OF], 0, MAX_SHIFT)
+    return np.clip(shifts + log_step_ratios[KIND_OF], 0, MAX_SHIFT)
 
 
 def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -60,25 +60,25 @@ class Trajectories:
 
 
 @dataclass(frozen=True, eq=False)
-class Targets:
+class MotionCoefficients:
     """Motion of n tracks relative to their keyframe Gaussians, as polynomials over time before quantisation.
 
     Attributes:
         coefficients: Coefficients by channel of motion and degree of the polynomial, float64 (n, channels, frames), in
             the units that `layout.CHANNELS` lists.
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
-        turns: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
+        largest_rotation: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
         last: Rotation of each track in the last frame added, as a unit quaternion, float64 (n, 4).
     """
 
     coefficients: np.ndarray
     largest: np.ndarray
-    turns: np.ndarray
+    largest_rotation: np.ndarray
     last: np.ndarray
 
     @staticmethod
-    def zero(count: int, frames: int) -> "Targets":
-        """Returns `Targets` for tracks that do not move: all motion coefficients are 0.
+    def zero(count: int, frames: int) -> "MotionCoefficients":
+        """Returns `MotionCoefficients` for tracks that do not move: all motion coefficients are 0.
 
         Args:
             count: Number of tracks, n.
@@ -86,13 +86,13 @@ class Targets:
         """
         values, last = np.zeros((count, NUM_CHANNELS, frames)), np.zeros((count, 4))
         last[:, 0] = 1
-        return Targets(values, np.zeros((count, NUM_CHANNELS)), np.zeros(count), last)
+        return MotionCoefficients(values, np.zeros((count, NUM_CHANNELS)), np.zeros(count), last)
 
-    def select(self, index: np.ndarray | slice) -> "Targets":
+    def select(self, index: np.ndarray | slice) -> "MotionCoefficients":
         """Returns the coefficients of the tracks at `index`."""
-        return Targets(**{name: values[index] for name, values in vars(self).items()})
+        return MotionCoefficients(**{name: values[index] for name, values in vars(self).items()})
 
-    def put(self, index: np.ndarray, others: "Targets") -> None:
+    def put(self, index: np.ndarray, others: "MotionCoefficients") -> None:
         """Replaces the motion coefficients of the tracks at `index` by `others`."""
         for name, values in vars(self).items():
             values[index] = getattr(others, name)
@@ -104,14 +104,13 @@ class Targets:
 
 
 def add_frames(
-    targets: Targets, trajectories: Trajectories, keyframes: Trajectories, keyframe_indices: np.ndarray, begin: int,
-        end: int,
-    lattice_bits: int, size_log: int, threads: int | None = None,
+    motion: MotionCoefficients, trajectories: Trajectories, keyframes: Trajectories, keyframe_indices: np.ndarray,
+    begin: int, end: int, lattice_bits: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
     """Adds further frames to the polynomials that are fitted to the motion of tracks (Gaussians over time).
 
     Args:
-        targets: Polynomial coefficients of n tracks, changed in place.
+        motion: Polynomial coefficients of n tracks, changed in place.
         trajectories: Trajectories of the n tracks over all F frames of the group; frames from `end` on are ignored.
         keyframes: Keyframe Gaussians, as trajectories of one frame.
         keyframe_indices: Index in `keyframes` of the keyframe Gaussian of each track, int64 (n); tracks with a negative
@@ -128,7 +127,7 @@ def add_frames(
     def fit(rows: slice) -> None:
         _target_kernels.fit_motion(
             tuple(values[rows] for values in vars(trajectories).values()), keyframe_arrays, keyframe_indices[rows],
-            scale, luma, table, np.int64(begin), np.int64(end), *(values[rows] for values in vars(targets).values()),
+            scale, luma, table, np.int64(begin), np.int64(end), *(values[rows] for values in vars(motion).values()),
         )  # fmt: skip
 
     runs = [slice(first, first + RUN) for first in range(0, len(keyframe_indices), RUN)]

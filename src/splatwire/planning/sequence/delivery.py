@@ -10,7 +10,7 @@ from splatwire.channel import LossModel
 from splatwire.planning.transfer_model import TransferModel, simulate
 from splatwire.transport.fec import symbol_bytes_for
 from splatwire.transport.protocol.layout import init_segment, parity_groups
-from splatwire.transport.protocol.motion_parity import Arranged, GroupPackets, arrange, group_packets
+from splatwire.transport.protocol.motion_parity import GroupPackets, ProtectedOrder, group_packets, order_and_protect
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.send_schedule import build_send_schedule
 from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, PARITY_OVERHEAD
@@ -70,16 +70,16 @@ class MotionTransfer:
     model: TransferModel
 
     @staticmethod
-    def of(load: SequenceLoad, arranged: Arranged) -> "MotionTransfer":
+    def of(load: SequenceLoad, protected: ProtectedOrder) -> "MotionTransfer":
         """Builds the list of datagrams that a transfer sends: motion packets, and repair symbols (parity).
 
         Args:
             load: Sizes of the sequence's packets.
-            arranged: Sending order of the packets, and the ranges of packets that share parity.
+            protected: Sending order of the packets, and the ranges of packets that share parity.
         """
-        order, codes = np.array(arranged.order, np.int64), tuple(parity_groups(arranged.parity_ranges))
+        order, codes = np.array(protected.order, np.int64), tuple(parity_groups(protected.parity_ranges))
         timing = Protection(parity_until=0.0)  # repair symbols are sent among their packets
-        items = build_send_schedule([], arranged.parity_ranges, [code.repair for code in codes], timing, [len(order)])
+        items = build_send_schedule([], protected.parity_ranges, [code.repair for code in codes], timing, [len(order)])
         table = np.array(items, np.int64).reshape(-1, 3)
         kind, group, symbol = table.T
         size, data = np.full(len(table), load.parity_bytes), kind == DATA
@@ -110,9 +110,11 @@ def model_motion_transfer(load: SequenceLoad, protection: Protection, group: int
     """
     importance = load.importance.tolist()
     groups = range(len(load.groups)) if group is None else [group]
-    arranged = [arrange([load.groups[number]], importance, protection, number) for number in groups]
-    order = tuple(packet for part in arranged for packet in part.order)
-    return MotionTransfer.of(load, Arranged(order, tuple(one for part in arranged for one in part.parity_ranges)))
+    protected = [order_and_protect([load.groups[number]], importance, protection, number) for number in groups]
+    order = tuple(packet for part in protected for packet in part.order)
+    return MotionTransfer.of(
+        load, ProtectedOrder(order, tuple(one for part in protected for one in part.parity_ranges))
+    )
 
 
 def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed: int) -> set[PacketId]:

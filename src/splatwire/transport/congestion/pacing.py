@@ -67,7 +67,7 @@ class _Round:
     """Feedback of the receiver in one control round (about one round trip).
 
     Attributes:
-        began_at: Time at which the round began_at, seconds.
+        began_at: Time at which the round began, seconds.
         seen: Sent and lost datagrams.
         arrived_bytes: Estimated size of the received datagrams in bytes.
         seconds: Time in which these bytes were received, seconds.

@@ -156,7 +156,7 @@ class ParityGroupFinder:
     """
 
     def __init__(self, parity_ranges: Sequence[ParityRange]) -> None:
-        # groups are computed from the runs at each call: a table of all groups would need much memory
+        # Groups are computed from the ranges at each call: a table of all groups would need much memory
         self._ranges = tuple(parity_ranges)
         self.num_groups = sum(parity_range.groups for parity_range in self._ranges)
 

@@ -13,7 +13,7 @@ MAX_CODES = (MAX_PARITY_RANGES - 2) // 2
 """Maximum number of parity settings in a sequence; in longer sequences, neighbouring groups of pictures share one."""
 
 
-class Arranged(NamedTuple):
+class ProtectedOrder(NamedTuple):
     """Sending order and parity of the packets of one or more groups of pictures.
 
     Attributes:
@@ -49,13 +49,13 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
     packets_by_kind: list[tuple[list[int], list[int]]] = [([], []) for _ in groups]
     for number, packet in enumerate(packets):
         block = packet.id.block
-        packets_by_kind[plan.group_of_block(block)][0 if plan.persistent(block) else 1].append(number)
+        packets_by_kind[plan.group_of_block(block)][0 if plan.is_keyframe(block) else 1].append(number)
     return [GroupPackets(tuple(keyframes), tuple(motion)) for keyframes, motion in packets_by_kind]
 
 
-def arrange(
+def order_and_protect(
     groups: Sequence[GroupPackets], importance: Sequence[float] | None, protection: Protection, first: int = 0
-) -> Arranged:
+) -> ProtectedOrder:
     """Sorts packets for sending.
 
     In each group of pictures, keyframe packets come first, then motion packets with parity, then all other motion
@@ -88,7 +88,7 @@ def arrange(
         order += [*keyframes, *coded, *others]
         ranges += [ParityRange(len(keyframes), 0, 0), ParityRange(len(coded), codes if symbols else 0, symbols)]
         ranges.append(ParityRange(len(others), 0, 0))
-    return Arranged(tuple(order), _joined(ranges))
+    return ProtectedOrder(tuple(order), _joined(ranges))
 
 
 def _round_up(share: float) -> int:

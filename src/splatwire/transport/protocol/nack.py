@@ -22,7 +22,7 @@ from splatwire.transport.protocol.messages import MAX_NACKS
 # * interval between retransmissions of a packet: `transfer.RETRANSMIT_INTERVAL_S`, or 1.25 round-trip times if that is
 #   longer;
 # * packets that are retransmitted at all: `may_retransmit` of the served stream. For a live stream, these are keyframe
-#   Gaussians and the packets of the newest group (`live_session`), otherwise the packets up to
+#   Gaussians and the packets of the newest group (`live_packager`), otherwise the packets up to
 #   `Protection.retransmit_until`;
 # * retransmitted bytes as a share of the stream: `Protection.retransmit_share`;
 # * number of latest datagrams that NACKs may name by sequence number: `send_queue.MAX_LOGGED_DATAGRAMS`;

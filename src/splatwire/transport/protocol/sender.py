@@ -305,7 +305,7 @@ class Server:
         """Counts and logs a refused request, and returns the reason to send to the client.
 
         Returns:
-            Index into `datagrams.REFUSALS`; 0 for no response.
+            Index into `messages.REFUSALS`; 0 for no response.
         """
         if not refusal or (refusal == NOT_YET and request.name in self._updates):
             return refusal  # followers request the next update several times a second

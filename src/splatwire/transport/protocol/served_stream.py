@@ -17,7 +17,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, repair_symbols, source_symbols, symbol_bytes_for
 from splatwire.transport.protocol.layout import ParityGroup, SourceBlocks, init_segment, parity_groups
 from splatwire.transport.protocol.messages import MAX_PREVIEW, ParityRange
-from splatwire.transport.protocol.motion_parity import arrange, group_packets
+from splatwire.transport.protocol.motion_parity import group_packets, order_and_protect
 from splatwire.transport.protocol.protection import (
     MAX_INIT_SYMBOL_BYTES,
     Protection,
@@ -309,8 +309,8 @@ def _packets_in_order(
     if not stream.manifest.schema.timed or protection.tier_repair or protection.tier_spread:
         raise InvalidValueError("parity for the motion of groups of frames is for a clip, and excludes that for tiers")
     costs = None if importance is None else [importance.get(packet.id, 0.0) for packet in ordered]
-    arranged = arrange(group_packets(ordered, plan), costs, protection)
-    return [ordered[number] for number in arranged.order], arranged.parity_ranges
+    protected = order_and_protect(group_packets(ordered, plan), costs, protection)
+    return [ordered[number] for number in protected.order], protected.parity_ranges
 
 
 def default_symbol_bytes(num_bytes: int) -> int:

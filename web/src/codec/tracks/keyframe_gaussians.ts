@@ -117,8 +117,8 @@ function scaledCoord(coord: number, scale: number): number {
   return Math.min(Math.max(Math.floor(coord * scale), -MAX_COORD), MAX_COORD);
 }
 
-function stepsOf({ coarser }: SequenceInfo, { keyframeInfo, spacing }: Shot): MotionSteps {
-  return new MotionSteps(keyframeInfo, coarser, spacing);
+function stepsOf({ logStepRatios }: SequenceInfo, { keyframeInfo, spacing }: Shot): MotionSteps {
+  return new MotionSteps(keyframeInfo, logStepRatios, spacing);
 }
 
 function copyInto<T extends Int32Array | Float64Array>(old: T, larger: T): T {

@@ -83,28 +83,38 @@ export class TrackSchema implements Schema<GaussianPart> {
 
   /** Memory of decoded keyframe Gaussians, bytes. Motion is decoded later and has its own limit. */
   bytesOf(packet: Packet): number {
-    return this.plan.tierOf(packet.block) % 2 ? 0 : packet.count * (splatBytes(this.degree) + TRACK_BYTES);
+    return this.#isMotion(packet.block) ? 0 : packet.count * (splatBytes(this.degree) + TRACK_BYTES);
   }
 
   read(packet: Packet): GaussianPart {
     const decoded = this.decode(packet);
     if (decoded) return this.accept(packet, decoded);
-    this.sequence.addMotion(this.plan.tierOf(packet.block) >> 1, packet);
+    this.sequence.addMotion(this.#groupOf(packet.block), packet);
     return new GaussianPart(packet, emptySplats(0, this.degree), () => new Int32Array());
   }
 
   /** Decodes a packet of keyframe Gaussians. Motion is decoded when it is drawn, because it needs them. */
   decode({ payload, block, count }: Packet): DecodedPacket | null {
-    if (this.plan.tierOf(block) % 2) return null;
+    if (this.#isMotion(block)) return null;
     const keyframeBlock = this.#keyframeBlock(block),
       shot = shotOf(this.info, keyframeBlock),
       symbols = this.#decode(payload, keyframeBlock, count);
     return { symbols, splats: toSplats(symbols, shot.keyframeInfo, keyframeBlock - shot.firstBlock) };
   }
 
+  /** True for blocks of motion. A group has two tiers: keyframe Gaussians, then motion. */
+  #isMotion(block: number): boolean {
+    return this.plan.tierOf(block) % 2 === 1;
+  }
+
+  /** Returns the group of a block of the plan. */
+  #groupOf(block: number): number {
+    return this.plan.tierOf(block) >> 1;
+  }
+
   /** Returns the index of a block of the plan among all blocks of keyframe Gaussians. */
   #keyframeBlock(block: number): number {
-    const { keyframeBlock, planBlock } = this.#firsts[this.plan.tierOf(block) >> 1];
+    const { keyframeBlock, planBlock } = this.#firsts[this.#groupOf(block)];
     return keyframeBlock + block - planBlock;
   }
 
@@ -115,7 +125,7 @@ export class TrackSchema implements Schema<GaussianPart> {
   }
 
   accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianPart {
-    const group = this.plan.tierOf(packet.block) >> 1,
+    const group = this.#groupOf(packet.block),
       { planBlock, firstTrack } = this.#firsts[group],
       block = packet.block - planBlock,
       first = firstTrack + block * (block ? this.plan.blockCount(planBlock) : 0) + packet.lane;
@@ -132,10 +142,8 @@ export class TrackSchema implements Schema<GaussianPart> {
         numbers: Int32Array[][] = [[], []];
       for (const packet of packets) {
         await pause();
-        const tier = this.plan.tierOf(packet.block),
-          group = tier >> 1;
-        if (tier % 2) {
-          const { headers, residuals } = this.#motion(packet, group);
+        if (this.#isMotion(packet.block)) {
+          const { headers, residuals } = this.#motion(packet, this.#groupOf(packet.block));
           numbers[0].push(headers);
           numbers[1].push(residuals);
         } else {

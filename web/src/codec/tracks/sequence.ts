@@ -57,7 +57,7 @@ interface DecodedGroup extends Omit<TrackOffsets, "offsets">, ConcealedTracks {
   readonly hidden: Uint8Array;
   /** Gains of size and opacity that cover hidden tracks, shape (rows, 2); null if none are covered. */
   readonly gains: Float32Array | null;
-  readonly shown: (packet: Packet) => boolean;
+  readonly isReceived: (packet: Packet) => boolean;
   readonly concealer: string;
   readonly endState: ConcealmentState;
 }
@@ -160,12 +160,16 @@ export class Sequence implements SequenceDecoder {
   }
 
   /**
-   * Returns a frame. Conceals the motion of packets that are lost or rejected by `shown`. With `reuse`, its Gaussians
-   * are valid until the next call.
+   * Returns a frame. Conceals the motion of packets that are lost or rejected by `isReceived`. With `reuse`, its
+   * Gaussians are valid until the next call.
    */
-  frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion", reuse = false): SequenceFrame {
+  frame(number: number, isReceived: (packet: Packet) => boolean, concealer = "motion", reuse = false): SequenceFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
-      { keyframeIndices, begins, ends, batches, concealed, hidden, gains } = this.#decodeGroup(group, shown, concealer),
+      { keyframeIndices, begins, ends, batches, concealed, hidden, gains } = this.#decodeGroup(
+        group,
+        isReceived,
+        concealer,
+      ),
       at = number - group * this.info.timeline.groupFrames,
       here = drawnRows(begins, ends, hidden, at),
       tracks = here.map((n) => this.#keyframes.tracks[keyframeIndices[n]]);
@@ -209,14 +213,16 @@ export class Sequence implements SequenceDecoder {
     }
   }
 
-  #decodeGroup(group: number, shown: (packet: Packet) => boolean, concealer: string): DecodedGroup {
+  #decodeGroup(group: number, isReceived: (packet: Packet) => boolean, concealer: string): DecodedGroup {
     const played = this.#current;
     const same =
-      played?.shown === shown && played.concealer === concealer && played.numKeyframes === this.#keyframes.count;
+      played?.isReceived === isReceived &&
+      played.concealer === concealer &&
+      played.numKeyframes === this.#keyframes.count;
     if (same && played.group === group) return played;
     if (played && played.group !== group) this.#previous = played.endState;
     const before = this.#previous?.group === group - 1 ? this.#previous : null,
-      found = this.#conceal(group, this.#receivedMotion(group, shown), before, shown, concealer);
+      found = this.#conceal(group, this.#receivedMotion(group, isReceived), before, isReceived, concealer);
     this.#current = found;
     return found;
   }
@@ -227,7 +233,7 @@ export class Sequence implements SequenceDecoder {
    */
   #receivedMotion(
     group: number,
-    shown: (packet: Packet) => boolean,
+    isReceived: (packet: Packet) => boolean,
   ): { received: ReceivedTracks; covered: Uint8Array } {
     const { info } = this,
       keyframes = this.#keyframes,
@@ -236,7 +242,7 @@ export class Sequence implements SequenceDecoder {
       found: DecodedMotion[] = [];
     let rows = 0;
     this.#check(rows, frames);
-    for (const packet of this.#motion[group].filter(shown)) {
+    for (const packet of this.#motion[group].filter(isReceived)) {
       const decoded = this.#decode(group, packet);
       if (!decoded) continue;
       found.push(decoded);
@@ -294,7 +300,7 @@ export class Sequence implements SequenceDecoder {
     group: number,
     { received, covered }: { received: ReceivedTracks; covered: Uint8Array },
     before: ConcealmentState | null,
-    shown: (packet: Packet) => boolean,
+    isReceived: (packet: Packet) => boolean,
     concealer: string,
   ): DecodedGroup {
     const { info } = this,
@@ -340,7 +346,7 @@ export class Sequence implements SequenceDecoder {
       hidden,
       gains,
       group,
-      shown,
+      isReceived,
       concealer,
       numKeyframes: keyframes.count,
       endState: this.#concealmentState(group, found, batches, before, frames),

@@ -34,7 +34,7 @@ export interface SequenceInfo {
   /** Side information of the keyframe Gaussians of the first shot. */
   readonly keyframeInfo: SideInfo;
   /** Ratio of motion steps to those of the keyframe Gaussian in octaves, per kind of channel. */
-  readonly coarser: readonly number[];
+  readonly logStepRatios: readonly number[];
   /** Initial state of the adaptive models of each motion packet, two estimates per context. */
   readonly models: Int32Array;
   readonly sections: Map<string, Uint8Array>;
@@ -161,10 +161,10 @@ function groupsOf({ tiers }: Manifest): Group[] {
   return groups;
 }
 
-function readMotion(bytes: Uint8Array): Pick<SequenceInfo, "coarser" | "models"> {
+function readMotion(bytes: Uint8Array): Pick<SequenceInfo, "logStepRatios" | "models"> {
   const reader = new ByteReader(bytes, "side information of motion"),
-    coarser = Array.from({ length: NUM_KINDS }, () => reader.signed());
-  if (coarser.some((octaves) => Math.abs(octaves) > MAX_OFFSET))
+    logStepRatios = Array.from({ length: NUM_KINDS }, () => reader.signed());
+  if (logStepRatios.some((octaves) => Math.abs(octaves) > MAX_OFFSET))
     throw new BitstreamError("side information: a step of motion is out of range");
   const zero = reader.take(NUM_CONTEXTS);
   reader.finish();
@@ -172,5 +172,5 @@ function readMotion(bytes: Uint8Array): Pick<SequenceInfo, "coarser" | "models">
     { length: 2 * NUM_CONTEXTS },
     (_, i) => Math.min(Math.max(zero[i >> 1], 1), 255) * 256,
   );
-  return { coarser, models };
+  return { logStepRatios, models };
 }

@@ -34,7 +34,7 @@ export class MotionSteps {
 
   constructor(
     readonly info: SideInfo,
-    readonly coarser: readonly number[],
+    readonly logStepRatios: readonly number[],
     /** Half the lattice spacing of `info` in units of motion, log2. */
     readonly spacing: number,
   ) {
@@ -70,6 +70,6 @@ export class MotionSteps {
     out[at + 6] = steps.shift(STEP_SCALE0, precisionClass, 0, 0, 0, opacity, BITS - 1);
     out[at + 7] = steps.shift(STEP_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
     out[at + 8] = Math.min(last + (flatness >> BITS), BITS - 1);
-    for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = limitShift(out[at + c] + this.coarser[KIND_OF[c]]);
+    for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = limitShift(out[at + c] + this.logStepRatios[KIND_OF[c]]);
   }
 }

@@ -9,7 +9,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import MAX_SYMBOLS, symbol_bytes_for
 from splatwire.transport.protocol.layout import init_segment
 from splatwire.transport.protocol.messages import ParityRange
-from splatwire.transport.protocol.motion_parity import Arranged, GroupPackets, arrange
+from splatwire.transport.protocol.motion_parity import GroupPackets, ProtectedOrder, order_and_protect
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.send_schedule import build_send_schedule
 from splatwire.transport.protocol.served_stream import (
@@ -33,7 +33,7 @@ ImportanceFunction = Callable[[Sequence[Packet]], Sequence[float]]
 
 
 @dataclass(frozen=True, eq=False)
-class LiveState(ServedStream):
+class LiveSnapshot(ServedStream):
     """Live stream prepared for sending, in its state after a new group of pictures.
 
     Attributes:
@@ -55,7 +55,7 @@ class LiveState(ServedStream):
         return index < len(self.packets) and (index >= self.newest or bool(self.persistent[index]))
 
 
-class LiveSession:
+class LivePackager:
     """Prepares a growing live stream for sending, each time a group of pictures is complete.
 
     Args:
@@ -73,7 +73,7 @@ class LiveSession:
         self._parity: tuple[tuple[bytes, ...], ...] = ()
         self._group_schedule: tuple[tuple[int, int, int], ...] = ()
 
-    def add(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> LiveState:
+    def add(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> LiveSnapshot:
         """Adds a group of pictures and returns the new state of the stream.
 
         Args:
@@ -90,36 +90,36 @@ class LiveSession:
             if not self._persistent[index]:
                 self._packets[index] = b""
         self._first_of_group = len(self._packets)
-        ordered = sorted(packets, key=lambda packet: not plan.persistent(packet.id.block))
-        arranged = self._arranged(ordered, manifest)
-        for packet in (ordered[number] for number in arranged.order):
+        ordered = sorted(packets, key=lambda packet: not plan.is_keyframe(packet.id.block))
+        protected = self._order_and_protect(ordered, manifest)
+        for packet in (ordered[number] for number in protected.order):
             named = make_packet(packet.id, packet.num_elements, packet.payload, manifest.stream_id)
             if len(named.data) > MAX_PACKET_BYTES:
                 raise InvalidValueError(f"a packet of {len(named.data)} bytes fits no datagram")
             self._packets.append(named.data)
-            self._persistent.append(plan.persistent(packet.id.block))
+            self._persistent.append(plan.is_keyframe(packet.id.block))
         if len(self._packets) != manifest.num_packets:
             raise InvalidValueError(f"{len(self._packets)} packets, and the manifest says {manifest.num_packets}")
-        self._protect(arranged.parity_ranges)
-        return self._state(manifest, side_info, more=True)
+        self._protect(protected.parity_ranges)
+        return self._snapshot(manifest, side_info, more=True)
 
-    def end(self, manifest: Manifest, side_info: bytes) -> LiveState:
+    def end(self, manifest: Manifest, side_info: bytes) -> LiveSnapshot:
         """Returns the final state of the live stream, which marks the end for clients.
 
         Args:
             manifest: Manifest of the whole stream.
             side_info: Side information of the whole stream.
         """
-        return self._state(manifest, side_info, more=False)
+        return self._snapshot(manifest, side_info, more=False)
 
-    def _arranged(self, ordered: Sequence[Packet], manifest: Manifest) -> Arranged:
+    def _order_and_protect(self, ordered: Sequence[Packet], manifest: Manifest) -> ProtectedOrder:
         plan, (share, repair) = manifest.plan, self._protection.motion_of(self._num_groups)
         importance = self._importance(ordered) if self._importance and repair and share < 1 else None
-        persistent = [plan.persistent(packet.id.block) for packet in ordered]
-        kinds = ([n for n, is_persistent in enumerate(persistent) if is_persistent is kind] for kind in (True, False))
+        is_keyframe = [plan.is_keyframe(packet.id.block) for packet in ordered]
+        kinds = ([n for n, found in enumerate(is_keyframe) if found is kind] for kind in (True, False))
         group = GroupPackets(*map(tuple, kinds))
         self._num_groups += 1
-        return arrange([group], importance, self._protection, self._num_groups - 1)
+        return order_and_protect([group], importance, self._protection, self._num_groups - 1)
 
     def _protect(self, ranges: tuple[ParityRange, ...]) -> None:
         """Computes the repair symbols and the sending order of the newest group of pictures."""
@@ -141,7 +141,7 @@ class LiveSession:
         )
         self._num_parity_groups = num_earlier + len(parity)
 
-    def _state(self, manifest: Manifest, side_info: bytes, *, more: bool) -> LiveState:
+    def _snapshot(self, manifest: Manifest, side_info: bytes, *, more: bool) -> LiveSnapshot:
         data = init_segment(manifest, side_info)
         symbol_bytes = default_symbol_bytes(len(data))
         init_symbols, scheduled = encode_init_segment(data, symbol_bytes, self._protection)
@@ -151,7 +151,7 @@ class LiveSession:
             for symbol in range(count)
         ]
         keyframes = ((DATA, 0, n) for n in range(self._first_of_group) if self._persistent[n])
-        return LiveState(
+        return LiveSnapshot(
             manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols,
             tuple(self._packets), MAX_PACKET_BYTES, 0, self._parity_ranges or (ParityRange(0, 0, 0),), self._parity,
             (*init_items, *keyframes, *self._group_schedule), is_live=more, persistent=bytes(self._persistent),
