@@ -96,7 +96,7 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion
     coder = MotionCoder(*moving_rows(frames), every, first_new=0, most=60_000, costs=np.ones(MAX_CANDIDATES))
     zero = coder.fitted([(0, MAX_CANDIDATES)], 1)
     timeline = Timeline(info.timeline.rate, frames, frames)
-    info = replace(info, timeline=timeline, shots=(Shot(0, 0, base),), bit_zero=zero, sections={})
+    info = replace(info, timeline=timeline, shots=(Shot(0, 0, base),), zero_probabilities=zero, sections={})
     tiers, sizes = (TierShape(num, 1), TierShape(num, 1)), [CUT.block_size] * blocks
     stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_CANDIDATES)
     packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes[:bases])]

@@ -80,7 +80,7 @@ class ReferencePacket(ReferenceBits):
     """
 
     def __init__(self, info: SideInfo, block: int, payload: bytes, count: int) -> None:
-        super().__init__(payload, [int(z) << 8 for z in info.bit_zero])
+        super().__init__(payload, [int(z) << 8 for z in info.zero_probabilities])
         self.info, self.count = info, count
         self.running = self.shift = 0
         self.absolute = info.max_position_shift >= 0

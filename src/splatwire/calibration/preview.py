@@ -24,7 +24,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import lower_median, to_numpy
 from splatwire.ops.knn import nearest_neighbors
 from splatwire.render import iterate_views
-from splatwire.render.cpu import Picture, float_arrays, keep_freed_memory, render_cpu
+from splatwire.render.cpu import ViewRasterizer, float_arrays, keep_freed_memory, render_cpu
 from splatwire.render.importance import footprint_importance
 from splatwire.types import Cameras, Gaussians
 
@@ -326,7 +326,7 @@ class _DifferentiablePicture:
 
     def __init__(self, gaussians: Gaussians, cameras: Cameras, view: int, background: np.ndarray) -> None:
         self._arrays = float_arrays(gaussians)
-        self._picture = Picture(self._arrays, cameras, view, kept=True)
+        self._picture = ViewRasterizer(self._arrays, cameras, view, kept=True)
         self.image, self._left_over = self._picture.draw(background)
 
     def gradients(self, d_image: np.ndarray) -> tuple[list[np.ndarray], Float[np.ndarray, "3"]]:

@@ -20,7 +20,7 @@ from splatwire.finetuning.sparsity import HarmonicCost
 from splatwire.ops.adam import update_run
 from splatwire.ops.threads import one_blas_thread
 from splatwire.render.antialiasing import compensated
-from splatwire.render.cpu import Picture, float_arrays, keep_freed_memory
+from splatwire.render.cpu import ViewRasterizer, float_arrays, keep_freed_memory
 from splatwire.render.precision import MEASURED_VIEWS, precision_classes
 from splatwire.render.precision import SIZE as MEASURED_SIZE
 from splatwire.types import Cameras, SplatCoding, SplatScene
@@ -239,7 +239,7 @@ def picture_gradients(
     if scene.antialiased:
         seen = compensated(seen, cameras, view)
     arrays = float_arrays(seen)
-    picture = Picture(arrays, cameras, view, kept=True)
+    picture = ViewRasterizer(arrays, cameras, view, kept=True)
     image, _ = picture.draw(np.array(scene.background, np.float32))
     difference = np.clip(image, 0, 1) - target
     if mask is not None:

@@ -41,7 +41,7 @@ def render_cpu(
     """
     keep_freed_memory()
     arrays, behind = float_arrays(gaussians), np.asarray(background, np.float32)
-    views = [Picture(arrays, cameras, view, kept=False).draw(behind)[0] for view in range(cameras.num_views)]
+    views = [ViewRasterizer(arrays, cameras, view, kept=False).draw(behind)[0] for view in range(cameras.num_views)]
     return np.stack(views) if len(views) > 1 else views[0][None]  # avoids a copy of a large image
 
 
@@ -71,7 +71,7 @@ def each_gradient_cpu(
     # gradients is back-propagated before the next is requested.
     keep_freed_memory()
     arrays = float_arrays(gaussians)
-    picture = Picture(arrays, cameras, 0, kept=True)
+    picture = ViewRasterizer(arrays, cameras, 0, kept=True)
     image, _ = picture.draw(np.zeros(3, np.float32) if background is None else background)
     for gradient in d_image(image.shape):
         picture.each_gradient(arrays, image, gradient, on_gradients)
@@ -106,7 +106,7 @@ class _Band(NamedTuple):
     entry_starts: np.ndarray
 
 
-class Picture:
+class ViewRasterizer:
     """Renders one view on the CPU, and computes the gradients of the image.
 
     Args:

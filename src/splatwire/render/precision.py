@@ -24,7 +24,7 @@ from splatwire.ops.twister import Twister
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.antialiasing import compensated
 from splatwire.render.closeups import closeup_cameras
-from splatwire.render.cpu import Picture, each_gradient_cpu, float_arrays
+from splatwire.render.cpu import ViewRasterizer, each_gradient_cpu, float_arrays
 from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import cameras_around_splats, surrounding_cameras
 from splatwire.types import Cameras, SplatScene
@@ -243,7 +243,7 @@ def measure_further_removal(
         seen = splats.seen_from(to_numpy(cameras.centers[view]))
         seen = compensated(seen, cameras, view) if pruned.antialiased else seen
         arrays, opacities = float_arrays(seen), seen.opacities.astype(np.float64)
-        picture = Picture(arrays, cameras, view, kept=True)
+        picture = ViewRasterizer(arrays, cameras, view, kept=True)
         image, _ = picture.draw(behind)
         by_sign = picture.gradients(arrays, image, rng.signs(image.shape))
         own_error += np.square(by_sign[3] * opacities) + _HIDDEN_CONTRAST**2 * np.square(by_sign[4]).sum(axis=1)

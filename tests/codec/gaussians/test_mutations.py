@@ -99,10 +99,10 @@ def rebuilt(stream: SceneStream, side_info: bytes, packets: list) -> SceneStream
 def changed_fields(stream: SceneStream, rng: np.random.Generator) -> bytes:
     """Side information with some changed numbers."""
     info = read_side_info(stream.side_info, stream.manifest.plan.num_blocks)
-    names = ("base_exponents", "transform", "defaults", "bit_zero", "scales")
+    names = ("base_exponents", "transform", "defaults", "zero_probabilities", "scales")
     arrays = {name: getattr(info, name).copy() for name in names}
     arrays |= {name: getattr(info.boxes, name).copy() for name in ("shifts", "origins", "extents")}
-    ranges = {"transform": (-128, 127), **dict.fromkeys(("bit_zero", "shifts", "extents"), (0, 255))}
+    ranges = {"transform": (-128, 127), **dict.fromkeys(("zero_probabilities", "shifts", "extents"), (0, 255))}
     ranges |= dict.fromkeys(("defaults", "scales"), (-(2**31), 2**31))
     numbers = {"size_log": info.size_log, "lattice_bits": info.lattice_bits}
     for _ in range(rng.integers(1, 4)):

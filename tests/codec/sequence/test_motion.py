@@ -52,7 +52,9 @@ def test_motion_packets_decode_as_in_the_reference(stream, info, group):
     for packet in packets:
         counts = np.array([packet.num_elements])
         heads, residuals, orders = decode_motion(info, group, counts, [packet.payload], first_new)
-        plain = ReferenceMotion(packet.payload, info.bit_zero.tolist(), packet.num_elements, GROUP, first_new).decode()
+        plain = ReferenceMotion(
+            packet.payload, info.zero_probabilities.tolist(), packet.num_elements, GROUP, first_new
+        ).decode()
         assert heads.tolist() == plain[0]
         assert residuals.reshape(-1, NUM_CHANNELS, GROUP).tolist() == plain[1]
         behind = np.arange(GROUP) >= orders[0][KIND_OF][:, None]
@@ -67,7 +69,7 @@ def test_altered_motion_packets_decode_as_in_the_reference(stream, info, seed):
         payload[place] = rng.integers(0, 256)
     altered = bytes(payload)
     heads, residuals, _ = decode_motion(info, 0, np.array([packet.num_elements]), [altered], 0)
-    plain = ReferenceMotion(altered, info.bit_zero.tolist(), packet.num_elements, GROUP, 0).decode()
+    plain = ReferenceMotion(altered, info.zero_probabilities.tolist(), packet.num_elements, GROUP, 0).decode()
     found = len(plain[0])
     assert heads[:found].tolist() == plain[0]
     assert (heads[found:] == -1).all()

@@ -13,7 +13,7 @@ from splatwire.codec.background import BACKGROUND
 from splatwire.codec.gaussians import _packet_kernels as kernels
 from splatwire.codec.gaussians.attributes import fit_transform, to_harmonics
 from splatwire.codec.gaussians.blocks import make_boxes
-from splatwire.codec.gaussians.fit import empty_statistics, first_scales, fit_bits, fit_scales
+from splatwire.codec.gaussians.fit import empty_statistics, first_scales, fit_scales, fit_zero_probabilities
 from splatwire.codec.gaussians.layout import COLUMNS, NUM_CONTEXTS
 from splatwire.codec.gaussians.quality import quality_of
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_side_info
@@ -119,7 +119,7 @@ def fit_side_info(
         np.clip(means, -511, 511),
     )
     if template is not None:
-        return SideInfo(*fields, template.bit_zero, template.scales, sections)
+        return SideInfo(*fields, template.zero_probabilities, template.scales, sections)
     unfitted, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
 
     blocks = scene.sample_blocks()
@@ -138,7 +138,7 @@ def fit_side_info(
     for some_bits, some_residuals in ordered_map(count, blocks, threads):
         bits += some_bits
         residuals += some_residuals
-    return SideInfo(*fields, fit_bits(bits), fit_scales(residuals), sections)
+    return SideInfo(*fields, fit_zero_probabilities(bits), fit_scales(residuals), sections)
 
 
 def scene_transform(scene: SourceScene) -> np.ndarray:

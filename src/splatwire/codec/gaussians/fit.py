@@ -43,7 +43,7 @@ def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def fit_bits(counts: np.ndarray) -> np.ndarray:
+def fit_zero_probabilities(counts: np.ndarray) -> np.ndarray:
     """Computes the initial probability that a bit is 0, for each adaptive bit model, from counts of coded bits.
 
     Args:

@@ -62,7 +62,8 @@ class SideInfo:
             `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
         defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
-        bit_zero: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of 2**8.
+        zero_probabilities: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of
+            2**8.
         scales: int64 (A, B, C), one integer for each context of residuals. A context has three indices (see `Coder`).
             The integer, multiplied by `SCALE_UNIT`, is the index of the standard deviation in the coder's table.
         sections: Named sections, content by name.
@@ -76,7 +77,7 @@ class SideInfo:
     transform: np.ndarray
     boxes: Boxes
     defaults: np.ndarray
-    bit_zero: np.ndarray
+    zero_probabilities: np.ndarray
     scales: np.ndarray
     sections: Mapping[str, bytes] = field(default_factory=dict)
 
@@ -101,7 +102,7 @@ class SideInfo:
 
     def models(self) -> np.ndarray:
         """Returns the initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2)."""
-        return np.repeat(self.bit_zero[:, None] << 8, 2, axis=1)
+        return np.repeat(self.zero_probabilities[:, None] << 8, 2, axis=1)
 
     @functools.cached_property
     def harmonics_inverse(self) -> tuple[np.ndarray, np.ndarray]:
@@ -288,7 +289,7 @@ def _write_contexts(info: SideInfo) -> bytes:
     """Serialises the initial probability tables of the entropy coder."""
     # A probability is one byte. A difference of scales is a flag, and the number itself if it is not 0.
     writer, steps = ByteWriter(), np.diff(info.scales, axis=2, prepend=0)
-    writer.blob(bytes(info.bit_zero[: _num_contexts(info.degree)].astype(np.uint8)))
+    writer.blob(bytes(info.zero_probabilities[: _num_contexts(info.degree)].astype(np.uint8)))
     changed = (steps != 0).ravel()
     writer.blob(encode_bits(changed.astype(np.uint8), _change_contexts(), fresh_models(2)))
     write_integers(writer, steps.ravel()[changed])

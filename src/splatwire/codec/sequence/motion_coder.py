@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatwire.bitstream import Packet, PacketId, make_packet
-from splatwire.codec.gaussians.fit import fit_bits
+from splatwire.codec.gaussians.fit import fit_zero_probabilities
 from splatwire.codec.sequence import _packet_kernels as kernels
 from splatwire.codec.sequence.layout import BEGINS, ENDS, HEAD, NUM_CHANNELS, NUM_CONTEXTS, STATE, STILL
 from splatwire.codec.threads import ordered_map
@@ -118,7 +118,7 @@ class MotionCoder:
         coder = self
         for _ in range(FITTED_ROUNDS):
             coded = list(ordered_map(functools.partial(coder.encode, zero), samples, threads))
-            zero = fit_bits(np.sum([block.counts for block in coded], axis=0))
+            zero = fit_zero_probabilities(np.sum([block.counts for block in coded], axis=0))
             coder = replace(self, costs=self.costs.copy())
             for (begin, end), block in zip(samples, coded, strict=True):
                 coder.costs[begin:end] = block.costs

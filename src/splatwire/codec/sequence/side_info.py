@@ -68,8 +68,8 @@ class SequenceInfo:
         shots: Side information of the keyframe Gaussians, one object per shot; a scene cut may begin a new shot.
         log_step_ratios: For each kind of channel (position, rotation, scale, opacity, colour), log2 of the factor by
             which the quantisation steps of motion are larger than those of the keyframe Gaussian, int64 (kinds).
-        bit_zero: Initial probability that a bit is 0, for each adaptive bit model of motion, out of 2**8, int64
-            (contexts).
+        zero_probabilities: Initial probability that a bit is 0, for each adaptive bit model of motion, out of 2**8,
+            int64 (contexts).
         sections: Named sections, content by name.
         lifetimes: Lifetimes of tracks.
     """
@@ -78,7 +78,7 @@ class SequenceInfo:
     groups: tuple[Group, ...]
     shots: tuple[Shot, ...]
     log_step_ratios: np.ndarray
-    bit_zero: np.ndarray
+    zero_probabilities: np.ndarray
     sections: Mapping[str, bytes] = field(default_factory=dict)
     lifetimes: Lifetimes = field(default_factory=lambda: Lifetimes.joined([]))
 
@@ -123,7 +123,7 @@ class SequenceInfo:
 
     def models(self) -> np.ndarray:
         """Returns the adaptive bit models in their state at the start of every motion packet, int64 (contexts, 2)."""
-        return np.repeat(self.bit_zero[:, None] << 8, 2, axis=1)
+        return np.repeat(self.zero_probabilities[:, None] << 8, 2, axis=1)
 
 
 def write_side_info(info: SequenceInfo) -> bytes:
@@ -139,7 +139,7 @@ def write_side_info(info: SequenceInfo) -> bytes:
     for part in (
         clip.bytes(),
         _write_shots(info.shots, version),
-        motion.bytes() + bytes(info.bit_zero.astype(np.uint8)),
+        motion.bytes() + bytes(info.zero_probabilities.astype(np.uint8)),
     ):
         writer.blob(part)
     return writer.bytes() + write_sections(info.sections)
@@ -168,13 +168,13 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
         raise BitstreamError(
             f"side information: {timeline.num_groups} groups of frames, the manifest has {len(groups)}"
         )
-    log_step_ratios, bit_zero = _read_motion(motion)
+    log_step_ratios, zero_probabilities = _read_motion(motion)
     sections = read_sections(reader.rest())
     size = manifest.packetization.block_size
     blocks = np.cumsum([0, *(-(-group.births // size) for group in groups)]).tolist()
     shots = _read_shots(keyframes, version, blocks)
     lifetimes = read_lifetimes(sections, [group.births for group in groups], timeline)
-    return SequenceInfo(timeline, groups, shots, log_step_ratios, bit_zero, sections, lifetimes)
+    return SequenceInfo(timeline, groups, shots, log_step_ratios, zero_probabilities, sections, lifetimes)
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.render.base import Drawing
-from splatwire.render.cpu import Picture, keep_freed_memory
+from splatwire.render.cpu import ViewRasterizer, keep_freed_memory
 from splatwire.types import Cameras, Gaussians
 
 
@@ -70,7 +70,7 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, cameras: Cameras, view: int, probe: Tensor | None, *inputs: Tensor) -> Tensor:
         *arrays, background = (t.detach().numpy() for t in inputs)
-        picture = Picture(arrays, cameras, view, kept=any(ctx.needs_input_grad))
+        picture = ViewRasterizer(arrays, cameras, view, kept=any(ctx.needs_input_grad))
         image, left_over = picture.draw(background)
         ctx.picture, ctx.left_over, ctx.has_probe = picture, left_over, probe is not None
         result = torch.from_numpy(image)
