@@ -150,16 +150,17 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     positions = replace(known, codes=morton_encode(voxels - known.origin))
     steps = scene.causal.steps.astype(np.float64)
     logs = anchors.scalings.astype(np.float64)[:, [0, 3, 4, 5]]
-    form = (np.log(logs) - scene.causal.centres.astype(np.float64)) / steps[len(layout.feature_groups) :][[0, 1, 1, 1]]
+    log_steps = steps[len(layout.feature_groups) :][[0, 1, 1, 1]]
+    log_sizes = (np.log(logs) - scene.causal.zero_points.astype(np.float64)) / log_steps
     feature = anchors.features.astype(np.float64) / np.repeat(
         steps[: len(layout.feature_groups)], layout.feature_groups
     )
     values = np.concatenate(
-        [feature, form, anchors.offsets.reshape(len(anchors.offsets), -1).astype(np.float64) / steps[-1]], axis=1
+        [feature, log_sizes, anchors.offsets.reshape(len(anchors.offsets), -1).astype(np.float64) / steps[-1]], axis=1
     )
     masks = anchors.mask.astype(np.uint8)
     found = quantise(context, positions, masks, values, 0.0)
-    without = replace(found, positions=replace(positions, unknown=np.zeros_like(known.unknown)))
+    without = replace(found, positions=replace(positions, num_low_bits=np.zeros_like(known.num_low_bits)))
     place = float((anchor_bits(context, found) - anchor_bits(context, without)).mean())
     spread = -torch.from_numpy(np.log2(inverse_scale_table()[found.scales] / 2.0**20))
     each = value_bits(torch.from_numpy(found.symbols), torch.zeros(1), spread).numpy()

@@ -24,7 +24,7 @@ from splatwire.bitstream import (
 from splatwire.bitstream.limits import TRACKS
 from splatwire.bitstream.tiers import TierShape
 from splatwire.codec.anchors.causal.context import LOG_BITS
-from splatwire.codec.anchors.causal.positions import AnchorPositions, SharedPositions
+from splatwire.codec.anchors.causal.positions import AnchorPositions, CoarsePositions
 from splatwire.codec.anchors.causal.side_info import SideInfo as CausalInfo
 from splatwire.codec.anchors.causal.side_info import write_side_info as write_causal
 from splatwire.codec.anchors.hacpp.side_info import MASK_CONTEXTS
@@ -137,9 +137,9 @@ def of_causal(
     """Anchors of the causal model, one per bit, all at one position; networks of zeros."""
     config, head = CausalConfig(layout, 16), layout.feature_dim + 4
     nowhere = AnchorPositions(*(np.zeros(n, dtype=np.int64) for n in (3, 0, 0)))
-    num, chances = 8 * position_bytes, bytes([64, 21]) + bytes([128]) * 231
-    places = SharedPositions(
-        chances + bytes([0, 0, 0, 63]) + bytes(position_bytes), nowhere, np.zeros((1, 1), np.int64)
+    num, low_bit_probabilities = 8 * position_bytes, bytes([64, 21]) + bytes([128]) * 231
+    places = CoarsePositions(
+        low_bit_probabilities + bytes([0, 0, 0, 63]) + bytes(position_bytes), nowhere, np.zeros((1, 1), np.int64)
     )
     groups, ones = len(layout.feature_groups), np.ones(3, dtype=np.int64)
     info = CausalInfo(

@@ -17,7 +17,7 @@ from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, sce
 from splatwire.codec.anchors.causal.context import CodingContext, exponential
 from splatwire.codec.anchors.causal.encoder import MAX_SIDE_INFO_SHARE, _split_position_bits
 from splatwire.codec.anchors.causal.packet_coder import cut_packets, decode_packets, encode_packets, quantise
-from splatwire.codec.anchors.causal.positions import AnchorPositions, read_positions, share_positions
+from splatwire.codec.anchors.causal.positions import AnchorPositions, encode_coarse_positions, read_coarse_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
 from splatwire.concealment import conceal
 from splatwire.errors import DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
@@ -132,7 +132,7 @@ def test_plain_reference_decodes_the_same_integers(scene: AnchorScene, info: Sid
     codes, masks_back, numbers = decode_reference(context, info.positions.known.select(rows), payload)
     assert codes == positions.codes.tolist()
     assert masks_back == masks.tolist()
-    assert numbers == found.numbers.tolist()
+    assert numbers == found.reconstructed.tolist()
 
 
 @pytest.mark.parametrize("batch", [1, 7, 333])
@@ -141,9 +141,9 @@ def test_decoded_integers_do_not_depend_on_the_batch_size(stream: SceneStream, i
     ranks = stream.manifest.plan.members(packet.id, packet.num_elements)
     known, voxels = info.positions.known, info.positions.known.voxels
     together = decode_packets(context, known.select(ranks), np.array([len(ranks)]), [packet.payload])
-    place = context.start(voxels).place
-    parts = [context.start(voxels[i : i + batch]).place for i in range(0, len(voxels), batch)]
-    assert np.array_equal(place, np.concatenate(parts))
+    outputs = context.start(voxels).position_outputs
+    parts = [context.start(voxels[i : i + batch]).position_outputs for i in range(0, len(voxels), batch)]
+    assert np.array_equal(outputs, np.concatenate(parts))
     pair = known.select(np.tile(ranks, 2))
     twice = decode_packets(context, pair, np.array([len(ranks)] * 2), [packet.payload] * 2)
     assert np.array_equal(np.tile(together[2], (2, 1)), twice[2])
@@ -153,16 +153,16 @@ def test_side_information_round_trips(info: SideInfo, stream: SceneStream):
     again = read_side_info(write_side_info(info), len(info.positions.known.codes))
     assert again.config == info.config
     assert np.array_equal(again.positions.known.voxels, info.positions.known.voxels)
-    for name in ("middle", "spread", "steps", "log_steps", "centres"):
+    for name in ("middle", "extent", "steps", "log_steps", "zero_points"):
         assert np.array_equal(getattr(again, name), getattr(info, name)), name
     assert write_side_info(again) == stream.side_info
 
 
 def test_damaged_side_information_is_refused(stream: SceneStream, info: SideInfo):
     for wrong in (
-        replace(info, steps=np.zeros(5)), replace(info, spread=np.zeros(3, dtype=np.int64)),
+        replace(info, steps=np.zeros(5)), replace(info, extent=np.zeros(3, dtype=np.int64)),
         replace(info, voxel_size=0.0), replace(info, log_steps=np.array([0, 5])),
-        replace(info, centres=np.full(4, 1 << 40)), replace(info, middle=np.array([1 << 39, 0, 0])),
+        replace(info, zero_points=np.full(4, 1 << 40)), replace(info, middle=np.array([1 << 39, 0, 0])),
     ):  # fmt: skip
         with pytest.raises(InvalidValueError, match="side information"):
             write_side_info(wrong)
@@ -184,7 +184,7 @@ def test_arbitrary_payload_decodes_without_an_error(info: SideInfo):
     for size in (0, 1, 30, 400):
         positions = info.positions.known.select(np.arange(20))
         codes, masks, numbers = decode_packets(context, positions, np.array([20]), [rng.bytes(size)])
-        assert np.array_equal(codes >> positions.unknown, positions.codes >> positions.unknown)
+        assert np.array_equal(codes >> positions.num_low_bits, positions.codes >> positions.num_low_bits)
         assert masks.shape == (20, 4)
         assert np.abs(numbers.astype(np.int64)).max() < 1 << 31
 
@@ -203,12 +203,15 @@ def test_positions_split_between_side_information_and_packets_round_trip(info: S
     rng, context = np.random.default_rng(leaf), CodingContext.of(info)
     coarse = rng.integers(-40, 900, (80, 3)) // rng.choice([1, 4, 16], (80, 1)) * 16
     voxels = np.concatenate([coarse, coarse[:9], coarse[:9] + 1])
-    shared = share_positions(voxels, leaf)
-    context, codes = replace(context, chances=shared.chances), np.sort(morton_encode(voxels - shared.known.origin))
+    shared = encode_coarse_positions(voxels, leaf)
+    context, codes = (
+        replace(context, low_bit_probabilities=shared.low_bit_probabilities),
+        np.sort(morton_encode(voxels - shared.known.origin)),
+    )
     known = shared.known
-    assert np.array_equal(known.codes >> known.unknown, codes >> known.unknown)
+    assert np.array_equal(known.codes >> known.num_low_bits, codes >> known.num_low_bits)
     assert (np.diff(known.codes) >= 0).all()
-    assert known.unknown.any()
+    assert known.num_low_bits.any()
     numbers = context.stages[-1].first + context.stages[-1].size
     found = quantise(
         context, replace(known, codes=codes), np.ones((98, 4), np.uint8), rng.normal(size=(98, numbers)), 0.4
@@ -223,9 +226,9 @@ def test_positions_split_between_side_information_and_packets_round_trip(info: S
 
 def test_side_information_is_small(scene: AnchorScene, info: SideInfo):
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
-    everything = replace(info, positions=share_positions(voxels, 1))
+    everything = replace(info, positions=encode_coarse_positions(voxels, 1))
     head = len(write_side_info(everything))
-    sizes = [len(share_positions(voxels, leaf).section) for leaf in range(1, 9)]
+    sizes = [len(encode_coarse_positions(voxels, leaf).section) for leaf in range(1, 9)]
     assert sizes == sorted(sizes, reverse=True)
     for size in sizes:
         enough = (head - sizes[0] + size) / MAX_SIDE_INFO_SHARE - head
@@ -240,7 +243,7 @@ def test_positions_without_probabilities_are_refused(info: SideInfo):
         wrong = section.copy()
         wrong[place] = value
         with pytest.raises(SplatwireError, match="positions"):
-            read_positions(bytes(wrong), len(info.positions.known.codes))
+            read_coarse_positions(bytes(wrong), len(info.positions.known.codes))
 
 
 def test_unusable_scenes_are_refused(scene: AnchorScene):

@@ -20,7 +20,7 @@ LEAK = 655
 def place_inputs_reference(voxel: list[int], context: CodingContext) -> list[int]:
     """Inputs of the position network, with 14 fractional bits."""
     one, contracted = 1 << ACTIVATION_BITS, []
-    for value, middle, spread in zip(voxel, context.middle.tolist(), context.spread.tolist(), strict=True):
+    for value, middle, spread in zip(voxel, context.middle.tolist(), context.extent.tolist(), strict=True):
         relative = ((value - middle) << ACTIVATION_BITS) // spread
         contracted.append((relative << ACTIVATION_BITS) // (one + abs(relative)))
     waves = list(contracted)
@@ -50,17 +50,19 @@ def scale_reference(spread: int) -> int:
     return min(max(16 * whole + int(16 * (2 ** (cell / 256) - 1)), 0), 319)
 
 
-def code_reference(coder: ReferenceDecoder, code: int, unknown: int, chances: list[list[int]]) -> int:
-    """Bits of a position's code that are known without the packet; the other `unknown` bits follow in the packet."""
+def code_reference(
+    coder: ReferenceDecoder, code: int, num_low_bits: int, low_bit_probabilities: list[list[int]]
+) -> int:
+    """Bits of a position's code that are known without the packet; the `num_low_bits` others follow in the packet."""
 
     def raw(bits: int) -> int:
         value = coder.target(bits)
         coder.advance(value, 1, bits)
         return value
 
-    triples, level = -(-unknown // 3), 0
+    triples, level = -(-num_low_bits // 3), 0
     while level < triples:
-        stop = chances[triples][level]
+        stop = low_bit_probabilities[triples][level]
         if coder.target(8) < stop:
             coder.advance(0, stop, 8)
             break
@@ -68,8 +70,8 @@ def code_reference(coder: ReferenceDecoder, code: int, unknown: int, chances: li
         level += 1
     rest = 0
     if level < triples:
-        low = min(unknown - 3 * level, 3)
-        bits, above, value = unknown - 3 * level - low, 0, 0
+        low = min(num_low_bits - 3 * level, 3)
+        bits, above, value = num_low_bits - 3 * level - low, 0, 0
         while bits:
             bits, some = bits - min(bits, 16), min(bits, 16)
             above = above << some | raw(some)
@@ -78,7 +80,7 @@ def code_reference(coder: ReferenceDecoder, code: int, unknown: int, chances: li
             value = bisect.bisect_right(ends, coder.target(16)) - 1
             coder.advance(ends[value], ends[value + 1] - ends[value], 16)
         rest = (above << low | value + 1) << 3 * level
-    return code >> unknown << unknown | rest
+    return code >> num_low_bits << num_low_bits | rest
 
 
 def decode_reference(
@@ -91,9 +93,13 @@ def decode_reference(
         positions: Known bits of its anchors' positions.
         payload: Payload of the packet.
     """
-    layout, coder, chances = context.config.layout, ReferenceDecoder(payload), context.chances.tolist()
-    pairs = zip(positions.codes.tolist(), positions.unknown.tolist(), strict=True)
-    codes = [code_reference(coder, code, unknown, chances) for code, unknown in pairs]
+    layout, coder, low_bit_probabilities = (
+        context.config.layout,
+        ReferenceDecoder(payload),
+        context.low_bit_probabilities.tolist(),
+    )
+    pairs = zip(positions.codes.tolist(), positions.num_low_bits.tolist(), strict=True)
+    codes = [code_reference(coder, code, num_low_bits, low_bit_probabilities) for code, num_low_bits in pairs]
     voxels = [[_axis(code, axis) + int(positions.origin[axis]) for axis in range(3)] for code in codes]
     known = [network_reference(context.networks["position"], place_inputs_reference(v, context)) for v in voxels]
     known = [[value >> (OUTPUT_BITS - ACTIVATION_BITS) for value in place] for place in known]

@@ -17,7 +17,8 @@ CAUSAL = "causal"
 _MAX_LEVELS = 64
 _MAX_RESOLUTION = 1 << 16
 _MAX_LOG2_ROWS = 24
-_CAUSAL_TENSORS = ("steps", "centres", "middle", "spread")
+_CAUSAL_FIELDS = {"steps": "steps", "centres": "zero_points", "middle": "middle", "spread": "extent"}
+"""Fields of `CausalCoding` by the names of their tensors in scene files."""
 
 
 def coding_networks(coding: HacppCoding | CausalCoding) -> dict[str, Mlp]:
@@ -44,7 +45,7 @@ def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
 def coding_tensors(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
     """Returns the tensors of a scene file that describe the context model, except network weights, by name."""
     if isinstance(coding, CausalCoding):
-        return {f"causal.{name}": getattr(coding, name) for name in _CAUSAL_TENSORS}
+        return {f"causal.{name}": getattr(coding, field) for name, field in _CAUSAL_FIELDS.items()}
     grid = coding.context.grid
     return {
         "grid.volume_bits": _pack_signs(grid.volume), "grid.planes_bits": _pack_signs(grid.planes),
@@ -67,12 +68,13 @@ def read_coding(
     """
     if isinstance(config, CausalConfig):
         networks = {name: reader.network(f"causal.{name}", *shape) for name, shape in config.shapes().items()}
-        sizes = dict(zip(_CAUSAL_TENSORS, (config.num_steps, 4, 3, 3), strict=True))
+        sizes = dict(zip(_CAUSAL_FIELDS, (config.num_steps, 4, 3, 3), strict=True))
         tensors = {name: reader.tensor(f"causal.{name}", (size,)) for name, size in sizes.items()}
         for name in ("steps", "spread"):
             if not bool((tensors[name] > 0).all()):
                 raise reader.error(f"causal.{name} is not positive everywhere")
-        return CausalCoding(networks, **tensors, voxel_size=voxel_size, config=config)
+        fields = {field: tensors[name] for name, field in _CAUSAL_FIELDS.items()}
+        return CausalCoding(networks, **fields, voxel_size=voxel_size, config=config)
     layout, groups = config.layout, config.layout.feature_groups
     channel = tuple(
         reader.network(f"context.channel.{i}", sum(groups[:i]) + 3 * layout.feature_dim, 3 * size)

@@ -73,15 +73,15 @@ def predict_causal(
         config: Configuration of the context model.
         inputs: Encoded positions of the anchors, from `position_inputs`.
         feature: Features of the anchors, in quantisation steps.
-        log_sizes: Logarithms of the four sizes of each anchor, in quantisation steps, minus `CausalCoding.centres`. The
-            first size is the common scale of the offsets. The others are the base sizes of the Gaussians along three
-            axes.
+        log_sizes: Logarithms of the four sizes of each anchor, in quantisation steps, minus
+            `CausalCoding.zero_points`. The first size is the common scale of the offsets. The others are the base sizes
+            of the Gaussians along three axes.
         quantised: Function that rounds attributes, given the name of the network, the predicted means and the
             attributes; None for no rounding.
         join: Function that concatenates arrays along an axis; `torch.cat` for tensors.
     """
     features = networks["position"](inputs)
-    means, spreads, before = [], [], 0
+    means, log_deviations, before = [], [], 0
 
     def follow(name: str, mean: Any, values: Any) -> None:
         nonlocal features
@@ -94,19 +94,20 @@ def predict_causal(
         return outputs[:, :middle], outputs[:, middle:]
 
     for group, size in enumerate(config.layout.feature_groups):
-        mean, spread = predicted(f"feature{group}")
+        mean, log_deviation = predicted(f"feature{group}")
         follow(f"feature{group}", mean, feature[:, before : before + size])
         means.append(mean)
-        spreads.append(spread)
+        log_deviations.append(log_deviation)
         before += size
     masks = config.layout.num_offsets
     outputs = networks["form"](features)
-    exists, scale_mean, scale_spread = outputs[:, :masks], outputs[:, masks : masks + 1], outputs[:, masks + 1 :]
+    exists, scale_mean = outputs[:, :masks], outputs[:, masks : masks + 1]
+    scale_log_deviation = outputs[:, masks + 1 :]
     follow("form", scale_mean, log_sizes[:, :1])
-    size_mean, size_spread = predicted("size")
+    size_mean, size_log_deviation = predicted("size")
     follow("size", size_mean, log_sizes[:, 1:])
     return CausalPrediction(
-        (join(means, 1), join(spreads, 1)), exists,
-        (join([scale_mean, size_mean], 1), join([scale_spread, size_spread], 1)),
+        (join(means, 1), join(log_deviations, 1)), exists,
+        (join([scale_mean, size_mean], 1), join([scale_log_deviation, size_log_deviation], 1)),
         predicted("offset"),
     )  # fmt: skip

@@ -57,7 +57,8 @@ def encode_scene(
             `Quality` of their schema.
         classes: Precision class of each explicit Gaussian, which selects its quantisation steps
             (`splatwire.render.precision`); None for the finest. Not for anchors.
-        noise: Tolerated quantisation error of the context networks of anchors; None for the default.
+        noise: Tolerated error of the outputs of the context networks of anchors, caused by rounding the weights and
+            relative to the predicted standard deviations; None for the default.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1.
 

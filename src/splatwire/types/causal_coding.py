@@ -20,7 +20,7 @@ OCTAVES = 4
 INPUT_UNIT = 0.25
 """Network input value of one quantisation step."""
 NUM_SIZES = 4
-"""Number of size values of an anchor (its "form"): logarithms of the common scale of the offsets and of the base size
+"""Number of size values of an anchor: logarithms of the common scale of the offsets and of the base size
 of the Gaussians along three axes."""
 
 
@@ -64,19 +64,19 @@ class CausalCoding(CheckedFields):
         networks: The networks of `CausalConfig.shapes`, by name.
         steps: Quantisation step sizes: one for each feature group, then one each for offset scale, base size and
             offsets.
-        centres: Values subtracted from the logarithms of the offset scale (1 value) and the base size (3 values) before
-            quantisation.
+        zero_points: Values subtracted from the logarithms of the offset scale (1 value) and the base size (3 values)
+            before quantisation.
         middle: Centre of the scene, voxels.
-        spread: Distance from `middle` along each axis, voxels. About half of the anchors lie within this distance.
+        extent: Distance from `middle` along each axis, voxels. About half of the anchors lie within this distance.
         voxel_size: Spacing of anchor positions, world units.
         config: Configuration that determines the layer sizes of the networks.
     """
 
     networks: dict[str, Mlp]
     steps: Float[Any, "S"]
-    centres: Float[Any, "4"]
+    zero_points: Float[Any, "4"]
     middle: Float[Any, "3"]
-    spread: Float[Any, "3"]
+    extent: Float[Any, "3"]
     voxel_size: float
     config: CausalConfig
 

@@ -91,8 +91,11 @@ def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, recipe: TrainC
     places = read_side_info(stream.side_info, stream.manifest.num_elements).positions
     voxels = voxel_indices(decode_stream(stream).scene.positions, recipe.voxel_size)
     codes = morton_encode(voxels - places.known.origin)
-    pairs = zip(codes, places.known.unknown, strict=True)
-    real = stream.parts()["packet_payloads"] - sum(position_bits(*pair, places.chances) for pair in pairs) / 8
+    pairs = zip(codes, places.known.num_low_bits, strict=True)
+    real = (
+        stream.parts()["packet_payloads"]
+        - sum(position_bits(*pair, places.low_bit_probabilities) for pair in pairs) / 8
+    )
     assert abs(estimate / 8 + 2.1 * len(stream.packets) - real) < 0.012 * real
 
 
@@ -118,7 +121,7 @@ def test_a_run_ends_in_a_stream_that_decodes(dataset: Dataset, recipe: TrainConf
     back = export_scene(state, going_on)
     for name in ("features", "offsets", "mask"):
         assert np.array_equal(getattr(back.anchors, name), getattr(result.scene.anchors, name)), name
-    assert np.array_equal(back.causal.spread, result.scene.causal.spread)
+    assert np.array_equal(back.causal.extent, result.scene.causal.extent)
 
 
 def test_masks_get_gradients_once_the_rate_counts(dataset: Dataset, recipe: TrainConfig) -> None:

@@ -112,7 +112,7 @@ def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor 
     """Returns the networks and tensors of the context model, keyed by parameter name."""
     if isinstance(coding, CausalCoding):
         networks = {f"causal.{name}": mlp for name, mlp in coding.networks.items()}
-        return {**networks, "steps": coding.steps.log(), "centres": coding.centres}
+        return {**networks, "steps": coding.steps.log(), "centres": coding.zero_points}
     grid, channel = coding.context.grid, {f"channel.{group}": mlp for group, mlp in enumerate(coding.context.channel)}
     planes = {"grid.volume": grid.volume * _LATENT, "grid.planes": grid.planes * _LATENT}
     return {"prior": coding.context.prior, **channel, **planes}
@@ -123,7 +123,7 @@ def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
     # The bounding box of the hash grid; with the causal model, the middle of the anchors minus and plus their
     # spread.
     if isinstance(coding, CausalCoding):
-        return coding.middle - coding.spread, coding.middle + coding.spread
+        return coding.middle - coding.extent, coding.middle + coding.extent
     return coding.context.grid.bounds_min, coding.context.grid.bounds_max
 
 

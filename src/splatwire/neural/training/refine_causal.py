@@ -68,9 +68,9 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
     anchors = scene.anchors.select(alive)
     feature, log_size, offset = channel_steps(coding.steps.log(), coding.config)
     voxels = torch.round(anchors.positions.double() / coding.voxel_size)
-    logs = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.centres
+    logs = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.zero_points
     values = [anchors.features / feature, logs / log_size, anchors.offsets.flatten(1) / offset]
-    return position_inputs(((voxels - coding.middle) / coding.spread).float(), torch.cat), values, anchors.mask.float()
+    return position_inputs(((voxels - coding.middle) / coding.extent).float(), torch.cat), values, anchors.mask.float()
 
 
 def _trained(mlp: Mlp) -> Mlp:

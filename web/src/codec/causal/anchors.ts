@@ -7,7 +7,7 @@ import type { Mlp } from "../../model/heads.ts";
 import { BIAS_BITS, WEIGHT_BITS } from "../integer_network.ts";
 import type { QuantisedLinear, QuantisedMlp } from "../weight_bytes.ts";
 import { type Decoded, logOf } from "./packet.ts";
-import { FORM, LOG_BITS, type SideInfo } from "./side_info.ts";
+import { LOG_BITS, NUM_LOG_SIZES, type SideInfo } from "./side_info.ts";
 
 const NUMBER = 2 ** 16,
   LOG = 2 ** LOG_BITS,
@@ -20,7 +20,7 @@ export function toAnchors(
   info: SideInfo,
 ): { anchors: Anchors; features: Float32Array } {
   const { features: size, offsets: numOffsets, groups, steps } = info,
-    width = size + FORM + 3 * numOffsets;
+    width = size + NUM_LOG_SIZES + 3 * numOffsets;
   const units = featureSteps(info).map((step) => step / NUMBER),
     step = steps[groups.length] / NUMBER;
   const scales = new Float32Array(count),
@@ -29,11 +29,12 @@ export function toAnchors(
     offsets = new Float32Array(3 * numOffsets * count);
   for (let n = 0; n < count; n++) {
     const row = n * width,
-      form = row + size;
+      first = row + size;
     for (let c = 0; c < size; c++) features[n * size + c] = numbers[row + c] * units[c];
-    scales[n] = exponential(logOf(info, numbers[form], 0));
-    for (let a = 0; a < 3; a++) sizes[3 * n + a] = exponential(logOf(info, numbers[form + 1 + a], 1 + a));
-    for (let c = 0; c < 3 * numOffsets; c++) offsets[3 * numOffsets * n + c] = numbers[form + FORM + c] * step;
+    scales[n] = exponential(logOf(info, numbers[first], 0));
+    for (let a = 0; a < 3; a++) sizes[3 * n + a] = exponential(logOf(info, numbers[first + 1 + a], 1 + a));
+    for (let c = 0; c < 3 * numOffsets; c++)
+      offsets[3 * numOffsets * n + c] = numbers[first + NUM_LOG_SIZES + c] * step;
   }
   return {
     anchors: { count, numOffsets, positions: worldPositions(voxels, info), scales, sizes, masks, offsets },

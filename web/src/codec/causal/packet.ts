@@ -6,7 +6,7 @@ import { zeroMeanNormal } from "../../entropy/mixture.ts";
 import { ROWS } from "../../model/affine.ts";
 import { ACTIVATION_BITS, ACTIVATION_LIMIT, IntegerMlp } from "../integer_network.ts";
 import { decodePositions } from "./positions.ts";
-import { FORM, OCTAVES, type SideInfo, type Stage } from "./side_info.ts";
+import { NUM_LOG_SIZES, OCTAVES, type SideInfo, type Stage } from "./side_info.ts";
 import { existsOf, scaleOf } from "./tables.ts";
 
 const ONE = 2 ** ACTIVATION_BITS,
@@ -25,12 +25,12 @@ export interface Decoded {
 }
 
 /**
- * Predicted logarithms of scale and sizes (24 fractional bits), shape (count, 4). `spreads` are the binary logarithms
- * of the expected errors of features, scale and sizes in steps (16 fractional bits).
+ * Predicted logarithms of scale and sizes (24 fractional bits), shape (count, 4). `logDeviations` are the binary
+ * logarithms of the expected errors of features, scale and sizes in steps (16 fractional bits).
  */
 export interface ExpectedNumbers {
   readonly logs: Float64Array;
-  readonly spreads: Int32Array;
+  readonly logDeviations: Int32Array;
 }
 
 /** Decodes the packets of one stream. */
@@ -78,9 +78,9 @@ export class PacketDecoder {
     const { info } = this,
       count = voxels.length / 3,
       numbers = new Int32Array(count * this.width),
-      logs = new Float64Array(FORM * count);
-    const known = info.features + FORM,
-      spreads = new Int32Array(known * count);
+      logs = new Float64Array(NUM_LOG_SIZES * count);
+    const known = info.features + NUM_LOG_SIZES,
+      logDeviations = new Int32Array(known * count);
     this.#computeContext(voxels, count);
     for (const [s, stage] of info.stages.slice(0, -1).entries()) {
       const outputs = this.#predict(s, count),
@@ -89,14 +89,15 @@ export class PacketDecoder {
       for (let n = 0, row = masks; n < count; n++, row += width) {
         for (let c = 0; c < size; c++) {
           numbers[n * this.width + first + c] = outputs[row + c];
-          spreads[n * known + first + c] = outputs[row + size + c];
+          logDeviations[n * known + first + c] = outputs[row + size + c];
         }
       }
       this.#appendInputs(stage, numbers, count);
     }
     for (let n = 0; n < count; n++)
-      for (let a = 0; a < FORM; a++) logs[FORM * n + a] = logOf(info, numbers[n * this.width + info.features + a], a);
-    return { logs, spreads };
+      for (let a = 0; a < NUM_LOG_SIZES; a++)
+        logs[NUM_LOG_SIZES * n + a] = logOf(info, numbers[n * this.width + info.features + a], a);
+    return { logs, logDeviations };
   }
 
   /** Evaluates the position network, which gives each anchor's context. */
@@ -106,7 +107,7 @@ export class PacketDecoder {
       {
         context,
         middle,
-        spread,
+        extent,
         positions: { origin },
       } = this.info;
     const widest = Math.max(this.#position.outputs, ...this.#networks.map((network) => network.outputs));
@@ -115,7 +116,7 @@ export class PacketDecoder {
     if (this.#outputs.length < rows * widest) this.#outputs = new Float64Array(rows * widest);
     for (let n = 0; n < count; n++) {
       for (let a = 0; a < 3; a++) {
-        const u = contracted(voxels[3 * n + a] + origin[a] - middle[a], spread[a]),
+        const u = contracted(voxels[3 * n + a] + origin[a] - middle[a], extent[a]),
           at = n * inputs + a;
         this.#positionInputs[at] = u;
         for (let octave = 1; octave <= OCTAVES; octave++) {
@@ -164,9 +165,9 @@ export class PacketDecoder {
   }
 }
 
-/** Returns the binary logarithm of a scale (form 0) or size (forms 1 to 3), 24 fractional bits. */
-export function logOf({ logSteps, centres }: SideInfo, number: number, form: number): number {
-  return Math.floor((number * logSteps[form ? 1 : 0]) / FULL) + centres[form];
+/** Returns the binary logarithm of a scale (index 0) or size (indices 1 to 3), 24 fractional bits. */
+export function logOf({ logSteps, zeroPoints }: SideInfo, number: number, index: number): number {
+  return Math.floor((number * logSteps[index ? 1 : 0]) / FULL) + zeroPoints[index];
 }
 
 function readMasks(
@@ -186,9 +187,9 @@ function readMasks(
   }
 }
 
-/** Maps a distance, in units of `spread`, to (-1, 1). The result has 14 fractional bits. */
-function contracted(away: number, spread: number): number {
-  const relative = quotient(away, spread);
+/** Maps a distance, in units of `extent`, to (-1, 1). The result has 14 fractional bits. */
+function contracted(away: number, extent: number): number {
+  const relative = quotient(away, extent);
   return quotient(relative, ONE + Math.abs(relative));
 }
 

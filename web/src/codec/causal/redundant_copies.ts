@@ -205,8 +205,8 @@ function toAnchors(
         return Math.fround(mean[d] + sum);
       };
     const length = (a: number): number => {
-      const form = Math.max(a - 2, 0),
-        expected = Math.max(known.lengths[4 * ranks[n] + form], least[form]);
+      const column = Math.max(a - 2, 0),
+        expected = Math.max(known.lengths[4 * ranks[n] + column], least[column]);
       return Math.exp(Math.min(Math.max(channel(size + a), -MAX_LOG_SIZE), MAX_LOG_SIZE)) * expected;
     };
     for (let c = 0; c < size; c++) features[n * size + c] = channel(c);
@@ -224,8 +224,8 @@ function toAnchors(
 
 /** Returns the lower bounds of the predicted lengths, a share of their medians. */
 function minLengths(lengths: Float32Array): number[] {
-  return [0, 1, 2, 3].map((form) => {
-    const all = lengths.filter((_, n) => n % 4 === form).sort();
+  return [0, 1, 2, 3].map((column) => {
+    const all = lengths.filter((_, n) => n % 4 === column).sort();
     return Math.max(MIN_SHARE * (all[(all.length - 1) >> 1] ?? 0), MIN_SIZE);
   });
 }

@@ -17,7 +17,7 @@ import { type Positions, readPositions } from "./positions.ts";
 
 export const LOG_BITS = 24,
   OCTAVES = 4,
-  FORM = 4;
+  NUM_LOG_SIZES = 4;
 const VERSION = 2;
 const HEADS = ["opacity", "covariance", "color"];
 
@@ -31,17 +31,17 @@ export interface Header {
   /** Quantisation steps of the feature groups, then of the offsets. */
   readonly steps: readonly number[];
   readonly voxelSize: number;
-  /** Steps of log scale and log size, and the centres of the four logarithms; 24 fractional bits. */
+  /** Steps of log scale and log size, and the zero points of the four logarithms; 24 fractional bits. */
   readonly logSteps: readonly number[];
-  readonly centres: readonly number[];
+  readonly zeroPoints: readonly number[];
   /** Centre and extent of the scene, voxels. */
   readonly middle: readonly number[];
-  readonly spread: readonly number[];
+  readonly extent: readonly number[];
 }
 
 /**
  * Numbers of an anchor that are predicted together. A network's outputs are the logits of `masks` offsets, then means
- * and spreads.
+ * and binary logarithms of standard deviations.
  */
 export interface Stage {
   readonly name: string;
@@ -84,8 +84,8 @@ export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
 }
 
 /** Throws if anchors are too far from the centre, where relative positions would no longer be exact in doubles. */
-function checkFar({ middle, spread }: Header, { origin }: Positions): void {
-  const far = middle.some((value, a) => Math.abs(origin[a] - value) > MAX_FAR * spread[a]);
+function checkFar({ middle, extent }: Header, { origin }: Positions): void {
+  const far = middle.some((value, a) => Math.abs(origin[a] - value) > MAX_FAR * extent[a]);
   if (far) throw new BitstreamError("side information: its anchors are too far away from the scene's middle");
 }
 
@@ -101,7 +101,7 @@ function stagesOf({ groups, features, offsets }: Header): Stage[] {
     ...stages,
     { name: "form", first: features, size: 1, masks: offsets },
     { name: "size", first: features + 1, size: 3, masks: 0 },
-    { name: "offset", first: features + FORM, size: 3 * offsets, masks: 0 },
+    { name: "offset", first: features + NUM_LOG_SIZES, size: 3 * offsets, masks: 0 },
   ];
 }
 
@@ -120,8 +120,8 @@ function readHeader(bytes: Uint8Array): Header {
     steps = take(numGroups + 1, () => reader.f64()),
     voxelSize = reader.f64();
   const logSteps = take(2, () => reader.unsigned()),
-    spread = take(3, () => reader.unsigned());
-  const centres = take(FORM, () => reader.signed()),
+    extent = take(3, () => reader.unsigned());
+  const zeroPoints = take(NUM_LOG_SIZES, () => reader.signed()),
     middle = take(3, () => reader.signed());
   reader.finish();
   const features = groups.reduce((sum, size) => sum + size, 0);
@@ -134,9 +134,9 @@ function readHeader(bytes: Uint8Array): Header {
     within([context], 1, MAX_CAUSAL_CONTEXT) &&
     within([...steps, voxelSize], 1e-9, 1e9) &&
     within(logSteps, 1, MAX_CAUSAL_LOG_STEP) &&
-    within(centres, -MAX_CAUSAL_CENTRE, MAX_CAUSAL_CENTRE) &&
-    within(spread, 1, MAX_COORD) &&
+    within(zeroPoints, -MAX_CAUSAL_CENTRE, MAX_CAUSAL_CENTRE) &&
+    within(extent, 1, MAX_COORD) &&
     within(middle, -MAX_COORD, MAX_COORD);
   if (!fine) throw new BitstreamError("side information: a number of the header is out of range");
-  return { groups, features, offsets, context, steps, voxelSize, logSteps, centres, middle, spread };
+  return { groups, features, offsets, context, steps, voxelSize, logSteps, zeroPoints, middle, extent };
 }

@@ -1,4 +1,4 @@
-// Integer tables of the causal codec: scale table entries for spreads, and probabilities that offsets exist.
+// Integer tables of the causal codec: scale table entries of deviations, and probabilities that offsets exist.
 
 const CELLS = 256;
 
@@ -71,8 +71,8 @@ export function exactPower(log: number): number {
 }
 
 /** Returns the scale table entry for a binary logarithm with 16 fractional bits. */
-export function scaleOf(spread: number): number {
-  const high = spread + 6 * 65536;
+export function scaleOf(logDeviation: number): number {
+  const high = logDeviation + 6 * 65536;
   return Math.min(Math.max((high >> 16) * 16 + SIXTEENTHS[(high >> 8) & 255], 0), 319);
 }
 

@@ -30,7 +30,7 @@ from splatwire.ops.compiled import njit
 BYTES_PER_SYMBOL = 12
 """Buffer space per symbol, bytes. The longest code is an escape of 86 bits."""
 INPUT_SHIFT = 4
-"""Right shift from numbers with 16 fractional bits to network inputs with 14, which also divides by four."""
+"""Right shift from quantised values with 16 fractional bits to network inputs with 14, which also divides by four."""
 POSITION_SYMBOLS = 3
 """Buffer space of a position, in symbols; a position takes at most 29 bytes."""
 LARGEST_SYMBOL = (1 << 14) - (1 << 10)
@@ -40,17 +40,17 @@ MASK_ROOM = np.int64(32)
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def activate(numbers, inputs):
+def activate(values, inputs):
     """Converts quantised attributes of anchors to network inputs.
 
     Args:
-        numbers: Attributes in quantisation steps, 16 fractional bits, (n, size).
+        values: Attributes in quantisation steps, 16 fractional bits, (n, size).
         inputs: Output: the attributes divided by 4, with 14 fractional bits, clipped to the range of network inputs,
             (n, size).
     """
-    for n in range(numbers.shape[0]):
-        for c in range(numbers.shape[1]):
-            value = np.int64(numbers[n, c]) >> INPUT_SHIFT
+    for n in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            value = np.int64(values[n, c]) >> INPUT_SHIFT
             inputs[n, c] = min(max(value, -ACTIVATION_LIMIT), ACTIVATION_LIMIT)
 
 
@@ -67,26 +67,26 @@ def scale_indices(log_deviations, powers, indices):
     # The table has sixteen entries for each octave (power of two).
     for n in range(log_deviations.shape[0]):
         for c in range(log_deviations.shape[1]):
-            spread = np.int64(log_deviations[n, c]) + (6 << 16)
-            fraction = (powers[(spread >> 8) & 255] - (1 << 20)) >> 16
-            indices[n, c] = min(max(((spread >> 16) << 4) + fraction, 0), 319)
+            shifted = np.int64(log_deviations[n, c]) + (6 << 16)
+            fraction = (powers[(shifted >> 8) & 255] - (1 << 20)) >> 16
+            indices[n, c] = min(max(((shifted >> 16) << 4) + fraction, 0), 319)
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def add_predicted_means(symbols, outputs, first, numbers):
+def add_predicted_means(symbols, outputs, first, reconstructed):
     """Reconstructs attributes of anchors: adds the decoded differences to the means that a network predicts.
 
     Args:
         symbols: Decoded differences in quantisation steps, (n, size).
         outputs: Outputs of the network, 16 fractional bits.
         first: First column of the means in `outputs`.
-        numbers: Output: reconstructed attributes in quantisation steps, 16 fractional bits, (n, size).
+        reconstructed: Output: reconstructed attributes in quantisation steps, 16 fractional bits, (n, size).
     """
-    for n in range(numbers.shape[0]):
-        for c in range(numbers.shape[1]):
+    for n in range(reconstructed.shape[0]):
+        for c in range(reconstructed.shape[1]):
             symbol = min(max(np.int64(symbols[n, c]), -LARGEST_SYMBOL), LARGEST_SYMBOL)
-            numbers[n, c] = np.int64(outputs[n, first + c]) + (symbol << 16)
+            reconstructed[n, c] = np.int64(outputs[n, first + c]) + (symbol << 16)
 
 
 @njit(borrows=True, error_model="numpy")
@@ -105,8 +105,8 @@ def offset_probability(weights, logit):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_packet(
-    begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses,
-    widths, table, out, state,
+    begin, end, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scales, firsts, size_group,
+    weights, inverses, widths, table, out, state,
 ):  # fmt: skip
     """Encodes consecutive anchors as one packet, and returns the size of the packet in bytes.
 
@@ -114,8 +114,9 @@ def _encode_packet(
         begin: Index of the packet's first anchor.
         end: End of the packet's anchors (exclusive).
         codes: Morton codes of the positions of all anchors.
-        unknown: Number of low bits of each Morton code that are coded in packets; the high bits are side information.
-        chances: Probabilities for coding the low bits (`positions.SharedPositions`).
+        num_low_bits: Number of low bits of each Morton code that are coded in packets; the high bits are side
+            information.
+        low_bit_probabilities: Probabilities for coding the low bits (`positions.CoarsePositions`).
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
@@ -134,7 +135,7 @@ def _encode_packet(
     last = len(firsts) - 2
     encoder_start(state)
     for n in range(begin, end):
-        encode_position(out, state, codes[n], unknown[n], chances)
+        encode_position(out, state, codes[n], num_low_bits[n], low_bit_probabilities)
     for s in range(len(firsts) - 1):
         if s == size_group:
             for n in range(begin, end):
@@ -157,17 +158,17 @@ def _encode_packet(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_packets(
-    starts, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses,
-    widths, table, buffer, lengths,
+    starts, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scales, firsts, size_group, weights,
+    inverses, widths, table, buffer, lengths,
 ):  # fmt: skip
     """Encodes the anchors of all packets, each packet into its own part of `buffer`.
 
     Args:
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
         codes: Morton codes of the anchors' positions.
-        unknown: Number of low bits of each Morton code that are coded in the packet; the high bits are side
+        num_low_bits: Number of low bits of each Morton code that are coded in the packet; the high bits are side
             information.
-        chances: Probabilities for coding the low bits (`positions.SharedPositions`).
+        low_bit_probabilities: Probabilities for coding the low bits (`positions.CoarsePositions`).
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
@@ -186,22 +187,34 @@ def encode_packets(
     room, state = (masks.shape[1] + symbols.shape[1] + POSITION_SYMBOLS) * BYTES_PER_SYMBOL, np.empty(3, np.int64)
     for p in range(len(starts) - 1):
         lengths[p] = _encode_packet(
-            starts[p], starts[p + 1], codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group,
-            weights, inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
+            starts[p], starts[p + 1], codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scales,
+            firsts, size_group, weights, inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
         )  # fmt: skip
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def anchor_bits(
-    codes, unknown, chances, masks, logits, symbols, scales, offsets, weights, inverses, widths, table, bits
+    codes,
+    num_low_bits,
+    low_bit_probabilities,
+    masks,
+    logits,
+    symbols,
+    scales,
+    offsets,
+    weights,
+    inverses,
+    widths,
+    table,
+    bits,
 ):
     """Estimates the coded size of each anchor in bits.
 
     Args:
         codes: Morton codes of the anchors' positions.
-        unknown: Number of low bits of each Morton code that are coded in packets.
-        chances: Probabilities for coding the low bits (`positions.SharedPositions`).
+        num_low_bits: Number of low bits of each Morton code that are coded in packets.
+        low_bit_probabilities: Probabilities for coding the low bits (`positions.CoarsePositions`).
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means; one row for each anchor.
@@ -215,7 +228,7 @@ def anchor_bits(
         bits: Output: size of each anchor, bits.
     """
     for n in range(masks.shape[0]):
-        total = position_bits(codes[n], unknown[n], chances)
+        total = position_bits(codes[n], num_low_bits[n], low_bit_probabilities)
         for k in range(masks.shape[1]):
             size = offset_probability(weights, logits[n, k])
             total += 16.0 - np.log2(float(size if masks[n, k] else 65536 - size))

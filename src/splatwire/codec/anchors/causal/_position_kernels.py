@@ -32,7 +32,7 @@ from splatwire.entropy.range_kernels import (
 )
 from splatwire.ops.compiled import njit
 
-CHANCE_BITS = np.int64(8)
+PROBABILITY_BITS = np.int64(8)
 DEPTH = 65
 RUNS = 4
 SIZES = 8
@@ -106,7 +106,7 @@ def encode_tree(codes, bits, leaf, models, buffer):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def decode_tree(data, bits, leaf, models, codes, unknown):
+def decode_tree(data, bits, leaf, models, codes, num_low_bits):
     """Decodes the high bits of positions from the tree written by `encode_tree`, and estimates the low bits.
 
     Args:
@@ -115,7 +115,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
         leaf: Maximum number of anchors in a leaf.
         models: Adaptive bit models, changed in place.
         codes: Output: Morton codes, ascending, int64 (N).
-        unknown: Output: number of low bits of each Morton code that are only estimated, int64 (N).
+        num_low_bits: Output: number of low bits of each Morton code that are only estimated, int64 (N).
     """
     state, stack, top = np.empty(3, np.int64), np.empty((DEPTH, 5), np.int64), 0
     decoder_start(data, ZERO, len(data), state)
@@ -127,7 +127,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
         if bit < 0 or n <= leaf:
             for i in range(begin, end):
                 codes[i] = (prefix << (bit + 1)) | _estimate_low_bits(i - begin, n, bit + 1)
-                unknown[i] = bit + 1
+                num_low_bits[i] = bit + 1
             continue
         together = decode_bit(data, len(data), state, models, _context(n, run))
         if together:
@@ -158,7 +158,7 @@ def _estimate_low_bits(i, n, bits):
     Args:
         i: Index of the anchor within its leaf, in Morton order.
         n: Number of anchors in the leaf.
-        bits: Number of unknown low bits.
+        bits: Number of num_low_bits low bits.
     """
     # The n anchors of a leaf of the position tree are assumed to be evenly spaced in it.
     depth = 0
@@ -170,26 +170,26 @@ def _estimate_low_bits(i, n, bits):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def encode_position(out, state, code, unknown, chances):
+def encode_position(out, state, code, num_low_bits, low_bit_probabilities):
     """Encodes the low bits of an anchor's position; the side information contains only the high bits.
 
     Args:
         out: Output bytes of the range encoder.
         state: State of the range encoder, changed in place.
         code: Morton code of the anchor's position.
-        unknown: Number of low bits to encode.
-        chances: Probabilities for coding the low bits, see `SharedPositions.chances`.
+        num_low_bits: Number of low bits to encode.
+        low_bit_probabilities: Probabilities for coding the low bits, see `CoarsePositions.low_bit_probabilities`.
     """
-    rest, triples = code & ((ONE << unknown) - 1), (unknown + 2) // 3
+    rest, triples = code & ((ONE << num_low_bits) - 1), (num_low_bits + 2) // 3
     level = np.int64(0)
     while level < triples and not (rest >> (3 * level)) & 7:
-        stop = chances[triples, level]
-        encode_interval(out, state, stop, (ONE << CHANCE_BITS) - stop, CHANCE_BITS)
+        stop = low_bit_probabilities[triples, level]
+        encode_interval(out, state, stop, (ONE << PROBABILITY_BITS) - stop, PROBABILITY_BITS)
         level += 1
     if level == triples:
         return
-    encode_interval(out, state, ZERO, chances[triples, level], CHANCE_BITS)
-    left = unknown - 3 * level
+    encode_interval(out, state, ZERO, low_bit_probabilities[triples, level], PROBABILITY_BITS)
+    left = num_low_bits - 3 * level
     low = min(left, 3)
     encode_bits(out, state, rest >> (3 * level + low), left - low)
     if low > 1:
@@ -199,7 +199,7 @@ def encode_position(out, state, code, unknown, chances):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def decode_position(data, end, state, code, unknown, chances):
+def decode_position(data, end, state, code, num_low_bits, low_bit_probabilities):
     """Decodes the low bits of an anchor's position, and returns the complete Morton code.
 
     Args:
@@ -207,21 +207,21 @@ def decode_position(data, end, state, code, unknown, chances):
         end: End of the packet in `data`.
         state: State of the range decoder, changed in place.
         code: Morton code with estimated low bits, which are replaced.
-        unknown: Number of low bits to decode.
-        chances: Probabilities for coding the low bits, see `SharedPositions.chances`.
+        num_low_bits: Number of low bits to decode.
+        low_bit_probabilities: Probabilities for coding the low bits, see `CoarsePositions.low_bit_probabilities`.
     """
-    triples, level = (unknown + 2) // 3, np.int64(0)
+    triples, level = (num_low_bits + 2) // 3, np.int64(0)
     while level < triples:
-        stop = chances[triples, level]
-        if decode_target(state, CHANCE_BITS) < stop:
-            decode_advance(data, end, state, ZERO, stop, CHANCE_BITS)
+        stop = low_bit_probabilities[triples, level]
+        if decode_target(state, PROBABILITY_BITS) < stop:
+            decode_advance(data, end, state, ZERO, stop, PROBABILITY_BITS)
             break
-        decode_advance(data, end, state, stop, (ONE << CHANCE_BITS) - stop, CHANCE_BITS)
+        decode_advance(data, end, state, stop, (ONE << PROBABILITY_BITS) - stop, PROBABILITY_BITS)
         level += 1
-    high_bits = (code >> unknown) << unknown
+    high_bits = (code >> num_low_bits) << num_low_bits
     if level == triples:
         return high_bits
-    left = unknown - 3 * level
+    left = num_low_bits - 3 * level
     low = min(left, 3)
     rest = decode_bits(data, end, state, left - low)
     value = decode_below(data, end, state, (ONE << low) - 1) if low > 1 else ZERO
@@ -230,19 +230,19 @@ def decode_position(data, end, state, code, unknown, chances):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def position_bits(code, unknown, chances):
+def position_bits(code, num_low_bits, low_bit_probabilities):
     """Returns the number of bits of an anchor's position in a packet, float64.
 
     Args:
         code: Morton code of the anchor's position.
-        unknown: Number of low bits of the Morton code that the packet contains.
-        chances: Probabilities for coding the low bits, see `SharedPositions.chances`.
+        num_low_bits: Number of low bits of the Morton code that the packet contains.
+        low_bit_probabilities: Probabilities for coding the low bits, see `CoarsePositions.low_bit_probabilities`.
     """
-    rest, triples, total = code & ((ONE << unknown) - 1), (unknown + 2) // 3, 0.0
+    rest, triples, total = code & ((ONE << num_low_bits) - 1), (num_low_bits + 2) // 3, 0.0
     for level in range(triples):
-        stop = chances[triples, level]
+        stop = low_bit_probabilities[triples, level]
         if (rest >> (3 * level)) & 7:
-            left = unknown - 3 * level
+            left = num_low_bits - 3 * level
             low = min(left, 3)
             return total + 8.0 - np.log2(float(stop)) + left - low + np.log2(float((1 << low) - 1))
         total += 8.0 - np.log2(256.0 - stop)
@@ -251,7 +251,7 @@ def position_bits(code, unknown, chances):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def decode_positions(data, ends, starts, states, codes, unknown, chances):
+def decode_positions(data, ends, starts, states, codes, num_low_bits, low_bit_probabilities):
     """Decodes the low bits of the positions of all packets' anchors.
 
     Args:
@@ -260,9 +260,9 @@ def decode_positions(data, ends, starts, states, codes, unknown, chances):
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
         codes: Morton codes of all anchors; estimated low bits are replaced by the decoded bits.
-        unknown: Number of low bits to decode for each anchor.
-        chances: Probabilities for coding the low bits, see `SharedPositions.chances`.
+        num_low_bits: Number of low bits to decode for each anchor.
+        low_bit_probabilities: Probabilities for coding the low bits, see `CoarsePositions.low_bit_probabilities`.
     """
     for p in range(states.shape[0]):
         for n in range(starts[p], starts[p + 1]):
-            codes[n] = decode_position(data, ends[p + 1], states[p], codes[n], unknown[n], chances)
+            codes[n] = decode_position(data, ends[p + 1], states[p], codes[n], num_low_bits[n], low_bit_probabilities)

@@ -21,7 +21,7 @@ from splatwire.entropy.tables import exp2_table
 from splatwire.types.causal_coding import OCTAVES, CausalConfig
 
 ONE = 1 << ACTIVATION_BITS
-NUMBER_BITS = 16
+VALUE_BITS = 16
 """Fractional bits of an anchor's attributes, in units of quantisation steps."""
 LARGEST = (1 << 30) - (1 << 26)
 """Largest magnitude of an anchor's quantised attributes: 15,360 quantisation steps."""
@@ -73,29 +73,29 @@ class CodingContext:
     Attributes:
         config: Sizes of the model's networks and tables.
         middle: int64 (3), centre of the scene, voxels.
-        spread: int64 (3), extent of the scene, voxels.
+        extent: int64 (3), extent of the scene, voxels.
         networks: Networks by name.
-        chances: Probabilities of position bits, int64, see `SharedPositions`.
+        low_bit_probabilities: Probabilities of position bits, int64, see `CoarsePositions`.
     """
 
     config: CausalConfig
     middle: np.ndarray
-    spread: np.ndarray
+    extent: np.ndarray
     networks: dict[str, IntegerMlp]
-    chances: np.ndarray
+    low_bit_probabilities: np.ndarray
 
     @staticmethod
     def of(info: SideInfo) -> "CodingContext":
         """Creates the context from side information, with networks converted to integers."""
         networks = {name: network.integer() for name, network in info.networks.items()}
-        return CodingContext(info.config, info.middle, info.spread, networks, info.positions.chances)
+        return CodingContext(info.config, info.middle, info.extent, networks, info.positions.low_bit_probabilities)
 
     @functools.cached_property
     def stages(self) -> tuple[Stage, ...]:
         """Groups of attributes that are predicted together, in coding order."""
         return stages(self.config)
 
-    def start(self, voxels: np.ndarray) -> "Chain":
+    def start(self, voxels: np.ndarray) -> "AutoregressivePredictor":
         """Starts the prediction of the attributes of anchors.
 
         Args:
@@ -104,43 +104,48 @@ class CodingContext:
         Returns:
             Object that predicts the groups of attributes one after another.
         """
-        return Chain(self, self.networks["position"](position_activations(voxels, self.middle, self.spread)))
+        return AutoregressivePredictor(
+            self, self.networks["position"](position_activations(voxels, self.middle, self.extent))
+        )
 
 
-class Chain:
+class AutoregressivePredictor:
     """Predicts the attributes of n anchors for entropy coding, one stage (group of attributes) after another.
 
     Each prediction depends on the anchors' positions and on the stages before it.
 
     Args:
         context: The stream's networks and constants. Each stage has one network.
-        place: Outputs of the position network for the n anchors, int32 (n, outputs). They are inputs of the networks of
-            all stages.
+        position_outputs: Outputs of the position network for the n anchors, int32 (n, outputs). They are inputs of the
+            networks of all stages.
+
+    Attributes:
+        position_outputs: The same outputs with `ACTIVATION_BITS` fractional bits, float64 (n, outputs).
     """
 
-    def __init__(self, context: CodingContext, normalised_positions: np.ndarray) -> None:
+    def __init__(self, context: CodingContext, position_outputs: np.ndarray) -> None:
         config = context.config
         self._context = context
-        self._known = np.empty((len(normalised_positions), config.context_dim + config.layout.feature_dim + 4))
-        self.place = np.empty((len(normalised_positions), config.context_dim))
-        _network_kernels.narrow(normalised_positions, self.place)
-        self._known[:, : config.context_dim] = self.place
+        self._known = np.empty((len(position_outputs), config.context_dim + config.layout.feature_dim + 4))
+        self.position_outputs = np.empty((len(position_outputs), config.context_dim))
+        _network_kernels.narrow(position_outputs, self.position_outputs)
+        self._known[:, : config.context_dim] = self.position_outputs
 
     def outputs(self) -> Iterator[tuple[Stage, np.ndarray]]:
         """Yields each stage in coding order, with the int32 outputs of its network.
 
-        The caller must pass the decoded attributes of the stage to `add_numbers` before it requests the next stage.
+        The caller must pass the decoded attributes of the stage to `add_values` before it requests the next stage.
         """
         for stage in self._context.stages:
             network = self._context.networks[stage.name]
             yield stage, network(self._known[:, : self._context.config.context_dim + stage.first])
 
-    def add_numbers(self, stage: Stage, numbers: np.ndarray) -> None:
+    def add_values(self, stage: Stage, values: np.ndarray) -> None:
         """Adds the decoded attributes of a stage, int32 (n, size), to the inputs of the networks of later stages."""
         # Offsets, the last stage, are not inputs.
         first = self._context.config.context_dim + stage.first
         if first < self._known.shape[1]:
-            kernels.activate(numbers, self._known[:, first : first + stage.size])
+            kernels.activate(values, self._known[:, first : first + stage.size])
 
 
 def position_activations(voxels: np.ndarray, middle: np.ndarray, extent: np.ndarray) -> np.ndarray:
@@ -181,7 +186,7 @@ def linear_values(quantised: np.ndarray, step: float | np.ndarray) -> np.ndarray
     """Dequantises features or offsets by multiplication with the quantisation step.
 
     Args:
-        quantised: Features or offsets in quantisation steps, fixed point with `NUMBER_BITS` fractional bits, int32 (n,
+        quantised: Features or offsets in quantisation steps, fixed point with `VALUE_BITS` fractional bits, int32 (n,
             D). Each value is the predicted mean, which may be fractional, plus a whole number of steps.
         step: Quantisation step of all columns, or one step for each column.
 
@@ -189,23 +194,23 @@ def linear_values(quantised: np.ndarray, step: float | np.ndarray) -> np.ndarray
         The dequantised values, float32 (n, D).
     """
     # The product is rounded once to float64 and once to float32, so that it is identical on every machine.
-    return (quantised.astype(np.float64) * (step * 2.0**-NUMBER_BITS)).astype(np.float32)
+    return (quantised.astype(np.float64) * (step * 2.0**-VALUE_BITS)).astype(np.float32)
 
 
-def form_logs(quantised: np.ndarray, info: SideInfo) -> np.ndarray:
+def dequantise_log_sizes(quantised: np.ndarray, info: SideInfo) -> np.ndarray:
     """Dequantises the logarithms of the sizes of anchors and their Gaussians.
 
     Column 0 is the scale of the offsets; columns 1 to 3 are the base sizes of the Gaussians, one per axis.
 
     Args:
-        quantised: Quantised logarithms, int32 (n, 4), in quantisation steps with `NUMBER_BITS` fractional bits.
+        quantised: Quantised logarithms, int32 (n, 4), in quantisation steps with `VALUE_BITS` fractional bits.
         info: Side information, which contains the quantisation steps and zero points of the logarithms.
 
     Returns:
         Binary logarithms, int64 (n, 4), `LOG_BITS` fractional bits.
     """
     step = info.log_steps[[0, 1, 1, 1]]
-    return ((quantised.astype(np.int64) * step) >> NUMBER_BITS) + info.centres
+    return ((quantised.astype(np.int64) * step) >> VALUE_BITS) + info.zero_points
 
 
 def exponential(logs: np.ndarray) -> np.ndarray:

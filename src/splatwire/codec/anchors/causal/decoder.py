@@ -5,7 +5,13 @@ import math
 import numpy as np
 
 from splatwire.bitstream import Manifest
-from splatwire.codec.anchors.causal.context import NUMBER_BITS, CodingContext, exponential, form_logs, linear_values
+from splatwire.codec.anchors.causal.context import (
+    VALUE_BITS,
+    CodingContext,
+    dequantise_log_sizes,
+    exponential,
+    linear_values,
+)
 from splatwire.codec.anchors.causal.packet_coder import anchor_rows, decode_packets, predict_from_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info
 from splatwire.codec.anchors.order import AnchorDecoder
@@ -92,7 +98,7 @@ class CausalDecoder(AnchorDecoder):
         self._values = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._means = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._spreads = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
-        self._place = np.zeros((num, info.config.context_dim), dtype=np.float32)
+        self._position_outputs = np.zeros((num, info.config.context_dim), dtype=np.float32)
         self._guessed = self._positions_of(info.positions.known.voxels)
         self._positions = self._guessed.copy()
 
@@ -104,9 +110,10 @@ class CausalDecoder(AnchorDecoder):
         Args:
             ranks: Indices of the n anchors in coding order, int64 (n).
         """
-        voxels, means, spreads = predict_from_positions(self._context, self._info.positions.known.select(ranks).voxels)
-        self._place[ranks] = voxels * 2.0**-ACTIVATION_BITS
-        deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))
+        voxels = self._info.positions.known.select(ranks).voxels
+        position_outputs, means, log_deviations = predict_from_positions(self._context, voxels)
+        self._position_outputs[ranks] = position_outputs * 2.0**-ACTIVATION_BITS
+        deviations = np.exp2(np.clip(log_deviations * 2.0**-VALUE_BITS, -6, 13))
         for name, values in self._attributes(means).items():
             self._means[name][ranks] = values
         logs = deviations[:, self._features : self._features + 4] * self._info.log_steps[[0, 1, 1, 1]]
@@ -135,22 +142,22 @@ class CausalDecoder(AnchorDecoder):
             rows: Result of `decode` for these packets.
         """
         ranks = run.ranks
-        voxels, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)
+        voxels, mask, quantised = np.split(rows[0], [3, 3 + self._offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask
         self._positions[ranks] = self._positions_of(voxels + self._info.positions.known.origin)
-        for name, values in self._attributes(numbers).items():
+        for name, values in self._attributes(quantised).items():
             self._values[name][ranks] = values
 
     def _positions_of(self, voxels: np.ndarray) -> np.ndarray:
         """World coordinates of voxels, float32 (n, 3)."""
         return (voxels.astype(np.float64) * self._info.voxel_size).astype(np.float32)
 
-    def _attributes(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
+    def _attributes(self, quantised: np.ndarray) -> dict[str, np.ndarray]:
         """Dequantises decoded anchors; returns the attribute arrays (feature, scaling, offset) by name."""
-        feature, form, offset = np.split(numbers, [self._features, self._features + 4], axis=1)
+        feature, log_sizes, offset = np.split(quantised, [self._features, self._features + 4], axis=1)
         return {
             "feature": linear_values(feature, self._step),
-            "scaling": exponential(form_logs(form, self._info))[:, _SCALINGS],
+            "scaling": exponential(dequantise_log_sizes(log_sizes, self._info))[:, _SCALINGS],
             "offset": linear_values(offset, self._info.steps[-1]),
         }
 
@@ -177,15 +184,15 @@ class CausalDecoder(AnchorDecoder):
         info, unit = self._info, math.log(2) * 2.0**-LOG_BITS
         all_steps = np.concatenate([info.steps[:-1], info.log_steps * unit, info.steps[-1:]])
         networks = {name: network_of(network) for name, network in info.networks.items()}
-        steps, centres, middle, spread = (
-            np.asarray(numbers, np.float32) for numbers in (all_steps, info.centres * unit, info.middle, info.spread)
+        steps, zero_points, middle, extent = (
+            np.asarray(values, np.float32) for values in (all_steps, info.zero_points * unit, info.middle, info.extent)
         )
-        return CausalCoding(networks, steps, centres, middle, spread, info.voxel_size, info.config)
+        return CausalCoding(networks, steps, zero_points, middle, extent, info.voxel_size, info.config)
 
     def _prior(self) -> Prior:
         """Returns the predicted distributions of all attributes, from which concealers estimate lost anchors."""
         # The quantisation step of a scaling is proportional to its mean.
-        num, info = len(self._place), self._info
+        num, info = len(self._position_outputs), self._info
         relative = self._means["scaling"].mean(axis=1, keepdims=True)
         steps = {
             "feature": np.full((num, 1), self._step.mean(), np.float32),
@@ -193,4 +200,4 @@ class CausalDecoder(AnchorDecoder):
             "offset": np.full((num, 1), info.steps[-1], np.float32),
         }
         parts = {name: AttributePrior(self._means[name], self._spreads[name], step) for name, step in steps.items()}
-        return Prior(**parts, context=self._place)
+        return Prior(**parts, context=self._position_outputs)

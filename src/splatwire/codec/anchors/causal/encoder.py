@@ -9,7 +9,7 @@ from splatwire.bitstream import Packetization
 from splatwire.codec.anchors.causal.context import CodingContext
 from splatwire.codec.anchors.causal.fit import fit_side_info
 from splatwire.codec.anchors.causal.packet_coder import Quantised, anchor_bits, cut_packets, encode_packets, quantise
-from splatwire.codec.anchors.causal.positions import SharedPositions, share_positions
+from splatwire.codec.anchors.causal.positions import CoarsePositions, encode_coarse_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
 from splatwire.codec.schema import CodedPackets
 from splatwire.errors import InvalidValueError
@@ -86,7 +86,7 @@ def _check_common(packetization: Packetization) -> None:
         )
 
 
-def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPositions:
+def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> CoarsePositions:
     """Chooses how many bits of the anchors' positions are in the side information; the other bits are in packets.
 
     The side information gets as many bits as possible, but no more than about a fixed share of all bytes of the stream.
@@ -107,7 +107,7 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     for leaf in range(2, MAX_LEAF_ANCHORS + 1):
         if len(positions.section) <= most:
             break
-        positions = share_positions(voxels, leaf)
+        positions = encode_coarse_positions(voxels, leaf)
     return positions
 
 
@@ -139,7 +139,7 @@ class CausalEncoder:
         self._known_positions = replace(positions, codes=morton_encode(voxels - positions.origin))
         self._octaves = float(info.log_steps[0]) * 2.0**-LOG_BITS
         self._masks = anchors.mask.astype(np.uint8)
-        logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOGS]) * 2.0**LOG_BITS - info.centres
+        logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOGS]) * 2.0**LOG_BITS - info.zero_points
         offsets = anchors.present_offsets.reshape(len(anchors.mask), -1).astype(np.float64)
         parts = (
             anchors.features.astype(np.float64) / np.repeat(info.steps[:-1], groups),

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from splatwire.anchors.causal_prediction import position_inputs, predict_causal
-from splatwire.codec.anchors.causal.positions import share_positions
+from splatwire.codec.anchors.causal.positions import encode_coarse_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo
 from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
 from splatwire.codec.heads import quantise_network
@@ -19,7 +19,7 @@ from splatwire.types import AnchorScene, CausalCoding
 SAMPLE_ANCHORS = 16_000
 NOISE_REFERENCE = 0.04
 ANCHORS_REFERENCE = 35_000
-"""Tolerated noise of a mean relative to the spread around it, at 35,000 anchors; proportional to the inverse square
+"""Tolerated noise of a mean relative to the predicted deviation, at 35,000 anchors; proportional to the inverse square
 root of their number. Weight bytes decrease with the logarithm of the noise, attribute bytes grow with its square. Side
 information counts for more than its bytes, because all packets need it: lego is smallest with 0.03, and 0.1 % larger
 with 0.04, but with 7 % smaller networks.
@@ -51,16 +51,16 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     steps, groups = coding.steps.astype(np.float64), coding.config.layout.feature_groups
     unit = 2.0**LOG_BITS / math.log(2)
     logs = np.maximum(np.rint(steps[len(groups) : -1] * unit), 1).astype(np.int64)
-    centres = np.rint(coding.centres.astype(np.float64) * unit).astype(np.int64)
+    zero_points = np.rint(coding.zero_points.astype(np.float64) * unit).astype(np.int64)
     inputs, outputs = _sampled(coding, voxels[index], sample.features, sample.scalings)
     networks = {
         name: quantise_network(network, inputs[name], _tolerance(name, outputs[name], coding) * noise)
         for name, network in coding.networks.items()
     }
-    middle, spread = coding.middle.astype(np.int64), coding.spread.astype(np.int64)
+    middle, extent = coding.middle.astype(np.int64), coding.extent.astype(np.int64)
     return SideInfo(
-        coding.config, coding.voxel_size, share_positions(voxels, 1), middle, spread,
-        np.concatenate([steps[: len(groups)], steps[-1:]]), logs, centres,
+        coding.config, coding.voxel_size, encode_coarse_positions(voxels, 1), middle, extent,
+        np.concatenate([steps[: len(groups)], steps[-1:]]), logs, zero_points,
         networks, fit_heads(scene.heads, sample, HEAD_TOLERANCE),
     )  # fmt: skip
 
@@ -81,7 +81,7 @@ def _sampled(
     """
     inputs, outputs = dict[str, np.ndarray](), dict[str, np.ndarray]()
 
-    def watched(name: str) -> Callable[[np.ndarray], np.ndarray]:
+    def recording(name: str) -> Callable[[np.ndarray], np.ndarray]:
         def run(x: np.ndarray) -> np.ndarray:
             inputs[name], outputs[name] = x, coding.networks[name](x)
             return outputs[name]
@@ -90,10 +90,14 @@ def _sampled(
 
     groups = coding.config.layout.feature_groups
     step = np.repeat(coding.steps[: len(groups)], groups)
-    form = (np.log(scalings[:, [0, 3, 4, 5]]) - coding.centres) / coding.steps[len(groups) :][[0, 1, 1, 1]]
-    position_features = position_inputs(((voxels - coding.middle) / coding.spread).astype(np.float32))
+    log_sizes = (np.log(scalings[:, [0, 3, 4, 5]]) - coding.zero_points) / coding.steps[len(groups) :][[0, 1, 1, 1]]
+    position_features = position_inputs(((voxels - coding.middle) / coding.extent).astype(np.float32))
     predict_causal(
-        {name: watched(name) for name in coding.networks}, coding.config, position_features, features / step, form
+        {name: recording(name) for name in coding.networks},
+        coding.config,
+        position_features,
+        features / step,
+        log_sizes,
     )
     return inputs, outputs
 
@@ -110,7 +114,7 @@ def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarr
     if name == "position":
         return POSITION_NOISE_FACTOR * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)
     masks = coding.config.layout.num_offsets if name == "form" else 0
-    spread = outputs[:, masks + (outputs.shape[1] - masks) // 2 :].astype(np.float64)
-    typical = lower_median(2.0 ** spread.clip(-3, 13))
+    log_deviations = outputs[:, masks + (outputs.shape[1] - masks) // 2 :].astype(np.float64)
+    typical = lower_median(2.0 ** log_deviations.clip(-3, 13))
     width = np.sqrt(typical**2 + 1 / 12)
     return np.concatenate([np.full(masks, 2.0), width, np.ones_like(width)])

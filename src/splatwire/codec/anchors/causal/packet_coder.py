@@ -1,6 +1,6 @@
 """Encodes and decodes packets of the codec `causal`; each contains complete anchors and decodes without the others."""
-# Encoding and decoding share the prediction (`Chain`). Packets are processed in chunks, which does not affect the
-# bytes.
+# Encoding and decoding share the prediction (`AutoregressivePredictor`). Packets are processed in chunks, which
+# does not affect the bytes.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,27 +26,27 @@ class Quantised:
         logits: Predicted logits of the masks, int32 (n, K).
         symbols: Differences of attributes from the predicted means in quantisation steps, int32 (n, attributes).
         scales: Index of each symbol's standard deviation in the coder's table, int16 (n, attributes).
-        numbers: Decoded attributes in quantisation steps with 16 fractional bits, int32 (n, attributes): features,
-            logarithms of the offset scale and of the three sizes, and offsets.
+        reconstructed: Decoded attributes in quantisation steps with 16 fractional bits, int32 (n, attributes):
+            features, logarithms of the offset scale and of the three sizes, and offsets.
     """
 
-    # `symbols` and `numbers` are 0 for missing offsets.
+    # `symbols` and `reconstructed` are 0 for missing offsets.
 
     positions: AnchorPositions
     masks: np.ndarray
     logits: np.ndarray
     symbols: np.ndarray
     scales: np.ndarray
-    numbers: np.ndarray
+    reconstructed: np.ndarray
 
     def rows(self) -> np.ndarray:
         """All integers of each anchor: position, mask and quantised attributes, int32 (n, 3 + K + attributes)."""
-        return anchor_rows(self.positions.codes, self.masks, self.numbers)
+        return anchor_rows(self.positions.codes, self.masks, self.reconstructed)
 
 
-def anchor_rows(codes: np.ndarray, masks: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+def anchor_rows(codes: np.ndarray, masks: np.ndarray, reconstructed: np.ndarray) -> np.ndarray:
     """Returns all integers of each anchor: position, mask and quantised attributes, int32 (n, 3 + K + attributes)."""
-    return np.concatenate([morton_decode(codes).astype(np.int32), masks.astype(np.int32), numbers], axis=1)
+    return np.concatenate([morton_decode(codes).astype(np.int32), masks.astype(np.int32), reconstructed], axis=1)
 
 
 def _empty(context: CodingContext, positions: AnchorPositions, masks: np.ndarray) -> Quantised:
@@ -77,24 +77,24 @@ def quantise(
     """
     # Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
     values = values.copy()
-    quantised, chain = _empty(context, positions, masks), context.start(positions.voxels)
+    quantised, predictor = _empty(context, positions, masks), context.start(positions.voxels)
     coded = np.repeat(masks.astype(bool), 3, axis=1)
-    for stage, outputs in chain.outputs():
+    for stage, outputs in predictor.outputs():
         columns, means = _columns(stage), outputs[:, stage.masks : stage.masks + stage.size]
         if stage.masks:
             quantised.logits[:] = outputs[:, : stage.masks]
         symbols = np.rint(values[:, columns] - means * 2.0**-16).astype(np.int32)
         if stage is context.stages[-1]:
             symbols *= coded
-        numbers = np.empty(symbols.shape, dtype=np.int32)
-        kernels.add_predicted_means(symbols, outputs, stage.masks, numbers)
-        chain.add_numbers(stage, numbers)
+        reconstructed = np.empty(symbols.shape, dtype=np.int32)
+        kernels.add_predicted_means(symbols, outputs, stage.masks, reconstructed)
+        predictor.add_values(stage, reconstructed)
         if stage.masks:
-            lost = values[:, columns] - numbers * 2.0**-16
+            lost = values[:, columns] - reconstructed * 2.0**-16
             values[:, _columns(context.stages[-1])] *= np.exp2(lost * octaves)
         if stage is context.stages[-1]:
-            numbers *= coded
-        quantised.symbols[:, columns], quantised.numbers[:, columns] = symbols, numbers
+            reconstructed *= coded
+        quantised.symbols[:, columns], quantised.reconstructed[:, columns] = symbols, reconstructed
         quantised.scales[:, columns] = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
     return quantised
 
@@ -112,11 +112,11 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
     buffer = np.empty(len(quantised.masks) * room + 64 * len(starts), dtype=np.uint8)
     lengths = np.zeros(len(counts), dtype=np.int64)
     firsts = np.array([*(stage.first for stage in context.stages), quantised.symbols.shape[1]])
-    form = next(s for s, stage in enumerate(context.stages) if stage.masks)
+    mask_stage = next(s for s, stage in enumerate(context.stages) if stage.masks)
     kernels.encode_packets(
-        starts, quantised.positions.codes, quantised.positions.unknown, context.chances, quantised.masks,
-        quantised.logits, quantised.symbols,
-        quantised.scales, firsts, form, weight_table(), *tables(), buffer, lengths,
+        starts, quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities,
+        quantised.masks, quantised.logits, quantised.symbols,
+        quantised.scales, firsts, mask_stage, weight_table(), *tables(), buffer, lengths,
     )  # fmt: skip
     begin = starts[:-1] * room + 64 * np.arange(len(lengths))
     return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
@@ -131,7 +131,8 @@ def anchor_bits(context: CodingContext, quantised: Quantised) -> np.ndarray:
     """
     bits = np.empty(len(quantised.masks))
     kernels.anchor_bits(
-        quantised.positions.codes, quantised.positions.unknown, context.chances, quantised.masks, quantised.logits,
+        quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities, quantised.masks,
+        quantised.logits,
         quantised.symbols, quantised.scales, context.stages[-1].first, weight_table(), *tables(), bits,
     )  # fmt: skip
     return bits
@@ -186,25 +187,27 @@ def decode_packets(
     states = np.zeros((len(payloads), 3), dtype=np.int64)
     kernels.start_packets(data, ends, states)
     exact = replace(positions, codes=positions.codes.copy())
-    place_kernels.decode_positions(data, ends, starts, states, exact.codes, exact.unknown, context.chances)
+    place_kernels.decode_positions(
+        data, ends, starts, states, exact.codes, exact.num_low_bits, context.low_bit_probabilities
+    )
     num, last = len(exact.codes), context.stages[-1]
     masks = np.zeros((num, context.config.layout.num_offsets), dtype=np.uint8)
-    all_numbers = np.zeros((num, last.first + last.size), dtype=np.int32)
+    all_values = np.zeros((num, last.first + last.size), dtype=np.int32)
     everything = np.ones((num, -(-max(stage.size for stage in context.stages) // 3)), dtype=np.uint8)
-    chain = context.start(exact.voxels)
-    for stage, outputs in chain.outputs():
+    predictor = context.start(exact.voxels)
+    for stage, outputs in predictor.outputs():
         if stage.masks:
             logits = np.ascontiguousarray(outputs[:, : stage.masks])
             kernels.decode_masks(data, ends, starts, states, logits, weight_table(), masks)
         scales = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
-        symbols, numbers = np.empty(scales.shape, dtype=np.int32), np.empty(scales.shape, dtype=np.int32)
+        symbols, reconstructed = np.empty(scales.shape, dtype=np.int32), np.empty(scales.shape, dtype=np.int32)
         coded = masks if stage is last else everything
         kernels.decode_stage(data, ends, starts, states, scales, coded, *tables(), symbols)
-        kernels.add_predicted_means(symbols, outputs, stage.masks, numbers)
-        chain.add_numbers(stage, numbers)
-        all_numbers[:, _columns(stage)] = numbers
-    all_numbers[:, last.first :] *= np.repeat(masks, 3, axis=1)
-    return exact.codes, masks, all_numbers
+        kernels.add_predicted_means(symbols, outputs, stage.masks, reconstructed)
+        predictor.add_values(stage, reconstructed)
+        all_values[:, _columns(stage)] = reconstructed
+    all_values[:, last.first :] *= np.repeat(masks, 3, axis=1)
+    return exact.codes, masks, all_values
 
 
 def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -221,11 +224,11 @@ def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[
     """
     # The causal model predicts some attributes from others. Here, its networks get the predicted means of these. The
     # standard deviations do not include the uncertainty of these means.
-    last, chain = context.stages[-1], context.start(voxels)
+    last, predictor = context.stages[-1], context.start(voxels)
     means = np.empty((len(voxels), last.first + last.size), dtype=np.int32)
-    spreads = np.empty(means.shape, dtype=np.int32)
-    for stage, outputs in chain.outputs():
+    log_deviations = np.empty(means.shape, dtype=np.int32)
+    for stage, outputs in predictor.outputs():
         mean = np.ascontiguousarray(outputs[:, stage.masks : stage.masks + stage.size])
-        chain.add_numbers(stage, mean)
-        means[:, _columns(stage)], spreads[:, _columns(stage)] = mean, outputs[:, stage.masks + stage.size :]
-    return chain.place, means, spreads
+        predictor.add_values(stage, mean)
+        means[:, _columns(stage)], log_deviations[:, _columns(stage)] = mean, outputs[:, stage.masks + stage.size :]
+    return predictor.position_outputs, means, log_deviations

@@ -12,22 +12,22 @@ from splatwire.errors import BitstreamError
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_decode, morton_encode
 
-CHANCES = 256
+PROBABILITY_ONE = 256
 
 
 @dataclass(frozen=True, eq=False)
 class AnchorPositions:
-    """Positions of N anchors in coding order; the lowest bits of a position may be unknown.
+    """Positions of N anchors in coding order; the lowest bits of a position may be only estimated.
 
     Attributes:
         origin: Voxel that the Morton codes are relative to, int64 (3).
-        codes: Morton codes, ascending, int64 (N); unknown low bits are estimated.
-        unknown: Number of unknown low bits of each code, int64 (N).
+        codes: Morton codes, ascending, int64 (N); low bits that only packets contain are estimated.
+        num_low_bits: Number of low bits of each code that only packets contain, int64 (N).
     """
 
     origin: np.ndarray
     codes: np.ndarray
-    unknown: np.ndarray
+    num_low_bits: np.ndarray
 
     @property
     def voxels(self) -> np.ndarray:
@@ -36,11 +36,11 @@ class AnchorPositions:
 
     def select(self, ranks: np.ndarray) -> "AnchorPositions":
         """Returns the positions of the anchors with the given indices, int64 (n)."""
-        return AnchorPositions(self.origin, self.codes[ranks], self.unknown[ranks])
+        return AnchorPositions(self.origin, self.codes[ranks], self.num_low_bits[ranks])
 
 
 @dataclass(frozen=True, eq=False)
-class SharedPositions:
+class CoarsePositions:
     """High bits of the positions of all anchors.
 
     The high bits are part of the side information. The packets contain the low bits.
@@ -48,22 +48,18 @@ class SharedPositions:
     Attributes:
         section: Bytes of the section of the side information.
         known: Positions of all anchors as known from the side information; the low bits are estimated.
-        chances: Probabilities for coding the low bits, int64 (T + 1, T + 1), in units of 1/256. The low bits of a
-            Morton code are divided into at most T triples of one bit per axis; triple 0 has the lowest bits. Row u
-            applies to codes with u triples in their packets. Entry (u, t) is the probability that triple t is not 0,
-            given that all lower triples are 0.
+        low_bit_probabilities: Probabilities for coding the low bits, int64 (T + 1, T + 1), in units of 1/256. The low
+            bits of a Morton code are divided into at most T triples of one bit per axis; triple 0 has the lowest bits.
+            Row u applies to codes with u triples in their packets. Entry (u, t) is the probability that triple t is not
+            0, given that all lower triples are 0.
     """
-
-    # `chances` (T + 1, T + 1): The low bits of a Morton code are divided into triples (one bit per axis); triple 0 is
-    # the lowest. Entry (u, t) is for codes with u triples in packets, at most T: the probability that triple t is not 0
-    # if all lower ones are 0.
 
     section: bytes
     known: AnchorPositions
-    chances: np.ndarray
+    low_bit_probabilities: np.ndarray
 
 
-def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
+def encode_coarse_positions(voxels: np.ndarray, leaf: int) -> CoarsePositions:
     """Encodes the high bits of all anchors' positions as a section of the side information.
 
     The low bits are in the packets.
@@ -80,7 +76,7 @@ def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
     codes = np.sort(morton_encode(voxels - origin))
     tree = _encode_tree(codes, origin, leaf)
     shared = _decode_tree(tree, len(voxels), leaf)
-    triples, lowest = lowest_triples(codes, shared.unknown)
+    triples, lowest = lowest_triples(codes, shared.num_low_bits)
     rows, writer = int(triples.max(initial=0)), ByteWriter()
     writer.u8(leaf)
     writer.u8(rows)
@@ -88,8 +84,8 @@ def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
         counts = np.bincount(lowest[triples == row], minlength=row + 1)
         num_left = counts[::-1].cumsum()[::-1]
         for stops, reached in zip(counts[:row].tolist(), num_left.tolist(), strict=False):
-            writer.u8(min(max(round(CHANCES * (stops + 0.5) / (reached + 1)), 1), CHANCES - 1))
-    return read_positions(writer.bytes() + tree, len(voxels))
+            writer.u8(min(max(round(PROBABILITY_ONE * (stops + 0.5) / (reached + 1)), 1), PROBABILITY_ONE - 1))
+    return read_coarse_positions(writer.bytes() + tree, len(voxels))
 
 
 def _encode_tree(codes: np.ndarray, origin: np.ndarray, leaf: int) -> bytes:
@@ -113,20 +109,20 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
     code = reader.rest()
     if count > 8 * len(code):
         raise BitstreamError(f"positions: {len(code)} bytes cannot hold {count} anchors")
-    codes, unknown = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    codes, num_low_bits = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     models = fresh_models(kernels.NUM_CONTEXTS)
-    kernels.decode_tree(np.frombuffer(code, dtype=np.uint8), bits, leaf, models, codes, unknown)
-    return AnchorPositions(origin, codes, unknown)
+    kernels.decode_tree(np.frombuffer(code, dtype=np.uint8), bits, leaf, models, codes, num_low_bits)
+    return AnchorPositions(origin, codes, num_low_bits)
 
 
-def lowest_triples(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def lowest_triples(codes: np.ndarray, num_low_bits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the index of the lowest nonzero triple of bits in each Morton code.
 
     A triple has one bit per axis. Only the low bits of a code that packets contain are divided into triples.
 
     Args:
         codes: Complete Morton codes of the anchors, int64 (N).
-        unknown: Number of low bits of each code that packets contain, int64 (N).
+        num_low_bits: Number of low bits of each code that packets contain, int64 (N).
 
     Returns:
         Number of triples of each code, int64 (N); and index of the lowest nonzero triple of each code, int64 (N). Index
@@ -134,14 +130,14 @@ def lowest_triples(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, 
     """
     # If all triples are 0, the index equals their number. Low triples are often zero, because anchors lie on grids of
     # several widths.
-    triples, rest = (unknown + 2) // 3, codes & ((np.int64(1) << unknown) - 1)
+    triples, rest = (num_low_bits + 2) // 3, codes & ((np.int64(1) << num_low_bits) - 1)
     lowest = np.zeros(len(codes), dtype=np.int64)
     for level in range(int(triples.max(initial=0))):
         lowest += (rest & ((1 << (3 * level + 3)) - 1) == 0) & (level < triples)
     return triples, lowest
 
 
-def read_positions(section: bytes, num_anchors: int) -> SharedPositions:
+def read_coarse_positions(section: bytes, num_anchors: int) -> CoarsePositions:
     """Reads the position section of the side information.
 
     Args:
@@ -154,12 +150,12 @@ def read_positions(section: bytes, num_anchors: int) -> SharedPositions:
     reader = ByteReader(section, "positions")
     leaf, rows = reader.u8(), reader.u8()
     if not 0 < leaf <= MAX_LEAF or rows > MAX_AXIS_BITS:
-        raise BitstreamError(f"positions: nodes of {leaf} anchors, {rows} rows of chances")
-    chances = np.zeros((rows + 1, rows + 1), dtype=np.int64)
+        raise BitstreamError(f"positions: nodes of {leaf} anchors, {rows} rows of probabilities")
+    low_bit_probabilities = np.zeros((rows + 1, rows + 1), dtype=np.int64)
     for row in range(1, rows + 1):
-        chances[row, :row] = np.frombuffer(reader.take(row), dtype=np.uint8)
+        low_bit_probabilities[row, :row] = np.frombuffer(reader.take(row), dtype=np.uint8)
     shared = _decode_tree(reader.rest(), num_anchors, leaf)
-    missing = int((shared.unknown.max(initial=0) + 2) // 3)
-    if missing > rows or not chances[np.tril_indices(rows + 1, -1)].all():
-        raise BitstreamError(f"positions: no chances for {missing} triples of bits among {rows} rows")
-    return SharedPositions(section, shared, chances)
+    missing = int((shared.num_low_bits.max(initial=0) + 2) // 3)
+    if missing > rows or not low_bit_probabilities[np.tril_indices(rows + 1, -1)].all():
+        raise BitstreamError(f"positions: no probabilities for {missing} triples of bits among {rows} rows")
+    return CoarsePositions(section, shared, low_bit_probabilities)

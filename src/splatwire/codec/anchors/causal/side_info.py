@@ -18,7 +18,7 @@ from splatwire.bitstream.limits import (
     SCHEMAS,
 )
 from splatwire.bitstream.sections import read_sections, write_sections
-from splatwire.codec.anchors.causal.positions import SharedPositions, read_positions
+from splatwire.codec.anchors.causal.positions import CoarsePositions, read_coarse_positions
 from splatwire.codec.weight_bytes import framed, read_heads, read_networks, write_networks
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
@@ -40,12 +40,12 @@ class SideInfo:
         voxel_size: World units per voxel.
         positions: The high bits of all anchors' positions. The packets contain the low bits.
         middle: int64 (3), centre of the scene, voxels.
-        spread: int64 (3), extent of the scene, voxels.
+        extent: int64 (3), extent of the scene, voxels.
         steps: Quantisation steps of each feature group, then of the offsets, float64 (groups + 1).
         log_steps: Quantisation steps of the logarithms of offset scale and base size, int64 (2), `LOG_BITS` fractional
             bits.
-        centres: int64 (4), zero points of an anchor's four logarithms (offset scale and three base sizes), `LOG_BITS`
-            fractional bits.
+        zero_points: int64 (4), zero points of an anchor's four logarithms (offset scale and three base sizes),
+            `LOG_BITS` fractional bits.
         networks: Networks of `CausalConfig.shapes`, by name.
         heads: Rendering networks: opacity, covariance, colour.
         sections: Optional named sections, content by name.
@@ -53,12 +53,12 @@ class SideInfo:
 
     config: CausalConfig
     voxel_size: float
-    positions: SharedPositions
+    positions: CoarsePositions
     middle: np.ndarray
-    spread: np.ndarray
+    extent: np.ndarray
     steps: np.ndarray
     log_steps: np.ndarray
-    centres: np.ndarray
+    zero_points: np.ndarray
     networks: Mapping[str, QuantisedMlp]
     heads: tuple[QuantisedMlp, ...]
     sections: Mapping[str, bytes] = field(default_factory=dict)
@@ -95,7 +95,7 @@ def read_side_info(data: bytes, num_anchors: int) -> SideInfo:
     reader = ByteReader(data, "side information")
     header, section, networks, render = (reader.blob() for _ in SCHEMAS[CAUSAL].sections)
     sections = read_sections(reader.rest())
-    info = _read_header(header, read_positions(section, num_anchors))
+    info = _read_header(header, read_coarse_positions(section, num_anchors))
     config = info.config
     shapes = [(name, *shape) for name, shape in config.shapes().items()]
     parsed = read_networks(networks, shapes)
@@ -114,14 +114,14 @@ def _header(info: SideInfo) -> bytes:
         writer.unsigned(value)
     for step in (*info.steps, info.voxel_size):
         writer.f64(float(step))
-    for value in (*info.log_steps, *info.spread):
+    for value in (*info.log_steps, *info.extent):
         writer.unsigned(int(value))
-    for value in (*info.centres, *info.middle):
+    for value in (*info.zero_points, *info.middle):
         writer.signed(int(value))
     return writer.bytes()
 
 
-def _read_header(data: bytes, positions: SharedPositions) -> SideInfo:
+def _read_header(data: bytes, positions: CoarsePositions) -> SideInfo:
     """Parses the header of the side information; the result has neither networks nor named sections.
 
     Args:
@@ -171,11 +171,11 @@ def _problem(info: SideInfo) -> str | None:
         return f"voxel size {info.voxel_size}"
     if not ((info.log_steps > 0).all() and (info.log_steps <= MAX_CAUSAL_LOG_STEP).all()):
         return f"logarithmic steps {info.log_steps.tolist()}"
-    if np.abs(info.centres).max() > MAX_CAUSAL_CENTRE:
-        return f"sizes around {info.centres.tolist()}"
-    if not ((info.spread > 0).all() and (info.spread <= MAX_COORD).all() and np.abs(info.middle).max() <= MAX_COORD):
-        return f"a scene {info.spread.tolist()} voxels around {info.middle.tolist()}"
+    if np.abs(info.zero_points).max() > MAX_CAUSAL_CENTRE:
+        return f"sizes around {info.zero_points.tolist()}"
+    if not ((info.extent > 0).all() and (info.extent <= MAX_COORD).all() and np.abs(info.middle).max() <= MAX_COORD):
+        return f"a scene {info.extent.tolist()} voxels around {info.middle.tolist()}"
     distances = np.abs(info.positions.known.origin - info.middle).tolist()
-    if any(distance > MAX_FAR * extent for distance, extent in zip(distances, info.spread.tolist(), strict=True)):
-        return f"anchors {distances} voxels from the middle of a scene of {info.spread.tolist()}"
+    if any(distance > MAX_FAR * extent for distance, extent in zip(distances, info.extent.tolist(), strict=True)):
+        return f"anchors {distances} voxels from the middle of a scene of {info.extent.tolist()}"
     return None
