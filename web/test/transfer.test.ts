@@ -6,7 +6,9 @@ import type { Head } from "../src/packets/container.ts";
 import { crc32, portableCrc32 } from "../src/packets/crc32.ts";
 import { Transfer } from "../src/transport/transfer.ts";
 import {
+  END,
   LIVE,
+  MAX_FRUITLESS_ENDS,
   MAX_NACK_ATTEMPTS,
   NACK_INTERVAL_MS,
   NOT_YET,
@@ -139,6 +141,23 @@ test("a report lists missing packets behind the latest one, each at limited inte
   assert.equal(lost(transfer.feedback(10)), 100 + 1 - REORDER_THRESHOLD);
   assert.equal(lost(transfer.feedback(9 + NACK_INTERVAL_MS)), 0);
   assert.equal(lost(transfer.feedback(10 + NACK_INTERVAL_MS)), 100 + 1 - REORDER_THRESHOLD);
+});
+
+test("many end messages at once after an outage do not end a transfer", () => {
+  const transfer = new Transfer("", 7n, 0),
+    end = new Uint8Array(13);
+  transfer.receive(
+    welcome((_, bytes) => (bytes[69] = 0)),
+    0,
+  );
+  transfer.head = {} as Head;
+  end[0] = (VERSION << 4) | END;
+  dataView(end).setUint32(1, 2, true);
+  dataView(end).setUint32(9, crc32(end.subarray(0, 9)), true);
+  for (let n = 0; n < 3 * MAX_FRUITLESS_ENDS; n++) transfer.receive(end, 5000);
+  assert.ok(!transfer.finished);
+  for (let n = 1; n < MAX_FRUITLESS_ENDS; n++) transfer.receive(end, 5000 + 100 * n);
+  assert.equal(transfer.finished, "sent");
 });
 
 test("packets of a live stream are requested a limited number of times, also after its end", () => {

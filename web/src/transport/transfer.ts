@@ -47,6 +47,8 @@ export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], REFUSALS[OTHER_VE
 const MAX_EARLY_DATAGRAMS = 64;
 /** Maximum number of packets kept until the message arrives that announces them. */
 const MAX_WAITING_PACKETS = 512;
+/** Minimum time between counted `End` datagrams, milliseconds: after an outage, many may arrive at once. */
+const MIN_END_SPACING_MS = 50;
 
 /** Number of contradicting packets after which the transfer ends. */
 const MAX_CONTRADICTIONS = 64;
@@ -101,6 +103,7 @@ export class Transfer {
   readonly #gaps = new Map<number, number>();
   #numViewUpdates = 0;
   #fruitlessEnds = 0;
+  #endCountedAt = 0;
   /**
    * Datagrams that arrived before the welcome message, and packets that arrived before the message that announces them.
    */
@@ -171,7 +174,10 @@ export class Transfer {
     if (sequence > this.#largestSequence) [this.#largestSequence, this.#largestAt] = [sequence, now];
     if (kind === END) {
       this.ended = true;
-      this.#fruitlessEnds++;
+      if (!this.#fruitlessEnds || now - this.#endCountedAt >= MIN_END_SPACING_MS) {
+        this.#fruitlessEnds++;
+        this.#endCountedAt = now;
+      }
     } else {
       this.#fruitlessEnds = 0;
       if (this.viewing) this.ended = false;
