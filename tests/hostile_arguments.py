@@ -294,7 +294,7 @@ class Pool:
             "SimulatedTransfers.side_info": lambda: self._arrival.side_info,
             "SimulatedTransfers.packets": lambda: self._arrival.packets,
             **{f"StreamLoad.{name}": (lambda name=name: getattr(self._load, name)) for name in
-               ("head_bytes", "packet_bytes", "elements", "tiers")},
+               ("init_segment_bytes", "packet_bytes", "elements", "tiers")},
             "num_datagrams": 3, "side_info_arrivals.received": lambda: np.ones((2, len(self._transfer.kind)), np.bool_),
             "simulate.received": lambda: np.ones((2, len(self._transfer.kind)), np.bool_),
             "preview_for_scene.config": lambda: importlib.import_module("splatwire.calibration.preview").PreviewConfig(
