@@ -28,13 +28,13 @@ const INTERNAL = `
   hasAnswered hasCopies hasHead hasManifestOf hasUnknownBirth headBytes helpOpen identityAt idleMs initSegment
   initSegmentBytes initSegmentMs isComplete isCut isLinear isOnlySource isReceived isReordered isRetry
   isRetryable isSameStream isSequence isSorting isTryingWhole isVisible isWebPage keptBytes keyframeBlock
-  keyframeIndices keyframeInfo lastOffsets latticeBits leafIndex leafSize leftOut lifetimes logScales
+  keyframeIndices keyframeInfo lastOffsets latticeBits leafIndex leafSize leftOut logScales
   logStepRatios logSteps lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers
   medianRadius nearestFirst nearestOthers newPackets noGaussians noteChange noteFailure noteUseless numBlocks
   numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLowBits numNew numOffsets
   numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera
   onChange onContextLost onFirstUse packetBytes paintedCanvas pictureChanged planBlock planIndices playingLive
-  pointCameraAt positionStep predictAxis readMotion receiveDatagrams recordWhen rejected repeatMs replaceTiles
+  pointCameraAt positionStep predictAxis receiveDatagrams recordWhen rejected repeatMs replaceTiles
   reportCamera reportPlayable requestFrame requestId rowSteps setConcealers setCooperative setMessage setRow
   setViewpoint setVisible showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog stalledFrames
   startWebGL stateOf stopProbabilities storeValues streamId symbolBytes symbolsDigest symbolsMissing
@@ -71,9 +71,25 @@ const banner = {
   js: `/* splatwire ${version} web receiver, Apache-2.0; with PlayCanvas (MIT) */`,
 };
 
+/** Functions of the module in WebAssembly, which the bundles call by their names. */
+const EXPORTED = [...readFileSync(`${root}native/gaussians.c`, "utf8").matchAll(/EXPORT\((\w+)\)/g)].map((at) => at[1]);
+for (const name of EXPORTED)
+  if (INTERNAL.includes(name)) throw new Error(`${name} is a function of WebAssembly: remove it from INTERNAL`);
+
+/** Builds bundles. Throws if a text is the name of a property that gets a short name, because it may stand for it. */
+async function built(options) {
+  const made = await build({ ...common, ...options }),
+    quoted = new RegExp(`(["'\`])(${INTERNAL.join("|")})\\1`);
+  for (const { path, text } of made.outputFiles) {
+    const found = path.endsWith(".map") ? null : quoted.exec(text);
+    if (found) throw new Error(`${basename(path)} has the name ${found[0]} as a text: remove it from INTERNAL`);
+  }
+  return made;
+}
+
 /** Returns the text of the receiver's worker. */
 async function receiver() {
-  const made = await build({ ...common, entryPoints: ["src/worker.ts"], format: "iife" });
+  const made = await built({ entryPoints: ["src/worker.ts"], format: "iife" });
   return smallest(made.outputFiles[0].text);
 }
 
@@ -143,8 +159,7 @@ function sorter(path, strict) {
 export async function bundles(strict = false) {
   const make = async (name, entry, less) => {
     const plugins = [worker(strict), ...less];
-    const made = await build({
-      ...common,
+    const made = await built({
       entryPoints: { [name]: entry },
       outdir: ".",
       format: "esm",
@@ -207,7 +222,7 @@ export async function modules() {
   const make = async (entryPoints, more) => {
     // node prints the source line of an uncaught error
     const files = { sourcemap: true, lineLimit: 1000 };
-    const made = await build({ ...common, entryPoints, outdir: ".", ...files, banner, ...more });
+    const made = await built({ entryPoints, outdir: ".", ...files, banner, ...more });
     for (const { path, contents } of made.outputFiles)
       if (!basename(path).startsWith(LOWER)) found.push([basename(path), contents]);
   };

@@ -143,10 +143,10 @@ export class FastPackets implements GaussianPackets {
 }
 
 function hasSameTables(one: SideInfo, other: SideInfo): boolean {
-  return (["baseExponents", "scales", "models", "transform"] as const).every((name) => {
-    const [some, others] = [one[name], other[name]];
-    return some.length === others.length && some.every((value, n) => value === others[n]);
-  });
+  const [some, others] = [one, other].map((info) => [info.baseExponents, info.scales, info.models, info.transform]);
+  return some.every(
+    (table, t) => table.length === others[t].length && table.every((value, n) => value === others[t][n]),
+  );
 }
 
 /** Decodes the packets of one stream in WebAssembly. */
