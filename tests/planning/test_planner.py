@@ -221,7 +221,7 @@ def test_concealment_bytes_count_as_protection(load: StreamLoad, damage: Distort
     assert plan.protection_bytes == 10_000
     with pytest.raises(InvalidValueError, match=r"below 1\.0%"):
         plan_protection([offer], NoLoss(), budget_bytes=1e7, trials=5, max_protection=0.01)
-    with pytest.raises(InvalidValueError, match="in a head of 30000"):
+    with pytest.raises(InvalidValueError, match="in an init segment of 30000"):
         StreamVariant(load, damage, concealment_bytes=30_001)
 
 

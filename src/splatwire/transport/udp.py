@@ -56,14 +56,15 @@ class SocketServer(abc.ABC):
     def __init__(self, core: Server, host: str, port: int) -> None:
         self.core = core
         self._socket = bound_socket(host, port)
+        self._port = int(self._socket.getsockname()[1])
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self.bytes_sent = 0
 
     @property
     def port(self) -> int:
-        """UDP port that the server listens on."""
-        return int(self._socket.getsockname()[1])
+        """UDP port that the server listens on, or listened on before it was closed."""
+        return self._port
 
     def update(self, name: str, stream: ServedStream) -> None:
         """Adds a stream, or updates a live stream and notifies the clients that receive it.
