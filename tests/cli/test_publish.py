@@ -38,8 +38,12 @@ def test_a_site_is_written_and_updated(run, cloud, tmp_path):
     }
 
 
-def test_a_full_disk_leaves_no_part_of_a_site(cloud, tmp_path, monkeypatch):
-    files = {"index.html": b"a", "streams/a.swz": b"b", "streams.json": b"c"}
+FILES = {"index.html": b"a", "streams/a.swz": b"b", "streams.json": b"c"}
+"""Files of a site, by path."""
+
+
+def _write_to_a_full_disk(folder, monkeypatch):
+    """Writes `FILES` to a folder; the disk is full at the second one."""
     write = Path.write_bytes
 
     def full(path, data):
@@ -50,35 +54,28 @@ def test_a_full_disk_leaves_no_part_of_a_site(cloud, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
         with pytest.raises(OSError, match="No space left"):
-            _write(files, tmp_path / "site")
+            _write(FILES, folder)
+
+
+def test_a_full_disk_leaves_no_part_of_a_site(cloud, tmp_path, monkeypatch):
+    _write_to_a_full_disk(tmp_path / "site", monkeypatch)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply"]
-    _write(files, tmp_path / "site")
+    _write(FILES, tmp_path / "site")
     _write({"index.html": b"d", "b/x.html": b"e"}, tmp_path / "site")
     written = {str(path.relative_to(tmp_path / "site")): path.read_bytes() for path in (tmp_path / "site").rglob("*.*")}
-    assert written == files | {"index.html": b"d", "b/x.html": b"e"}
+    assert written == FILES | {"index.html": b"d", "b/x.html": b"e"}
 
 
 def test_an_empty_folder_is_kept_and_stays_empty_if_the_disk_is_full(tmp_path, monkeypatch):
-    files = {"index.html": b"a", "streams/a.swz": b"b", "streams.json": b"c"}
     folder = tmp_path / "site"
     folder.mkdir(mode=0o750)
     number = folder.stat().st_ino
-    write = Path.write_bytes
-
-    def full(path, data):
-        if path.name == "a.swz":
-            raise OSError(errno.ENOSPC, "No space left on device", str(path))
-        return write(path, data)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_bytes", full)
-        with pytest.raises(OSError, match="No space left"):
-            _write(files, folder)
+    _write_to_a_full_disk(folder, monkeypatch)
     assert not list(folder.iterdir())
-    _write(files, folder)
+    _write(FILES, folder)
     assert (folder.stat().st_ino, folder.stat().st_mode & 0o777) == (number, 0o750)
     written = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.*")}
-    assert written == files
+    assert written == FILES
 
 
 @pytest.mark.slow

@@ -18,8 +18,8 @@ _FOREIGN = ("llvmlite.binding", "weakref")
 """Modules whose functions, and all that these call, lose an error: LLVM calls them, or Python while it frees objects.
 An error in `llvmlite.binding` can also leave a lock held for ever."""
 _LOCKING = ("numba.core.compiler_lock", "contextlib")
-"""Modules in which an error can leave a lock held for ever; not so in what they call with the lock held: the compiler.
-Numba acquires its lock in a `contextlib.ExitStack`."""
+"""Modules in which an error can leave a lock acquired for ever. Errors in the compiler, which numba calls with its lock
+acquired, leave none: a `contextlib.ExitStack` releases the lock."""
 _CALLBACKS = ("__del__", "_remove", "on_disposal", "_on_type_disposal")
 """Functions that Python calls while it frees objects; errors in them are printed and ignored."""
 

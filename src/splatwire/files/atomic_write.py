@@ -151,9 +151,9 @@ def _replaceable(path: Path) -> bool:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Cleans up after programs that were killed while they wrote outputs.
+    """Cleans up after programs that were killed while writing outputs.
 
-    Deletes their temporary folders, and restores the old output folders that they had renamed.
+    Deletes the temporary folders of these programs, and restores renamed output folders.
 
     Args:
         folder: Folder of the outputs.

@@ -343,7 +343,7 @@ class ServerTransfer:
             self._problems.add("rate too high")
 
     def _may_notice(self, now: float) -> bool:
-        """True if the server should now send a small datagram, with which it tells the client that no data arrive."""
+        """True if the server should now send a small datagram, which shows the client that no large ones arrive."""
         num_unreported = self._feedback_tracker.sequence - self._feedback_tracker.reported[0]
         if self._reliable_init_segment:  # a reliable stream repeats these, and delivers them after an outage
             return False

@@ -44,7 +44,7 @@ VERSION = 4
 MAX_DATAGRAM = 1200
 """Maximum size of a datagram in bytes; fits every QUIC path (RFC 9000, 14)."""
 SMALL_MTU = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
-"""Message about a path whose packets are too small."""
+"""Error message if the path delivers no datagrams of the maximum size."""
 HELLO_BYTES = MAX_DATAGRAM
 """Size in bytes of a client's first datagram: the maximum, so that no response is larger (anti-amplification)."""
 HELLO, CHALLENGE, REQUEST, WELCOME, INIT_SYMBOL, DATA, PARITY, FEEDBACK, BYE, REFUSE, END, HAVE, VIEW = range(1, 14)

@@ -353,9 +353,7 @@ class _SocketTransport:
         for _ in range(READ_BATCH):
             try:
                 data, address = self._socket.recvfrom(MAX_DATAGRAM_READ)
-            except BlockingIOError:
-                return
-            except OSError:  # ICMP error of an earlier datagram, or closed meanwhile
+            except OSError:  # nothing is left, an ICMP error of an earlier datagram, or closed meanwhile
                 return
             self._protocol.datagram_received(data, address)
 
