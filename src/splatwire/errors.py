@@ -8,13 +8,13 @@ SplatwireError
 │   ├─ CorruptPacketError    (carries the packet's name)
 │   │   └─ ForeignPacketError    intact, but of another stream
 │   └─ MissingSideInfoError
-├─ DesyncError               coding parameters differ between the two ends
+├─ DesyncError               decoded values differ from the encoded ones
 ├─ DatasetError              a folder or file is not a valid dataset or model
 │  └─ NoViewsError           a split of a dataset has no views
 ├─ BackendUnavailableError   (carries how to install it)
-├─ DivergedError             a training run's loss is not finite any more (carries the iteration)
-├─ InvalidValueError         a parameter is out of range (also a ValueError)
-│  └─ UnknownHostError       the name service does not know a host now
+├─ DivergedError             a training run has diverged (carries the iteration)
+├─ InvalidValueError         an argument is invalid (also a ValueError)
+│  └─ UnknownHostError       a host name cannot be resolved
 └─ UnknownNameError          (carries the known names; also a ValueError)
 ```
 
@@ -189,11 +189,11 @@ class DivergedError(SplatwireError):
 
 
 class InvalidValueError(SplatwireError, ValueError):
-    """A parameter is out of range; the message names the parameter and its range."""
+    """An argument is invalid, for example out of range or of the wrong type."""
 
 
 class UnknownHostError(InvalidValueError):
-    """The name service does not know a host name, or does not answer; a later attempt may succeed."""
+    """A host name cannot be resolved (DNS); a later attempt may succeed."""
 
 
 def _quoted(name: object) -> str:
@@ -239,7 +239,7 @@ EXTRAS = {
 
 
 def how_to_install(module: str | None) -> str | None:
-    """Returns a message with the command that installs an optional module, or None for any other module."""
+    """Returns a message with the command that installs an optional dependency; None for any other module."""
     for extra, modules in EXTRAS.items():
         if (module or "").split(".")[0] in modules:
             return f"this needs {module}, which is not installed: pip install 'splatwire[{extra}]'"

@@ -64,9 +64,10 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def arrange_stream(stream: SceneStream) -> Arrangement:
-    """Divides the anchors of a stream into groups with common packets, and returns the received packets of each group.
+    """Divides the anchors of a stream into groups that share packets, and finds the received packets of each group.
 
-    A group is received or lost as a whole, unless its attributes have separate packets.
+    A group contains the anchors of one packet. If each attribute has separate packets, a group contains the anchors
+    that several packets describe together.
 
     Raises:
         BitstreamError: If the side information is damaged.

@@ -121,8 +121,8 @@ def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         symbols: The matrix, integers.
 
     Returns:
-        Two int64 arrays, for `zero_mean_cells`. The first has, for each row, the index of its factor in the coder's
-        table of standard deviations. The second has, for each column, the number that its factor adds to this index.
+        Both factors as indices for `zero_mean_cells`, int64. For each row: index into the coder's table of standard
+        deviations. For each column: number that is added to the index of the row.
     """
     # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3

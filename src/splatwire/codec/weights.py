@@ -1,7 +1,8 @@
 """Quantises network weights to integers, with a separate step for each row and column.
 
-Later weights compensate for the rounding errors of earlier weights, because the inputs of a layer are correlated
-(Babai, "On Lovasz' lattice reduction and the nearest lattice point problem", 1986; Frantar et al., "GPTQ", 2023).
+Weights are rounded one after another. Each compensates for the rounding errors of the weights before it, which is
+possible because the inputs of a layer are correlated (Babai, "On Lovasz' lattice reduction and the nearest lattice
+point problem", 1986; Frantar et al., "GPTQ", 2023).
 """
 # A weight is `q * step`, where the step of row i and column j is `row_steps[i] << column_shifts[j]` units of 2**-16.
 # Rows with noise-tolerant outputs, and columns of redundant inputs, take fewer bits.

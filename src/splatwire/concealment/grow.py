@@ -31,8 +31,8 @@ class Grow:
     Attributes:
         neighbors: Number of nearest neighbours over which `rho` is computed.
         exponent: Exponent of the gain; 0 disables enlargement.
-        max_excess: Upper limit of the gain, as a multiple of the gain that follows from the lost share of the whole
-            scene; at least 1.
+        max_excess: Upper limit of the gain, as a multiple of the gain for the lost share of the whole scene; at least
+            1.
         max_gain: Absolute upper limit of the gain.
         nearest: Precomputed indices of the nearest neighbours, int64 (N, k); None to search.
     """
@@ -97,9 +97,9 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             fully_received: Mask of received anchors of the whole scene.
-            weights: Weight of each of the scene's N anchors: the typical size of the anchors in its importance tier.
-                The upper limit of the factor depends on the received share of the whole scene, and this share is
-                weighted. None for equal weights.
+            weights: Weight of each of the scene's N anchors in the received share of the whole scene, on which the
+                upper limit of the factor depends. A weight is the typical size of the anchors in an importance tier.
+                None for equal weights.
         """
         return self.clamp_received_share(received, fully_received, weights) ** -self.exponent
 
@@ -114,9 +114,9 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             fully_received: Mask of received anchors of the whole scene.
-            weights: Weight of each of the scene's N anchors: the typical size of the anchors in its importance tier.
-                The lower bound depends on the received share of the whole scene, and this share is weighted. None for
-                equal weights.
+            weights: Weight of each of the scene's N anchors in the received share of the whole scene, on which the
+                lower bound depends. A weight is the typical size of the anchors in an importance tier. None for equal
+                weights.
 
         Returns:
             The shares `received`, with a lower bound.
@@ -145,7 +145,7 @@ def lost_share(
     weights: Float[np.ndarray, "N"] | None = None,
     nearest: Int64[np.ndarray, "N k"] | None = None,
 ) -> Float[np.ndarray, "N"]:
-    """Returns the lost share among the nearest neighbours of each received anchor, 0 to 1.
+    """Returns the lost share of each received anchor's nearest neighbours, 0 to 1; lost anchors have the value 0.
 
     Args:
         positions: Positions of all anchors, received or lost.

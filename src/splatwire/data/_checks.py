@@ -33,7 +33,7 @@ def make_cameras(
 ) -> Cameras:
     """Builds cameras after checking that they are finite, rigid and have positive focal lengths.
 
-    Cameras far from 0 are stored relative to an origin.
+    If the cameras are far from 0, the result has an origin, to which its positions are relative.
 
     Args:
         source: Source file, for messages.
@@ -206,9 +206,10 @@ def child(root: Path, name: str, source: Path) -> Path:
 
 
 def _existing(root: Path, parts: Sequence[str]) -> Path:
-    """Returns a path below a folder, with each name in the Unicode normal form of the existing file or folder.
+    """Returns a path below a folder, with the names of existing files and folders as the file system has them.
 
-    Normal forms may differ: archives and disks of macOS store `é` as two characters, other programs as one.
+    Names may differ in their Unicode normal form: archives and disks of macOS store `é` as two characters, other
+    programs as one.
 
     Args:
         root: The folder.
@@ -224,11 +225,14 @@ def _existing(root: Path, parts: Sequence[str]) -> Path:
 
 
 def _name_in(folder: Path, name: str) -> str:
-    """Returns the name of a file or folder that differs from a given one only in its normal form, else the given one.
+    """Finds a file or subfolder by name, although the folder may list the name in another Unicode normal form.
 
     Args:
-        folder: The folder that may contain it.
-        name: The given name.
+        folder: The folder.
+        name: The name.
+
+    Returns:
+        The name as listed in the folder; `name` if there is no such file or subfolder.
     """
     composed = unicodedata.normalize("NFC", name)
     for form in (composed, unicodedata.normalize("NFD", name)):

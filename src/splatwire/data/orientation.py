@@ -1,6 +1,6 @@
-"""Detects whether cameras refer to photos as stored or as rotated by their EXIF orientation.
+"""Detects if cameras describe the stored pixels of photos, or the photos after their EXIF rotation.
 
-Pose estimators differ in this; only the aspect ratio of the cameras shows which photos the cameras refer to.
+Programs that estimate camera poses differ in this. The aspect ratio of the cameras shows which case applies.
 """
 
 from collections.abc import Sequence

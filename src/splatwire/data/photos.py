@@ -124,7 +124,7 @@ def load_mask(path: Path, size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
 
 
 def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, int]:
-    """Returns the image size after the width limit of HAC++: wider images are reduced to `max_width`."""
+    """Returns the size of an image that is scaled down to the width `max_width` if it is wider, as in HAC++."""
     if max_width is None or width <= max_width:
         return width, height
     # as in HAC++: another order of operations may give a result that differs by a pixel

@@ -1,4 +1,4 @@
-"""Conversion of cameras to world coordinates for training anchors; warns of noticeable rounding errors in float32."""
+"""Conversion of cameras to world coordinates, which the training of anchors needs."""
 
 import logging
 from pathlib import Path
@@ -12,9 +12,10 @@ LOG = logging.getLogger(__name__)
 
 
 def without_origin(source: Path, cameras: Cameras) -> Cameras:
-    """Converts cameras to world coordinates without an origin, for training anchors.
+    """Converts cameras whose positions are relative to an origin to world coordinates.
 
-    Logs a warning if the cameras are so far from 0 that float32 rounds positions noticeably.
+    The training of anchors needs world coordinates. Logs a warning if the cameras had an origin, because float32 rounds
+    world coordinates far from 0 noticeably.
 
     Args:
         source: Source folder or file, for the message.

@@ -288,10 +288,9 @@ def _pixel_fields(values: dict[str, Any]) -> list[str]:
 
 
 def _full_photo(path: Path, name: str, full: str, values: dict[str, Any]) -> Path:
-    """Finds the full-size photo of a view if smaller copies of the photos are read.
+    """Finds the full-size photo of a view, whose size is needed to scale intrinsics to smaller copies of the photos.
 
-    The size of the full-size photo is needed to scale intrinsics that are in pixels. This function is for transforms
-    files that do not state this size.
+    Called only for intrinsics in pixels, and if the transforms file does not state the size.
 
     Args:
         path: The transforms file, for the message.
@@ -401,7 +400,7 @@ def _matrix_terms(path: Path, name: str, key: str, value: object) -> dict[str, f
         The intrinsics `fl_x`, `fl_y`, `cx` and `cy` by name, pixels.
 
     Raises:
-        DatasetError: If it is another value, or not the matrix of a pinhole camera without skew.
+        DatasetError: If the value has none of these forms, or is not the matrix of a pinhole camera without skew.
     """
     if isinstance(value, list) and len(value) == 9:
         value = [value[:3], value[3:6], value[6:]]

@@ -129,7 +129,7 @@ def encode_bits(bits: np.ndarray, contexts: np.ndarray, models: np.ndarray) -> b
 
 
 def decode_bits(data: bytes, contexts: np.ndarray, models: np.ndarray) -> np.ndarray:
-    """Decodes one bit for each context; the inverse of `encode_bits`.
+    """Decodes bits that were encoded by `encode_bits`, one for each entry of `contexts`.
 
     Args:
         data: Bytes written by `encode_bits`.

@@ -71,14 +71,14 @@ class Lifetimes:
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
-        """Returns the lifetimes of only the most visible tracks that begin late or end early.
+        """Returns the lifetimes without the entries of the least visible tracks, which saves bytes.
 
-        The result has no entries for the other tracks. They are therefore treated as if they existed from the first
-        frame of their group to the end of the sequence.
+        Tracks without an entry are treated as if they existed from the first frame of their group to the end of the
+        sequence.
 
         Args:
             seen: Visibility of each track (squared opacity times area), float64 (T).
-            count: Maximum number of tracks to keep.
+            count: Maximum number of tracks that keep their entries.
         """
         listed_tracks = np.union1d(self.begin_tracks, self.end_tracks)
         keep = listed_tracks[np.argsort(-seen[listed_tracks], kind="stable")[:count]]

@@ -54,7 +54,7 @@ def all_stay(headers: np.ndarray, frames: int) -> bool:
     """True if no Gaussian of a group of frames moves, begins or ends.
 
     Args:
-        headers: Headers of the tracks, int64 (n, fields).
+        headers: Header of each track in the motion packets (state, first frame, end and others), int64 (n, fields).
         frames: Number of frames in the group.
     """
     return bool(((headers[:, STATE] == STILL) & (headers[:, BEGINS] == 0) & (headers[:, ENDS] == frames)).all())
@@ -62,13 +62,15 @@ def all_stay(headers: np.ndarray, frames: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class MotionCoder:
-    """Encoder for the motion of n tracks (Gaussians over time) in a group of F frames. Packets have a limited size.
+    """Encoder for the motion of n tracks (Gaussians over time) in a group of F frames, in packets of limited size.
 
-    `MotionCoder.of` creates empty arrays, and the caller fills them before encoding.
+    `MotionCoder.of` creates arrays of zeros. The caller fills them before encoding.
 
     Attributes:
-        headers: Headers of the tracks, int64 (n, fields), ascending by track index.
-        positions: Positions of the tracks' keyframe Gaussians, in the unit of motion, int64 (n, 3).
+        headers: Header of each track in the motion packets (state, first frame, end and others), ascending by track
+            index, int64 (n, fields).
+        positions: Positions of the tracks' keyframe Gaussians, as multiples of the unit in which changes of position
+            are coded, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, F). N may be larger than n.
         rows: Index in `targets` of each track, int64 (n).

@@ -71,11 +71,12 @@ def coefficients_of(
     """Reconstructs the motion of the moving tracks (Gaussians over time) of a packet from prediction residuals.
 
     Args:
-        headers: Headers of the n tracks of the packet, int64 (n, fields).
+        headers: Headers of the n tracks of the packet (state, first frame, end and others), int64 (n, fields).
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
         orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
             coded per channel, int64 (kinds).
-        positions: Positions of the tracks' keyframe Gaussians in the unit of motion, int64 (n, 3).
+        positions: Positions of the tracks' keyframe Gaussians, as multiples of the unit in which changes of position
+            are coded, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
 
     Returns:

@@ -1,4 +1,4 @@
-"""Defines the codec of moving Gaussians from its encoder and decoder (docs/format.md)."""
+"""Definition of the codec of moving Gaussians: a `Schema` with its scene type and decoder (docs/format.md)."""
 
 from typing import Any
 

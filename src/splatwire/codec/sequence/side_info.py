@@ -48,8 +48,8 @@ class Shot:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         info: Side information of the shot's keyframe Gaussians.
-        motion_spacing: log2 of the ratio of this shot's unit of motion to the unit of motion of the first shot. The
-            unit of motion is the unit in which the motion of positions is coded.
+        motion_spacing: log2 of the unit in which changes of position are coded in this shot, relative to the unit in
+            the first shot.
     """
 
     first_group: int
@@ -101,16 +101,16 @@ class SequenceInfo:
 
     @property
     def motion_spacings(self) -> np.ndarray:
-        """Unit of motion of each group: log2 of its ratio to the unit of motion of the first group, int64 (groups)."""
+        """log2 of the unit in which each group codes changes of position, relative to the first group, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of the ratio of two lengths: half the spacing of a lattice, and the unit of motion.
+        """Returns log2 of half the lattice spacing of a block, relative to the unit of its shot's motion.
 
-        The lattice contains the positions of the keyframe Gaussians of a block. The unit of motion is that of the shot
-        to which the block belongs.
+        The lattice contains the positions of the block's keyframe Gaussians. The unit of motion is the length in which
+        a shot codes changes of position.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.

@@ -19,7 +19,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, log_step_ratios: np.ndar
         info: Side information of the keyframe Gaussians.
         log_step_ratios: For each kind of channel, log2 of the factor by which the quantisation steps of motion are
             larger than those of the keyframe Gaussian, int64 (kinds).
-        spacing: log2 of half the lattice spacing of `info`, relative to the unit in which the motion of positions is
+        spacing: log2 of half the lattice spacing of `info`, relative to the unit in which changes of position are
             coded.
 
     Returns:

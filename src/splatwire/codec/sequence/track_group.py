@@ -18,9 +18,9 @@ class TrackGroup:
         begins: First frame of each track, relative to the group, int64 (n).
         ends: First frame after the end of each track, relative to the group, int64 (n).
         moves: Trajectories of the tracks over the group.
-        first: Function that returns the Gaussians to encode as keyframe Gaussians, given an array of track indices in
-            the group. The attributes of a Gaussian are those of its track in the first frame of the track. The position
-            is an exception: it is the position of the track in the first frame of the group, which may be extrapolated.
+        first: Function that returns the keyframe Gaussians of tracks, given an array of track indices in the group.
+            Attributes are those in the first frame of the track. Only the position is that in the first frame of the
+            group; it is extrapolated for tracks that begin later.
     """
 
     keys: np.ndarray

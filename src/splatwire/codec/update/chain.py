@@ -23,8 +23,9 @@ class UpdateChain:
     """State of a live scene on a server, with the updates that bring receivers of earlier states up to date.
 
     Attributes:
-        source: The scene's stream as read from the file, with all updates applied; the next update changes this stream.
-        scene: The stream that is sent: the same scene, with packets that fit into datagrams.
+        source: Current state of the scene, as the stream to which the next update applies.
+        scene: Current state of the scene, as the stream that is sent: its packets fit into datagrams. It is the same
+            object as `source` if the packets of `source` fit.
         updates: Updates between successive states of `scene`, the newest last.
     """
 
@@ -75,11 +76,10 @@ class UpdateChain:
 
         Args:
             scene: The changed scene.
-            finest: Precision class that a 0 in `classes` stands for, in the numbering of the bitstream (0 is the
-                coarsest).
-            classes: Precision class of each Gaussian, integers (M): 0 for `finest`, negative for coarser classes. None
-                for `finest`. An unchanged Gaussian is encoded again if its class in the stream is coarser than its
-                class here.
+            finest: Finest precision class (set of quantisation steps), as numbered in streams: 0 is the coarsest.
+            classes: Precision class of each Gaussian relative to `finest`, integers (M): 0, or negative for coarser
+                classes. None for `finest` for all. An unchanged Gaussian is encoded again if its class in the stream is
+                coarser than requested here.
 
         Raises:
             InvalidValueError: If an update cannot express the change, see `encode_update`.
@@ -93,8 +93,8 @@ class UpdateChain:
         """Returns the chain, extended by a new state of the scene.
 
         Args:
-            source: The new state of the scene, as a stream read from the file.
-            scene: The same state as a stream to send, with packets that fit into datagrams.
+            source: The new state of the scene, as the stream to which the next update applies.
+            scene: The same state as the stream to send, with packets that fit into datagrams.
             update: The update from the preceding state to the new one.
         """
         updates = (*self.updates, update)[-MAX_UPDATES:]

@@ -111,9 +111,9 @@ def encode_change(
         scene: The changed scene.
         classes: Precision class of each Gaussian (its set of quantisation steps), as for `encode_update`.
         threads: Number of threads, as for `encode_update`.
-        finest: Precision class that a 0 in `classes` stands for, in the numbering of the bitstream: 0 (the coarsest) to
-            `MAX_CLASSES - 1`. An unchanged Gaussian is encoded again if its class in the stream is coarser than the
-            class requested here. None for the finest class of the stream; unchanged Gaussians then keep their class.
+        finest: Precision class for a 0 in `classes`, as numbered in streams: 0 (the coarsest) to `MAX_CLASSES - 1`. An
+            unchanged Gaussian is encoded again if its class in the stream is coarser than requested. None for the
+            finest class of `base`; unchanged Gaussians then keep their class.
     """
     info = check_base(base)
     edited = as_scene(scene)
@@ -173,9 +173,9 @@ def _encode_new(
         info: Side information of the old stream.
         coding: Quantisation steps of the old stream.
         new: The new Gaussians.
-        classes: Precision class of each new Gaussian: 0 for `finest_class`, negative for coarser classes. None for
-            `finest_class`.
-        finest_class: Number of the finest precision class in the bitstream.
+        classes: Precision class of each new Gaussian relative to `finest_class`: 0, or negative for coarser classes.
+            None for `finest_class` for all.
+        finest_class: Finest precision class (set of quantisation steps), as numbered in streams: 0 is the coarsest.
         threads: Number of threads; None for one per processor.
     """
     packetization = base.manifest.packetization
@@ -195,7 +195,7 @@ def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
 
     Args:
         base: The stream to change.
-        info: Side information of this stream without named sections; the update gets the same parameters.
+        info: Side information of `base` without named sections. The update copies its parameters.
     """
     none = np.zeros(0, np.int64)
     boxes = Boxes(none, none.reshape(0, 3), none.reshape(0, 3))

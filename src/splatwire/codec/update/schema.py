@@ -1,4 +1,4 @@
-"""Defines the codec of updates (changes of a stream) from its encoder and decoder (docs/format.md)."""
+"""Definition of the codec of updates (changes of a stream): a `Schema` with its decoder (docs/format.md)."""
 
 from dataclasses import fields, replace
 from typing import Any

@@ -29,11 +29,11 @@ def signatures(received: ReceivedScene[AnchorScene], surroundings: Surroundings)
     The inputs are:
 
     1. Lost shares: of the whole scene, and of the nearest 4, 12 and 32 anchors.
-    2. Lost shares of the area that neighbours cover, for three kernel widths and for two groups of large anchors
-       (`Surroundings.classes`).
+    2. Lost shares of the area that neighbours cover. Near neighbours have larger weights; three rates of decrease with
+       distance are used. Some shares count large anchors only (`Surroundings.classes`).
     3. Sizes, relative to the distances and sizes of neighbours.
-    4. Numbers of active offsets, ratio of actual to expected size, and relative uncertainties of the prior's
-       predictions.
+    4. Numbers of active offsets, and ratio of the size to its prediction from the hash grid. Also relative
+       uncertainties of such predictions.
 
     Args:
         received: The received scene.
@@ -90,7 +90,7 @@ def _weighting_inputs(
     The squared distance is divided by twice the sum of the anchor's and the neighbour's area.
 
     Args:
-        area: Area that the prior predicts for each anchor of the scene.
+        area: Area of each anchor of the scene, as predicted from the hash grid.
         rows: Indices in the scene of the M anchors.
         neighbors: Nearest neighbours of the M anchors.
     """

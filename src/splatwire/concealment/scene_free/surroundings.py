@@ -44,7 +44,7 @@ class Surroundings:
     None of these values depends on which anchors were lost.
 
     Attributes:
-        log_size: Logarithm of the size that the prior predicts for each of the scene's N anchors.
+        log_size: Logarithm of the size of each of the scene's N anchors, as predicted from the hash grid.
         weights: Weight of each anchor when the lost share of a neighbourhood is computed.
         rows: Indices of the M anchors whose neighbours are known.
         near: Nearest neighbours of the M anchors.

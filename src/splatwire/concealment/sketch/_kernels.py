@@ -48,7 +48,7 @@ class Coder(NamedTuple):
 
     @staticmethod
     def encoder(num_bytes: int) -> "Coder":
-        """Returns a coder that encodes at most `num_bytes` bytes."""
+        """Returns an encoder whose output has at most `num_bytes` bytes."""
         state = np.empty(3, dtype=np.int64)
         encoder_start(state)
         return Coder(False, np.empty(num_bytes, dtype=np.uint8), state)
@@ -101,8 +101,9 @@ def code_value(coder, models, column_start, shared_start, value):
     Args:
         coder: State of the range coder.
         models: Table of adaptive bit probabilities, changed in place.
-        column_start: Index in `models` of the probabilities that only this column of coefficients uses.
-        shared_start: Index in `models` of the probabilities that all columns of a precision level use.
+        column_start: Index in `models` of the probabilities for this type of value, such as the first transform
+            coefficient.
+        shared_start: Index in `models` of the probabilities for all values of a precision level.
         value: The integer; ignored by a decoder.
 
     Returns:

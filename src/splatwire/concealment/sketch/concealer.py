@@ -177,7 +177,7 @@ def with_sketch(received_scene: ReceivedScene[AnchorScene], section: SketchSecti
 
 
 def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
-    """Returns the scalings that the prior predicts, raised to a minimum above 0.
+    """Returns the scalings of anchors as predicted from the hash grid, raised to a minimum above 0.
 
     The minimum of each of the six columns is a fixed fraction of the column's median over all anchors.
     """
@@ -193,8 +193,8 @@ def sketched_attributes(
 
     Args:
         section: The sketch.
-        expected: Scalings that the prior predicts for the anchors that have a copy. The sketch codes each scaling as a
-            factor on its prediction.
+        expected: Scalings of the anchors with a copy, as predicted from the hash grid. The sketch codes each scaling as
+            a factor on its prediction.
     """
     levels = section.levels[section.levels > 0]
     channels = section.basis.channels(levels, section.values)
@@ -215,8 +215,8 @@ def sizes_of(received: ReceivedScene[AnchorScene]) -> SketchSizes:
 def buckets_of(received: ReceivedScene) -> np.ndarray:
     """Returns the size class of each anchor of a received scene, 0 for the largest, int64 (N).
 
-    The class is computed from the sizes that the prior predicts. It selects the context of the entropy coder that codes
-    the copies of anchors in a sketch.
+    The class is computed from sizes that are predicted from the hash grid, so encoder and decoder get the same. It
+    selects the context of the entropy coder for the copies of anchors in a sketch.
     """
     size = np.maximum(to_numpy(received[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

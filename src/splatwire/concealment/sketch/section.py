@@ -17,13 +17,13 @@ of a copy selects the offsets that it contains. From each level to the next, `ba
   the concealer `scene_free`;
 * the mean of the D channels, `f16`;
 * a factor for each column of the basis, `f16`;
-* for each column, the index of the standard deviation with which its integers are coded;
-* the columns, integers of at most 7 bits, entropy-coded with zero-mean normal distributions.
+* for each column of the basis, the index of the standard deviation with which its integers are coded;
+* the columns of the basis, integers of at most 7 bits, entropy-coded with zero-mean normal distributions.
 
 **Body** (output of the range coder). First, for each anchor in coding order: a bit that is 1 if the anchor has a copy,
 then the level in unary. The context is the size class of the anchor and the number of copies among the four anchors
-before, at most 3. Size classes follow from the product of the last three scalings that the prior predicts: the largest
-1 %, then up to 3, 10, 25, 50 %, and the rest.
+before, at most 3. Anchors are sorted by the product of the last three scalings, as predicted from the hash grid. The
+size classes are the largest 1 %, then up to 3, 10, 25, 50 %, and the rest.
 
 Then, for each copy: the bits of its mask (context: offset, and number of 1 bits before, at most 3), its C integers, and
 three integers per existing offset. An integer consists of a bit that is 0 for the integer 0, the sign, and the
@@ -157,7 +157,7 @@ def size_buckets(expected_size: np.ndarray) -> np.ndarray:
     """Divides anchors into size classes, which select the contexts of the entropy coder for coarse copies.
 
     Args:
-        expected_size: Sizes predicted by the prior, float (N), identical on all machines.
+        expected_size: Sizes as predicted from the hash grid, float (N), identical on all machines.
 
     Returns:
         Class of each anchor, int64 (N), 0 for the largest.

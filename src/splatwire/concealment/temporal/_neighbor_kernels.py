@@ -53,7 +53,7 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
             used for this point instead.
         proximity: Temporary memory for inverse-distance weights, float64 (k).
         terms: Temporary memory for the terms of each neighbour, float64 (k, 10).
-        lower: Temporary memory for the moments, float64 (10, 10).
+        lower: Temporary memory for the matrix of the least-squares fit, float64 (10, 10).
         solution: Temporary memory for the solution, float64 (10).
         out: Output: the weights, float32 (n, k).
     """

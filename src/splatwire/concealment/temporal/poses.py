@@ -68,7 +68,7 @@ class ConcealmentState:
 
 
 def lifetimes(sequence: SequenceScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the first and the last frame, within one group of pictures, of each track with lost motion.
+    """Returns the range of frames of a group of pictures in which each track with lost motion exists.
 
     Args:
         sequence: The sequence.

@@ -43,7 +43,11 @@ class PlayerPictures:
 
 
 def score_rows(scores: Sequence[SequenceScore]) -> list[dict[str, Any]]:
-    """Converts the scores of experiments to table rows, the first for the sequence without losses."""
+    """Converts the scores of experiments to table rows.
+
+    Args:
+        scores: The scores. The first is that of the sequence without losses, with which the others are compared.
+    """
     complete = scores[0]
     return [
         {

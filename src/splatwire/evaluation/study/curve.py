@@ -30,16 +30,16 @@ class ComparedRows(NamedTuple):
 
 
 def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: Progress) -> StudyResult | None:
-    """Evaluates a few methods at other loss rates, for a chart of PSNR against the loss rate.
+    """Evaluates a few methods at further loss rates, for a chart of PSNR against the loss rate.
 
     Args:
-        result: Results of an evaluation of one scene under one loss model.
+        result: Results of an evaluation of one scene under one loss model, whose rate is not evaluated again.
         store: Store of the evaluation.
         engine: Engine that executes the tasks.
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Returns:
-        The results; None if the loss model has no rate, or no method conceals better than the baseline.
+        The results; None if the loss model has no rate, or there are no methods to compare (see `compared_rows`).
 
     Raises:
         SplatwireError: If a task fails.

@@ -108,7 +108,8 @@ class Row:
         options: Options of the concealer.
         erode: For an ablation: the only attribute that anchors in lost packets lose; None for all attributes.
         lossless: True if the row is evaluated without packet losses.
-        sections: Names of the additional side information in the stream.
+        sections: Names of the sections of side information that the method needs. Repacking removes the other sections,
+            apart from background and masks.
         decoded: Results of another codec, one per scene; empty for a stream that is encoded here.
         curve: Name of the rate-distortion curve with this row as a point; empty for none.
     """

@@ -295,7 +295,7 @@ def _background(first: PreparedStream, store: Store) -> Background:
 
 
 def _frame_views(source: Source, reference_digest: str, store: Store) -> SceneEntry:
-    """Writes a cameras file with one camera for each frame of a sequence, and adds its path to the definition.
+    """Writes a cameras file with one camera for each frame of a sequence.
 
     Args:
         source: The sequence.
@@ -303,7 +303,7 @@ def _frame_views(source: Source, reference_digest: str, store: Store) -> SceneEn
         store: Store in which the file is written.
 
     Returns:
-        The definition with the cameras file.
+        The definition of the scene, with the path of the cameras file.
     """
     entry, stream = source.entry, source.stream
     assert stream is not None

@@ -122,7 +122,7 @@ def _tables(
         result: Results of the evaluation.
         store: Store of the evaluation.
         summaries: Statistics for each scene, method and loss model.
-        everything: All of `summaries`. If there are several scenes, the means over scenes follow.
+        everything: `summaries`, followed by the means over scenes if there are several.
     """
     names = list(result.scenes)
     order = ordering_table(orderings(result, summaries))

@@ -77,8 +77,9 @@ def concealed_pictures(
 
     Args:
         stream: The complete stream.
-        mask: Mask of packets that arrive at the first attempt (packets may be sent again); None without loss.
-        loss: The loss; None without loss.
+        mask: Mask of the packets that are received when first sent; None without loss. Lost packets of keyframes are
+            sent again.
+        loss: Loss model of retransmissions; None without loss.
         seed: Seed of the loss.
         concealer: Concealer of lost motion data.
         cameras: Camera of each selected frame.

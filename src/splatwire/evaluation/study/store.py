@@ -112,7 +112,7 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Locks the store for one coordinating process, and removes unfinished files of killed processes.
+        """Locks the store for one run, and removes unfinished files of killed processes.
 
         Raises:
             SplatwireError: If another run has the lock.

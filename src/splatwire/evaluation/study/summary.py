@@ -37,7 +37,7 @@ class Estimate:
 
     @staticmethod
     def of(values: Sequence[float]) -> "Estimate | None":
-        """Computes mean, standard deviation and confidence interval of values; None if one is not finite."""
+        """Computes mean, standard deviation and confidence interval; None if a value is not finite or none is given."""
         if not values or not all(map(math.isfinite, values)):
             return None
         if len(values) == 1:
@@ -64,7 +64,7 @@ class Summary:
         by_view: For each metric by name, one value per view: the mean over seeds.
         view_range: For each metric by name, two tuples with one value per view: the lowest value over all seeds, and
             the highest value over all seeds.
-        num_bytes: Size of the stream, including weights sent with it, bytes.
+        num_bytes: Size of the stream and of a file with network weights that the concealer needs, bytes.
         parts: Bytes of each part of the stream.
         num_packets: Number of packets of the stream.
         elements: Name of the scene's elements.
