@@ -156,16 +156,17 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, view_errors: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the picture errors of each anchor from the errors summed over the selected anchors.
+    """Estimates the picture errors that each anchor causes, from sums over all selected anchors.
 
-    An anchor gets a share of the sum in proportion to the picture error that its removal causes.
+    The errors of changed attributes are known only as sums over the selected (most important) anchors. Each of these
+    anchors gets a share of the sum in proportion to the picture error that its removal causes.
 
     Args:
         removal: Picture error if an anchor is removed, (N); 0 for anchors that are not selected.
-        offset_removal: Picture error if a Gaussian is removed, (N, K).
-        relative: Result of `_relative_size`, (N).
+        offset_removal: Picture error if a single Gaussian of an anchor is removed, (N, K).
+        relative: Squared ratio of offset scale to Gaussian size for each anchor, from `_relative_size`, (N).
         view_errors: For each view, errors if attributes change, summed over the selected anchors.
-        width: Number of features and scalings per anchor, D.
+        width: Number of feature channels and scalings per anchor, D.
     """
     # The sum is divided among the anchors in proportion to the picture error that removing each of them causes.
     metric = sum((part.metric for part in view_errors), np.zeros((width, width)))

@@ -94,15 +94,15 @@ def render_sensitivity(
 
 
 class GatheredGradients:
-    """Buffer for the gradients of a function of an image with respect to the Gaussians of the view.
+    """Buffer for the derivatives of one number, such as a weighted sum of all pixels of an image.
 
-    The function is a number, such as a weighted sum of all pixel values. Its gradients arrive in parts.
+    The derivatives are with respect to the attributes of the Gaussians of the view. They are added in parts.
 
     Args:
-        gaussians: The Gaussians.
+        gaussians: The Gaussians of the view.
 
     Attributes:
-        fields: Gradients of means, quats, scales, opacities and colors.
+        fields: Derivatives with respect to means, quats, scales, opacities and colors.
     """
 
     def __init__(self, gaussians: Gaussians) -> None:
@@ -110,13 +110,18 @@ class GatheredGradients:
         self.fields = [np.zeros(values.shape, np.float32) for values in vars(gaussians).values()]
 
     def add(self, rows: slice, *gradients: np.ndarray) -> None:
-        """Stores the gradients of means, quats, scales, opacities and colors for the Gaussians in the range `rows`."""
+        """Stores the derivatives for a range of Gaussians.
+
+        Args:
+            rows: Range of the Gaussians.
+            *gradients: Derivatives with respect to their means, quats, scales, opacities and colors.
+        """
         for whole, part in zip(self.fields, gradients, strict=True):
             whole[rows] = part
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """For each Gaussian, decrease of the function if this Gaussian is removed, to first order."""
+        """For each Gaussian, decrease of the differentiated number if this Gaussian is removed, to first order."""
         # The derivative with respect to a factor on the Gaussian's opacity; the effect has the opposite sign.
         return (self.fields[3] * self._opacities).astype(np.float64)
 
@@ -131,8 +136,8 @@ def _add_removal(total: Sensitivity, indices: np.ndarray, presence: np.ndarray, 
         total: Errors summed over views; changed in place.
         indices: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
         presence: For each Gaussian, estimated decrease of the probe if this Gaussian is removed, float64 (G).
-        probes: Number of probes per view. The function is called once for each probe, and divides the errors by this
-            number before it adds them.
+        probes: Number of probes per view. This function is called once for each probe. It divides the errors by
+            `probes`, so that the calls add up to a mean.
     """
     # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the
     # probes.

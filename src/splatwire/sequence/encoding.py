@@ -288,8 +288,8 @@ class SequenceEncoder:
         """Chooses the precision class (set of quantisation steps) of each track in a group with a scene cut.
 
         A track is one Gaussian over time. The classes of new tracks that begin at or after the first cut are chosen by
-        rendering. All other tracks get a default class. In the first group of a sequence, the classes of most tracks
-        may be known already. Then nothing is rendered.
+        rendering. All other tracks get a default class. Nothing is rendered if this encoder continues another one
+        (`new_period`) and knows the classes of most tracks of its first group.
 
         Args:
             group: Tracks of the group.

@@ -262,7 +262,13 @@ class UnreadableFrame:
         return now - self._changed >= (UNREADABLE_TIMEOUT_QUEUED_S if blocks_others else UNREADABLE_TIMEOUT_S)
 
     def grows(self, now: float) -> bool:
-        """True if the first failed attempt to read the file was at least `GROWING_TIMEOUT_S` seconds ago."""
+        """True if the file has been unreadable for so long that another program probably keeps writing it.
+
+        The time since the first failed attempt to read the file is then at least `GROWING_TIMEOUT_S`.
+
+        Args:
+            now: Current time, seconds.
+        """
         return now - self._first >= GROWING_TIMEOUT_S
 
     def clear(self) -> None:

@@ -19,7 +19,7 @@ PERIOD_BYTES = 1 << 26
 
 
 class LiveEncoder:
-    """Encoder of a live sequence: returns an update of the stream after each group of pictures.
+    """Encoder of a live sequence: returns the new state of the stream after each group of pictures.
 
     The sequence is divided into periods of several groups. Each period is an independent stream.
 
@@ -40,7 +40,7 @@ class LiveEncoder:
         self.num_frames = self._num_served = 0
 
     def push(self, frame: Frame | Splats) -> LiveSnapshot | None:
-        """Adds the next frame; returns an update of the stream if a group of pictures is complete, else None.
+        """Adds the next frame; returns the new state of the stream if a group of pictures is complete, else None.
 
         Raises:
             InvalidValueError: If the frame contradicts earlier frames (see `SequenceEncoder.push`).
@@ -65,7 +65,12 @@ class LiveEncoder:
         self._begin_period(self.encoder.restarted(self.num_frames))
 
     def end(self) -> list[LiveSnapshot]:
-        """Ends the live sequence; encodes the frames that are left, and returns the last updates of the stream."""
+        """Ends the live sequence: encodes the remaining frames.
+
+        Returns:
+            State of the stream with the remaining frames, if there were any, and the final state. Empty if the sequence
+            has no frames.
+        """
         if not self.num_frames:
             return []
         rest = [self._add(self.encoder.flush())] if self.num_frames % self._options.group_frames else []

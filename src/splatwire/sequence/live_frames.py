@@ -19,7 +19,8 @@ class LiveFrames:
     If decoding and writing are slower than the stream for minutes, packets are dropped, and a warning is logged.
 
     Args:
-        path: Output path. A folder gets one file per frame. For the path of a stream file, no frames are written.
+        path: Output folder; created if it does not exist. If the path has the suffix of a stream file (`.swz`), no
+            frames are written.
         concealer: Concealer for tracks with lost motion; None for the default.
         show: Called with progress messages.
     """

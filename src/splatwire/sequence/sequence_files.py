@@ -26,8 +26,8 @@ class SequenceFormat:
         name: Name of the format in the command-line option `--to`.
         suffixes: File name suffixes; the first is the default.
         kind: Detected file type of such a file (`splatwire.files.kinds`).
-        module: Module in `splatwire.io.formats`.
-        writer: Name of the function that writes frames, given frames, path and frames per second.
+        module: Name of the module in `splatwire.io.formats` that contains the writer.
+        writer: Name of the function that writes a file, given frames, path and frames per second.
         keeps: Names of scene properties that such a file can store, such as the origin.
     """
 

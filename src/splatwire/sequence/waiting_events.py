@@ -15,8 +15,8 @@ class WaitingEvents:
     """Bounded event queue between the receiver of a live sequence and the decoding thread.
 
     It contains only the events that the decoder uses: packets, and manifests with side information. A full queue drops
-    new packets, but no manifests. A new manifest replaces the last event of the queue if that event is a manifest of
-    the same stream. In a full queue, the new manifest also replaces a manifest of another stream.
+    new packets, but no manifests. Of two manifests in a row, the older is dropped if both belong to the same stream or
+    the queue is full.
     """
 
     def __init__(self) -> None:

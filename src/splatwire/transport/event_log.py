@@ -22,13 +22,13 @@ def log_event(logger: logging.Logger, level: int, event: str, **fields: str | in
 
 
 class RepeatedEvent:
-    """Log line about an event that may repeat itself many times: at most one line within an interval.
+    """Log of an event that may repeat many times: one line reports several events.
 
     Args:
         logger: Logger that receives the lines.
         event: Name of the event.
         interval_s: Minimum interval between two lines, seconds.
-        min_count: Minimum number of events since the last line for a further line.
+        min_count: Minimum number of events that one line reports.
     """
 
     def __init__(self, logger: logging.Logger, event: str, *, interval_s: float, min_count: int) -> None:
@@ -36,7 +36,7 @@ class RepeatedEvent:
         self._count, self._logged_at = 0, -interval_s
 
     def record(self, now: float) -> None:
-        """Counts an event, and logs the number of events since the last line as a warning if a line is due.
+        """Counts an event. If a line is due, logs the number of events since the last line as a warning.
 
         Args:
             now: Time, seconds.

@@ -28,7 +28,10 @@ class LevelScene(SplatScene):
     __repr__ = summary_repr
 
     def select(self, index: Any) -> "LevelScene":
-        """Returns the scene with only the Gaussians at `index` (integers, mask or slice), in their present order."""
+        """Returns the scene with only the Gaussians at `index` (integers, mask or slice).
+
+        The Gaussians stay in coding order, whatever the order of the integers.
+        """
         chosen = np.zeros(self.num_elements, np.bool_)
         chosen[indices_of(index, self.num_elements)] = True
         sizes = tuple(int(part.sum()) for part in np.split(chosen, np.cumsum(self.level_sizes)[:-1]))

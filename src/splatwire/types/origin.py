@@ -171,9 +171,9 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Tests if an origin is too far from the positions.
+    """Returns the distance of an origin from the positions, if it is too long for float32; else None.
 
-    Positions relative to such an origin are too imprecise in float32.
+    Positions relative to a distant origin are too imprecise in float32.
 
     Args:
         origin: The origin that a file declares.

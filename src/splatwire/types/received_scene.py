@@ -40,11 +40,10 @@ class Expectation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ExpectedPlaces(CheckedFields):
-    """Predicted positions of elements, for streams in which exact positions can be lost with their packets.
+    """Predicted positions of Gaussians or anchors, for streams in which packet loss also loses positions.
 
     Attributes:
-        positions: Predicted positions of all elements, world coordinates. Lost elements are placed at their predicted
-            positions.
+        positions: Predicted positions of all Gaussians or anchors, world coordinates. Lost ones are placed there.
     """
 
     positions: Float[Any, "N 3"]
@@ -74,9 +73,9 @@ class Copies(CheckedFields):
     Attributes:
         indices: For each copy, index of its original Gaussian in coding order, without duplicates.
         splats: Attributes of the copies.
-        growth: Three strengths for concealing lost Gaussians that have no copy, chosen by the sender. The first two are
-            the exponents with which the size and the opacity of received neighbours increase. The third is the weight
-            of the correction by the network of the concealer `scene_free`.
+        growth: Three parameters, chosen by the encoder, for concealing lost Gaussians that have no copy. The larger
+            the first two, the more the size and the opacity of received neighbours increase. The third is the weight of
+            a correction by a neural network (concealer `scene_free`).
     """
 
     indices: Int64[np.ndarray, "C"]

@@ -34,10 +34,10 @@ class RenderHints(CheckedFields):
 
 @dataclass(frozen=True)
 class Coverage(CheckedFields):
-    """Strength with which the concealer `grow` enlarges received elements next to lost ones, for one class of scenes.
+    """Strength with which the concealer `grow` enlarges received elements next to lost ones.
 
-    Let r be the received share of an element's neighbours, and `exponent` the parameter of the concealer. The element's
-    size is multiplied by `r ** -(exponent * size)`. Its opacity o becomes
+    Each class of scenes has its own strength. Let r be the received share of an element's neighbours, and `exponent`
+    the parameter of the concealer. The element's size is multiplied by `r ** -(exponent * size)`. Its opacity o becomes
     `1 - (1 - o) ** (r ** -(exponent * opacity))`.
 
     Attributes:

@@ -96,7 +96,8 @@ class Tracks:
         splats: State of each track in its first frame (its keyframe Gaussian).
         born: Index of the group of pictures in which each track begins, int64 (T).
         received: Mask of tracks whose keyframe Gaussian was received, bool (T).
-        blocks: Index of the block of the stream that contains each keyframe Gaussian, int64 (T).
+        blocks: Index of the block that contains each keyframe Gaussian, int64 (T). A block is a part of the stream with
+            Gaussians that are coded together.
         rounding: Quantisation step of the positions of each track, world units, float32 (T); 0 for lost tracks.
         begins: Index of the first frame of each track, counted from the start of group `born`, int64 (T); 0 if unknown.
         ends: Index of the frame after the last frame of each track, counted from the start of the sequence, int64 (T);

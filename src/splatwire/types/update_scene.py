@@ -15,7 +15,7 @@ class UpdateScene(SplatScene):
     Attributes:
         base_digest: SHA-256 of the manifest of the stream before the update, hexadecimal.
         result_digest: SHA-256 of the manifest of the stream after the update, hexadecimal.
-        writer: Program that wrote the stream after the update, for its manifest.
+        writer: Name of the program that wrote the stream after the update, as in the manifest of this stream.
         removed: Encoded mask of the Gaussians of the earlier version that the update removes.
     """
 

@@ -60,9 +60,8 @@ class CubicWindow:
         """Reduces the window after congestion to a share of the bytes in flight.
 
         Args:
-            share: Share of the bytes in flight that the new window permits, 0 to 1.
-            in_use: Number of bytes in flight. If it exceeds the old window, the old window is used instead. The default
-                therefore stands for a window that was fully used.
+            share: Size of the new window as a share of the bytes in flight, 0 to 1.
+            in_use: Number of bytes in flight, limited to the old window. The default is a fully used window.
         """
         used = min(self.bytes, in_use)
         self._undo = self.bytes, self.threshold

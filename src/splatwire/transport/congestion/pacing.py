@@ -45,7 +45,8 @@ class Pacer:
     Attributes:
         rate: Sending rate, bytes per second.
         burst_s: Maximum burst after a pause, as seconds of sending at the current rate.
-        claimed: True while datagrams wait for this pacer; HTTP responses then wait, too.
+        claimed: True while datagrams wait for this pacer. HTTP responses with the same pacer then pause, so that both
+            get a share of the rate.
     """
 
     rate: float
@@ -152,7 +153,7 @@ class RateControl:
         self._quiet_since = now
 
     def on_feedback_timeout(self, now: float) -> None:
-        """Halves the rate after a feedback timeout (RFC 8085, section 3.1.1)."""
+        """Halves the sending rate if the feedback timeout has expired at time `now`, seconds (RFC 8085, 3.1.1)."""
         wait = max(FEEDBACK_TIMEOUT_ROUNDS * (self.round_trip or ASSUMED_ROUND_TRIP_S), FEEDBACK_TIMEOUT_S)
         if now - self._quiet_since > wait:
             self._quiet_since, self._quiet = now, True
@@ -170,18 +171,17 @@ class RateControl:
     ) -> None:
         """Updates the sending rate after a feedback report of the receiver.
 
-        Each report names the latest datagram that the receiver has got. A report covers the datagrams that were sent
-        after the latest datagram of the previous report, up to its own latest datagram.
+        Each report names the latest datagram that the receiver has got. Let A be the datagram that the previous report
+        names, and B the one that this report names. This report covers the datagrams that were sent after A, up to B.
 
         Args:
             now: Time, seconds.
-            round_trip: Round-trip time of the latest datagram, seconds.
-            transit: One-way delay of the latest datagram, seconds, plus an unknown constant clock offset.
-            num_sent: Number of datagrams that the report covers.
+            round_trip: Round-trip time of B, seconds.
+            transit: One-way delay of B, seconds, plus an unknown constant clock offset.
+            num_sent: Number of covered datagrams.
             num_arrived: Number of covered datagrams that were received.
             bytes_arrived: Estimated total size of the covered datagrams that were received, bytes.
-            seconds: Time between the arrivals of two datagrams, seconds: the latest datagram of the previous report,
-                and the latest datagram of this report.
+            seconds: Time between the arrivals of A and B, seconds.
         """
         only_lost = self.round_trip is None and round_trip < FEEDBACK_TIMEOUT_ROUNDS * ASSUMED_ROUND_TRIP_S
         self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip

@@ -104,7 +104,7 @@ class PageContent:
     def answer(self, head: bytes) -> Answer:
         """Returns the HTTP response to a request for the page, a script, a list or a stream.
 
-        Downloads in other file formats need a conversion, for which `respond` waits.
+        A download in another file format gets status 404, because only `respond` waits for the conversion.
 
         Args:
             head: Head of the HTTP request, up to and including the empty line.

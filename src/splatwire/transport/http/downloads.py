@@ -54,11 +54,13 @@ class Downloads(Protocol):
     async def file(self, stream: bytes, tag: str, format_name: str, part: str = "") -> DownloadedFile | None:
         """Returns a stream in another file format, converted at the first request.
 
+        A format such as `3dtiles` consists of a folder with several files. One of these files is returned.
+
         Args:
             stream: Content of the stream's `.swz` file.
             tag: HTTP entity tag of the stream.
             format_name: Name of the format, one of `formats`.
-            part: Path of the file in the folder, for a format with several files.
+            part: Path of the requested file in the folder; empty for a format with a single file.
 
         Returns:
             The file; None if the folder has no file of that path.

@@ -67,8 +67,8 @@ def read_request(head: bytes) -> Request:
         head: Bytes of the request line and the headers, with or without the final empty line.
 
     Raises:
-        BitstreamError: If the head has a control byte within a line, a header without name, or not exactly one valid
-            `Host` header, which only HTTP/1.0 may omit. Also if the length of the request's body is ambiguous.
+        BitstreamError: If the head has a control byte within a line or a header without name, or the length of the
+            request's body is ambiguous. Also if there is not exactly one valid `Host` header; HTTP/1.0 may omit it.
     """
     first, *lines = head.removesuffix(b"\r\n\r\n").decode("latin-1").split("\r\n")
     words, headers = _REQUEST.fullmatch(first), dict[str, str]()

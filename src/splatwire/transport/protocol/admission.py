@@ -75,8 +75,8 @@ def choose_eviction(connections: Mapping[Network, int], newcomer: Network) -> Ne
 def largest_holder(connections: Mapping[Network, int], prefix: Network = ()) -> Network:
     """Returns the network that should lose a connection when the server is full.
 
-    First, the widest IP prefix with the most connections is chosen. Then, of the next narrower prefixes within this
-    prefix, the prefix with the most connections is chosen, and so on down to a single network.
+    The choice narrows down step by step, for IPv6 from a /32 prefix to a /48 prefix to a /64 prefix. Each step chooses
+    the prefix with the most connections.
 
     Args:
         connections: Number of connections per network, each above 0.

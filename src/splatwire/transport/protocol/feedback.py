@@ -14,16 +14,16 @@ MAX_LOGGED_DATAGRAMS = 8192
 class FeedbackSample(NamedTuple):
     """Delay and loss between two successive reports of the receiver; input of the rate control.
 
-    Each report names the latest datagram that the receiver has got. The sample covers the datagrams that were sent
-    after the latest datagram of the first report, up to the latest datagram of the second report.
+    Each report names the latest datagram that the receiver has got. Let A be the datagram that the first report names,
+    and B the one that the second report names. The sample covers the datagrams that were sent after A, up to B.
 
     Attributes:
-        round_trip: Round-trip time of the second report's latest datagram, seconds.
-        transit: One-way delay of the second report's latest datagram, seconds, plus an unknown constant clock offset.
+        round_trip: Round-trip time of B, seconds.
+        transit: One-way delay of B, seconds, plus an unknown constant clock offset.
         num_sent: Number of covered datagrams.
         num_arrived: Number of covered datagrams that were received.
         bytes_arrived: Estimated total size of the covered datagrams that were received, bytes.
-        seconds: Time between the arrivals of the latest datagrams of both reports, seconds.
+        seconds: Time between the arrivals of A and B, seconds.
     """
 
     round_trip: float
@@ -55,10 +55,9 @@ class FeedbackTracker:
 
     @property
     def reported(self) -> tuple[int, int, int]:
-        """Three numbers of datagrams, up to the latest datagram that the receiver has reported.
+        """Counts of datagrams up to the latest datagram that the receiver has reported.
 
-        These are the number of sent datagrams, the number of received datagrams, and the number of sent large
-        datagrams.
+        Three numbers: sent datagrams, received datagrams, and sent datagrams of at least `MIN_LARGE_BYTES` bytes.
         """
         return (
             (0, 0, 0) if self._last is None else (self._last.largest + 1, self._last.received, self._num_large_reported)
@@ -72,7 +71,7 @@ class FeedbackTracker:
         self._num_bytes += num_bytes
 
     def is_plausible(self, message: Feedback) -> bool:
-        """Returns False if the counters of a report decrease, or exceed the number of datagrams sent."""
+        """Returns True if the counters of a report do not decrease, and do not exceed the number of datagrams sent."""
         last = self._last
         grows = last is None or (message.largest >= last.largest and message.received >= last.received)
         return grows and message.received <= message.largest + 1 and message.largest < max(self.sequence, 1)

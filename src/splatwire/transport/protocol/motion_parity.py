@@ -17,8 +17,8 @@ class ProtectedOrder(NamedTuple):
     """Sending order and parity of the packets of one or more groups of pictures.
 
     Attributes:
-        order: Packet indices in the new sending order: packet `order[i]` is sent as the i-th packet. The indices
-            count the packets in their order before sorting.
+        order: Indices of the packets in the list before sorting: packet `order[i]` of the list is sent as the i-th
+            packet.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
     """
 
@@ -27,7 +27,7 @@ class ProtectedOrder(NamedTuple):
 
 
 class GroupPackets(NamedTuple):
-    """Packets of one group of pictures, given by their indices in sending order.
+    """Packets of one group of pictures, as indices into a list of packets that are not yet in sending order.
 
     Attributes:
         keyframes: Indices of the keyframe packets, which later groups also need.
@@ -42,7 +42,7 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
     """Returns the packet indices of each group of pictures of a sequence.
 
     Args:
-        packets: All packets of the sequence, in sending order.
+        packets: All packets of the sequence, before `order_and_protect` sorts them for sending.
         plan: Packet plan of the manifest: mapping between elements and packets.
     """
     groups = [GroupPackets((), ())] * (len(plan.spans) // 2)
@@ -56,18 +56,18 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
 def order_and_protect(
     groups: Sequence[GroupPackets], importance: Sequence[float] | None, protection: Protection, first: int = 0
 ) -> ProtectedOrder:
-    """Sorts packets for sending.
+    """Sorts the packets of a sequence for sending, and determines their parity.
 
     In each group of pictures, keyframe packets come first, then motion packets with parity, then all other motion
-    packets. If there are more than `MAX_CODES` groups, several consecutive groups are sorted together.
+    packets. A stream has at most `MAX_CODES` parity settings. If there are more groups of pictures, several consecutive
+    groups are sorted as one, and share a setting.
 
     Args:
         groups: Packet indices of consecutive groups of pictures.
-        importance: Cost of losing each packet, by packet index; the motion packets with the highest costs get
-            parity. None for equal costs.
-        protection: Redundancy, which determines the motion packets with parity.
-        first: Index of `groups[0]` in the sequence. The index of a group in the sequence selects the group's entry in
-            `Protection.motion`.
+        importance: Cost of losing each packet, by packet index. The motion packets with the highest costs get parity.
+            None to give parity to the first motion packets.
+        protection: Redundancy. `Protection.motion` has the amount of parity for each group of the sequence.
+        first: Index of `groups[0]` in the sequence.
 
     Returns:
         Sending order of the packets, and their parity.

@@ -20,17 +20,17 @@ class Protection:
 
     Attributes:
         init_repair: Repair symbols per source symbol of the init segment, 0 to 2.
-        init_until: End of the interval in which the symbols of the init segment are sent, 0 to 1. The unit is the time
-            in which all packets of the stream are sent. With 0, the init segment is sent before all packets, so that
-            the first picture appears early. Larger values survive longer bursts of losses.
+        init_until: End of the interval in which the symbols of the init segment are sent, 0 to 1: 0 is the time of the
+            first packet of the stream, 1 that of the last packet. With 0, the init segment is sent before all packets,
+            so that the first picture appears early. Larger values survive longer bursts of losses.
         init_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default.
         bundled_share: Share of the packets that are bundled in the init segment, 0 to 1. These are the first packets in
             sending order. The repair symbols of the init segment protect the bundled packets, too.
         tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, the most important first. Further
             tiers have no parity.
-        parity_until: End of the interval in which the repair symbols of a tier are sent, 0 to 1, in the unit of
-            `init_until`. If the last packet of the tier is sent later than that, the interval ends with this packet.
-            Small values recover packets early, large values survive longer bursts.
+        parity_until: End of the interval in which the repair symbols of a tier are sent, 0 to 1 on the scale of
+            `init_until`, but at least until the last packet of the tier. Small values recover packets early, large
+            values survive longer bursts.
         tier_spread: Overlap of the tiers in time, 0 to 1: 0 sends the tiers one after another, 1 mixes all tiers
             evenly. Overlap protects small tiers from bursts of losses.
         retransmit_share: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4; None for

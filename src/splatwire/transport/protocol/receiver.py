@@ -282,7 +282,8 @@ class Receiver(ReceiveState):
     def describe_missing(self) -> str:
         """Returns a message about missing data, with a likely cause if many datagrams were lost.
 
-        Before the server's response, the message is that the stream has not begun, or empty if this is unknown.
+        Before the server accepts the request, nothing is known about missing data. The message is then empty, unless
+        the server has refused the request because the stream has not begun.
         """
         if self._welcome is None:
             return "the stream has not begun" if self._has_begun_waiting else ""
@@ -333,7 +334,11 @@ class Receiver(ReceiveState):
         return [], []
 
     def refuse_transport(self) -> tuple[list[bytes], list[Event]]:
-        """Ends the transfer because the port serves plain UDP and not QUIC; returns datagrams to send, and events."""
+        """Ends the transfer because the server's port serves plain UDP, not QUIC.
+
+        Returns:
+            Datagrams to send, and events.
+        """
         return self._on_refusal(self._last_attempt, OTHER_TRANSPORT, self._began_at)
 
     def _on_refusal(self, attempt: HandshakeAttempt, reason: int, now: float) -> tuple[list[bytes], list[Event]]:
@@ -410,8 +415,8 @@ class Receiver(ReceiveState):
     def _received_lists(self, now: float) -> list[bytes]:
         """Returns datagrams that list the packets which this receiver has from an earlier transfer.
 
-        The server then does not send these packets again. The result is empty if the lists were sent a short time ago,
-        or often enough.
+        The server then does not send these packets again. The result is empty within `HAVE_INTERVAL_S` after the last
+        call that returned datagrams, and after `NUM_HAVE_REPEATS` such calls.
         """
         if not self._have_repeats_left or now < self._have_at:
             return []
@@ -500,7 +505,10 @@ class Receiver(ReceiveState):
         return [], events
 
     def _count_end(self, now: float) -> None:
-        """Counts an `End` datagram without data since the one before."""
+        """Counts an `End` datagram of the server, if no packets arrived after the previous `End` datagram.
+
+        `End` datagrams that arrive within `MIN_END_SPACING_S` are counted as one.
+        """
         spacing = now - self._end_counted_at
         if not self._steady_ends or spacing > MAX_END_SPACING_S:
             self._before_ends, self._steady_ends = (self._largest_sequence, self._num_received), 0

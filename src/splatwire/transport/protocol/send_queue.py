@@ -104,7 +104,8 @@ class SendQueue:
         reliable: True if the init segment is sent on a reliable (QUIC) stream.
 
     Attributes:
-        is_init_segment_sent: True if the most recently removed datagram is the last one of the init segment.
+        is_init_segment_sent: True if the latest call of `pop` returned the last datagram of the init segment. False
+            again after the next call.
         viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
     """
 

@@ -21,8 +21,8 @@ def build_send_schedule(
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Number of repair symbols of each parity group.
         protection: Redundancy.
-        tier_packets: Number of packets of each importance tier that are sent as datagrams. Packets in the init segment
-            do not count. Empty if the init segment has no packets; all packets then count as one tier.
+        tier_packets: Number of packets of each importance tier, without the packets bundled in the init segment. Empty
+            if no packets are bundled and all packets count as one tier.
 
     Returns:
         Three integers for each datagram, as in `SendSchedule.datagrams`.

@@ -343,7 +343,11 @@ class ServerTransfer:
             self._problems.add("rate too high")
 
     def _may_notice(self, now: float) -> bool:
-        """True if the server should now send a small datagram, which shows the client that no large ones arrive."""
+        """True if a small datagram (the welcome without preview) should be sent now instead of a packet.
+
+        This is the case if the client reports no arrivals, perhaps because the path drops large datagrams. A small
+        datagram may still arrive. A client that gets only such datagrams can report this cause.
+        """
         num_unreported = self._feedback_tracker.sequence - self._feedback_tracker.reported[0]
         if self._reliable_init_segment:  # a reliable stream repeats these, and delivers them after an outage
             return False

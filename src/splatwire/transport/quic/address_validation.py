@@ -248,7 +248,7 @@ class HandshakeBudget:
         self._counts: dict[Hashable, int] = {}
 
     def take(self, address: Any, most: int, now: float) -> bool:
-        """Counts a handshake of a client with a validated address, and returns True if it may start.
+        """Counts a handshake of a client, and returns True if it may start.
 
         Args:
             address: Socket address of the client.

@@ -54,7 +54,7 @@ class RenewedIdentity:
     Args:
         hosts: Host names and IP addresses of the server, which the certificate contains.
         clock: Function that returns the current time in UTC.
-        on_renewed: Function that is called with each new certificate and its key.
+        on_renewed: Function that is called with each renewed certificate and its key, not with the first certificate.
     """
 
     def __init__(

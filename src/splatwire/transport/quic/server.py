@@ -308,7 +308,7 @@ class _LimitedEndpoint(AioquicServer):
         return True
 
     def _refuse_udp(self, data: bytes, addr: Any) -> None:
-        """Tells a client of plain UDP that this port serves QUIC."""
+        """Sends a refusal to a client that uses plain UDP, because this port serves QUIC."""
         refusal = refuse_other_transport(data) if len(data) == MAX_DATAGRAM else None
         if refusal is not None and self._responses.take(addr, self._loop.time()):
             assert self._transport is not None
@@ -322,7 +322,7 @@ class _LimitedEndpoint(AioquicServer):
             self._dropped(now)
 
     def _dropped(self, now: float) -> None:
-        """Counts a dropped connection attempt; the log reports many."""
+        """Counts a dropped connection attempt, and logs a warning about many of them."""
         self._owner.num_dropped += 1
         self._owner.dropped_event.record(now)
 
