@@ -23,12 +23,12 @@ _REPORTED: set[str] = set()
 class CacheFile(IndexDataCacheFile):
     """Cache of a kernel's machine code in a folder: an index file, and a data file for each signature.
 
-    A data file is named after its content. It is written before the index file that refers to it. An index file
-    therefore never refers to the code of another signature or of earlier sources. This also holds if several processes
-    write alternately, or if a process is killed. Code that is absent or damaged counts as not cached.
+    Several processes may write to the cache at once, and a process may be killed while it writes. An index file still
+    never refers to the code of another signature or of earlier sources: a data file is named after the hash of its
+    content, and is written before the index file. Code that is absent or damaged counts as not cached.
 
     Args:
-        plain: Cache object of numba that the new object replaces.
+        plain: numba's own cache object for the kernel, which gives the folder and the file names.
         source_stamp: Identifies the sources of the kernel; code of other sources counts as not cached.
     """
 

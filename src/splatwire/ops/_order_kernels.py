@@ -16,18 +16,19 @@ INSERTED = 48
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def count_digits(values, prefixes, shift, bits, counts):
-    """Counts the digits of floating-point numbers, as one pass of a radix selection.
+    """Counts how often each value of a digit occurs in the sort keys of floating-point numbers (radix selection).
 
-    Digits are groups of bits of unsigned integers that have the same order as the numbers. Such an integer consists of
-    the bits of the number. If the number is positive, its sign bit is inverted; if it is negative, all bits are.
+    A sort key is an unsigned integer. For a positive number, it consists of the bits of the number with the sign bit
+    inverted. For a negative number, all bits are inverted. Keys therefore have the same order as the numbers. A digit
+    is a group of consecutive bits of the key.
 
     Args:
-        values: The numbers, float32 or float64, reinterpreted as uint32 or uint64 (n).
-        prefixes: Values of the bits above the digit, ascending, in the type of `values` (P). Only integers whose upper
-            bits equal one of the prefixes are counted.
+        values: Bits of the numbers, not yet converted to keys: float32 or float64 viewed as uint32 or uint64 (n).
+        prefixes: Possible values of the bits above the digit, ascending, in the type of `values` (P). Keys with other
+            upper bits are not counted.
         shift: Number of bits below the digit.
         bits: Number of bits of the digit.
-        counts: Number of integers with each prefix and digit, int64 (P, `1 << bits`); increased in place.
+        counts: Number of keys with each prefix and digit, int64 (P, `1 << bits`); increased in place.
     """
     top = 8 * values.itemsize - 1
     mask = (1 << bits) - 1

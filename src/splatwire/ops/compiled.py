@@ -1,4 +1,7 @@
-"""Compilation of numba kernels, with a cache that works in any installation, and log messages."""
+"""Compilation of numba kernels, with a cache of machine code that works in any installation.
+
+Compilations, and waits for the compilation by another process, are logged.
+"""
 
 import functools
 import hashlib
@@ -91,10 +94,10 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 
 def _with_shared_cache(kernel: Any) -> Any:
-    """Makes a numba kernel's cache of machine code safe, and returns the kernel.
+    """Makes a kernel's cache of machine code safe for use by several processes; returns the kernel.
 
-    Of several processes, only one compiles the kernel; the others load the cached code. A change of a source file or of
-    a constant invalidates the cached code.
+    Only one of the processes compiles the kernel; the others load the cached code. A change of a source file or of a
+    constant invalidates the cached code.
     """
     if not numba.config.DISABLE_JIT:
         cache = kernel._cache

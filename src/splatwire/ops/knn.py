@@ -21,7 +21,7 @@ class NeighborTree:
     Neighbours at the same distance are sorted by index.
 
     Args:
-        support: The points, a numpy array or a torch tensor.
+        support: The S points, a numpy array or a torch tensor.
     """
 
     def __init__(self, support: Float[Any, "S 3"]) -> None:

@@ -62,13 +62,13 @@ def quantiles(pieces: Pieces, count: int, probabilities: Sequence[float]) -> np.
 
 
 def _numbers(keys: np.ndarray) -> np.ndarray:
-    """Converts unsigned integers to the floating-point numbers that they represent, as float64.
+    """Converts sort keys back to floating-point numbers, as float64.
 
-    The integers are the bits of float32 or float64 numbers, changed so that the integers have the same order as the
-    numbers. For a positive number, the sign bit was inverted. For a negative number, all bits were inverted.
+    A sort key is an unsigned integer with the bits of a float32 or float64 number: with the sign bit inverted if the
+    number is positive, and with all bits inverted if it is negative. Keys have the same order as the numbers.
 
     Args:
-        keys: The integers, uint32 or uint64.
+        keys: The keys, uint32 or uint64.
     """
     top = keys.dtype.type(1 << (8 * keys.dtype.itemsize - 1))
     return np.where(keys & top, keys ^ top, ~keys).view(f"f{keys.dtype.itemsize}").astype(np.float64)

@@ -235,7 +235,7 @@ def _candidates(
     Args:
         settings: Settings of the concealer.
         fixed: Inputs that are the same in all passes; a pass estimates all lost anchors once.
-        received: Mask of the anchors with the attribute received.
+        received: Mask of the anchors whose attribute was received; the others are the queries.
         first: True in the first pass, in which only received anchors are candidates.
 
     Yields:

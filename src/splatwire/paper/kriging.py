@@ -215,7 +215,7 @@ def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
 def regress(
     inputs: Float64[Tensor, "N P"], values: Float[Tensor, "N D"], exists: Bool[Tensor, "N D"]
 ) -> Float[Tensor, "N D"]:
-    """Predicts attribute values of all anchors by ridge regression.
+    """Predicts by ridge regression how far the attribute values of all anchors deviate from their mean.
 
     Args:
         inputs: Inputs of all anchors, from `regression_inputs`.

@@ -252,11 +252,11 @@ def _finalists(
 class _EvaluatedPlan:
     """A plan, and its quality measured in simulated transfers that were not used to choose the plan.
 
-    The plan was chosen as the best of many plans, and such a plan is partly best by chance. In the transfers that were
-    used for the choice, its measured quality is therefore too high.
+    In the transfers that were used for the choice, the measured quality is too high, because the best of many plans is
+    best partly by chance.
 
     Attributes:
-        plan: The plan, with quality and losses measured in transfers that were not used for the choice.
+        plan: The plan, with its fields for quality and losses measured in the other transfers.
         partly: Fraction of the transfers in which the side information arrives, but not all packets do.
         error: Standard error of the PSNR, decibels.
         plain: True if the plan is a simple baseline.
@@ -334,8 +334,8 @@ def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendere
 def _choose_plan(scored: Sequence[_EvaluatedPlan], whole_psnr: float) -> ScenePlan:
     """Selects the plan with the best pictures.
 
-    A simple baseline is preferred if its PSNR is nearly the highest. Among plans of practically equal PSNR, the one
-    with the most bytes of protection is selected.
+    If the PSNR of a simple baseline is nearly the highest, only baselines are considered. Of the considered plans whose
+    PSNR is practically equal to the highest, the one with the most bytes of protection is selected.
 
     Args:
         scored: Plans with their results.

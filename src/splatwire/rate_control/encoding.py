@@ -227,7 +227,6 @@ def _slope(pairs: Sequence[tuple[float, float]]) -> float:
     Args:
         pairs: PSNR in the views of the search, and PSNR in the held-out views, for each stream so far, decibels.
     """
-    # The estimate is limited to the range from 0.5 to 2.
     if len(pairs) < 2:
         return 1.0
     (before, psnr_before), (last, psnr_last) = pairs[-2:]
@@ -251,7 +250,7 @@ class _Plan:
         views: Views in which the effect of removing each Gaussian is measured.
         search: Pictures of the source with which streams are compared during the search for a quantisation level.
         held_out: Pictures of the source for the reported PSNR.
-        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 or more for the finest steps,
             negative for coarser ones.
         curve: Image error as a function of the share of Gaussians kept; None without pruning.
         scene: The Gaussians to prune and encode: those of `source`, or fine-tuned ones.
@@ -317,11 +316,11 @@ class _Plan:
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
         """Returns a copy of this plan, in which the precision of each attribute suits fine-tuning.
 
-        The precision of this plan was measured as the best one without fine-tuning. The copy has the mean of this
-        precision and the precision of `quality`.
+        The precision of this plan is the best one without fine-tuning. For fine-tuning, half of its difference from the
+        precision of `quality` is used.
 
         Args:
-            quality: Quality setting at which the measurement started.
+            quality: Quality setting at which the precision of this plan was measured.
         """
         # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which the
         # measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes of all
@@ -332,10 +331,9 @@ class _Plan:
     def with_more_pruning(self) -> "_Plan":
         """Returns a copy of this plan that keeps fewer Gaussians at the same quantisation level, for fine-tuning.
 
-        Fine-tuning compensates for part of the image error of pruning. The pruning curve of the copy therefore has
-        smaller errors.
+        Fine-tuning compensates for part of the image error that pruning causes. The copy therefore assumes smaller
+        errors (`curve`), so that it prunes more.
         """
-        # Fine-tuning compensates for part of the error of pruning.
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
 
@@ -351,8 +349,6 @@ class _Plan:
         Returns:
             The kept Gaussians, and the precision class of each.
         """
-        # They are chosen from the result of an earlier fine-tuning if one has enough Gaussians, otherwise from
-        # `source`.
         assert self.curve is not None
         kept = self.curve.kept(share)
         larger = [each for each in tuned if each.scene.num_elements > len(kept)]
@@ -424,9 +420,8 @@ class _Plan:
             for_loss: True if Gaussians were fine-tuned for packet loss. A fine-tuned stream that meets the target is
                 then chosen even if the other stream is smaller or has a higher PSNR.
         """
-        # For a target size, it is the stream with the higher PSNR. For a target PSNR, it is the smaller stream;
-        # the fine-tuned one must reach the PSNR. Fine-tuning for packet loss raises quality only if packets are
-        # lost, so its stream is chosen if it reaches the target.
+        # Fine-tuning for packet loss raises quality only if packets are lost, so its stream is chosen if it reaches the
+        # target.
         if tuned is None or untuned is None:
             better = tuned or untuned
             assert better is not None
@@ -561,10 +556,9 @@ class _Trials:
     ) -> bool:
         """Encodes the scene at different quantisation levels, until the stream has a wanted size or PSNR.
 
-        The first step encodes the scene at different levels. If no level gives an accepted value, the second step
-        encodes different shares of the Gaussians at one level: of the levels with a value above the range, the one with
-        the smallest value. The second step is skipped if Gaussians must not be pruned, if no value is above the range,
-        or if the chosen level is the coarsest one.
+        If no level gives an accepted value, different shares of the Gaussians are then encoded at a single level. This
+        is the level whose value is closest to the accepted range from above. Shares are not tried if Gaussians must not
+        be pruned, if no value is above the range, or if that level is the coarsest one.
 
         Args:
             measure: Function that measures an encoded scene: logarithm of its size in bytes, or its PSNR in decibels.
@@ -573,9 +567,8 @@ class _Trials:
             slope: Expected increase of the measured value per level.
 
         Returns:
-            True if the second step was performed; False if it was skipped.
+            True if different shares of the Gaussians were tried.
         """
-        # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
         result = search(functools.partial(self._encode_and_measure, measure), permitted, start, slope, self._ends, JUMP)
         above = [each for each in self._found[first:] if each[0] > permitted.high]
@@ -599,13 +592,11 @@ class _Trials:
         Args:
             measure: Function that measures an encoded scene: logarithm of its size in bytes, or its PSNR in decibels.
             permitted: Range of accepted values.
-            untuned: A pair: the measured value of an encoded scene, and this scene. All shares are encoded at the
-                quantisation level of this scene. The first share to try is estimated from the share of Gaussians in
-                this scene and from its measured value.
+            untuned: Measured value of an encoded scene, and this encoded scene. It gives the quantisation level, and
+                the first share to try is estimated from it.
             slope: Expected increase of the measured value per quantisation level, from which the increase per share is
                 estimated.
         """
-        # Each attempt encodes the scene with another share. The quantisation level stays that of `untuned`.
         value, encoded = untuned
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
         ends = (MIN_SHARE_RATIO * share, min(share / MIN_SHARE_RATIO, 1.0))

@@ -60,8 +60,8 @@ class PartialUpdates:
 
     Attributes:
         chain: Stream that the receivers got first, and its updates.
-        finest: Number of the finest precision class (set of quantisation steps) in that first stream; 0 is the
-            coarsest.
+        finest: Number of the finest precision class (set of quantisation steps) in that first stream, which counts its
+            classes from 0, the coarsest.
         newest: Gaussians of the newest scene.
         held: Values of the Gaussians at the receivers, before quantisation, in the order of `newest`; undefined where
             `known` is False.
@@ -73,7 +73,7 @@ class PartialUpdates:
         antialiased: True if the scene was trained with an antialiased renderer.
     """
 
-    # Rows of `held` outside of `known` are undefined. Sizes are from `_scene_size`.
+    # Sizes are from `_scene_size`.
 
     chain: UpdateChain
     finest: int
@@ -93,6 +93,9 @@ class PartialUpdates:
         Args:
             splats: The Gaussians.
             antialiased: True if the Gaussians were trained with an antialiased renderer.
+
+        Returns:
+            The sender, with the first stream in `chain`.
 
         Raises:
             InvalidValueError: If no Gaussian can be drawn, or values are too large.
@@ -114,6 +117,9 @@ class PartialUpdates:
         Args:
             splats: The newest Gaussians.
             share: Maximum share of the Gaussians to send, above 0, at most 1.
+
+        Returns:
+            The sender after this update, with the update in `chain`; this object does not change.
 
         Raises:
             InvalidValueError: If no Gaussian can be drawn, or values are too large.

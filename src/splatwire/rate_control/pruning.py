@@ -49,13 +49,12 @@ _SMALLEST = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class RemovalViews:
-    """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
+    """Views in which the effect of removing Gaussians from a complete or pruned scene is measured.
 
     Attributes:
-        sets: Weight of each set of views, and pictures of the complete scene in these views. If cameras are given, they
-            form the only set. Otherwise, a scene of at most `PART` Gaussians has three sets: views around the scene,
-            views that frame it, and views close to its surfaces. A larger scene without given cameras has no set,
-            because its parts are measured separately, each in its own views.
+        sets: Weight of each set of views, and pictures of the complete scene in these views. Empty if the scene has no
+            given cameras and more than `PART` Gaussians: parts of such a scene are measured separately, in views of
+            their own (`measure_gaussians`).
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]
@@ -66,8 +65,8 @@ class RemovalViews:
 
         Args:
             source: The complete scene.
-            cameras: Cameras at typical viewing positions. None to choose views from the scene itself: around the scene,
-                framing it, and close to its surfaces.
+            cameras: Cameras at typical viewing positions, which form the only set of views. None to choose three sets
+                from the scene itself: around the scene, framing it, and close to its surfaces.
         """
         if cameras is not None:
             return RemovalViews(((1.0, SourcePictures(source, cameras)),))

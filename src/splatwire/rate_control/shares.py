@@ -28,8 +28,6 @@ def search_share(tune: Callable[[float], float], target: Interval, start: float,
         best is the call with the smallest share. If all values are below the range, it is the call with the largest
         value.
     """
-    # The best one has the smallest share that reaches the range or exceeds it. If all values are below the range,
-    # it is the one with the largest value.
     logs, values, at = [], [], math.log(start)
     while True:
         logs.append(at)

@@ -106,7 +106,7 @@ def tuned_to_pictures(
 
     Args:
         pruned: The Gaussians to fine-tune.
-        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 or more for the finest steps,
             negative for coarser ones.
         pictures: Pictures of the complete scene.
         quality: Quality setting, which determines the quantisation steps.

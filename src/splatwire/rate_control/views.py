@@ -44,9 +44,7 @@ class ViewSets:
 
     @staticmethod
     def of(scene: Scene, cameras: Cameras | None = None) -> "ViewSets":
-        """Chooses three sets of views: for measuring each Gaussian, for the search, and for the final PSNR.
-
-        In the search, streams with different settings are compared.
+        """Chooses views for measuring Gaussians, for comparing streams with different settings, and for the final PSNR.
 
         Args:
             scene: The scene.

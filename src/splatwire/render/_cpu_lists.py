@@ -193,9 +193,9 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
 
     Args:
         order: Indices of the Gaussians, nearest first.
-        corners: One row for each Gaussian of `order`. Column 0 locates the first tile column that the Gaussian
-            overlaps: it is the index of the tile in this column and in tile row 0 of the image, counted from the first
-            listed tile. Column 1 is the number of tile columns that the Gaussian overlaps.
+        corners: One row for each Gaussian of `order`: index of a tile, and number of tile columns that the Gaussian
+            overlaps. The tile is in the first of these columns and in tile row 0 of the image. Index 0 is the first
+            listed tile, so the index can be negative.
         strips: First pixel row and end (exclusive) that a Gaussian covers in a tile column. The rows of this array are
             the tile columns of the first Gaussian, then those of the second, and so on.
         starts: Start of each tile's list in the result, and the total length.

@@ -1,4 +1,4 @@
-"""Warns if cameras do not show a scene: it is outside their view, or nearer than their near plane."""
+"""Warnings for cameras that do not show a scene, because it is out of view or in front of the near plane."""
 
 import logging
 from dataclasses import dataclass
@@ -67,8 +67,8 @@ class _View:
     Attributes:
         depths: Depth of each element, world units.
         inside: Mask of the elements whose centres are in the picture, at any depth.
-        reaches_in: Mask of the elements that may overlap the picture. It contains all elements of `inside`. It also
-            contains elements beyond the near plane whose centres are outside the picture by less than their extent.
+        reaches_in: Mask of the elements that may overlap the picture: all elements of `inside`, and elements beyond the
+            near plane whose centre is outside the picture by less than their extent.
         is_dot: True if most elements of the scene are in the picture, but together cover no more than about a pixel.
     """
 

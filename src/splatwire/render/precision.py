@@ -116,7 +116,7 @@ def precision_classes(
 
     Returns:
         Class of each Gaussian, int8 (N). The quantisation steps of class c - 1 are twice as large as those of class c.
-        Nearly all classes are 0 or negative.
+        Nearly all classes are 0 or negative; encoders treat a class above 0 as 0.
     """
     # The sensitivity is estimated from gradients of sums of pixels with random signs (see
     # `splatwire.render.pruning`). Without cameras there are 12 views around the Gaussians or, with several parts, 6

@@ -92,8 +92,9 @@ class _NetworkErrors:
         metric: Matrix M for changes of features and logarithms of scalings. If these values change by the vector d in
             all selected anchors, the error is `d . M d`.
         offset: Error if one coordinate of an offset changes by 1, summed over the offsets.
-        offset_share: Sum of one product for each Gaussian: the error if the Gaussian is removed, times `_relative_size`
-            of its anchor. Multiplied by `offset / offset_share`, such a product becomes the error of a single offset.
+        offset_share: Weighted sum, over the Gaussians, of the error if a Gaussian is removed. The weight is
+            `_relative_size` of its anchor. It is the denominator for distributing `offset` over the single offsets, in
+            proportion to their terms of the sum.
         removal: Error if one Gaussian is removed, summed over the Gaussians.
     """
 

@@ -13,14 +13,13 @@ from splatwire.types.importance import Importance
 
 @torch.no_grad()
 def importance_of(state: TrainState, config: TrainConfig, cameras: Cameras) -> Importance:
-    """Returns the importance of each anchor: its share of the total opacity in the pictures of all training views.
+    """Returns the importance of each anchor: opacity times projected area, summed over its Gaussians and all views.
 
     Args:
         state: State of the training; every anchor must have at least one offset.
         config: The configuration.
         cameras: The training cameras.
     """
-    # An anchor's contribution is the sum of opacity times projected area over its Gaussians and all views.
     return footprint_importance(export_scene(state, config, state.device), cameras)
 
 

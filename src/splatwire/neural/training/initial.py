@@ -50,7 +50,7 @@ _BOUNDS_MARGIN = 0.2
 def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
     """Creates the state of a training before the first iteration.
 
-    Scenes of anchors have no origin, so that the state is in world coordinates.
+    The state is in world coordinates, also if the cameras of the dataset are relative to another origin.
 
     Args:
         dataset: Training views. The points of the dataset become anchors; without points, anchors are random.
@@ -158,7 +158,7 @@ def check_cameras(dataset: Dataset) -> None:
     """Checks that a scene can be trained from the cameras of a dataset.
 
     Raises:
-        DatasetError: If there are fewer than two views, a camera is not finite, or all cameras have the same place.
+        DatasetError: If there are fewer than two views, a camera is not finite, or all cameras are at one position.
     """
     cameras, folder = dataset.cameras, _folder(dataset)
     if cameras.num_views < 2:
@@ -180,8 +180,8 @@ def initial_points(
         generator: Random generator for random points, on the CPU.
 
     Returns:
-        Positions of the points relative to the origin of the cameras, float64; and their colours, RGB in [0, 1], or
-        None for random points.
+        Positions of the points relative to `dataset.cameras.origin`, float64; and their colours, RGB in [0, 1], or None
+        for random points.
 
     Raises:
         DatasetError: If the dataset has points, but fewer than four of them have finite positions.

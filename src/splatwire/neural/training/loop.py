@@ -61,7 +61,7 @@ class ModelState(Protocol):
 
 @runtime_checkable
 class ModelTraining(Protocol):
-    """Typing protocol (structural type) for a model in training.
+    """Typing protocol (structural type) for the training of a model, run by `TrainingLoop`.
 
     Attributes:
         state: State of the training.

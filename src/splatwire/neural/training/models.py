@@ -37,7 +37,7 @@ class TrainableContextModel(Protocol):
 
         Returns:
             Attributes of the visible anchors with noise in place of rounding; their offset masks; and the estimated
-            bits of the sample. While the loss excludes the bit rate, None replaces the bits.
+            bits of the sample, or None while the loss excludes the bit rate.
         """
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:

@@ -50,7 +50,8 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 
     Args:
         networks: The networks, all with the same negative slope of their (leaky) ReLU.
-        order: Entry i is the index of the combined network's output i in the concatenated outputs of all networks.
+        order: Order of the outputs: output i of the combined network is entry `order[i]` of the outputs of all
+            networks, concatenated.
     """
     tensors = [
         tensor
@@ -76,22 +77,21 @@ def _copy_indices(
     """Returns the indices for copying weights from separate networks to one combined network and back.
 
     The combined network computes all separate networks at once. Its connections between parts of different networks
-    have weight 0. The weights of the separate networks form one list, network after network.
+    have weight 0. The weights of the separate networks form one list, network after network, with a 0 at its end.
 
     Args:
         shapes: Numbers of inputs, hidden units and outputs of each separate network.
-        order: Entry i is the index of the combined network's output i in the concatenated outputs of all networks.
+        order: Order of the outputs of the combined network, as for `pack_networks`.
         device: Device of the results.
 
     Returns:
         Three tensors:
 
-        * For each weight of the combined network, its index in the list; the length of the list for a weight that is 0.
-        * For each weight in the list, its index in the combined network.
-        * A single 0 to append to the list.
+        * For each weight of the combined network, its index in the list. For a connection between different networks,
+          this is the index of the 0 at the end.
+        * For each weight in the list except this 0, its index in the combined network.
+        * The 0 itself.
     """
-    # All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to
-    # no network are copies of this zero.
     numbers = sum(hidden * (inputs + 1 + outputs) + outputs for inputs, hidden, outputs in shapes)
     num_hidden, num_outputs = sum(shape[1] for shape in shapes), sum(shape[2] for shape in shapes)
     weight = torch.full((num_hidden, max(shape[0] for shape in shapes)), numbers)

@@ -108,17 +108,15 @@ class PacketLossSimulator:
         return (*self._models, *self._config.losses.first)
 
     def begin(self, state: TrainState, cameras: Cameras) -> None:
-        """Removes anchors without offsets, as an encoder does, and sorts the anchors by importance.
+        """Removes anchors without offsets, as an encoder does; may also sort the anchors by importance.
 
-        The training calls this method before each iteration. Both steps take time, so they are performed only at fixed
-        intervals of iterations. All other calls change nothing. Anchors are sorted only if `LossTraining.first` is set.
+        The method is called before each iteration, but changes the state only at fixed intervals, to save time. Anchors
+        are sorted if only the most important ones are received in some iterations (`LossTraining.first`).
 
         Args:
             state: State of the training before an iteration; changed in place.
             cameras: The training cameras, in which the importance of anchors is measured.
         """
-        # Done at fixed intervals because it takes time. If only the most important anchors are received in some
-        # iterations (`LossTraining.first`), also sorts the anchors by importance.
         since = state.iteration - self._last_lossless
         if not self.active(state) or since % _TIDY_INTERVAL != 1:
             return
@@ -217,18 +215,17 @@ class PacketLossSimulator:
         return ReceivedAnchors(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, fully_received: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Estimates the typical size of the received anchors and that of the lost anchors, as a receiver does.
+        """Returns the typical size of the received anchors, or of the lost anchors, for each anchor of this kind.
 
-        A receiver knows only typical sizes per importance tier, not the size of a single lost anchor. The received
-        anchors count as one tier, and the lost ones as another.
+        A receiver does not know the size of a single lost anchor, only the typical size of each importance tier. Here,
+        the received anchors are one tier, and the lost anchors the other.
 
         Args:
             state: State of the training.
             fully_received: True for received anchors, in coding order.
 
         Returns:
-            For each anchor in coding order, the typical size of its tier (received or lost), above 0. The larger of the
-            two sizes is 1.
+            One size for each anchor in coding order, relative to the larger of the two, above 0 and at most 1.
         """
         tiers = (~fully_received).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()
@@ -276,10 +273,9 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
 def _anchors_per_packet(packetization: Packetization, estimated_bits: SampleBits | None) -> int:
     """Estimates how many anchors a packet contains, from the estimated bits per anchor.
 
-    The result is 1 without an estimate of the bits, and for packetizations without hashed grouping, which do not need
-    the number.
+    The result is 1 if there is no estimate of the bits. It is also 1 without hashed grouping, because only hashed
+    grouping, which fills packets up to a size in bytes, needs the number.
     """
-    # Only packetizations with hashed grouping (packets filled up to a size in bytes) need this number.
     if estimated_bits is None or not packetization.hashed:
         return 1
     anchor_bytes = float(estimated_bits.bits.detach()) / 8 / max(estimated_bits.num_anchors, 1) + _MASK_BYTES

@@ -177,12 +177,12 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """Increases the learning rates after the last change of the set of anchors, if a training is short.
+    """Sets higher learning rates for the time after the last change of the set of anchors, for a short training.
 
-    The factors are for trainings with the causal model.
+    The rates are multiplied by `LearningRate.late`, which this function sets for a training with the causal model.
 
     Args:
-        rates: Learning rates; only the factors `LearningRate.late` change.
+        rates: Learning rates; all fields except `late` are kept.
         iterations: Number of iterations of the training.
     """
     # The factors are those of `CAUSAL_LATE` for short trainings, and approach 1 for longer ones.

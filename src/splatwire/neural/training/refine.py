@@ -59,7 +59,7 @@ class _ConstantData:
     Attributes:
         config: Shapes of the model.
         corners: Table rows and weights of the hash grid at the anchors.
-        logits: Logits of the quantisation steps before the refinement.
+        logits: Outputs of the prior network from which the quantisation steps were computed before the refinement.
         steps: The quantisation steps.
         values: Features, scalings and offsets, rounded to their steps.
         mask: Mask of the offsets that exist, 0 or 1.

@@ -53,12 +53,11 @@ def half_cosine(share: float) -> float:
 def second_half(rates: LearningRates) -> LearningRates:
     """Returns learning rates for fine-tuning: those of the second half of a training with HAC++'s default rates.
 
-    Only the rate of the masks is derived from `rates`.
+    The masks are an exception: their rate is that of the second half of the training before the fine-tuning.
 
     Args:
         rates: Learning rates of the training before the fine-tuning.
     """
-    # Only the rate of the masks is used.
     published = dataclasses.replace(LearningRates(), mask_logits=rates.mask_logits)
     halves = {name: LearningRate(math.sqrt(r.initial * r.final), r.final) for name, r in vars(published).items()}
     return LearningRates(**halves)

@@ -47,7 +47,6 @@ def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    # Does nothing if no measurement is due.
     if config.weights.size and is_time(config.milestones, state.iteration):
         aim = config.weights.size * (1 + headroom(config.milestones, state.iteration))
         size, ratio = _measure_size(state, config, estimate)

@@ -131,7 +131,7 @@ class TrainState:
         generator: Source of all random numbers, on the CPU.
         queue: Indices of the training views not yet used in the current round over all views.
         steering: State of the size controller.
-        means: Running means by parameter name, once averaging has started.
+        means: Running means of the trained tensors by name; empty until averaging starts.
         networks: The networks made of the tensors of `parameters`.
     """
 

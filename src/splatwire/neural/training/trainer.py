@@ -96,7 +96,7 @@ def train_scene(
 
 
 class _AnchorTraining:
-    """Model with which the training loop (`TrainingLoop`) trains anchors.
+    """Training of anchors, run by the training loop (`TrainingLoop`).
 
     Args:
         state: State of the training, on the training device; changed in place.

@@ -39,9 +39,8 @@ class LossWeights:
         render: Weight (lambda) of the mean absolute difference between pictures of the concealed and the complete
             scene. The difference is multiplied by the number of queries of the batch. 0 disables rendering.
         smooth_neighbors: Number of neighbouring queries per query in the smoothness term, k_lap.
-        smooth_bandwidth: In the smoothness term, the weight of a neighbour is a Gaussian function of its distance. This
-            is the standard deviation of that function, divided by the mean distance of all neighbours. 0 gives all
-            neighbours equal weights.
+        smooth_bandwidth: Standard deviation of the Gaussian function that weights neighbours by distance in the
+            smoothness term, as a multiple of the mean distance of all neighbours. 0 gives all neighbours equal weights.
     """
 
     # As with `feature`, weights of 0 leave out scalings and offsets.

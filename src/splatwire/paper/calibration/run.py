@@ -222,13 +222,10 @@ class CalibrationRun:
         """Returns True if the calibration has ended, either after the last step or by early stopping.
 
         With `CalibrationConfig.selected`, training stops early after `CalibrationConfig.patience` validations without
-        improvement. There is one exception: if the weights will be quantised, and no step has used quantised weights
-        yet. The method then restores the best network and returns False, so that the training continues with quantised
-        weights.
+        improvement. With `CalibrationConfig.bits`, the steps with exact weights are followed by steps with quantised
+        weights. If the steps with exact weights stop early, the method restores the best network, skips to the first
+        step with quantised weights, and returns False.
         """
-        # The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
-        # `CalibrationConfig.patience` validations without improvement. If weights are quantised
-        # (`CalibrationConfig.bits`), the best network is then still trained with quantised weights.
         stale = self.config.selected and self.stale >= self.config.patience
         if stale and self.config.bits and not self.rounding:
             self.network.load_state_dict(self.best)

@@ -143,8 +143,8 @@ class _CrossAttention(nn.Module):
 class InpaintingNetwork(nn.Module):
     """Predicts residuals of lost anchors (queries) from their neighbours in the graph.
 
-    An untrained network returns its baseline: the interpolation of the neighbours or, with the preset `paper`, the mean
-    of the prior.
+    The residuals of an untrained network are 0. Its estimates of the attributes are therefore those of the baseline
+    (`GnnSettings.baseline`): the interpolation, or the mean of the prior.
 
     Args:
         sizes: Numbers of inputs.
@@ -174,7 +174,7 @@ class InpaintingNetwork(nn.Module):
     def encode_sources(self, inputs: Float[Tensor, "S D"]) -> tuple[Float[Tensor, "S H"], ...]:
         """Computes the contributions of the known anchors to each EdgeConv layer.
 
-        The contributions are the same for all lost anchors.
+        The contributions are the same for all lost anchors, so they are computed once for many batches of lost anchors.
 
         Args:
             inputs: Network inputs of the S known anchors, from `source_inputs`.
@@ -182,7 +182,6 @@ class InpaintingNetwork(nn.Module):
         Returns:
             One contribution per layer.
         """
-        # It is the same for all lost anchors (queries), so it is computed once for many batches of queries.
         hidden = self.source((inputs - self.get_buffer("source_mean")) / self.get_buffer("source_spread"))
         return tuple(layer.project(hidden) for layer in self.edge_layers)
 

@@ -19,8 +19,9 @@ class GaussianState:
 
     Attributes:
         iteration: Number of completed iterations.
-        parameters: Trained tensors by name: `means` (N, 3), `log_scales` (N, 3), `quats` (N, 4), `logits` (N), `base`
-            (N, 3), and for each degree d from 1 of the harmonics `harmonics.d` (N, 2 d + 1, 3).
+        parameters: Trained tensors by name: `means` (N, 3), `log_scales` (N, 3), `quats` (N, 4), `logits` (N) of the
+            opacities, `base` (N, 3) with the spherical harmonics of degree 0, and `harmonics.d` (N, 2 d + 1, 3) with
+            those of each higher degree d.
         moments: Adam's moments by parameter name; absent for parameters that were never updated.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.

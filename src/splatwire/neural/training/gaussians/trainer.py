@@ -125,7 +125,7 @@ def _tuned(scene: SplatScene, train: Dataset, config: GaussianConfig, listener: 
 
 
 class _GaussianTraining:
-    """Model with which the training loop (`TrainingLoop`) trains explicit Gaussians.
+    """Training of explicit Gaussians, run by the training loop (`TrainingLoop`).
 
     Args:
         state: State of the training, on the training device; changed in place.
