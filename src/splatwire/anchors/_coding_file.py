@@ -107,7 +107,7 @@ def _read_grid(reader: SceneReader, config: ModelConfig) -> HashGrid:
 
 
 def read_config(reader: SceneReader) -> ModelConfig | CausalConfig:
-    """Parses the configuration in the header.
+    """Parses the configuration of the context model in the header of a scene file.
 
     Raises:
         BitstreamError: If a value is missing, of the wrong type or beyond the format's limits.

@@ -154,7 +154,7 @@ def _fill_inputs(positions, features, center, chosen, count, x):
 @njit(inline="always")
 @no_type_check
 def _exp_minus(value):
-    """Returns e ** -value, limited to finite results."""
+    """Returns e ** -value; clips the exponent so that the result is finite."""
     power = smaller(value * _LOG2E, spread(_MAX_POWER))
     return power_of_two(smaller(_ZERO - power, spread(_MAX_POWER)))
 

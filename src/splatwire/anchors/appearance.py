@@ -25,7 +25,7 @@ from splatwire.types.validity import validity_of_splats
 
 
 def scene_of(loaded: Scene | ReceivedScene) -> Scene:
-    """Returns the scene of a decoder's result; a scene is returned unchanged."""
+    """Returns the scene that a decoder's result contains. An argument that already is a scene is returned unchanged."""
     return loaded.scene if isinstance(loaded, ReceivedScene) else loaded
 
 
@@ -72,7 +72,7 @@ def _conversion_hint(value: object) -> str:
 def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
     """Returns the Gaussians that camera `view` draws. Not differentiable.
 
-    Positions are relative to the scene's origin. The cameras must be relative to the same origin; to convert them, use
+    Positions are relative to the scene's origin. Pass cameras that are relative to the same origin:
     `cameras.relative_to(origin_of(scene))`.
 
     Raises:
@@ -94,10 +94,11 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
 
 @singledispatch
 def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    """Returns the Gaussians that camera `view` sees, and for each the index of the anchor and offset that generated it.
+    """Returns the Gaussians of camera `view`, and the indices of the anchor and the offset that generated each.
 
-    For scenes of explicit Gaussians, the anchor is the Gaussian itself and the offset is 0. The rendering hints of loss
-    concealment (`scene.hints`) are ignored: no element is enlarged or hidden.
+    A scene of explicit Gaussians returns all its Gaussians; `anchor_index` is then the index of the Gaussian, and
+    `offset_index` is 0. The rendering hints of loss concealment (`scene.hints`) are ignored: no element is enlarged or
+    hidden.
     """
     all_rows = np.arange(scene.num_elements)
     return SpawnedGaussians(gaussians_of_view(scene, cameras, view), all_rows, np.zeros_like(all_rows))

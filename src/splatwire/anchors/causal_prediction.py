@@ -40,10 +40,10 @@ class CausalPrediction:
 def position_inputs(
     coordinates: Float[Any, "M 3"], join: Callable[[list[Any], int], Any] = np.concatenate
 ) -> Float[Any, "M P"]:
-    """Computes the inputs of the position network: coordinates in (-1, 1) and their positional encoding.
+    """Computes the inputs of the position network: positions contracted to (-1, 1), and their positional encoding.
 
     Args:
-        coordinates: Positions relative to the centre of the scene, divided by the extent of the scene.
+        coordinates: Positions relative to the centre of the scene, divided by the extent of the scene; of any size.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.
     """
     contracted = coordinates / (1 + abs(coordinates))
@@ -76,8 +76,8 @@ def predict_causal(
         log_sizes: Logarithms of the four sizes of each anchor, in quantisation steps, minus
             `CausalCoding.zero_points`. The first size is the common scale of the offsets. The others are the base sizes
             of the Gaussians along three axes.
-        quantised: Function that rounds attributes, given the name of the network, the predicted means and the
-            attributes; None for no rounding.
+        quantised: Function that returns the attributes as later networks get them, such as rounded. Its arguments are
+            the name of the network, the predicted means and the attributes. None to pass the attributes unchanged.
         join: Function that concatenates arrays along an axis; `torch.cat` for tensors.
     """
     features = networks["position"](inputs)

@@ -104,11 +104,11 @@ class TensorFile:
         """Converts the fields of a JSON object of the header to a dictionary.
 
         Raises:
-            BitstreamError: If two fields have the same name, of which readers could use either.
+            BitstreamError: If two fields have the same name.
         """
         fields: dict[str, Any] = {}
         for name, value in pairs:
-            if name in fields:
+            if name in fields:  # readers differ in which of the two they use
                 raise self._error(f"its header has {name[:80]!r} twice")
             fields[name] = value
         return fields
@@ -156,7 +156,8 @@ class TensorFile:
             raise self._error(f"it has {size:,} bytes, its tensors need {self.header_bytes + end:,}")
 
     def _file_bytes(self) -> int:
-        """Returns the current size of the open file, which another file may have replaced at its path."""
+        """Returns the current size of the open file, bytes."""
+        # Not the size at the path, where another file may have replaced this one.
         return os.fstat(self._file.fileno()).st_size
 
     def _read(self, offset: int, size: int) -> np.ndarray:

@@ -33,7 +33,7 @@ class GaussianOptions(CheckedFields):
     Attributes:
         packetization: Division into packets, or the name of a preset such as `datagram`; None for the default.
         quality: Quantisation: 0 (smallest) to 100 (finest), `small` (40), `default` (60), `near-lossless` (85), or a
-            `Quality`. None for `default`, or for the steps of a decoded scene.
+            `Quality`. None for `default`; for a decoded scene without `classes`, None keeps its quantisation steps.
         tiers: Importance tier of each Gaussian, 0 for the most important, whole numbers (N); None for one tier.
         classes: Precision class (set of quantisation steps) of each Gaussian, whole numbers (N), see
             `splatwire.render.precision`; None for the finest class.
@@ -93,8 +93,9 @@ def encode(
             need. `best` then also fine-tunes the remaining Gaussians, which takes minutes. None for `default` with
             `size` or `psnr`.
         tuning: Options for `best`, such as the seed and a simulated packet loss; None for the defaults.
-        threads: Number of threads, which does not affect the result; None for one per processor.
-        progress: Called with the completed fraction of the work, 0 to 1; not for frames.
+        threads: Number of threads, which does not affect the result; None for one per processor. Must be None for
+            frames (see `SequenceOptions`).
+        progress: Called with the completed fraction of the work, 0 to 1. Must be None for frames.
 
     Returns:
         The complete stream.

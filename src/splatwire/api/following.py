@@ -25,16 +25,17 @@ LAST_RETRY_S = 4.0
 
 
 class FollowingStoppedError(Exception):
-    """Raised by `updates_after` when the caller has stopped the transfer of an update."""
+    """Raised by `updates_after` if the transfer of an update was stopped on the side of the receiver."""
 
 
 async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
     """Yields a scene as soon as it is received, and a new version of the scene after each update.
 
-    Only complete scenes are yielded. The generator ends when the caller stops a transfer.
+    Only complete scenes are yielded. The generator ends if a transfer was stopped on the side of the receiver (the
+    receiver that `fetch` returns has finished for the reason `stopped`).
 
     Args:
-        fetch: Function that receives the stream with a given name.
+        fetch: Function that receives the stream with a given name, and returns the finished receiver.
         name: Name of the scene; an empty name requests the server's first scene.
         warn: Called with the text of each warning.
 
@@ -86,12 +87,12 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
     While there is no network, transfers are repeated.
 
     Args:
-        fetch: Function that receives the stream with a given name.
+        fetch: Function that receives the stream with a given name, and returns the finished receiver.
         digest: Digest of the scene's stream (`manifest_digest`), hexadecimal.
         warn: Called with the text of each warning.
 
     Raises:
-        FollowingStoppedError: If the caller has stopped a transfer.
+        FollowingStoppedError: If the receiver that `fetch` returns has finished for the reason `stopped`.
         InvalidValueError: If the received stream is no update of this scene.
         BitstreamError: If the description of the update is damaged.
         OSError: If a transfer fails although there is a network.

@@ -97,7 +97,10 @@ class TrainingServer:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Information for clients by name: `page` (URL of the viewer page) and `fingerprint` (of its certificate)."""
+        """Information that clients need to connect, by name; empty without a viewer page.
+
+        `page` is the URL of the viewer page. `fingerprint` is the SHA-256 of the server's certificate.
+        """
         return dict(self._opened.running.facts)
 
     @property
@@ -126,8 +129,8 @@ class TrainingServer:
             share: Maximum share of the Gaussians to send, 1 for all changes; None for the share of the server.
 
         Raises:
-            InvalidValueError: If the arrays are no Gaussians, the server is or was closed meanwhile, or the Gaussians
-                of an earlier call could not be encoded.
+            InvalidValueError: If the arrays are no Gaussians, `share` is out of range, the server is closed or belongs
+                to the parent process (after a fork), or the Gaussians of an earlier call could not be encoded.
         """
         _check_share(share)
         arrays = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "sh": sh}

@@ -59,9 +59,8 @@ class Run:
     Attributes:
         block: Index of the block of the first packet.
         packets: The packets, ascending by id.
-        members: For each packet, the indices of its elements within the scene, int64. In a run from `arrived_blocks`,
-            these are indices in plan order (see `PacketPlan`). In a run that is passed to a decoder, they are indices
-            in coding order.
+        members: For each packet, the indices of its elements, int64. The function `arrived_blocks` returns indices in
+            plan order (see `PacketPlan`). Decoders expect indices in coding order, the order of the scene's elements.
     """
 
     block: int

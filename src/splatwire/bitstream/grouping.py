@@ -1,6 +1,7 @@
 """Assigns the elements of a spatial block to packets.
 
-The assignment depends only on the index of each element in coding order, so that encoder and decoder agree.
+The assignment depends only on the index of each element in plan order (see `PacketPlan`), so that encoder and decoder
+agree.
 """
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from splatwire.bitstream.splitmix64 import splitmix64
 
 CHUNK = 1 << 17
-"""Number of ranks hashed at a time, so that temporary arrays stay in the CPU cache."""
+"""Number of indices hashed at a time, so that temporary arrays stay in the CPU cache."""
 
 
 def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) -> np.ndarray:
@@ -17,7 +18,7 @@ def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) ->
     This is the "Hash Interleaving" of Section 3.2.2 of the paper that this project implements (docs/paper-map.md).
 
     Args:
-        start: Index of the block's first element in coding order.
+        start: Index of the block's first element in plan order (see `PacketPlan`).
         stop: Index after the block's last element.
         interleave_depth: Number of packets per block, M.
         seed: Seed of the hash, ξ.
@@ -36,7 +37,7 @@ def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) ->
 def hash_order(start: int, stop: int, seed: int) -> np.ndarray:
     """Returns the elements of a block in an order that is random, but the same on every machine (hash order).
 
-    Elements are given by their index in coding order, from `start` to `stop - 1`.
+    Elements are given by their index in plan order (see `PacketPlan`), from `start` to `stop - 1`.
 
     Returns:
         Indices of the elements, int64 (`stop - start`).

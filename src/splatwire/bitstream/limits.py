@@ -86,7 +86,7 @@ class StreamSchema:
     Attributes:
         name: Name in the manifest.
         format_version: Version of the stream format that introduced the schema.
-        elements: Plural name of the elements (`anchors`, `Gaussians`), for messages.
+        elements: Plural name of the elements (`anchors`, `Gaussians`, `tracks`), for messages.
         sections: Fixed sections of the side information, in order.
         elements_per_byte: Maximum number of elements per byte of side information. A manifest with more is rejected as
             forged.
@@ -101,8 +101,9 @@ class StreamSchema:
             separate packets.
         tiled: True if a block is a tile that viewers request individually.
         max_tiers: Maximum number of importance tiers.
-        codec: Import path `module:name` of the codec (`Schema`); empty if this object is itself a codec.
-        scene: Import path `module:name` of the class of its scenes; empty if this object is itself a codec.
+        codec: Import path `module:name` of the codec, a `Schema`. Empty if this object is already a `Schema`, which is
+            a subclass.
+        scene: Import path `module:name` of the class of its scenes. Empty if this object is a `Schema`.
     """
 
     name: str

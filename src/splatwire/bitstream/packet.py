@@ -6,9 +6,9 @@ A packet is a 16-byte header and its payload; its length is that of the file or 
 |---|---|
 | 0 | format version, 1 |
 | 1-4 | id of the stream (`Manifest.stream_id`) |
-| 5 | 4 times bits 8 to 13 of `PacketId.lane`; for a packet with a single attribute: result of `part_byte` |
-| 6 | bits 0 to 7 of `PacketId.lane`: index in the block of the packet, or (grouping `hashed`) of its first element |
-| 7-9 | block |
+| 5 | if the packet has all attributes: `PacketId.lane` bits 8-13 in bits 2-7, bits 0-1 are 0; else `part_byte(part)` |
+| 6 | bits 0-7 of `PacketId.lane` |
+| 7-9 | `PacketId.block` |
 | 10-11 | number of elements |
 | 12-15 | CRC-32 of bytes 0-11 and the payload |
 

@@ -47,10 +47,10 @@ class PacketId:
 
     @classmethod
     def from_filename(cls, name: str) -> "PacketId":
-        """Parses a file name of a packet.
+        """Parses the file name of a packet in a stream directory (`filename`).
 
         Raises:
-            InvalidValueError: If no packet has this file name (`filename`).
+            InvalidValueError: If the text is not the file name of a packet.
         """
         match = _FILENAME.fullmatch(name)
         if match is None or (match["part"] or PARTS[0]) not in PARTS:

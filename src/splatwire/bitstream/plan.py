@@ -130,7 +130,9 @@ class PacketPlan:
         return tuple(PacketId(j // lanes, j % lanes, part) for j in used for part in parts)
 
     def packet_index_of(self) -> np.ndarray:
-        """Returns the index of the packet that contains each element, int32 (N), for elements in plan order.
+        """Returns the packet of each element as `block * packetization.lanes + lane`, int32 (N).
+
+        Elements are in plan order. If each attribute has separate packets, these packets have the same number.
 
         Raises:
             InvalidValueError: With the grouping `hashed`, whose packets depend on the sizes of the coded elements.

@@ -147,7 +147,7 @@ def make_stream(
         packetization: Parameters of the division into packets.
         num_elements: Number of elements of the scene, N.
         side_info: The side information.
-        packets: All packets, with any stream id.
+        packets: All packets. Their stream ids are replaced by the id of the new stream.
         symbols_digest: SHA-256 of all decoded integers, hexadecimal.
         writer: Name and version of the program.
         tiers: Sizes of the importance tiers; empty for a single tier.

@@ -14,8 +14,10 @@ def send_sequence(stream: SceneStream, send_order: str) -> list[Packet]:
 
     Args:
         stream: The stream, complete or not.
-        send_order: `interleaved`: the first packet of every block, then the second packet of every block, and so on.
-            `block`: all packets of block 0, then of block 1, and so on. `tiers`: the most important tier first.
+        send_order: `interleaved`: the first packet of every block, then the second packet of every block, and so on; in
+            a sequence, for each tier (keyframe or motion of a group) in turn. `block`: all packets of block 0, then of
+            block 1, and so on. `tiers`: the most important tier first, interleaved within a tier; for levels of detail,
+            the same as `block`.
 
     Raises:
         UnknownNameError: If the order is unknown.

@@ -1,7 +1,8 @@
 """Importance tiers: elements are grouped by importance into separate packets, with different protection.
 
-Every element has two indices: its *rank*, which is the index in coding order, and its *plan index*, which is the index
-after sorting by tier, then by rank. With one tier, both are equal.
+Every element has an index in *coding order* and an index in *plan order*. Plan order sorts the elements by tier, and
+within a tier by coding order. With one tier, both indices are equal. In docs/format.md, the indices are called rank and
+plan index.
 """
 
 from dataclasses import dataclass
@@ -150,7 +151,9 @@ def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: 
 
 
 def spans_of(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> tuple[Span, ...]:
-    """Divides each importance tier into blocks of nearly equal size; returns the range of blocks of each tier.
+    """Divides each importance tier into blocks; returns the range of blocks of each tier.
+
+    The blocks of a tier have nearly equal sizes. Without tiers, all blocks but the last have the maximum size.
 
     Args:
         tiers: Sizes of the tiers. If empty, all elements form a single tier.

@@ -72,7 +72,7 @@ def calibration_data(
 def dropped_packets(count: int, rate: float, seed: int) -> list[int]:
     """Returns the indices of `rate * count` randomly chosen packets to drop.
 
-    At least one packet is dropped, and at least one is kept.
+    Of two or more packets, at least one is dropped and at least one is kept. A single packet is kept.
 
     Raises:
         InvalidValueError: If an argument is out of range.

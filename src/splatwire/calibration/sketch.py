@@ -109,8 +109,8 @@ class Sketch(Protocol):
             received: The received scene.
 
         Returns:
-            The scene with copies, in the form that the method `conceal` of the same class takes. It may include further
-            inputs of `conceal`; each class of sketches has its own type.
+            Argument for the method `conceal` of the same sketch. It contains the scene with copies; its type differs
+            between classes of sketches.
         """
         # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
         # only in these can share it.

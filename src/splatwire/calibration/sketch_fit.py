@@ -37,12 +37,12 @@ class SketchFit(CheckedFields):
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
         max_columns: Maximum number of basis vectors (transform coefficients) for coding features and scalings.
-        removal_error_factor: Factor on the picture error that is estimated for the loss of an anchor. Anchors with a
-            large error get copies. With a smaller factor, fewer anchors get copies at the same price of a bit.
+        removal_error_factor: Factor on the picture error that is estimated for the loss of an anchor. A smaller factor
+            gives fewer copies.
         exponent: Exponent that controls how much received anchors are enlarged to cover lost neighbours
             (`Grow.exponent`).
-        max_excess: Upper limit of the enlargement (`Grow.max_excess`). The limit is `max_excess` times the enlargement
-            that would follow from the lost share of the whole scene.
+        max_excess: Upper limit of the enlargement, as a multiple of the enlargement that follows from the lost share of
+            the whole scene (`Grow.max_excess`).
         trust: Weight of the neural network that corrects the enlargement, 0 (no correction) to 1 (`SceneFree.trust`).
     """
 
@@ -63,8 +63,8 @@ class SketchMaterial:
 
     Attributes:
         candidates: Indices of the candidates in the scene, ascending, int64 (M).
-        channels: D channels of each candidate: its features, then the logarithms of its scalings relative to their
-            prediction, float64 (M, D).
+        channels: D channels of each candidate, float64 (M, D): its features, then the logarithms of its scalings
+            divided by the scalings that a receiver predicts for a lost anchor.
         mean: Mean of each channel over the most important anchors, float64 (D).
         forward: Matrix that transforms the channels to D uncorrelated coefficients, sorted by descending variance,
             float64 (D, D).
@@ -97,17 +97,16 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the price of a bit at which about `count` anchors get a copy.
+        """Returns the value of the argument `price` of `fit_sketch` with which about `count` anchors get a copy.
 
-        The price is the Lagrange multiplier of `fit_sketch`, a squared error in the pictures. Roughly, an anchor gets a
-        copy if the error caused by its loss, times `removal_error_factor`, exceeds the price times the bits of the
-        copy.
+        The price of a bit is a squared error in the pictures. An anchor gets a copy if `removal_error_factor` times the
+        error caused by its loss exceeds the price of the copy's bits.
 
         Args:
             count: Number of anchors to copy.
             options: Settings for choosing the anchors that get a copy.
         """
-        # An anchor is copied if the error caused by its loss exceeds the price times the bits of its copy.
+        # The number of bits of a copy is estimated by a constant.
         ranked = np.sort(self.removal)[::-1]
         return max(
             options.removal_error_factor * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40

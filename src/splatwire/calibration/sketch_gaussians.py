@@ -78,7 +78,8 @@ class GaussianSketch:
             show: Called with the name of the current task and its completed share, 0 to 1.
 
         Raises:
-            InvalidValueError: If the sketch is too small for a single copy, or no element is visible in any view.
+            InvalidValueError: If the sketch is too small for a single copy, no element is visible in any view, or the
+                stream's codec does not support sketches.
         """
         scene = complete.scene
         try:

@@ -21,8 +21,8 @@ class LossText:
     """Registry entry that creates one kind of loss model from parameters given as text.
 
     Attributes:
-        make: Function or class that returns the loss model. Its argument is `PARAMETERS` in `NAME:PARAMETERS`. It has
-            the keyword argument `unit`, too.
+        make: Function or class that creates the loss model. It is called with the text of the parameters, such as
+            `0.2`, and with the keyword argument `unit`.
         form: Syntax of the model's text, such as `bernoulli:RATE`, for error messages.
     """
 

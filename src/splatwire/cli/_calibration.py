@@ -105,6 +105,8 @@ def complete_stream(source: Path, show: Reporter) -> SceneStream:
 def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Reporter) -> SceneStream:
     """Adds coarse copies of important elements (a sketch) to a stream.
 
+    If no sketch can be made, prints the reason and returns the stream unchanged.
+
     Args:
         stream: The complete stream.
         cameras: Views in which the importance of elements is measured; None for views around the scene.

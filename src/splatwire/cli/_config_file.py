@@ -33,7 +33,7 @@ def words_of_file(path: Path, settings: type, positional: str, former: Iterable[
             option with several values is a list.
         settings: Options class of the subcommand.
         positional: Name of the positional argument, which has several values.
-        former: Former names of options, which are also accepted and stay in the result.
+        former: Former names of options. They are also accepted as keys, and are not replaced by the current names.
 
     Raises:
         InvalidValueError: If the file is missing or no TOML, or has a key or a type of value that no option has.

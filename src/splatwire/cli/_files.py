@@ -41,8 +41,9 @@ def stream_name(path: str) -> str:
     """Returns the name under which clients request a stream.
 
     Raises:
-        InvalidValueError: If the name of the file is not valid UTF-8, which addresses and pages need.
+        InvalidValueError: If the name of the file is not valid UTF-8.
     """
+    # The name is part of addresses and pages, which need valid Unicode.
     name = "scene" if path == STANDARD else real_path(Path(path)).name.removesuffix(FILE_SUFFIX)
     try:
         name.encode()
@@ -109,7 +110,7 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
 
 
 def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = None) -> Path:
-    """Checks that an output path can be written, before the work.
+    """Checks, before any computation, that an output path can be written; returns the path unchanged.
 
     Args:
         path: Output path.

@@ -132,12 +132,14 @@ async def open_server(
 
 @contextlib.contextmanager
 def stop_on_signals() -> Iterator[asyncio.Event]:
-    """Context with an event that is set by SIGINT (Ctrl-C) or SIGTERM; a second signal ends the command immediately.
+    """Context with an event that is set by SIGINT (Ctrl-C) or SIGTERM.
+
+    If the same signal arrives again, it has its earlier action, which ends the command immediately. From this context
+    on, the event loop handles errors that belong to no request with `LoopErrors`.
 
     Yields:
         The event.
     """
-    # Errors of the event loop outside of any request, such as exhausted file descriptors, are printed as one line each.
     stop = asyncio.Event()
 
     def end(number: int) -> None:

@@ -29,7 +29,7 @@ class Warnings:
         self._num_suppressed = 0
 
     def __call__(self, text: str) -> None:
-        """Prints a warning. If the previous one was printed less than `WARN_S` seconds ago, only counts the warning."""
+        """Prints a warning, or only counts it if a warning was printed in the last `WARN_S` seconds."""
         now = self._clock()
         if now < self._next_at:
             self._num_suppressed += 1
@@ -73,10 +73,10 @@ class _Forward(logging.Filter):
 
 @contextmanager
 def rate_limited_warnings(warn: Callable[[str], None]) -> Iterator[None]:
-    """Context in which warnings about single frames go to a function instead of the log handlers.
+    """Context in which log messages about single frames are passed to `warn` instead of the log handlers.
 
     Args:
-        warn: Function that receives the text of a warning.
+        warn: Function that gets the text of each warning or error, and limits how many are printed (`Warnings`).
     """
     passed, loggers = _Forward(warn), [logging.getLogger(name) for name in LOGGERS]
     for logger in loggers:

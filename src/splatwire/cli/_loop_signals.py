@@ -31,8 +31,8 @@ class LoopSignals:
         """Restores the earlier action of signals.
 
         Args:
-            *numbers: Numbers of the signals; without arguments, all signals. Signals that were ignored, or whose action
-                is already restored, stay unchanged.
+            *numbers: Numbers of the signals; without arguments, all signals that this object handles. Other signals
+                stay unchanged.
         """
         # The event loop would leave the default actions, with which SIGTERM leaves temporary files.
         for number in self._before.keys() & (numbers or self._before.keys()):

@@ -19,13 +19,13 @@ class Processes:
         self._ended = False
 
     def run(self, command: Sequence[str]) -> "subprocess.CompletedProcess[str]":
-        """Runs a command without input to its end.
+        """Runs a command without standard input, and waits until the process ends.
 
         Args:
             command: Program and arguments.
 
         Returns:
-            The finished process, with its exit status and what it printed.
+            The finished process, with its exit status, standard output and standard error.
 
         Raises:
             KeyboardInterrupt: If the method `end` was called before.

@@ -52,7 +52,7 @@ def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
 
 
 def print_waiting(event: Event) -> None:
-    """Prints a warning on standard error if an event reports that a stream has not begun; a receiver reports it once.
+    """Prints a warning on standard error if an event reports that a stream has not begun (`NotBegun`).
 
     Args:
         event: Event of a receiver.

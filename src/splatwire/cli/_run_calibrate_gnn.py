@@ -33,7 +33,7 @@ _DEVICES = ("cpu", "cuda")
 
 
 def run(command: CalibrateGnn) -> None:
-    """Runs `splatwire calibrate gnn`: trains the inpainting network on one scene and writes the network weights."""
+    """Runs `splatwire calibrate gnn`: trains the concealment network on one scene and writes its weights."""
     _check(command)
     config, output = _config(command), prepared_output(command.output)
     checkpoint = output.with_name(output.name + ".checkpoint")

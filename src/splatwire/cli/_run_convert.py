@@ -193,10 +193,10 @@ def _reported(frames: Iterator[FileContent], count: int, report: Reporter) -> It
 
 
 def _checked_form(name: str) -> str:
-    """Returns the registered name of an output format of `--to`.
+    """Returns the registered name of an output format, given its name in the option `--to`.
 
     Raises:
-        UnknownNameError: If nothing of that name can be written.
+        UnknownNameError: If `convert` has no output format of that name.
     """
     name = name.replace("-", ".")
     if name in (STREAM, TILES, SOG_LEVELS, *(form.name for form in SEQUENCE_FORMATS)):

@@ -268,14 +268,12 @@ def _print_result(
 
 
 def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
-    """Returns the up axis that the stream stores for viewers: the value of `--up`, or an estimate from the scene.
+    """Returns the up axis to store in the stream for viewers; None to store no axis.
 
-    Returns None if no axis is stored. Without a value of `--up`, this is the case if the scene's metadata or the
-    cameras already determine an axis or a view. It is also the case if the estimate is the axis that viewers assume
-    anyway (`-y`).
+    The value of `--up` is returned unless it is `auto`. For `auto`, the axis is estimated from the scene. The result is
+    None if the scene's metadata has an up axis or a view, if there are cameras, or if the estimate is `-y`, which
+    viewers assume by default.
     """
-    # No axis is estimated if the metadata of the scene has an up axis or a view, or if cameras are given. An estimated
-    # axis equal to the default, -y, is not stored either.
     if command.up != "auto":
         return command.up
     metadata = metadata_of(scene)

@@ -101,14 +101,14 @@ def _check(options: Export) -> None:
 def _limited(options: Export, splats: Splats, degree: int) -> Splats:
     """Returns Gaussians without spherical harmonics above a degree.
 
-    For the format `.splat`, the Gaussians are returned unchanged.
+    For the format `.splat`, the Gaussians are returned unchanged: its writer removes all spherical harmonics.
 
     Args:
         options: Options of `splatwire export`.
         splats: The Gaussians.
         degree: Maximum degree of the spherical harmonics.
     """
-    # The writer of `.splat` drops all harmonics and reports that itself.
+    # The writer of `.splat` also reports that.
     return splats if options.kind == "splat" else splats.at_most_degree(degree)
 
 

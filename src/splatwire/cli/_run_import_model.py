@@ -1,4 +1,4 @@
-"""Implementation of `splatwire import`: converts a model trained by other software to a scene file, or validates it."""
+"""Implementation of `splatwire import`: converts a model of other software to a scene file or a PLY file."""
 
 import time
 from pathlib import Path

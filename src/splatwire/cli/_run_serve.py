@@ -286,7 +286,7 @@ async def _reload(command: Serve, running: RunningServer, scenes: _Scenes) -> No
 def prepare_served_stream(stream: SceneStream, protection: Protection) -> ServedStream:
     """Prepares a stream for sending by a server.
 
-    Adds redundancy against losses, and the preview of the scene if the stream contains one.
+    Adds redundancy against losses. A preview in the side information will be sent first.
 
     Args:
         stream: Complete stream.

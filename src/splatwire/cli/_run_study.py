@@ -122,7 +122,10 @@ def _print_result(command: StudyCommand, result: StudyResult, files: dict[str, P
 
 
 def _check_modules(names: tuple[str, ...]) -> None:
-    """Checks before the work that the required modules are installed.
+    """Checks, before the evaluation starts, that Python modules are installed.
+
+    Args:
+        names: Names of the modules.
 
     Raises:
         BackendUnavailableError: If a module is missing; the message explains how to install it.

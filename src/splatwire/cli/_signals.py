@@ -40,9 +40,9 @@ def status_of(interrupt: KeyboardInterrupt) -> int:
 class SignalErrors:
     """Signal handler that raises an error in the main thread.
 
-    Some functions would discard the error, such as those that Python calls while it frees objects. If a signal
-    interrupts such a function, the error is raised later. Further signals are delayed by up to `_CLEANUP_S` seconds, in
-    which the command removes its temporary files.
+    The error is raised later if the signal interrupts a function that would discard the error, such as one that Python
+    calls while it frees objects. After the error, the command has `_CLEANUP_S` seconds to remove its temporary files;
+    signals that arrive during this time take effect afterwards.
 
     Args:
         error: Function that returns the error to raise, given the number of the signal.
@@ -74,8 +74,8 @@ class SignalErrors:
     def lost_ones_repeated(self) -> Iterator[None]:
         """Context in which a signal is sent again if Python has discarded the error raised for the signal.
 
-        Python discards errors in functions that it calls while it frees objects, and in callbacks from C. It would
-        otherwise only print a message about the error.
+        Python discards errors in functions that it calls while it frees objects, and in callbacks from C. Without this
+        context, Python only prints such an error, and the command continues.
         """
         before = sys.unraisablehook
 

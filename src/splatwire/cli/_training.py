@@ -59,8 +59,8 @@ def training_data(
         command: Options of `splatwire train`.
         test_views: Rule that selects the test views.
         background: RGB behind transparent parts of photos.
-        keep_origin: True to keep the origin of the cameras; False for cameras in world coordinates, with a warning if
-            they are rounded noticeably.
+        keep_origin: True to keep the origin of the cameras. False to convert cameras to world coordinates, with a
+            warning if float32 rounds these coordinates noticeably.
     """
 
     def opened(split: str) -> Dataset:

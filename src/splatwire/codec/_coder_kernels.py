@@ -59,7 +59,7 @@ class Coder(NamedTuple):
 
     A prediction residual is coded with the probability distribution of its context. A context has three indices: kind
     of value, class of the deviation of neighbouring values, and class of the magnitude of earlier residuals (see
-    `code_value`).
+    `code_value`). The standard deviations of all distributions are from a fixed table (`entropy.tables`).
 
     Attributes:
         decoding: True when decoding, False when encoding.
@@ -68,13 +68,13 @@ class Coder(NamedTuple):
         state: State of the range coder, int64 (3).
         models: Adaptive bit models of this packet, int64 (contexts, 2).
         bits: Number of zeros and of ones coded so far with each adaptive bit model, int64 (contexts, 2).
-        scales: Index of the distribution of each residual context, uint16 (contexts).
-        windows: For each distribution, its range of residuals and the positions of its entries in `bounds` and
-            `guesses`, int64 (distributions, 6); see `residual_windows`.
+        scales: Index of the standard deviation of each residual context, uint16 (contexts).
+        windows: For each standard deviation, its range of residuals and the positions of its entries in `bounds` and
+            `guesses`, int64 (standard deviations, 6); see `residual_windows`.
         bounds: Starts of the probability intervals of residuals, int32.
         guesses: Index of the probability interval at which a decoder starts its search for a residual, uint16.
         residuals: Number of residuals coded per context, and sum of their magnitudes (last axis), int64.
-        inverses: Reciprocal of each standard deviation in the coder's table.
+        inverses: Reciprocal of each standard deviation in the fixed table.
         widths: For each of these standard deviations, the largest magnitude of a residual that has a probability
             interval. Larger residuals are coded with an escape code.
         normal: Table of the normal cumulative distribution function.
@@ -142,9 +142,9 @@ def code_flag(coder, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_raw(coder, value, bits):
-    """Encodes or decodes an integer of `bits` bits, at most 63, all values equally probable; returns the integer.
+    """Encodes or decodes an integer of `bits` bits with equal probabilities for all values; returns the integer.
 
-    A decoder ignores `value`.
+    `bits` is at most 63. A decoder ignores `value`.
     """
     if coder.decoding:
         return raw_bits(coder.words, coder.state, bits)
@@ -168,9 +168,11 @@ def code_below(coder, value, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_escape(coder, excess):
-    """Encodes or decodes a non-negative number in Elias gamma code; returns the number.
+    """Encodes or decodes a non-negative integer in Elias gamma code; returns the integer.
 
-    A decoder ignores `excess`, and clips the number to `MAX_RESIDUAL`.
+    Args:
+        coder: Entropy coder.
+        excess: The integer; ignored by a decoder. A decoder clips its result to `MAX_RESIDUAL`.
     """
     if coder.decoding:
         return min(escaped(coder.words, coder.state), MAX_RESIDUAL)
@@ -220,7 +222,7 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
         coder: Entropy coder.
         kind: Kind of value; selects the context.
         deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
-        magnitude_class: Class of the mean magnitude of earlier residuals; selects the context (see `code_value`).
+        magnitude_class: Third index of the context (see `code_value`).
         q: The residual; only used by an encoder.
         eighths: Mean of the residual's distribution, in eighths of a step, -4 to 3.
 
@@ -291,7 +293,7 @@ def _decode_wide(coder, scale, index, start, after, target, eighths):
 
     Args:
         coder: Entropy coder.
-        scale: Index of the distribution.
+        scale: Index of the distribution's (smaller) standard deviation.
         index: Index of the last table entry that does not exceed `target`.
         start: Interval start in this table entry.
         after: Interval start in the next table entry.
@@ -350,7 +352,7 @@ def _encode_wide(coder, scale, q, eighths):
 
     Args:
         coder: Entropy coder.
-        scale: Index of the distribution.
+        scale: Index of the distribution's (smaller) standard deviation.
         q: The residual in quantisation steps.
         eighths: Mean of the distribution, in eighths of a step.
 

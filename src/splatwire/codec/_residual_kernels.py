@@ -37,8 +37,8 @@ and log2 of the number of guesses of each mixture.
 def residual_windows(scales, inverses, widths, normal):
     """Tabulates the probability distributions of prediction residuals for the entropy coder.
 
-    Each distribution is a mixture of two normals. There is one for every combination of a standard deviation that a
-    context uses and one of `NUM_MEANS` means.
+    Each distribution is a mixture of two normals. For every standard deviation in `scales`, there are `NUM_MEANS`
+    distributions with different means.
 
     Args:
         scales: Index of each context's standard deviation in the coder's table, int64 (contexts).
