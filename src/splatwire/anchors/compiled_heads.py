@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int64
 
 from splatwire.ops.arrays import to_arrays, to_numpy
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 from splatwire.reprs import summary_repr
 from splatwire.types import Cameras, Gaussians
 from splatwire.types.anchor_scene import AnchorScene, GaussianHeads
@@ -52,7 +52,7 @@ def drawn_with_anchors(scene: AnchorScene, cameras: Cameras, view: int) -> Spawn
     def spawn(first: int) -> tuple[np.ndarray, ...]:
         return _heads_kernels.spawn_block(first, min(first + _BLOCK, num), *arguments)
 
-    blocks = share(spawn, range(0, max(num, 1), _BLOCK))
+    blocks = parallel_map(spawn, range(0, max(num, 1), _BLOCK))
     *fields, indices = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     return SpawnedGaussians(Gaussians(*fields), indices[:, 0], indices[:, 1])
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from splatwire.codec.gaussians.attributes import matrices_of
 from splatwire.ops.quaternions import quaternions_of
 from splatwire.ops.spherical_harmonics import sh_basis
-from splatwire.ops.threads import Result, share
+from splatwire.ops.threads import Result, parallel_map
 from splatwire.types import Gaussians
 from splatwire.types.splats import Splats
 
@@ -249,7 +249,7 @@ def each_piece(count: int, work: Callable[[slice], Result]) -> list[Result]:
     Returns:
         The results, in the order of the Gaussians.
     """
-    return share(work, [slice(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE)])
+    return parallel_map(work, [slice(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE)])
 
 
 def harmonic_gradient(

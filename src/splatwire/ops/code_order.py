@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from splatwire.ops._order_kernels import scatter, sort_buckets
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 
 SOME = 1 << 16
 """Maximum number of elements of a bucket that is sorted by comparisons."""
@@ -48,7 +48,9 @@ def _sort(codes: np.ndarray, order: np.ndarray, bits: int, indices: np.ndarray) 
     if not shift:
         return
     parts = np.searchsorted(edges, np.arange(0, len(order) + SOME, SOME))
-    share(lambda ends: sort_buckets(codes, order, edges[ends[0] : ends[1] + 1], SOME), list(itertools.pairwise(parts)))
+    parallel_map(
+        lambda ends: sort_buckets(codes, order, edges[ends[0] : ends[1] + 1], SOME), list(itertools.pairwise(parts))
+    )
     for digit in np.flatnonzero(np.diff(edges) > SOME).tolist():
         members = order[edges[digit] : edges[digit + 1]]
         _sort(codes, members, shift, members.copy())

@@ -60,11 +60,11 @@ def one_blas_thread() -> Iterator[None]:
 
 
 _LIMIT = threading.Event()
-"""Set if `share` uses only the calling thread in this process."""
+"""Set if `parallel_map` uses only the calling thread in this process."""
 
 
 def use_single_thread() -> None:
-    """Restricts the function `share`, which distributes work over threads, to the calling thread.
+    """Restricts the function `parallel_map`, which distributes work over threads, to the calling thread.
 
     This limit stays for the rest of the process.
     """
@@ -72,12 +72,12 @@ def use_single_thread() -> None:
 
 
 _CHOSEN: ContextVar[int | None] = ContextVar("threads", default=None)
-"""Number of threads on which `share` distributes work; None for `allowed_threads`."""
+"""Number of threads on which `parallel_map` distributes work; None for `allowed_threads`."""
 
 
 @contextmanager
 def limit_threads(threads: int | None) -> Iterator[None]:
-    """Context manager that sets the number of threads on which `share` distributes the calling thread's work.
+    """Context manager that sets the number of threads on which `parallel_map` distributes the calling thread's work.
 
     Args:
         threads: The number, at least 1; None for `allowed_threads`.
@@ -90,7 +90,7 @@ def limit_threads(threads: int | None) -> Iterator[None]:
 
 
 def allowed_threads() -> int:
-    """Returns the maximum number of threads on which `share` distributes work."""
+    """Requeue the maximum number of threads on which `parallel_map` distributes work."""
     from numba import config
 
     if _LIMIT.is_set():
@@ -102,7 +102,7 @@ def allowed_threads() -> int:
 
 @functools.cache
 def _helper_pool() -> ThreadPoolExecutor:
-    """Returns the pool of threads that help the calling thread in `share`."""
+    """Requeue the pool of threads that help the calling thread in `parallel_map`."""
     return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="splatwire")
 
 
@@ -110,7 +110,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_helper_pool.cache_clear)  # threads do not survive a fork
 
 
-def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+def parallel_map(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """Applies a function to all items in parallel, on this thread and on helper threads.
 
     Args:
@@ -120,18 +120,18 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
     Returns:
         The results in the order of the items.
     """
-    turns = _WorkQueue(work, collections.deque(enumerate(items)), {})
+    queue = _WorkQueue(work, collections.deque(enumerate(items)), {})
     wanted = min(_CHOSEN.get() or allowed_threads(), len(items)) - 1
-    helpers = [_helper_pool().submit(turns.take) for _ in range(wanted)]
+    helpers = [_helper_pool().submit(queue.take) for _ in range(wanted)]
     try:
-        turns.take()
+        queue.take()
     finally:
-        turns.waiting.clear()
+        queue.waiting.clear()
         begun = [helper for helper in helpers if not helper.cancel()]
         wait(begun)
     for helper in begun:
         helper.result()
-    return [turns.results[index] for index in range(len(items))]
+    return [queue.results[index] for index in range(len(items))]
 
 
 @dataclass(frozen=True)

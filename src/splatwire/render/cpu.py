@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, TILE
 from splatwire.ops.arrays import to_numpy
-from splatwire.ops.threads import allowed_threads, share
+from splatwire.ops.threads import allowed_threads, parallel_map
 from splatwire.render import _cpu_gradients, _cpu_kernels, _cpu_lists, _cpu_project
 from splatwire.render._cpu_project import SPLAT
 from splatwire.types import Cameras, Gaussians
@@ -133,7 +133,7 @@ class ViewRasterizer:
             mine = [a[piece] for a in arrays]
             _cpu_project.project_splats(*mine, *self.camera, self.splats[piece], self.tiles[piece])
 
-        share(project, _pieces(num))
+        parallel_map(project, _pieces(num))
         entries = _cpu_lists.row_entries(self.tiles, self.grid_y)
         cuts = _band_starts(entries, _BANDS if kept else max(_BANDS, 2 * allowed_threads()))
         self.cuts = list(itertools.pairwise(cuts))
@@ -150,7 +150,7 @@ class ViewRasterizer:
             _cpu_kernels.draw_tiles(self.splats, *lists, background, image, left_over)
             return band if self.may_keep else None
 
-        self.kept = [band for band in share(draw, range(len(self.cuts))) if band is not None]
+        self.kept = [band for band in parallel_map(draw, range(len(self.cuts))) if band is not None]
         return image, left_over
 
     def gradients(self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray) -> list[np.ndarray]:
@@ -162,7 +162,9 @@ class ViewRasterizer:
             d_image: Gradient of the loss with respect to the image.
         """
         sums, results = self._gradient_sums(image, d_image), _zeros(arrays)
-        share(lambda piece: self._project_back(arrays, sums, piece, [r[piece] for r in results]), _pieces(len(sums)))
+        parallel_map(
+            lambda piece: self._project_back(arrays, sums, piece, [r[piece] for r in results]), _pieces(len(sums))
+        )
         return results
 
     def each_gradient(
@@ -183,7 +185,7 @@ class ViewRasterizer:
             self._project_back(arrays, sums, piece, out)
             on_gradients(piece, *out[:5])
 
-        share(some, _pieces(len(sums)))
+        parallel_map(some, _pieces(len(sums)))
 
     def _gradient_sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
         """Computes the gradients with respect to the projected Gaussians, summed over all pixels, float32 (G, SUMS).
@@ -216,13 +218,13 @@ class ViewRasterizer:
         rows = np.zeros(band.ids.shape[0] * _cpu_gradients.SUMS + _cpu_gradients.SPARE, np.float32)
         lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
 
-        share(
+        parallel_map(
             lambda row: _cpu_gradients.draw_tiles_back(
                 self.splats, *lists, image, d_image, rows, row * self.grid_x, (row + 1) * self.grid_x
             ),
             range((band.starts.shape[0] - 1) // self.grid_x),
         )
-        share(
+        parallel_map(
             lambda piece: _cpu_gradients.add_rows(
                 rows, band.order[piece], band.entries, band.entry_starts[piece.start : piece.stop + 1], sums
             ),

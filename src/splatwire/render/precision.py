@@ -19,7 +19,7 @@ from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.kd_order import kd_order
 from splatwire.ops.sort3 import sort3
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 from splatwire.ops.twister import Twister
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.antialiasing import compensated
@@ -275,7 +275,7 @@ def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
         members = np.sort(order[slice(*ends)])
         measure(members, splats.select(members), whole=False)
 
-    share(add_gradients, list(itertools.pairwise(edges.tolist())))
+    parallel_map(add_gradients, list(itertools.pairwise(edges.tolist())))
 
 
 def _classes(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:

@@ -15,7 +15,7 @@ from splatwire.concealment.temporal.concealment import conceal_group
 from splatwire.concealment.temporal.neighbors import POSITION
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
 from splatwire.errors import BitstreamError
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 from splatwire.sequence import _pose_kernels as kernels
 from splatwire.types import LossMask, ReceivedScene, RenderHints, SplatScene
 from splatwire.types.sequence_scene import SequenceScene
@@ -208,7 +208,7 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
     def move(rows: slice) -> None:
         kernels.move(keyframes, tracks[rows], offsets[rows], tuple(values[rows] for values in whole))
 
-    share(move, [slice(begin, begin + AT_ONCE) for begin in range(0, len(tracks), AT_ONCE)])
+    parallel_map(move, [slice(begin, begin + AT_ONCE) for begin in range(0, len(tracks), AT_ONCE)])
     return moved
 
 

@@ -13,7 +13,7 @@ from splatwire.errors import InvalidValueError, check_kind, whole_number
 from splatwire.files.mmap_array import large_empty
 from splatwire.ops.sort3 import sort3
 from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 from splatwire.reprs import summary_repr
 from splatwire.types.anchors import MIN_SIZE
 from splatwire.types.gaussians import Gaussians
@@ -259,7 +259,7 @@ def _compiled_colors(splats: Splats, camera_center: Float[np.ndarray, "3"]) -> F
         rows, basis = slice(begin, begin + ROWS), np.empty(16, np.float32)
         view_colours(splats.means[rows], splats.sh[rows], camera_center, basis, colors[rows])
 
-    share(some, range(0, splats.num_gaussians, ROWS))
+    parallel_map(some, range(0, splats.num_gaussians, ROWS))
     return colors
 
 

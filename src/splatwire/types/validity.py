@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from splatwire.ops.arrays import to_numpy
-from splatwire.ops.threads import one_blas_thread, share
+from splatwire.ops.threads import one_blas_thread, parallel_map
 from splatwire.reprs import summary_repr
 from splatwire.types.anchors import Anchors
 from splatwire.types.splats import Splats
@@ -63,7 +63,7 @@ class ElementValidity:
 def validity_of_splats(splats: Splats) -> ElementValidity:
     """Classifies Gaussians as drawable, invisible (opacity 0) or invalid."""
     with one_blas_thread():
-        masks = share(
+        masks = parallel_map(
             lambda begin: _valid_and_visible(splats.run(begin, begin + ROWS)), range(0, splats.num_gaussians, ROWS)
         )
     return _rows([good & drawn for good, drawn in masks], [good for good, _ in masks])

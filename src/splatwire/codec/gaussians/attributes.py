@@ -19,7 +19,7 @@ from splatwire.files.mmap_array import large_empty
 from splatwire.ops.order_statistics import middle_ranks, order_statistics
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 from splatwire.types.splats import Splats
 
 LUMA_CHROMA = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3.0], [2.0], [6.0]])
@@ -49,7 +49,7 @@ class Sources:
 def scene_middle(splats: Splats) -> np.ndarray:
     """Returns the centre of a scene, float64 (3): on each axis the median of the Gaussians' positions."""
     ranks = middle_ranks(splats.num_gaussians)
-    middle = share(
+    middle = parallel_map(
         lambda column: order_statistics(functools.partial(chunks, column), ranks).mean(), list(splats.means.T)
     )
     return np.array(middle)
@@ -64,7 +64,7 @@ def scene_log(splats: Splats) -> int:
         x, y, z = (column.astype(np.float64) - m for column, m in zip(positions.T, middle, strict=True))
         squares[begin : begin + ROWS] = x * x + y * y + z * z
 
-    share(square, range(0, len(squares), ROWS))
+    parallel_map(square, range(0, len(squares), ROWS))
     distance = np.sqrt(order_statistics(lambda: chunks(squares), middle_ranks(len(squares)))).mean()
     return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
 

@@ -18,7 +18,7 @@ from splatwire.files.mmap_array import large_empty
 from splatwire.ops.code_order import code_order
 from splatwire.ops.morton import MAX_AXIS_BITS
 from splatwire.ops.order_statistics import quantiles
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 
 ROWS = 1 << 13
 """Number of Gaussians converted at a time, whose intermediate results fit into the processor's caches."""
@@ -80,7 +80,9 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
         Entry i is the index in `means` of the i-th Gaussian in sorted order, uint32 (N).
     """
     ends = (0.01, 0.99)
-    quantile_pairs = share(lambda column: quantiles(functools.partial(chunks, column), len(means), ends), list(means.T))
+    quantile_pairs = parallel_map(
+        lambda column: quantiles(functools.partial(chunks, column), len(means), ends), list(means.T)
+    )
     low, high = np.stack(quantile_pairs, axis=1)
     middle, extent = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
@@ -105,7 +107,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
         if used_bits >> MAX_AXIS_BITS:  # not 0 for negative numbers either
             raise ValueError("positions must be finite to have a code")
 
-    share(find, range(0, len(means), ROWS))
+    parallel_map(find, range(0, len(means), ROWS))
     return code_order(codes, 3 * MAX_AXIS_BITS, tiers)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from splatwire.codec.gaussians.attributes import scene_middle
 from splatwire.codec.gaussians.blocks import chunks, pieces
 from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LATTICE_BITS
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ def log_clipped_colours(splats: Splats) -> None:
     """Logs the number of Gaussians with colours or harmonics beyond the range of the format."""
     most = MAX_COLOUR / (1 << BITS)
     parts = list(chunks(splats.sh.reshape(splats.num_gaussians, -1)))
-    if max(share(lambda piece: max(piece.max(), -piece.min()), parts)) > most:
+    if max(parallel_map(lambda piece: max(piece.max(), -piece.min()), parts)) > most:
         largest = [np.abs(piece).max(axis=1) for piece in parts]
         cut = sum(int((piece > most).sum()) for piece in largest)
         LOG.warning(

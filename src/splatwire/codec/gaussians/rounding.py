@@ -10,7 +10,7 @@ from splatwire.codec.gaussians.encoder import scene_transform
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.source_scene import SourceScene
 from splatwire.codec.gaussians.tables import flatness_table
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
 
@@ -71,5 +71,5 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
         origins = np.zeros((end - begin, 3), np.int64)
         result.fill(begin, to_splats(rows, harmonics, origins, coding.lattice_bits, coding.size_log, coding.transform))
 
-    share(some, range(0, splats.num_gaussians, _PIECE))
+    parallel_map(some, range(0, splats.num_gaussians, _PIECE))
     return result

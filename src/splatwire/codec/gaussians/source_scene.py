@@ -39,7 +39,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.mmap_array import large_empty
 from splatwire.ops.sort3 import sort3
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
 
@@ -413,7 +413,7 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
         largest = largest[largest > min_size].astype(np.float64)
         return float(np.log2(largest).sum()), len(largest)
 
-    totals = share(sizes, parts)
+    totals = parallel_map(sizes, parts)
     # Explicit order of addition: `sum` rounds differently from Python 3.12 on.
     total = functools.reduce(operator.add, (logs for logs, _ in totals), 0.0)
     count = sum(number for _, number in totals)
@@ -457,7 +457,7 @@ def _quantised_positions(
             )
         )
 
-    share(find, range(0, len(centres), ROWS))
+    parallel_map(find, range(0, len(centres), ROWS))
     return centres
 
 
@@ -476,7 +476,9 @@ def _choose_lattice_bits(splats: Splats, classes: np.ndarray, base_exponents: np
         return float(np.maximum(steps, 1 - middle).max())
 
     # The finest step of positions in the scene, or a larger one if coordinates exceed the range of the lattice.
-    finest_step = max(share(finest, list(zip(chunks(splats.scales), chunks(classes), strict=True))), default=-np.inf)
+    finest_step = max(
+        parallel_map(finest, list(zip(chunks(splats.scales), chunks(classes), strict=True))), default=-np.inf
+    )
     log_reach = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
     return int(
         np.clip(np.ceil(finest_step), 0, max(min(MAX_COORDINATE_BITS - np.ceil(log_reach), MAX_COORDINATE_BITS), 0))

@@ -12,7 +12,7 @@ from splatwire.codec.sequence.basis import polynomials
 from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS
 from splatwire.codec.threads import ordered_map
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.ops.threads import share
+from splatwire.ops.threads import parallel_map
 
 _TURN = float(1 << DIRECTION_BITS)
 _FIXED = float(1 << BITS)
@@ -201,7 +201,7 @@ class Offsets:
                     flat, starts[rows], packet_of_row[rows], orders, widths, weights, factors, colours, offsets[rows]
                 )  # fmt: skip
 
-            share(part, [slice(begin, begin + AT_ONCE) for begin in range(0, len(rows), AT_ONCE)])
+            parallel_map(part, [slice(begin, begin + AT_ONCE) for begin in range(0, len(rows), AT_ONCE)])
             return offsets
 
         return at
