@@ -90,7 +90,7 @@ def limit_threads(threads: int | None) -> Iterator[None]:
 
 
 def allowed_threads() -> int:
-    """Requeue the maximum number of threads on which `parallel_map` distributes work."""
+    """Returns the maximum number of threads on which `parallel_map` distributes work."""
     from numba import config
 
     if _LIMIT.is_set():
@@ -102,7 +102,7 @@ def allowed_threads() -> int:
 
 @functools.cache
 def _helper_pool() -> ThreadPoolExecutor:
-    """Requeue the pool of threads that help the calling thread in `parallel_map`."""
+    """Returns the pool of threads that help the calling thread in `parallel_map`."""
     return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="splatwire")
 
 
