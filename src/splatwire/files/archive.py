@@ -47,7 +47,7 @@ class Archive:
     Args:
         path: The file, for messages.
         file: The open file.
-        bundle: The open archive, a reader of `file`.
+        bundle: ZIP reader of `file`.
         error: Exception class to raise for a damaged archive.
 
     Attributes:

@@ -105,7 +105,7 @@ def check_writable(path: Path, *, inside: bool = False) -> None:
 
     Args:
         path: Path of the output.
-        inside: True if the output is an existing folder that receives files.
+        inside: True if `path` is an existing folder, and the output is files in it.
 
     Raises:
         InvalidValueError: If the output cannot be written, because its folder does not exist, is read-only or belongs
@@ -172,7 +172,7 @@ def remove_unfinished(folder: Path) -> None:
 
 @functools.lru_cache(maxsize=1024)
 def _tidy_once(folder: Path) -> None:
-    """Calls `remove_unfinished` for a folder, which cleans up after killed programs. Repeated calls do nothing."""
+    """Cleans up after killed programs at the first call for a folder (`remove_unfinished`); later calls do nothing."""
     remove_unfinished(folder)
 
 

@@ -28,10 +28,10 @@ class FileFormat:
             `scene_type`, its arguments are a scene and the path. None for read-only formats.
         scene_type: Type of the scenes in such files; None for explicit Gaussians.
         ending: File name extension without the first dot; `name` if empty.
-        keeps: Names of the keyword arguments that `write` accepts. `antialiased`, `origin`, `metadata` and `steps`
-            (quantisation steps) are scene properties that the format can store. `outliers` is for formats in which
-            distant Gaussians reduce the precision of all others.
-        kinds: Keys of the detected kinds of files (`splatwire.files.kinds.Kind.key`) that have this format.
+        keeps: Names of the optional keyword arguments that `write` accepts. `antialiased`, `origin`, `metadata` and
+            `steps` (quantisation steps) are scene properties that the format can store. `outliers` (`clamp`, `prune` or
+            `keep`) is the treatment of distant Gaussians, for formats in which they reduce the precision of all others.
+        kinds: Results of format detection (`splatwire.files.kinds.file_kind`) for the files that `read` accepts.
     """
 
     name: str

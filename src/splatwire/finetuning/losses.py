@@ -41,8 +41,8 @@ class SimulatedReception:
     def from_mask(fully_received: Bool[np.ndarray, "N"]) -> "SimulatedReception":
         """Creates the simulated packet loss in which only given Gaussians are received.
 
-        All received Gaussians get the same factors. These are the factors of the concealer `grow` for a Gaussian whose
-        neighbours were received in the same share as the whole scene.
+        All received Gaussians get the same factors, which depend on the received share of the whole scene. The
+        concealer `grow` uses the received share of each Gaussian's neighbours instead.
 
         Args:
             fully_received: Mask of the received Gaussians.

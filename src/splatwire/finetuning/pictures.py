@@ -52,7 +52,7 @@ class Pictures:
 
         Args:
             dataset: The photos.
-            origin: Origin of the scene.
+            origin: Origin of the scene in world coordinates. The cameras of the result are relative to this point.
             progress: Called with the finished share of the photos.
 
         Raises:

@@ -223,12 +223,12 @@ def picture_gradients(
         view: Index of the camera of this view.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Number by which the gradients are divided; None for the mean squared error of this view. `MIN_SCALE` is
-            used instead of a smaller number.
+        scale: Divisor of the gradients; None for the mean squared error of this view. A divisor below `MIN_SCALE` is
+            raised to `MIN_SCALE`.
 
     Returns:
-        Mean squared error of the view; and its gradients with respect to the attributes of the Gaussians, divided by
-        `scale`.
+        Mean squared error of the view; and its gradients with respect to the attributes of the Gaussians, after the
+        division.
     """
     # The rendering is clamped to [0, 1] before the comparison, as in `render_scene`. The error is the mean over all
     # pixels of the view, also with a mask. Small Gaussians of antialiased scenes are drawn with reduced opacity;

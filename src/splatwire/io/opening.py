@@ -68,8 +68,9 @@ def open_scene(path: str | os.PathLike[str], conceal: Concealer | str | None = N
     """Reads a scene from a file of any supported format, detected by its content.
 
     Args:
-        path: A stream (`.swz` file or folder), a scene file, or explicit Gaussians: PLY, compressed PLY, SPZ, SOG
-            (file or folder), `.splat`, `.ksplat`, `.glb`.
+        path: A stream (`.swz` file or folder), a scene file of anchors, or explicit Gaussians: PLY, compressed PLY,
+            SPZ, SOG (file or folder), `.splat`, `.ksplat`, glTF, OpenUSD, the model folder of 3DGS, or a format of
+            another package.
         conceal: Concealer, or its name, for a scene with losses; None to reject such scenes.
 
     Returns:

@@ -36,9 +36,9 @@ def save_scene(
     """Writes a scene atomically, in a format that `open_scene` reads.
 
     Args:
-        scene: The scene. Anchors are written losslessly; explicit Gaussians are written as drawn, in the format of the
-            file name (`.ply`, `.compressed.ply`, `.spz`, `.sog`, `.splat`). A `.ply` of decoded Gaussians can be
-            encoded again without loss.
+        scene: The scene. Anchors are written losslessly. Explicit Gaussians are written in the format of the file
+            name's suffix, such as `.ply`, `.compressed.ply`, `.spz` or `.sog`. Changes by loss concealment are applied
+            to them, and lost Gaussians are omitted. A `.ply` of decoded Gaussians can be encoded again without loss.
         path: Path of the file.
         loss_mask: Loss mask before concealment, for information; only scene files of anchors store it.
         outliers: Treatment of Gaussians with extreme values, as for `splatwire.io.formats.write_splats`.

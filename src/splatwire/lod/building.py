@@ -107,9 +107,12 @@ def _gaussians_per_tile(
         shape: Sizes of the next coarser level and its tiles.
 
     Yields:
-        For each tile of the finer level, four values: index of the coarser tile that replaces the finer tile; index of
-        the finer tile; number of Gaussians of the coarser tile that represent the finer tile; and result of
-        `footprints` for the Gaussians of the finer tile.
+        Four values for each tile of the finer level:
+
+        * Index of the coarser tile that replaces this tile.
+        * Index of this tile.
+        * Number of Gaussians of the coarser tile that represent this tile.
+        * Result of `footprints` for the Gaussians of this tile.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):

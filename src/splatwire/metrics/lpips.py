@@ -70,7 +70,7 @@ class Lpips:
 
     Attributes:
         network: `vgg` or `alex`.
-        convolutions: Weight and bias of each convolution, by key.
+        convolutions: Weight and bias of each convolution, by its index in torchvision's network.
         linear: Non-negative weight of each channel, for each stage.
     """
 

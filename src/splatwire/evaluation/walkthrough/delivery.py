@@ -31,13 +31,13 @@ class Link:
     """A simulated network link.
 
     Attributes:
-        rate: Bits per second, above 0.
-        delay: One-way delay, seconds.
+        rate: Bits per second, above 0 and at most 10^12.
+        delay: One-way delay, 0 to 10 seconds.
         loss: Loss model of datagrams.
         seed: Random seed of the simulated losses of datagrams.
 
     Raises:
-        InvalidValueError: If the rate is not above 0, or the delay is negative.
+        InvalidValueError: If the rate or the delay is out of range.
     """
 
     # The head of the stream (manifest and side information) is never lost.
@@ -56,14 +56,14 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """Arrival times of the packets of a stream.
+    """Arrival times of the P packets of a stream, in seconds since the request.
 
     Attributes:
-        head: Time at which manifest and side information of the stream have arrived, seconds.
-        arrivals: Arrival time of each packet in seconds, ordered by packet id, float64 (P); infinite for packets that
-            never arrived.
+        head: Time at which the manifest and the side information of the stream have arrived.
+        arrivals: Arrival time of each packet, ordered by packet id, float64 (P); infinite for packets that never
+            arrived.
         sent_bytes: Bytes of all sent packets, including lost ones.
-        blocks: Index of each packet's tile, int64 (P).
+        blocks: Index of the tile that each packet belongs to, int64 (P).
         sizes: Bytes of each packet, int64 (P).
     """
 

@@ -34,7 +34,8 @@ def evaluate_path(
         path: File with the cameras between which the viewer moves.
         link: Simulated network link.
         reference: File of the scene whose images are the references.
-        lossy: True if the link loses packets.
+        lossy: True if `link` has losses. The stream is then divided into packets that each fit into one datagram,
+            unless its packets already have a size limit.
         seconds: Duration of the walk; None for a second from each camera to the next.
         renderer: Name of the renderer.
         background: Background colour; None for the scene's.

@@ -288,12 +288,15 @@ def _number(word: str) -> float | None:
 
 
 def _is_identity(values: list[float]) -> bool:
-    """Returns True if the numbers are those of a transform that leaves all positions unchanged.
+    """Returns True if a transform that a comment gives by its numbers leaves all positions unchanged.
 
-    Args:
-        values: The numbers. Their count determines their meaning. One number is a scale or a shift. Three numbers are a
-            vector. 9, 12 or 16 numbers are a matrix, row by row. Any other count is a mix of rotation, shift and scale.
-            Such a mix counts as the identity if all numbers are 0 or 1, and at most two of them are 1.
+    The count of the numbers determines their meaning:
+
+    * 1 number is a scale or a shift. The result is True for 0 and 1.
+    * 3 numbers are a shift. The result is True for zeros.
+    * 9, 12 or 16 numbers are a matrix, row by row. The result is True for the identity.
+    * Any other count is a mix of rotation, shift and scale. The result is True if all numbers are 0 or 1, and at most
+      two of them are 1.
     """
     if len(values) in (1, _VECTOR):
         return not any(values) or values == [1.0]

@@ -115,7 +115,7 @@ def _resolved_file(path: Path, layer: Sdf.Layer, name: str, opening: Callable[[P
         opening: Called with the file if it exists.
 
     Returns:
-        Identifier of the found file in usd-core, and True if it exists.
+        Identifier of the file in usd-core, and True if the file exists.
 
     Raises:
         DatasetError: If the file is outside of the folder of the scene, or its name is an expression.

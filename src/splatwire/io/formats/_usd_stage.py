@@ -335,9 +335,9 @@ def _visibility_times(prim: Usd.Prim) -> list[Usd.TimeCode]:
 
 
 def _attribute(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
-    """Returns an array attribute of a prim as float32, or float16 if float32 is absent.
+    """Returns an array attribute of a prim: its float32 variant if it has values, otherwise its float16 variant.
 
-    None if the attribute has no value.
+    The name of the float16 variant is `name` with the suffix `h`. The result is None if neither variant has values.
     """
     for each in (name, f"{name}h"):
         attribute = prim.GetAttribute(each)

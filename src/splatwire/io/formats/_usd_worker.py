@@ -1,7 +1,8 @@
-"""Process that reads one OpenUSD scene with usd-core under limits of memory and time, and sends what it found.
+"""Child process that reads one OpenUSD scene with usd-core, and sends the result to the parent process.
 
-Runs as `python -m splatwire.io.formats._usd_worker WHAT FILE`. Each message is a line of JSON with one key. After a
-message `content` follow the float32 arrays of the Gaussians.
+The memory and the time of the process are limited. The command is `python -m splatwire.io.formats._usd_worker TASK
+FILE`, where TASK is `scene`, `times` or `frames`. Each message is a line of JSON: an object with one key. The float32
+arrays of the Gaussians follow after a message with the key `content`.
 """
 
 import faulthandler

@@ -29,7 +29,7 @@ class FileContent(CheckedFields):
         splats: The Gaussians; positions are relative to `origin`.
         origin: World coordinates of the point that positions are relative to.
         antialiased: True if the file declares that the scene was trained with antialiased rendering (Mip-Splatting).
-        metadata: Metadata of the scene, also relative to `origin`.
+        metadata: Metadata of the scene; the initial view is relative to `origin`.
     """
 
     splats: Splats

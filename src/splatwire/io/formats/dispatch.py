@@ -80,8 +80,8 @@ def splats_kind(path: Path) -> str | None:
     """Detects the format of a file of explicit Gaussians by its content.
 
     Returns:
-        `ply`, `spz`, `sog`, `streamed sog`, `splat`, `ksplat`, `glb`, or None for anything else, including missing
-        files.
+        Name of the format, such as `ply` or `spz`; None for anything else, including missing files. A compressed PLY is
+        a `ply`, a glTF document a `glb`, and a 3DGS model folder a `3dgs`.
     """
     return format_of(file_kind(path))
 
@@ -252,7 +252,9 @@ def format_named(name: str) -> FileFormat:
 
 @checked
 def format_for(path: str | os.PathLike[str]) -> FileFormat:
-    """Returns the format with the longest suffix that a file name ends with.
+    """Returns the writable scene format for a file name, by its suffix.
+
+    If several formats match, the one with the longest suffix is returned: `.compressed.ply` has priority over `.ply`.
 
     Raises:
         UnknownNameError: If no writable format matches.
@@ -291,7 +293,7 @@ def write_splats(
         outliers: Treatment of a few Gaussians with extreme values, which reduce the precision of all others in
             quantised formats: `clamp` moves them towards the others, `prune` removes them, `keep` leaves them
             unchanged.
-        metadata: Metadata of the scene, relative to `origin`.
+        metadata: Metadata of the scene; the initial view is relative to `origin`.
 
     Returns:
         Number of Gaussians written.
@@ -322,7 +324,7 @@ def write_with(file_format: FileFormat, content: Any, path: Path, **facts: Any) 
         **facts: Scene properties for the writer, from `kept_facts`.
 
     Returns:
-        Number of Gaussians written, as returned by the writer.
+        Number of Gaussians written; 0 if a writer of another package does not return it.
     """
     assert file_format.write is not None
     if file_format.recognises is None:

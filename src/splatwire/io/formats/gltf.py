@@ -1,7 +1,8 @@
-"""glTF with KHR_gaussian_splatting, binary or as a document with its buffers; axes are LUF (left, up, forward).
+"""Reader of glTF with Gaussians (KHR_gaussian_splatting), binary or as a JSON document with its buffers.
 
-Attributes of a primitive of points: POSITION, and with the extension's prefix ROTATION (x, y, z, w), SCALE (standard
-deviations), OPACITY and SH_DEGREE_l_COEF_n. Integers are normalised. Node transforms are applied.
+Axes are LUF (left, up, forward). Gaussians are primitives of points. The attribute POSITION has the centres. The other
+attributes have the prefix `KHR_gaussian_splatting:`. They are ROTATION (x, y, z, w), SCALE (standard deviations),
+OPACITY and SH_DEGREE_l_COEF_n. Integers are normalised. Node transforms are applied.
 """
 
 import base64

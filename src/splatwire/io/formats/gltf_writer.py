@@ -50,7 +50,7 @@ def write_gltf(
         antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
             that it widens to a pixel (Mip-Splatting); stored in the primitive's extras.
         origin: World coordinates of the point that positions are relative to; stored as translation of the node.
-        metadata: Metadata of the scene, relative to `origin`.
+        metadata: Metadata of the scene; the initial view is relative to `origin`.
         stream: Content of a `.swz` file of the same scene, to embed in the file; None to embed nothing. Programs that
             support the extension EXT_splatwire (docs/gltf.md) draw this stream instead of the Gaussians in `parts`.
     """
@@ -79,7 +79,7 @@ def write_gltf(
 
 
 def _put_stream(document: dict[str, Any], num_bytes: int, num_padded: int) -> None:
-    """Adds a stream to a glTF document.
+    """Adds the JSON objects of an embedded stream to a glTF document: its buffer view and its extension.
 
     Args:
         document: The JSON document; changed in place.

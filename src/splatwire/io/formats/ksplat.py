@@ -1,8 +1,10 @@
-"""`.ksplat` of GaussianSplats3D (github.com/mkkellogg/GaussianSplats3D), version 0.1, read only; RDF axes.
+"""Reader of `.ksplat` files of GaussianSplats3D (github.com/mkkellogg/GaussianSplats3D), version 0.1; RDF axes.
 
-A header of 4096 bytes, a header of 1024 bytes per section, then the sections: sizes of partially filled buckets
-(spatial groups of Gaussians), centres of the buckets, and the Gaussians. Values have 32 bits at compression level 0,
-and 16 bits relative to the centre of the bucket at levels 1 and 2; level 2 has spherical harmonics in 8 bits.
+A file has a header of 4096 bytes, a header of 1024 bytes for each section, and the sections. A section has the sizes of
+its partially filled buckets (spatial groups of Gaussians), the centres of all buckets, and the Gaussians.
+
+Colours and opacities have 8 bits. Other values have 32 bits at compression level 0, and 16 bits at levels 1 and 2;
+level 2 has spherical harmonics in 8 bits. Positions of 16 bits are relative to the centre of the bucket.
 """
 
 import logging
@@ -50,8 +52,8 @@ class _Section:
         buckets: Number of buckets.
         block_size: Edge length of the cube that a bucket covers, world units.
         bucket_bytes: Bytes per bucket centre.
-        range: Position code of the bucket's centre. If the codes of two positions differ by `range`, the positions are
-            half of `block_size` apart. 0 for the default value.
+        range: 16-bit position code of the bucket's centre. The codes 0 and `2 * range` are the ends of the bucket along
+            an axis. 0 stands for the default, 32767.
         full: Number of full buckets.
         partial: Number of partially filled buckets.
         degree: Degree of the spherical harmonics.

@@ -271,7 +271,10 @@ def property_names(degree: int) -> list[str]:
 
 
 def _header(count: int, degree: int, steps: PlySteps | None, digest: str, remarks: list[str], origin: Origin) -> bytes:
-    """Returns the header of a PLY file, with the same length for any number of Gaussians.
+    """Returns the header of a PLY file.
+
+    The length does not depend on the number of Gaussians. A writer can thus overwrite the header when the number is
+    known.
 
     Args:
         count: Number of Gaussians.

@@ -1,4 +1,4 @@
-"""A strict reader of PLY files, binary or text: elements of scalar properties; elements with lists are skipped."""
+"""Strict reader of PLY files, binary or text. Only elements before the first one with list properties are read."""
 
 import logging
 import lzma

@@ -34,8 +34,8 @@ class PlySteps(CheckedFields):
     """Quantisation steps of decoded Gaussians in the form that a PLY stores.
 
     Attributes:
-        content: Encoded quantisation steps that all Gaussians share.
-        classes: Precision class of each Gaussian, uint8 (N).
+        content: Encoded quantisation parameters of the scene, among them the steps of class 0.
+        classes: Precision class of each Gaussian, which selects its quantisation steps, uint8 (N); 0 is the coarsest.
     """
 
     content: bytes

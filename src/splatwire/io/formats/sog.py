@@ -1,14 +1,16 @@
 """SOG (github.com/playcanvas/splat-transform): a `meta.json` and lossless WebP images, as folder or zip; RDF axes.
 
-Images may be in subfolders: `meta.json` has their paths relative to its own folder.
+`meta.json` has the paths of the images relative to its own folder. Pixel i of an image belongs to Gaussian i, except in
+the image of the palette:
 
-Pixel i of each image belongs to Gaussian i. Positions are 16 bits of sign(x) log(1 + |x|) between bounds. Rotations are
-the smallest three of w, x, y, z in 8 bits each. Scales and constant coefficients are entries of code books with 256
-numbers. The other coefficients of a Gaussian are an entry of a palette of vectors, whose components are entries of
-another code book.
+* Positions: sign(x) log(1 + |x|), quantised to 16 bits between a minimum and a maximum.
+* Rotations: the three smallest of w, x, y and z, 8 bits each, and the index of the largest.
+* Scales, and harmonics of degree 0: indices into code books of 256 numbers.
+* Other harmonics: index into a palette of vectors. The palette has, for each component of a vector, an index into
+  another code book.
 
-Version 1 has bounds of each channel instead of code books, and the fourth channel of the image `sh0` is the logit of
-the opacity.
+Version 1 has a minimum and a maximum of each channel instead of code books. The fourth channel of the image `sh0` is
+the opacity; in version 1 it is the logit of the opacity.
 """
 
 import contextlib
@@ -165,10 +167,7 @@ class _ArchiveFiles:
         return None if member is None else self._bundle.sizes[member]
 
     def stored_bytes(self, names: set[str]) -> int:
-        """Returns the size of the whole archive in bytes, whatever the names.
-
-        `size` returns decompressed sizes. The sum of these may differ from the bytes on disk.
-        """
+        """Returns the size of the whole archive on disk in bytes; `names` is ignored."""
         return self._path.stat().st_size
 
     def read(self, name: str, limit: int) -> bytes:
@@ -468,14 +467,14 @@ class _Sog:
         return self._image_name(names[file])
 
     def _width(self, section: str, file: int) -> int:
-        """Returns the width of an image from its header, without decoding the pixels.
+        """Returns the width of an image in pixels from its header, without decoding the pixels.
 
         Args:
             section: Name of the section that the image belongs to.
             file: Index of the image in the section's list of files.
 
         Raises:
-            DatasetError: If it is not a WebP image, or its file is larger than the largest possible palette.
+            DatasetError: If it is not a WebP image, or its file exceeds the size limit for the image of a palette.
         """
         most = _MAX_PALETTE * (num_functions(MAX_DEGREE) - 1)
         name = self._file_name(section, file)

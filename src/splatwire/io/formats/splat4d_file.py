@@ -1,7 +1,7 @@
-"""`.splat4d` files: sequences of `.splat` frames. The program of splats4d compresses them with bounds on the errors.
+"""`.splat4d` files: sequences of `.splat` frames, coded with bounded errors by the program of the package splats4d.
 
-A file begins with `SP4D`, a version and the size of a JSON header as `u32`, and the header with the number of Gaussians
-`n`, the number of frames `t` and the frame rate `fps`.
+A file begins with the bytes `SP4D`, a version (`u32`), the size of a JSON header (`u32`), and the header. Fields of the
+header are `n` (number of Gaussians), `t` (number of frames) and `fps` (frames per second).
 """
 
 import json
@@ -88,7 +88,8 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
         Number of frames.
 
     Raises:
-        DatasetError: If the numbers of Gaussians differ, or the program fails.
+        BackendUnavailableError: If the program is not installed.
+        DatasetError: If there is no frame, the numbers of Gaussians differ, or the program fails.
     """
     count, first, origin = 0, -1, NO_ORIGIN
     with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:

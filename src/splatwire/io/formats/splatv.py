@@ -1,9 +1,15 @@
 """`.splatv` files: Gaussians on polynomial paths through time, as trained by SpacetimeGaussians and played by splaTV.
 
-A header (magic, size of a JSON list, the list) precedes the data blocks named by the list. The block of type `splat` is
-a texture of 64 bytes per Gaussian: position (3 float32); rotation w x y z, sizes, padding (8 float16); red, green,
-blue, opacity (bytes). It ends, in float16, with: coefficients of the position for t, t^2 and t^3 (9 numbers, then
-padding), coefficients of the rotation for t (4 numbers), the time of highest opacity, and the duration of visibility.
+A file begins with a magic number, the size of a JSON list, and the list, which describes the data blocks after it. The
+block of type `splat` has 64 bytes per Gaussian:
+
+* position (3 float32);
+* rotation w, x, y, z (4 float16), sizes (3 float16), padding (2 bytes);
+* red, green, blue, opacity (4 bytes);
+* coefficients of the position for t, t^2 and t^3 (9 float16), padding (2 bytes);
+* coefficients of the rotation for t (4 float16);
+* time of highest opacity, duration of visibility (2 float16).
+
 Times are 0 to 1; t is the current time minus the time of highest opacity.
 """
 

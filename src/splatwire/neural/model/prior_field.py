@@ -18,9 +18,9 @@ class PriorOutputs:
     Attributes:
         feature_mean: Mean of each feature channel.
         feature_scale: Standard deviation of each feature channel, unclamped.
-        feature_weight: For each feature channel, logit of the weight of this distribution. A feature is predicted by a
-            mixture of two distributions. The second distribution and the logit of its weight are outputs of the channel
-            networks.
+        feature_weight: Logit of the weight of the distribution with `feature_mean` and `feature_scale`, per channel. A
+            feature is predicted by a mixture of two distributions. The other distribution and the logit of its weight
+            are outputs of the channel networks.
         scaling_mean: Mean of each scaling.
         scaling_scale: Standard deviation of each scaling, unclamped.
         offset_mean: Mean of each offset coordinate, in the order x, y, z of the first offset, then of the second, and

@@ -9,13 +9,13 @@ from splatwire.neural.training.state import TrainState
 
 
 def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
-    """Returns the last iteration before parameters are averaged, in the phase to which a given iteration belongs.
+    """Returns the iteration after which the averaging of parameters starts in one phase of the training.
 
-    Parameters are averaged at the end of the main phase, and again at the end of the fine-tuning.
+    The training has two phases: the main phase and the fine-tuning. Parameters are averaged at the end of each.
 
     Args:
         config: The configuration.
-        iteration: Any iteration of the main phase or of the fine-tuning; it selects the phase.
+        iteration: Any iteration of the phase.
     """
     # Parameters are averaged over the last iterations before the fine-tuning, and again over the last iterations of
     # the fine-tuning. Iterations in which anchors are added and removed are excluded.

@@ -1,4 +1,4 @@
-"""The causal context model (each attribute is predicted from those coded before it) while it is trained."""
+"""Training of the causal context model, which predicts each attribute from the attributes coded before it."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""The causal context model while it is trained on a GPU."""
+"""Training of the causal context model on a GPU."""
 
 import math
 from dataclasses import dataclass

@@ -127,10 +127,10 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
 
 
 def _steering_to_list(steering: Steering) -> list[float | None]:
-    """Converts the state of the size controller to a list for a checkpoint.
+    """Converts the state of the size controller (`Steering`) to a list for a checkpoint.
 
     Returns:
-        The values of `log_rate` and `miss`, followed by `ratio` unless it is None.
+        The fields `log_rate` and `miss` of the state, followed by `ratio` unless it is None.
     """
     values = [steering.log_rate, steering.miss]
     return values if steering.ratio is None else [*values, steering.ratio]

@@ -113,15 +113,17 @@ class Milestones:
 class GrowthRules:
     """Rules for adding and removing anchors.
 
+    Anchors are added in empty cells of several grids, from coarse to fine.
+
     Attributes:
-        gradient_threshold: Threshold on the mean length of the gradient of the training loss with respect to a
-            Gaussian's 2D centre. If it is reached, an anchor is added near the Gaussian. Unit: 1 / half of the image
-            size. The threshold doubles from each grid to the next finer one.
+        gradient_threshold: An anchor may be added near a Gaussian if the mean length of the gradient of the training
+            loss with respect to the Gaussian's 2D centre reaches this threshold. Coordinates of the centre are -1 to 1
+            across the image. The threshold doubles from each grid to the next finer one.
         seen_share: An anchor is examined for removal once more than `seen_share * Milestones.growth_interval` views
             have seen it since its last examination. This may take several intervals.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged
             over views.
-        levels: Maximum number of grids, from coarse to fine, whose cells receive new anchors.
+        levels: Maximum number of grids.
         coarsest_cell: Cell size of the coarsest grid, in voxels.
         cell_ratio: Ratio of the cell sizes of consecutive grids.
         max_log_size: Upper bound on the logarithm of an anchor's base size, world units.

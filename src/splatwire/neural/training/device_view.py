@@ -23,8 +23,8 @@ class ViewConstants:
         centers: Camera centres, world units.
         focals: Focal lengths, pixels.
         middles: Principal points, pixels; the centre of the top-left pixel is (0.5, 0.5).
-        lowest: Lower limits of x / depth and y / depth in the Jacobian of the projection.
-        highest: Upper limits of x / depth and y / depth.
+        lowest: Lower limits to which x / depth and y / depth are clamped in the Jacobian of the projection.
+        highest: Upper limits to which x / depth and y / depth are clamped in the Jacobian of the projection.
         size: Width and height of the image, pixels.
         tiled: Width and height of the image, rounded up to whole tiles, pixels.
         near_depth: Near plane, world units.

@@ -98,7 +98,7 @@ class GaussianConfig:
     """The complete configuration of a training of explicit Gaussians.
 
     Attributes:
-        preset: Name of the preset whose rule for the test views is used.
+        preset: Name of the preset that `test_views` was taken from, for information.
         gaussians: Budget: number of Gaussians of the trained scene, at least 1.
         degree: Degree of the spherical harmonics, 0 to 3.
         iterations: Number of iterations before the fine-tuning, at least `MIN_ITERATIONS`.
