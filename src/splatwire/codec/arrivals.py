@@ -12,8 +12,8 @@ class Arrivals:
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        intake: Filter of the receiver. Packets that this filter has accepted are not validated again. None to validate
-            all packets with a new filter.
+        intake: Packet filter of the receiver. A packet that this filter has accepted already is not validated again.
+            None to create a filter, which validates all packets.
 
     Attributes:
         manifest: The stream's manifest.

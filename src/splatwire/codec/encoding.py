@@ -148,7 +148,7 @@ def into_datagrams(stream: SceneStream, progress: Progress | None = None) -> Sce
 
 @checked
 def can_repack(stream: SceneStream) -> bool:
-    """True if the packets of a stream can be divided in another way."""
+    """True if a stream can be divided into other packets."""
     # False for Gaussians of older releases, whose decoded integers depend on the split into packets.
     schema = schema_named(stream.manifest.codec)
     return schema.prepare_repack is not None and schema.can_repack(stream)

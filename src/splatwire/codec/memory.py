@@ -85,9 +85,9 @@ def threads_within(
 def words_bytes(packets: Sequence[Packet]) -> int:
     """Returns the memory that a decoder needs for the content of the largest packet, bytes.
 
-    It is eight times the size of the packet, because decoders read packets as overlapping integers.
+    It is eight times the size of the packet.
     """
-    # They read a packet as overlapping seven-byte integers, which take eight times the memory of its bytes.
+    # Decoders convert a packet to overlapping 64-bit integers, one for each byte (`entropy.word_kernels.words_of`).
     return 8 * max((len(packet.data) for packet in packets), default=0)
 
 

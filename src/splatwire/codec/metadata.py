@@ -32,10 +32,12 @@ def metadata_sections(metadata: SceneMetadata) -> dict[str, bytes]:
 
 
 def read_metadata(sections: Mapping[str, bytes]) -> SceneMetadata:
-    """Parses the metadata in named sections. The caller must check the sections with `check_viewpoint` first.
+    """Parses the metadata in named sections.
+
+    Initial view and up axis are not validated; the caller must have checked them with `check_viewpoint`.
 
     Raises:
-        BitstreamError: If the section is damaged.
+        BitstreamError: If the section `metadata` is not a JSON object, or is larger than 64 KiB.
     """
     data = sections.get(SECTION, b"{}")
     try:

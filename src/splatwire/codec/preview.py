@@ -156,7 +156,7 @@ class Preview:
     """A quantised preview: about a hundred Gaussians that are shown before the scene.
 
     Attributes:
-        frame: Value ranges from which the integers are dequantised.
+        frame: Quantisation parameters, with which the integers are dequantised.
         background: RGB background colour, 0 to 255 each.
         levels: Quantised parameters: ten integers per Gaussian, of `BITS` bits, int64 (G, 10).
     """

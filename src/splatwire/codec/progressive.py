@@ -29,8 +29,8 @@ class ProgressiveDecoder(Arrivals):
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        intake: Filter of the receiver. Packets that this filter has accepted are not validated again. None to validate
-            all packets with a new filter.
+        intake: Packet filter of the receiver. A packet that this filter has accepted already is not validated again.
+            None to create a filter, which validates all packets.
         threads: Number of threads; None for one per processor.
         progress: Called while the scene is allocated, at the first read of `received_scene`, with the completed
             fraction, 0 to 1.

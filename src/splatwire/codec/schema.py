@@ -22,12 +22,12 @@ SymbolRows = tuple[np.ndarray, ...]
 
 @dataclass(frozen=True, eq=False)
 class CodedPackets:
-    """Packets that an encoder has made from a part of the stream.
+    """Result of encoding one part of a stream, which becomes one or more packets.
 
     Attributes:
         counts: int64 (packets), number of elements in each packet.
         payloads: Payload of each packet.
-        rows: Integers to which the packets decode: arrays with one row for each element.
+        rows: Integers that a decoder obtains from the packets: arrays with one row for each element.
     """
 
     counts: np.ndarray

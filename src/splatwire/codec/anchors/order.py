@@ -35,7 +35,7 @@ from splatwire.types import AnchorScene, TierSizes
 
 @runtime_checkable
 class AnchorCoder(Protocol):
-    """Interface of an encoder for the anchors of one scene, which are given in coding order."""
+    """Interface of an encoder of one scene's anchors. The anchors are numbered in coding order."""
 
     def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
         """Encodes groups of anchors; may be called from several threads.
@@ -57,7 +57,7 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest
 
     Args:
         scene: The scene; all of its anchors are drawable.
-        options: Encoding options; the default packetization is `spread_packetization`.
+        options: Encoding options. Without a packetization, the result of `spread_packetization` is used.
         coder: Function that fits the side information; returns the encoder of the anchors and the side information.
         manifest_fields: Further fields of the manifest.
 
@@ -177,11 +177,11 @@ class AnchorEncoder:
 
 
 def chunks(sizes: np.ndarray, max_anchors: int = CHUNK) -> Iterator[slice]:
-    """Yields slices of consecutive packets, each with about `max_anchors` anchors.
+    """Divides packets into slices of consecutive packets, and yields the slices.
 
     Args:
         sizes: Number of anchors of each packet.
-        max_anchors: Number of anchors per chunk.
+        max_anchors: Maximum number of anchors in a slice. Only a slice of a single packet with anchors may exceed it.
     """
     first, total = 0, 0
     for p, size in enumerate(sizes):
@@ -198,7 +198,7 @@ def update_digest(digest: Any, rows: SymbolRows) -> None:
 
     Args:
         digest: hashlib object that is updated.
-        rows: Arrays of decoded integers; the first contains all integers of each anchor in one row.
+        rows: Result of `decode`. Only the first array, which has all integers of an anchor in one row, is added.
     """
     # The manifest contains the hash of all integers. A receiver compares it with the hash of its decoded integers.
     digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)

@@ -36,7 +36,9 @@ OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 
 
 class Neighbours(NamedTuple):
-    """Working arrays for finding a Gaussian's neighbours among the preceding ones of its packet, and for prediction.
+    """Working arrays for finding the neighbours of a Gaussian in its packet, and for predicting its attributes.
+
+    Only Gaussians that precede it in coding order can be neighbours.
 
     Attributes:
         cells: int64 (3, n), grid cells of the packet's n Gaussians.

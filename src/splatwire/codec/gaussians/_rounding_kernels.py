@@ -64,7 +64,7 @@ def round_rows(
         positions: Positions in lattice spacings, int64 (n, 3).
         logs: log2 of the opacity, then of the scales relative to the scene's size, largest first, in fixed point with
             `BITS` fractional bits, int64 (n, 4).
-        axes: Principal axes, float64 (n, 3, 3).
+        axes: Principal axes as columns, in the order of decreasing scale, float64 (n, 3, 3).
         colours: Base colours as Y Co Cg, in fixed point with `BITS` fractional bits, int64 (n, 3).
         precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n); 0 is the
             coarsest.
@@ -76,7 +76,7 @@ def round_rows(
         harmonics: Spherical harmonics after the transform that decorrelates them, int32 (n, harmonics); replaced by the
             rounded values.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns); columns as in `layout`.
-            Positions are in lattice spacings from the origin of the lattice.
+            Positions are in halves of the lattice spacing, relative to the origin of the lattice.
     """
     axis = np.zeros(3, np.int64)
     for i in range(len(rows)):

@@ -163,7 +163,7 @@ def write_codes(positions, shift, codes):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _interleave(bits):
-    """Moves bit i of a number to bit `3 * i`; higher bits than the 21 lowest are ignored."""
+    """Moves bit i of a number to bit `3 * i`. Only the 21 lowest bits are used."""
     bits = (bits | (bits << 32)) & 0x1F00000000FFFF
     bits = (bits | (bits << 16)) & 0x1F0000FF0000FF
     bits = (bits | (bits << 8)) & 0x100F00F00F00F00F
@@ -174,7 +174,7 @@ def _interleave(bits):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def snap_to_cells(means, shifts, factor, half_unit):
-    """Moves each position to the centre of its grid cell. Every position has a cell size of its own.
+    """Moves each position to the centre of its grid cell. The cell size may differ between positions.
 
     Args:
         means: Positions, float32 (n, 3), changed in place.

@@ -54,8 +54,8 @@ def convert(
         lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         powers: Table of powers of two, from `exponentials`.
-        colours: Orthonormal matrix from RGB to Y Co Cg, float64 (3, 3), with entries divided by the value of the
-            spherical harmonic of degree 0.
+        colours: Orthonormal matrix from RGB to Y Co Cg, divided by the value of the spherical harmonic of degree 0,
+            float64 (3, 3).
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
         means: Output for the N Gaussians of the scene, world coordinates of centres, float32 (N, 3).
         quats: Output, unit quaternions (w, x, y, z), float32 (N, 4).

@@ -258,11 +258,12 @@ def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
 
 
 def kernel_array(values: np.ndarray) -> np.ndarray:
-    """Returns the array itself if it is contiguous and writeable, otherwise a copy that is.
+    """Returns an array in the memory layout for which kernels are compiled: contiguous and writeable.
 
-    This avoids compiling kernels again: numba compiles a kernel for each memory layout of its arguments, and again for
-    read-only arrays. Kernels cannot be compiled for float16, which is converted to float32.
+    The result is the array itself if possible, otherwise a copy. float16 is converted to float32.
     """
+    # For each memory layout of its arguments, and for read-only arrays, numba compiles a kernel again. numba does not
+    # support float16.
     values = values.astype(np.float32) if values.dtype == np.float16 else values
     return np.require(values, requirements=["C", "W"])
 

@@ -165,11 +165,11 @@ def block_codes(positions: np.ndarray, bits: int) -> np.ndarray:
 
 
 def check_codes(used_bits: int, bits: int) -> None:
-    """Raises ValueError if a position is outside of its bounding box.
+    """Raises ValueError if a position has no Morton code: a coordinate is negative or has too many bits.
 
     Args:
-        used_bits: Bitwise or of all coordinates, without the low bits that Morton codes omit: these were shifted out.
-        bits: Number of bits of a coordinate within the box.
+        used_bits: Bitwise or of all coordinates, after the low bits that Morton codes omit were shifted out.
+        bits: Number of bits of a coordinate within the bounding box, for the error message.
     """
     if used_bits >> MAX_CELL_BITS:
         raise ValueError(f"positions must be in [0, 2**{bits}) to have a code")

@@ -46,7 +46,7 @@ _GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])
 class GaussianDecoder:
     """Decodes packets of explicit Gaussians to a scene; implements `splatwire.codec.schema.Decoder`.
 
-    Lost Gaussians get opacity 0.
+    Lost Gaussians get opacity 0. Their positions, scales and base colours are estimated.
 
     Args:
         manifest: The stream's manifest.
@@ -77,7 +77,7 @@ class GaussianDecoder:
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates the arrays of the scene, in which no Gaussian is received yet.
+        """Allocates the arrays of the scene, and marks all Gaussians as not received.
 
         Args:
             threads: Not used.
@@ -100,7 +100,7 @@ class GaussianDecoder:
         return decode_packets(self._info, run.block, run.counts, run.payloads)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Writes the decoded Gaussians of a block to the scene as floats, and estimates the lost ones of the block.
+        """Writes the Gaussians of a block to the scene as floats; lost Gaussians get estimated attributes.
 
         Args:
             run: Received packets of the block.
@@ -224,7 +224,9 @@ def store_block(
     info: SideInfo,
     block: int,
 ) -> None:
-    """Writes the Gaussians of a block into the scene as floats, and estimates the lost Gaussians.
+    """Writes the Gaussians of a block to the scene as floats.
+
+    Lost Gaussians get opacity 0 and estimated values of the other attributes.
 
     Args:
         splats: All Gaussians of the scene, changed in place.

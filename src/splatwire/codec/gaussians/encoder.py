@@ -95,7 +95,8 @@ def fit_side_info(
         scene: The Gaussians, sorted into blocks.
         sections: Named sections to include, content by name.
         fixed_transform: Decorrelating transform to use for the spherical harmonics, such as the transform of an earlier
-            stream. None to fit a transform to a sample of the scene.
+            stream. None to fit a transform to a sample of the scene. A transform for another degree of harmonics is not
+            used.
         template: Side information of another stream. Its probability tables are used again. None to fit tables to a
             sample of the scene.
         threads: Number of threads; None for one per processor.

@@ -31,6 +31,8 @@ step.
 def within_reach(splats: Splats, size_log: int) -> Splats:
     """Moves very distant Gaussians (outliers) closer to the centre of the scene, and logs a warning.
 
+    The scales of a moved Gaussian are reduced by the same factor as its distance from the centre.
+
     Args:
         splats: The Gaussians.
         size_log: log2 of the scene's size in world units.
@@ -50,7 +52,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
     far = np.flatnonzero(distance > _SLACK * reach_left)
     if not len(far):
         return splats
-    # Scales are multiplied by the same factor, so that an outlier looks the same from the centre.
+    # With scales reduced by the same factor, an outlier looks the same from the centre.
     share = reach_left / distance[far]
     LOG.warning(
         "encoding: %s of %s Gaussians are up to %.3g times the scene's size away and are moved nearer, to %.3g",

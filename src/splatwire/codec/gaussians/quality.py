@@ -54,7 +54,13 @@ class Quality:
             raise InvalidValueError(f"classes of precision must be 1 to {MAX_CLASSES}, not {self.classes!r}")
 
     def num_classes(self, degree: int) -> int:
-        """Returns the number of precision classes for a scene with spherical harmonics of the given degree."""
+        """Returns the number of precision classes for a scene.
+
+        It is the attribute `classes`, but at most 4 for scenes with spherical harmonics above degree 0.
+
+        Args:
+            degree: Degree of the scene's spherical harmonics.
+        """
         return min(self.classes, _SHADED_CLASSES) if degree else self.classes
 
     def base_exponents(self, degree: int) -> np.ndarray:

@@ -53,7 +53,8 @@ def _no_tables():
 def _needed_orders(targets, rows, states, shifts, frames, orders):
     """Determines how many motion coefficients a packet must contain for each kind of channel.
 
-    All coefficients of higher degrees are below half a quantisation step, in all tracks of the packet.
+    A packet contains the coefficients of the lowest degrees. All other coefficients are below half a quantisation step
+    in all tracks of the packet.
 
     Args:
         targets: Motion coefficients before quantisation, float64 (N, channels, degrees); as many degrees as frames.
@@ -143,7 +144,7 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, positions, 
 @njit(error_model="numpy")
 @no_type_check
 def _max_tracks(headers, begin, n):
-    """Limits the number of tracks in a packet, so that their indices span less than `MAX_CANDIDATES`.
+    """Returns the largest number of tracks in a packet for which the track indices span less than `MAX_CANDIDATES`.
 
     Args:
         headers: Motion headers of the tracks, ascending by track index.

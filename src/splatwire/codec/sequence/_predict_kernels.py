@@ -70,8 +70,8 @@ def relative_positions(positions):
 def prediction_order(positions, moving, shifts):
     """Sorts the moving tracks (Gaussians over time) of a packet into the order in which their motion is predicted.
 
-    Tracks with finer quantisation steps come first. Tracks with similar steps are ordered so that the first ones are
-    spread over the region of the packet, and the later ones lie between them.
+    Tracks with finer quantisation steps come first. Among tracks with similar steps, the order is from coarse to dense:
+    the first tracks are spread over the packet's region, and later tracks fill the gaps.
 
     Args:
         positions: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
@@ -98,8 +98,7 @@ def prediction_order(positions, moving, shifts):
         if back < n:
             order[count] = moving[curve_order[back]]
             count += 1
-    # Tracks with finer steps come first. Among tracks with similar steps, the first ones are spread over the packet,
-    # and later ones fill the gaps, so that most tracks have known neighbours on all sides.
+    # In this order, most tracks have known neighbours on all sides.
     keys = np.empty(n, np.int64)
     for i in range(n):
         keys[i] = (shifts[order[i], 0] + shifts[order[i], 3]) >> _OCTAVES

@@ -76,7 +76,7 @@ class TracksDecoder:
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates the arrays for the keyframe Gaussians of all tracks; none is received yet.
+        """Allocates the arrays for the keyframe Gaussians of all tracks, and marks all as not received.
 
         Args:
             threads: Not used.

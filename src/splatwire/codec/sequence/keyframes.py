@@ -121,11 +121,10 @@ class KeyframeEncoder:
 
     @property
     def motion_unit_info(self) -> SideInfo:
-        """Side information that determines the unit of motion in the current shot (see `shots`).
+        """Side information whose lattice spacing determines the unit of motion in the current shot (see `shots`).
 
-        The unit of motion is half the lattice spacing of this side information.
-
-        It belongs to the current shot, or to an earlier shot with almost the same quantisation steps.
+        The unit of motion is half this lattice spacing. The side information is of the current shot, or of an earlier
+        shot with almost the same quantisation steps.
         """
         return self._motion_unit_infos[-1]
 
@@ -303,7 +302,7 @@ def scene_positions(rows: np.ndarray, info: SideInfo, block: int, spacing: int) 
             spacing.
         info: Side information with the bounding boxes of blocks.
         block: Index of the block in the side information.
-        spacing: log2 of half the lattice spacing, relative to the unit of motion.
+        spacing: log2 of the ratio of half the lattice spacing to the unit of motion.
 
     Returns:
         Positions in the unit of motion, int64 (n, 3).

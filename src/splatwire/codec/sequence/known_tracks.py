@@ -70,18 +70,20 @@ class KnownTracks:
     def empty_group(self, frames: int) -> TrackGroup:
         """Returns a group of frames without visible Gaussians.
 
+        The group has one track, which exists in none of the frames. A group without tracks would mean that all tracks
+        stay unchanged.
+
         Args:
             frames: Number of frames in the group.
         """
         one, none = self.alive[-1:], np.zeros(1, np.int64)
         poses = {name: np.repeat(values[one], frames, axis=1) for name, values in vars(self.keyframes).items()}
-        # In the bitstream, a group without tracks would mean that all tracks stay unchanged.
         return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
 
     def with_births(
         self, keyframes: Trajectories, keys: np.ndarray, positions: np.ndarray, shifts: np.ndarray, spacing: int
     ) -> "KnownTracks":
-        """Returns the state with new tracks (Gaussians over time) appended.
+        """Returns these tracks (Gaussians over time) with new tracks appended.
 
         Args:
             keyframes: Keyframe Gaussians of the n new tracks, as trajectories of one frame.

@@ -151,16 +151,15 @@ def decode_tree(data, bits, leaf, models, codes, num_low_bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _estimate_low_bits(i, n, bits):
-    """Estimates the low bits of an anchor's Morton code if the packet that contains them is lost.
+    """Estimates the low bits of an anchor's Morton code, for use if the packet that contains them is lost.
 
     The anchors of a leaf of the position tree are assumed to be evenly spaced.
 
     Args:
         i: Index of the anchor within its leaf, in Morton order.
         n: Number of anchors in the leaf.
-        bits: Number of num_low_bits low bits.
+        bits: Number of low bits to estimate.
     """
-    # The n anchors of a leaf of the position tree are assumed to be evenly spaced in it.
     depth = 0
     while (n - 1) >> depth:
         depth += 1

@@ -162,7 +162,10 @@ class CausalDecoder(AnchorDecoder):
         }
 
     def scene(self) -> ReceivedScene[AnchorScene]:
-        """Returns the scene, which shares memory with the arrays, and the stream's metadata."""
+        """Returns the scene decoded so far, with the mask of received attributes and the stream's metadata.
+
+        The scene shares memory with the arrays that `store` fills.
+        """
         info, values = self._info, self._values
         offsets = values["offset"].reshape(len(self._positions), self._offsets, 3)
         positions, mask = self._positions, self._mask

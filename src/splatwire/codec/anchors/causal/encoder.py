@@ -89,10 +89,10 @@ def _check_common(packetization: Packetization) -> None:
 def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> CoarsePositions:
     """Chooses how many bits of the anchors' positions are in the side information; the other bits are in packets.
 
-    The side information gets as many bits as possible, but no more than about a fixed share of all bytes of the stream.
+    The number of bits is the largest for which the side information is at most about a fixed share of the stream.
 
     Args:
-        info: Side information with as many position bits as possible.
+        info: Side information with the maximum number of position bits.
         voxels: Positions of the N anchors as indices of voxels, int64 (N, 3).
         packet_bytes: Expected size of all packets together, bytes.
 

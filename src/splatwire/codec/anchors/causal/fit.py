@@ -103,7 +103,9 @@ def _sampled(
 
 
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
-    """Returns, for each output of a network, the error that quantisation of the network's weights may cause.
+    """Returns the tolerated error of each output of a network, caused by quantisation of the network's weights.
+
+    Only the ratios of the errors matter, because the caller multiplies all of them by one factor.
 
     Args:
         name: Name of the network.

@@ -1,4 +1,7 @@
-"""Encodes and decodes packets of the codec `causal`; each contains complete anchors and decodes without the others."""
+"""Encodes and decodes packets of the codec `causal`.
+
+Each packet contains complete anchors and can be decoded without other packets.
+"""
 # Encoding and decoding share the prediction (`AutoregressivePredictor`). Packets are processed in chunks, which
 # does not affect the bytes.
 

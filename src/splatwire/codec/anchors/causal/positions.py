@@ -46,7 +46,7 @@ class CoarsePositions:
     The high bits are part of the side information. The packets contain the low bits.
 
     Attributes:
-        section: Bytes of the section of the side information.
+        section: Section of the side information with the high bits, serialised.
         known: Positions of all anchors as known from the side information; the low bits are estimated.
         low_bit_probabilities: Probabilities for coding the low bits, int64 (T + 1, T + 1), in units of 1/256. The low
             bits of a Morton code are divided into at most T triples of one bit per axis; triple 0 has the lowest bits.
@@ -116,17 +116,17 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
 
 
 def lowest_triples(codes: np.ndarray, num_low_bits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the index of the lowest nonzero triple of bits in each Morton code.
+    """Returns the number of bit triples in each Morton code, and the index of the lowest triple that is not 0.
 
-    A triple has one bit per axis. Only the low bits of a code that packets contain are divided into triples.
+    A triple has one bit per axis. Only the low bits of a code, which packets contain, are divided into triples.
 
     Args:
         codes: Complete Morton codes of the anchors, int64 (N).
         num_low_bits: Number of low bits of each code that packets contain, int64 (N).
 
     Returns:
-        Number of triples of each code, int64 (N); and index of the lowest nonzero triple of each code, int64 (N). Index
-        0 is the triple with the lowest bits. If all triples of a code are 0, the index is its number of triples.
+        Number of triples, int64 (N); and index of the lowest triple that is not 0, int64 (N). Index 0 is the triple
+        with the lowest bits. If all triples of a code are 0, the index is the number of triples.
     """
     # If all triples are 0, the index equals their number. Low triples are often zero, because anchors lie on grids of
     # several widths.

@@ -39,7 +39,7 @@ from splatwire.types.prior import MIN_SCALE
 class DecodedArrays:
     """Arrays for the decoded attributes and the predictions of N anchors in coding order.
 
-    The attributes of each packet are written to the arrays as the packet arrives. Missing anchors are zero.
+    The attributes of each packet are written to the arrays as the packet arrives. Missing attributes are 0.
 
     Attributes:
         received: Mask of received attributes, bool (N, 4), one column per `Attribute`.

@@ -162,9 +162,10 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """Weights by which the first layers of the channel networks multiply the outputs of the prior network.
+        """First-layer weights of all channel networks for the inputs that are outputs of the prior network.
 
-        float64 (3 F, hidden): the hidden units of all channel networks, one network after another.
+        float64 (3 F, hidden). Rows are the outputs of the prior network that predict features. Columns are the hidden
+        units of all channel networks, one network after another.
         """
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(

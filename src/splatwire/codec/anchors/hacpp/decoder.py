@@ -147,7 +147,10 @@ class HacppDecoder(AnchorDecoder):
         store_symbols(self._room, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
 
     def scene(self) -> ReceivedScene[AnchorScene]:
-        """Returns the scene, which shares memory with the arrays, and the stream's metadata."""
+        """Returns the scene decoded so far, with the mask of received attributes and the stream's metadata.
+
+        The scene shares memory with the arrays that `store` fills.
+        """
         return assemble_scene(self._info, self._room).with_records(*self._records)
 
 

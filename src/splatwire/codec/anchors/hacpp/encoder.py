@@ -77,7 +77,7 @@ class HacppEncoder:
     """Encodes the anchors of one scene with the context model of HAC++.
 
     Args:
-        source: Quantises attributes of the scene's anchors on demand.
+        source: Source of the quantised attributes of the scene's anchors.
         info: Side information of the scene's stream.
         separated: True if each attribute is in a separate packet.
     """

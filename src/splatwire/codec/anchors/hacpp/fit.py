@@ -61,24 +61,23 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 
 
 def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
-    """Returns the typical standard deviation of each channel of an attribute after quantisation.
+    """Returns the typical standard deviation of each channel of an attribute, including the rounding error.
 
     Args:
-        scale: Predicted standard deviations for a sample of anchors, (n, D).
-        step: Base quantisation step of the attribute.
+        scale: Predicted standard deviations of the D channels for a sample of anchors, (n, D).
+        step: Base quantisation step of the attribute, in the unit of `scale`.
 
     Returns:
-        Standard deviation of each channel in quantisation steps, float64 (D).
+        Standard deviation of each channel in the unit of `scale`, float64 (D).
     """
-    # It is the median of the predicted standard deviations, increased by the rounding error.
     typical = lower_median(np.maximum(scale.astype(np.float64), step * 1e-3))
     return np.sqrt(typical**2 + step**2 / 12)
 
 
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
-    """Returns, for each output of the prior network, the error that quantisation of the network's weights may cause.
+    """Returns the tolerated error of each output of the prior network, caused by quantisation of the weights.
 
-    The errors are chosen so that each output costs about the same number of additional bits. Only their ratios matter,
+    Errors of these sizes cost about the same number of bits in every output. Only the ratios of the errors matter,
     because the caller multiplies all of them by one factor.
 
     Args:
@@ -86,8 +85,7 @@ def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelCo
         columns: First column of each predicted quantity in `outputs`.
         config: Sizes of the model's networks and tables.
     """
-    # Errors of these sizes cost about the same number of bits in every output. For the mean and the standard deviation
-    # of a channel, this is the channel's typical standard deviation.
+    # For the mean and the standard deviation of a channel, the error is the channel's typical standard deviation.
     feature, scaling, offset = config.base_steps
     spread_f = typical_spread(outputs[:, columns.feature_scale : columns.feature_weight], feature)
     spread_s = typical_spread(outputs[:, columns.scaling_scale : columns.offset_mean], scaling)

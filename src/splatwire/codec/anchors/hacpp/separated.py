@@ -27,7 +27,7 @@ SECTION = "masks"
 
 
 def encode_masks(masks: np.ndarray, mask_models: np.ndarray) -> bytes:
-    """Encodes the offset masks of all anchors of a scene as one stream.
+    """Entropy-codes the offset masks of all anchors of a scene, for a section of the side information.
 
     Args:
         masks: Masks of the anchors in coding order, bool or uint8 (N, K).
@@ -72,7 +72,8 @@ def encode_parts(
         symbols: Quantised attributes of the anchors.
 
     Returns:
-        The payloads of all packets, group by group: scalings, offsets, feature groups.
+        The payloads of all packets, one group of anchors after another. The packets of a group contain scalings, then
+        offsets, then each group of feature channels.
     """
     payloads, begin, edges = [], 0, _edges(context)
     for count in counts.tolist():
@@ -147,7 +148,7 @@ def _decode_features(
 
     Args:
         context: The stream's networks and constants.
-        predicted: Prediction of the anchors.
+        predicted: Distributions predicted from the positions of the anchors.
         feature: Output: features in quantisation steps, int32 (n, F).
         payloads: Payloads of the received packets, by attribute (`PacketId.part`).
 
@@ -190,7 +191,8 @@ def _feature_mixtures(
     """Returns the mixture distributions for coding one feature group of anchors.
 
     Args:
-        predicted: Prediction of all anchors, which contains the first normal distribution.
+        predicted: Distributions predicted from the positions of all anchors, among them the first of the two normal
+            distributions of each feature.
         rows: Range of the anchors.
         columns: Range of the group's channels.
         mean: Means of the second of the two mixed normal distributions, for these anchors and channels.
