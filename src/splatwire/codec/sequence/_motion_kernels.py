@@ -183,7 +183,7 @@ def _code_bit(coder, low, span, num_bytes, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_raw(coder, low, span, num_bytes, value, bits):
-    """Encodes or decodes an integer whose bits are equally probable.
+    """Encodes or decodes an integer with equally probable bits.
 
     Args:
         coder: Entropy coder of the packet.

@@ -8,7 +8,7 @@ from splatwire.codec.sequence.layout import MAX_CANDIDATES, NUM_NEIGHBOURS
 from splatwire.ops.compiled import njit
 
 LANES = 2 * NUM_NEIGHBOURS
-"""Number of columns in which squared distances are compared in parallel (SIMD)."""
+"""Number of squared distances that are compared in parallel (SIMD)."""
 _INDEX_BITS, _MAX_INT64 = 13, np.int64((1 << 63) - 1)
 
 

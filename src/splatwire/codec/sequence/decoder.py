@@ -220,7 +220,7 @@ class TracksDecoder:
         )
 
     def prepare(self, packets: Sequence[Packet], num_bytes: int, threads: int) -> None:
-        """Decodes motion packets ahead of time, so that their frames can be shown without delay.
+        """Decodes motion packets ahead of time, to show their frames without delay.
 
         Args:
             packets: Packets of one group of frames; they must also be passed to `store` or `hold`.

@@ -121,10 +121,10 @@ class KeyframeEncoder:
 
     @property
     def motion_unit_info(self) -> SideInfo:
-        """Side information whose lattice spacing determines the unit of motion in the current shot (see `shots`).
+        """Side information that determines the unit of motion in the current shot (see `shots`).
 
-        The unit of motion is half this lattice spacing. The side information is of the current shot, or of an earlier
-        shot with almost the same quantisation steps.
+        The unit of motion is half the lattice spacing in this side information. The shot of the side information is the
+        current one, or an earlier one with almost the same quantisation steps.
         """
         return self._motion_unit_infos[-1]
 
