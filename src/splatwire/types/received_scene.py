@@ -165,9 +165,9 @@ class ReceivedScene(Generic[S]):
     def positions(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
-        In a stream whose positions cannot be lost, these are the decoded positions. In other streams, exact positions
-        can be lost with their packets. All positions, even those of received elements, are then the ones that the side
-        information predicts (`ExpectedPlaces`). Without such predictions, lost elements have placeholder positions.
+        If the stream has predicted positions (`ExpectedPlaces`), these are the predicted positions of all elements,
+        even of received ones. Otherwise, these are the decoded positions. Lost elements then have placeholder positions
+        if the stream can lose positions.
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions

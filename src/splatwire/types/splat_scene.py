@@ -30,8 +30,9 @@ class SplatCoding(CheckedFields):
         lattice_bits: Precision of decoded positions. They are multiples of a lattice spacing of
             `2 ** (size_log - lattice_bits)` world units.
         max_position_shift: The largest quantisation step of positions is `2 ** max_position_shift` lattice spacings.
-        base_exponents: Base quantisation steps of position, size, rotation, opacity, colour and so on, in the order of
-            `codec.gaussians.layout.STEPS`, for precision class 0. The entry e stands for the step `2 ** (-e / 64)`.
+        base_exponents: Base quantisation steps in precision class 0, one for each quantity (opacity, three scales,
+            position, two parts of the rotation, colour, other harmonics). The entry e stands for the step
+            `2 ** (-e / 64)`.
         transform: Decorrelating transform of the spherical harmonics, as integers.
         precision_classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.
     """

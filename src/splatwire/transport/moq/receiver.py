@@ -119,7 +119,9 @@ class RelayReceiver:
             self._on_event(self.finished)
 
     def may_resume(self, now: float) -> bool:
-        """Returns True if an interrupted transfer may still be resumed; then reports the interruption as an event.
+        """Returns True if an interrupted transfer may still be resumed.
+
+        If so, the interruption is also reported as an event.
 
         Args:
             now: Time, seconds.

@@ -505,9 +505,10 @@ class Receiver(ReceiveState):
         return [], events
 
     def _count_end(self, now: float) -> None:
-        """Counts an `End` datagram of the server, if no packets arrived after the previous `End` datagram.
+        """Counts the `End` datagrams of the server that arrive in a row.
 
-        `End` datagrams that arrive within `MIN_END_SPACING_S` are counted as one.
+        `End` datagrams that arrive within `MIN_END_SPACING_S` count as one. The caller resets the count when any other
+        datagram arrives.
         """
         spacing = now - self._end_counted_at
         if not self._steady_ends or spacing > MAX_END_SPACING_S:

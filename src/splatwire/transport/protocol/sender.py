@@ -304,8 +304,14 @@ class Server:
     def _refused(self, network: Network, request: Request, refusal: int, now: float) -> int:
         """Counts and logs a refused request, and returns the reason to send to the client.
 
+        Args:
+            network: Network of the client.
+            request: The refused request.
+            refusal: Reason, as an index into `messages.REFUSALS`; 0 for a repeated request.
+            now: Time, seconds.
+
         Returns:
-            Index into `messages.REFUSALS`; 0 for no response.
+            Index into `messages.REFUSALS`, which is another one after many refusals of a network; 0 for no response.
         """
         if not refusal or (refusal == NOT_YET and request.name in self._updates):
             return refusal  # followers request the next update several times a second

@@ -208,8 +208,7 @@ def network_key(address: Any) -> Hashable:
 class ResponseBudget:
     """Limit on the responses to unvalidated addresses within `WINDOW_S`.
 
-    The total number of responses is limited. Once half of this number is sent, the number for each network is limited,
-    too.
+    The total number of responses is limited. After half of this number, the responses to each network are limited, too.
     """
 
     def __init__(self) -> None:

@@ -322,7 +322,7 @@ class _LimitedEndpoint(AioquicServer):
             self._dropped(now)
 
     def _dropped(self, now: float) -> None:
-        """Counts a dropped connection attempt, and logs a warning about many of them."""
+        """Counts a dropped connection attempt. A warning is logged once many attempts were dropped."""
         self._owner.num_dropped += 1
         self._owner.dropped_event.record(now)
 
