@@ -35,10 +35,13 @@ class KnownPackets:
         return size
 
     def has(self, kind: int, symbol: int) -> bool:
-        """True if the client already has the content of a datagram, so that the server can skip the datagram.
+        """True if the server can skip a datagram, because the client has data of an earlier transfer.
+
+        This is the case for a packet that the client has. If the client has the init segment, it is also the case for
+        the symbols of the init segment and for all repair symbols.
 
         Args:
-            kind: Kind of the datagram, such as `DATA` (packet) or `INIT_SYMBOL` (init segment).
+            kind: Kind of the datagram, such as `DATA` (packet), `INIT_SYMBOL` (init segment) or `PARITY`.
             symbol: Index of the packet in sending order; ignored for other kinds.
         """
         if kind != DATA:
