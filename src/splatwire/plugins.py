@@ -185,7 +185,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _is_provided_by(self, point: "EntryPoint") -> bool:
-        """True if the registered entry with the name of an entry point comes from the package of this entry point.
+        """True if the package of an entry point has registered the entry with the entry point's name.
 
         False if another package has registered its own entry under the same name.
 

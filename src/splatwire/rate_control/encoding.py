@@ -39,10 +39,10 @@ CORRECTIONS = 4
 """Maximum number of searches for a PSNR. Each begins with the difference between the held-out views and the views of
 the search that the one before found."""
 JUMP = 0.04
-"""Difference of levels within which bytes and quality may jump, because positions are rounded to cells whose size is a
-power of two."""
+"""Minimum difference of levels in a search. Bytes and quality may jump within it, because positions are rounded to
+cells with a power of two as their size."""
 SHARE_OCTAVES = 4.0
-"""Levels by which bytes change as much as by keeping all or none of the Gaussians."""
+"""Number of levels that changes the bytes as much as keeping all instead of none of the Gaussians."""
 MIN_SHARE_RATIO = 0.6
 """Smallest share of Gaussians to keep on the fine side of a jump, relative to the best one."""
 MIN_ERROR = 1e-12
@@ -247,7 +247,7 @@ class _Plan:
 
     Attributes:
         source: The scene to encode.
-        views: Views in which the effect of removing each Gaussian is measured.
+        views: Views for measuring the effect of removing each Gaussian.
         search: Pictures of the source with which streams are compared during the search for a quantisation level.
         held_out: Pictures of the source for the reported PSNR.
         classes: Precision class of each Gaussian, which selects its quantisation steps: 0 or more for the finest steps,
@@ -275,7 +275,7 @@ class _Plan:
         Args:
             source: The scene.
             effort: Effort of the encoder: `fast`, `default` or `best`.
-            views: Views in which the scene is measured.
+            views: Views for measuring the scene.
             quality: Typical quality setting, at which the precision of attributes is chosen.
             encode: Function that encodes a scene.
             progress: Called with the name of the current task and its finished share.
@@ -314,7 +314,7 @@ class _Plan:
         return Quality(quality_level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns a copy of this plan, in which the precision of each attribute suits fine-tuning.
+        """Returns a copy of this plan with a precision of each attribute that suits fine-tuning.
 
         The precision of this plan is the best one without fine-tuning. For fine-tuning, half of its difference from the
         precision of `quality` is used.
@@ -395,7 +395,7 @@ class _Plan:
         """Estimates the share of Gaussians to keep so that the fine-tuned stream has the PSNR of `untuned`.
 
         Args:
-            untuned: Stream without fine-tuning, whose PSNR is to be reached.
+            untuned: Stream without fine-tuning; gives the PSNR to reach.
         """
         # The quantisation steps remain the same.
         assert self.curve is not None
@@ -594,8 +594,8 @@ class _Trials:
             permitted: Range of accepted values.
             untuned: Measured value of an encoded scene, and this encoded scene. It gives the quantisation level, and
                 the first share to try is estimated from it.
-            slope: Expected increase of the measured value per quantisation level, from which the increase per share is
-                estimated.
+            slope: Expected increase of the measured value per quantisation level. The increase per share is estimated
+                from it.
         """
         value, encoded = untuned
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept

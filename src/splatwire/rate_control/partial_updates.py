@@ -1,4 +1,4 @@
-"""Updates of a scene that is trained: each contains only the Gaussians whose change matters most."""
+"""Updates of a scene in training: each update contains only the Gaussians with the largest visible changes."""
 
 # A training step changes all Gaussians, so an update with all changes is as large as the scene.
 
@@ -26,8 +26,8 @@ SHARE = 0.077
 COARSE_CLASS = -1
 """Precision class of sent Gaussians while more have changed than an update may contain."""
 VIEWS, VIEW_SIZE = (13, 14, 16, 17), 192
-"""Numbers of views in which changes are measured, used in turn, and size of the views in pixels. The poses of the views
-depend on their number. A Gaussian that is hidden in the views of one update is visible in those of a later one.
+"""Numbers of views for measuring changes, used in turn, and size of the views in pixels. The poses of the views depend
+on their number. A Gaussian that is hidden in the views of one update is visible in those of a later one.
 """
 NEW_CHANGE = 2.0
 """Change of a Gaussian that the receivers do not have, in the unit of `changes`."""
@@ -88,7 +88,7 @@ class PartialUpdates:
 
     @staticmethod
     def start(splats: Splats, antialiased: bool = False) -> "PartialUpdates":
-        """Encodes all Gaussians of a scene as the first stream, to which later updates apply.
+        """Encodes all Gaussians of a scene as the first stream, the base of later updates.
 
         Args:
             splats: The Gaussians.
@@ -199,7 +199,7 @@ def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray,
 
 
 def _changed(at_receivers: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray) -> Int64[np.ndarray, "K"]:
-    """Returns the indices of the Gaussians that are new to the receivers, or have changed since they were sent.
+    """Returns the indices of the Gaussians that are new to the receivers, or have changed since the last sending.
 
     Args:
         at_receivers: Values of the Gaussians at the receivers.
@@ -225,7 +225,7 @@ def _by_change(
         known: Mask of the Gaussians that the receivers have.
         newest: The newest Gaussians.
         drawable: Mask of the Gaussians that can be drawn.
-        num_views: Number of views in which changes of the pictures are measured.
+        num_views: Number of views for measuring changes of the pictures.
     """
     rows = np.flatnonzero(drawable)
     before, after, new = at_receivers.select(rows), newest.select(rows), ~known[rows]

@@ -33,7 +33,7 @@ MIN_SHARE = 0.02
 STEPS = 400
 """Number of shares among which the best one is chosen."""
 LEVELS = np.linspace(2.0, 14.0, 25)
-"""Levels of quantisation for which the best share is computed; between these levels it is interpolated."""
+"""Levels of quantisation at which the best share is computed; between these levels, the share is interpolated."""
 QUANTISED_PSNR, QUANTISED_LEVEL, OCTAVE_DB = 45.0, 7.5, 5.6
 """Typical PSNR at a level of quantisation (`Quality.level`), and its gain per level in decibels. On seven scenes of
 which 70 % of the Gaussians were kept, the PSNR against the kept ones was 41.0 to 48.0 dB."""
@@ -49,7 +49,7 @@ _SMALLEST = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class RemovalViews:
-    """Views in which the effect of removing Gaussians from a complete or pruned scene is measured.
+    """Views for measuring the effect of removing Gaussians from a complete or pruned scene.
 
     Attributes:
         sets: Weight of each set of views, and pictures of the complete scene in these views. Empty if the scene has no
@@ -61,7 +61,7 @@ class RemovalViews:
 
     @staticmethod
     def of(source: SplatScene, cameras: Cameras | None) -> "RemovalViews":
-        """Chooses the views in which the image error of removing Gaussians is measured.
+        """Chooses views for measuring the image error that is caused by removing Gaussians.
 
         Args:
             source: The complete scene.
@@ -138,8 +138,8 @@ class PruningCurve:
             scene: The scene of N Gaussians.
             removal: Importance of each Gaussian at the start: the image error if only this Gaussian is removed from the
                 complete scene, from `measure_gaussians`.
-            pictures: Renderings of the complete scene, with which the pruned scene is compared.
-            views: Views in which importance is measured again.
+            pictures: Renderings of the complete scene, as references for the pruned scene.
+            views: Views for measuring importance again.
             progress: Called with the finished share of the work, 0 to 1.
         """
         # The error is measured for a few shares of kept Gaussians (`SHARES`), and interpolated between them. The first

@@ -59,7 +59,7 @@ def measured_precision(
         scene: The Gaussians.
         classes: Precision class of each Gaussian.
         quality: Quality setting at which attributes are measured.
-        cameras: Views in which errors are measured.
+        cameras: Views for measuring errors.
         encode: Function that encodes a scene.
         progress: Called with the finished share of the work.
 
@@ -144,11 +144,11 @@ def measured_colour_precision(
 
 
 def _only(offsets: Offsets, name: str) -> Offsets:
-    """Returns a copy of rounding errors in which only one attribute has an error.
+    """Returns a copy of rounding errors without the errors of all attributes but one.
 
     Args:
         offsets: Rounding errors of all attributes.
-        name: Name of the attribute.
+        name: Name of the attribute that keeps its error.
     """
     none = {each: np.zeros_like(values) for each, values in vars(offsets).items()}
     none["quats"][:, 0] = 1

@@ -18,7 +18,7 @@ from splatwire.render.precision import MEASURED_VIEWS
 from splatwire.types import Cameras
 
 SEARCH_VIEWS, SEARCH_SIZE = 6, 256
-"""Number and size in pixels of views around a scene in which pruned and decoded scenes are compared. The poses depend
+"""Number and size in pixels of views around a scene for comparing pruned and decoded scenes. The poses depend
 on the number, and differ from those of `held_out_cameras` and `measure_gaussians`."""
 MAX_VIEWS, MAX_SIZE = MEASURED_VIEWS, HELD_OUT_SIZE
 """Maximum number of given cameras in each set, and maximum width and height of their images in pixels."""
@@ -33,8 +33,8 @@ class ViewSets:
     """Three disjoint sets of views of a scene, used by an encoder that aims at a target size or PSNR.
 
     Attributes:
-        measured: Views in which the effect of each Gaussian is measured; None for views around the scene.
-        search: Views in which encoded scenes are compared with the source while the quantisation is chosen.
+        measured: Views for measuring the effect of each Gaussian; None for views around the scene.
+        search: Views for comparing encoded scenes with the source while the quantisation is chosen.
         held_out: Views for the reported PSNR.
     """
 

@@ -157,7 +157,7 @@ def create_config(
 
 
 def for_length(rates: LearningRates, iterations: int) -> LearningRates:
-    """Adapts learning rates to a shorter training, in which some parameters end with a higher learning rate.
+    """Adapts learning rates to a shorter training: raises the final learning rates of some parameters.
 
     Args:
         rates: Learning rates for a training of `FULL_ITERATIONS` iterations.

@@ -27,7 +27,7 @@ class RepairGraph:
 
     Attributes:
         queries: Indices in the scene of the incomplete anchors.
-        index: For each query, indices in the scene of the k complete anchors next to it.
+        index: For each query, indices in the scene of the k nearest complete anchors.
         interpolated: The queries with missing attributes estimated by the method `GnnSettings.interpolation`.
         given: The queries with missing attributes estimated by the method `GnnSettings.query_input`. These estimates
             are inputs of the network.

@@ -14,10 +14,10 @@ Layout:
 * all parameters in the order of the network. The output layer (head) of an attribute is left out if the attribute's
   confidence threshold is above 1, because its output is then never used.
 
-Parameters that are vectors are integers in units of 1/128. A parameter that is a matrix consists of the index of its
-quantisation step (same formula as for standard deviations), the index of the coding scale of each matrix row, and the
-quantised integers. The integers have at most 8 bits and are entropy-coded with a zero-mean normal distribution, whose
-standard deviation is the coding scale of the row.
+A vector is stored as integers in units of 1/128. A matrix has three parts: the index of its quantisation step (same
+formula as for standard deviations), the index of the coding scale of each row, and the quantised integers. The integers
+have at most 8 bits. They are entropy-coded with a zero-mean normal distribution; its standard deviation is the coding
+scale of the row.
 """
 
 from typing import Any
