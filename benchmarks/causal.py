@@ -36,7 +36,7 @@ from splatwire.codec import decode_stream, encode_scene, side_info_parts
 from splatwire.codec.anchors.causal.context import CodingContext
 from splatwire.codec.anchors.causal.packet_coder import anchor_bits, quantise
 from splatwire.codec.anchors.causal.side_info import read_side_info
-from splatwire.codec.decoding import open_decoder, runs_of
+from splatwire.codec.decoding import batches_of, open_decoder
 from splatwire.codec.weight_bytes import framed
 from splatwire.concealment import conceal
 from splatwire.data import Dataset, open_dataset
@@ -133,11 +133,11 @@ def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
     best = np.inf
     for _ in range(repetitions):
         decoder = open_decoder(stream.manifest, stream.side_info)
-        runs = list(runs_of(decoder, stream.manifest, stream.packets))
+        batches = list(batches_of(decoder, stream.manifest, stream.packets))
         before = time.process_time()
         decoder.expect(threads=1)
-        for run in runs:
-            decoder.store(run, decoder.decode(run))
+        for batch in batches:
+            decoder.store(batch, decoder.decode(batch))
         best = min(best, time.process_time() - before)
     return float(best)
 

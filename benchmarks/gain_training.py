@@ -10,11 +10,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.anchors.appearance import Scene, spawned_gaussians
-from splatwire.bitstream import Packet, PacketGroups, SceneStream
+from splatwire.bitstream import Packet, PacketMembers, SceneStream
 from splatwire.calibration.checks import check_settings
 from splatwire.calibration.pseudo_loss import CalibrationData, pseudo_loss
 from splatwire.codec import decode_stream
-from splatwire.codec.tiers import arrange_stream
+from splatwire.codec.tiers import assign_stream_packets
 from splatwire.concealment.scene_free import GainNetwork
 from splatwire.concealment.scene_free.elements import (
     BASE,
@@ -247,11 +247,11 @@ def train_for_gaussians(
 
 def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> TrainingExamples:
     complete = _decoded(lossy.stream)
-    groups, packets = _groups(lossy.stream)
+    members, packets = _members(lossy.stream)
     inputs = []
     for rate, seed in zip(config.drop_rates, seeds.generate_state(len(config.drop_rates)).tolist(), strict=True):
-        known = pseudo_loss(groups, complete.scene.num_elements, rate, seed)
-        there = tuple(p for p, start in zip(packets, groups.starts[:-1], strict=True) if known[groups.ranks[start]])
+        known = pseudo_loss(members, complete.scene.num_elements, rate, seed)
+        there = tuple(p for p, start in zip(packets, members.starts[:-1], strict=True) if known[members.indices[start]])
         received = _decoded(SceneStream(lossy.stream.manifest, lossy.stream.side_info, there))
         inputs.append(element_inputs(received))
     return TrainingExamples(complete.scene, lossy.cameras, inputs)
@@ -264,9 +264,9 @@ def _decoded(stream: SceneStream) -> ReceivedScene[SplatScene]:
     return received
 
 
-def _groups(stream: SceneStream) -> tuple[PacketGroups, list[Packet]]:
-    arrangement = arrange_stream(stream)
-    packets = [packet for packet in arrangement.packets if packet is not None]
+def _members(stream: SceneStream) -> tuple[PacketMembers, list[Packet]]:
+    assignment = assign_stream_packets(stream)
+    packets = [packet for packet in assignment.packets if packet is not None]
     if len(packets) != stream.manifest.num_packets:
         raise InvalidValueError("a network is trained on complete streams")
-    return arrangement.groups, packets
+    return assignment.members, packets

@@ -25,7 +25,7 @@ from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import SketchConfig
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
-from splatwire.codec.tiers import arrange_stream
+from splatwire.codec.tiers import assign_stream_packets
 from splatwire.concealment.sketch import SECTION
 from splatwire.planning.measure import LossyPictures
 from splatwire.planning.planner import plan_protection
@@ -86,11 +86,11 @@ def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
     ways, importance = [], bench.importance
     for share in PAK_TIERS:
         stream = encode_scene(bench.scene, PRESETS["paper"], tiers=importance.tiers((share,)))
-        groups, packets = arrange_stream(stream)
+        members, packets = assign_stream_packets(stream)
         top = np.array([stream.manifest.plan.tier_of(packet.id.block) == 0 for packet in packets])
         largest = int(np.array([packet.num_bytes for packet in packets])[top].max())
-        cuts = [groups.ranks[a:b] for a, b in itertools.pairwise(groups.starts)]
-        lane_by_lane = np.lexsort(np.array([(p.id.block, p.id.lane) for p in packets]).T)
+        cuts = [members.indices[a:b] for a, b in itertools.pairwise(members.starts)]
+        lane_by_lane = np.lexsort(np.array([(p.id.block, p.id.index_in_block) for p in packets]).T)
         for number, section in enumerate([b"", *sections]):
             room = limit / (1 - limit) * stream.num_bytes - len(section)
             repair = min(int(max(room, 0) / largest), 2 * int(top.sum()))

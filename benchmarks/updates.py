@@ -63,7 +63,7 @@ def edited(scene: SplatScene, chosen: np.ndarray, radius: float, edit: str) -> S
 def packet_bytes(stream: SceneStream, info: SideInfo, scene: SplatScene, n: int, left: np.ndarray) -> bytes:
     """Payload of packet `n` with only its Gaussians `left` (indices in coding order), which may have new colours."""
     plan, block = stream.manifest.plan, stream.packets[n].id.block
-    members = np.sort(plan.block_ranks(block))
+    members = np.sort(plan.block_indices(block))
     corner, bits = info.boxes.corners[block], int(info.boxes.bits[block])
     everything = to_lattice(scene.splats.means[members].astype(np.float64), info.lattice_bits, info.size_log) - corner
     cell_shift, some = choose_cell_shift(everything, bits), scene.splats.select(left)

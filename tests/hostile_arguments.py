@@ -25,7 +25,7 @@ from PIL import Image
 import splatwire
 from moving_sequences import splatv
 from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
-from splatwire.bitstream import PacketGroups, PacketId, Packetization
+from splatwire.bitstream import PacketId, Packetization, PacketMembers
 from splatwire.bitstream.view import Viewpoint
 from splatwire.data import Dataset
 from splatwire.errors import SplatwireError, shown
@@ -62,7 +62,8 @@ NAMES = {
 """Names of packages that export none: each with its module."""
 RESULTS = frozenset(
     ("Attribute", "Scene", "LossModel", "Concealer", "Renderer", "SplatwireError", "ReadReport", "StreamSizes",
-     "TransmitRecord", "TrackingReport", "Arrangement", "Run", "Cut", "MovingSplats", "SceneFile", "SequenceFrame",
+     "TransmitRecord", "TrackingReport", "PacketAssignment", "PacketBatch", "Cut", "MovingSplats", "SceneFile",
+     "SequenceFrame",
      "Pictures", "Scores", "Event", "Finished", "PacketArrived", "SideInfoArrived", "StreamReplaced", "Welcomed",
      "ServedStream", "Progress", "QualityReport", "TrainResult", "GnnWeights", "TrainingServer")
 )  # fmt: skip
@@ -235,7 +236,8 @@ class Pool:
             "side_info_parts.data": self.stream.side_info, "payload": b"1234", "packet": self.stream.packets[0].data,
             "send_order": "interleaved", "tiers": np.zeros(300, np.uint8), "plan": manifest.plan,
             "x": np.arange(4, dtype=np.uint64),
-            "block": 0, "lane": 0, "lanes": 1, "rate": 0.2, "SequenceOptions.rate": Fraction(30), "mean_burst": 3.0,
+            "block": 0, "index_in_block": 0, "lanes": 1, "rate": 0.2, "SequenceOptions.rate": Fraction(30),
+            "mean_burst": 3.0,
             "received": np.ones((300, 4), np.bool_), "PacketLossMask.received": np.ones(3, np.bool_),
             "num_datagrams": 3, "num_lost_datagrams": 0,
             "size_gain": np.ones(300, np.float32), "left_out": np.zeros(300, np.bool_),
@@ -260,7 +262,7 @@ class Pool:
             "hidden": network.hidden,
             "url": "udp://127.0.0.1/scene", "streams": {"scene": self.stream}, "reference": self.scene,
             **self._of_transfers(), "starts": np.array([0, 300]), "symbols_digest": "0" * 64, "writer": "test",
-            "groups": PacketGroups(np.arange(300), np.array([0, 300])),
+            "groups": PacketMembers(np.arange(300), np.array([0, 300])),
             **{f"Tiles.{name}": (lambda name=name: getattr(self._tiles, name)) for name in
                ("levels", "parents", "counts", "packets", "sizes", "errors", "low", "high")},
         }  # fmt: skip
@@ -305,7 +307,7 @@ class Pool:
             "calibration_data.complete": lambda: self._tiny[1], "sketch_of.stream": lambda: self._tiny[0],
             "sketch_of.complete": lambda: self._tiny[1], "preview_for_scene.scene": self.anchors,
             "count": 3, "num_anchors": 300, "total": 5,
-            "pseudo_loss.groups": PacketGroups(np.arange(300), np.array([0, 100, 300])),
+            "pseudo_loss.groups": PacketMembers(np.arange(300), np.array([0, 100, 300])),
             "config": training.create_config(iterations=20), "state": lambda: self._state(training, dataset),
             "train": dataset, "test": None,
             "train_scene.train": dataset.select([0]),

@@ -22,7 +22,7 @@ from splatwire.bitstream import (
     make_packet,
 )
 from splatwire.bitstream.limits import TRACKS
-from splatwire.bitstream.tiers import TierShape
+from splatwire.bitstream.tiers import TierCounts
 from splatwire.codec.anchors.causal.context import LOG_BITS
 from splatwire.codec.anchors.causal.positions import AnchorPositions, CoarsePositions
 from splatwire.codec.anchors.causal.side_info import SideInfo as CausalInfo
@@ -97,7 +97,7 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion
     zero = coder.fitted([(0, MAX_CANDIDATES)], 1)
     timeline = Timeline(info.timeline.rate, frames, frames)
     info = replace(info, timeline=timeline, shots=(Shot(0, 0, base),), zero_probabilities=zero, sections={})
-    tiers, sizes = (TierShape(num, 1), TierShape(num, 1)), [CUT.block_size] * blocks
+    tiers, sizes = (TierCounts(num, 1), TierCounts(num, 1)), [CUT.block_size] * blocks
     stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_CANDIDATES)
     packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes[:bases])]
     payloads = coder.encode(zero, (0, MAX_CANDIDATES)).payloads
@@ -190,7 +190,7 @@ def stream_of(
     side_info: bytes,
     num_packets: int,
     layout: AnchorLayout | None = None,
-    tiers: tuple[TierShape, ...] = (),
+    tiers: tuple[TierCounts, ...] = (),
     packets: int | None = None,
 ) -> SceneStream:
     """A stream with empty first packets; it announces a number of packets, or one per block and part."""

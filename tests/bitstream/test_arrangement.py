@@ -12,7 +12,7 @@ from splatwire.bitstream import (
     Packetization,
     PacketPlan,
     SceneStream,
-    arrange,
+    assign_packets,
     make_packet,
     make_stream,
     manifest_from_bytes,
@@ -53,7 +53,7 @@ def test_arrived_and_missing_anchors_are_complementary(num_elements, seed, loss)
     rng = np.random.default_rng(seed)
     stream = hashed_stream(num_elements, rng)
     kept = [packet for packet in stream.packets if rng.random() >= loss]
-    (ranks, starts), packets = arrange(stream.manifest.plan, kept)
+    (ranks, starts), packets = assign_packets(stream.manifest.plan, kept)
     assert sorted(ranks.tolist()) == list(range(num_elements))
     assert [packet for packet in packets if packet is not None] == kept
     for packet, start, stop in zip(packets, starts[:-1], starts[1:], strict=True):
@@ -66,14 +66,14 @@ def test_arrived_and_missing_anchors_are_complementary(num_elements, seed, loss)
 def expected_ranks(packet: Packet, num_elements: int) -> list[int]:
     block = range(packet.id.block * 50, min(packet.id.block * 50 + 50, num_elements))
     hashed = sorted(block, key=lambda rank: splitmix64_reference(rank ^ HASHED.seed))
-    return hashed[packet.id.lane : packet.id.lane + packet.num_elements]
+    return hashed[packet.id.index_in_block : packet.id.index_in_block + packet.num_elements]
 
 
 def test_fixed_plans_keep_their_arrangement():
     plan = PacketPlan(Packetization(block_size=10, lanes=3), 25)
     kept = [make_packet(i, plan.count(i), b"x") for i in plan.ids[::2]]
-    groups, packets = arrange(plan, kept)
-    assert groups.ranks.tolist() == plan.groups().ranks.tolist()
+    groups, packets = assign_packets(plan, kept)
+    assert groups.indices.tolist() == plan.all_members().indices.tolist()
     assert [i for i, packet in zip(plan.ids, packets, strict=True) if packet] == list(plan.ids[::2])
 
 

@@ -8,7 +8,7 @@ from splatwire.bitstream import (
     PacketId,
     Packetization,
     PacketPlan,
-    TierShape,
+    TierCounts,
     packetization_named,
     spread_packetization,
 )
@@ -29,7 +29,7 @@ def test_hollywood_scene_has_124_blocks_as_in_the_paper():
 def test_millions_of_anchors_take_seconds_not_minutes():
     start = time.process_time()
     plan = PacketPlan(PRESETS["paper"], 2_000_000)
-    groups = plan.groups()
+    groups = plan.all_members()
     assert len(groups.starts) == len(plan.ids) + 1
     assert time.process_time() - start < 5
 
@@ -54,13 +54,13 @@ def test_separated_packaging_has_a_packet_for_each_file_of_hacpp():
     assert [i.filename for i in plan.ids] == [
         f"pak_lane0_s{block}_{part}.pak" for block in (0, 1) for part in ("scaling", "offset", "feature0", "feature1")
     ]
-    assert plan.groups().starts.tolist() == [0, 10, 11]
+    assert plan.all_members().starts.tolist() == [0, 10, 11]
 
 
 def test_empty_scene_has_an_empty_plan():
     plan = PacketPlan(Packetization(), 0)
     assert (plan.num_blocks, plan.ids, plan.packet_index_of().size) == (0, (), 0)
-    assert plan.groups().starts.tolist() == [0]
+    assert plan.all_members().starts.tolist() == [0]
 
 
 @pytest.mark.parametrize(
@@ -139,21 +139,21 @@ def test_lanes_are_balanced():
         Packetization(block_size=50_000, lanes=5),
     ],
 )
-@pytest.mark.parametrize("tiers", [(), (TierShape(20_001, 2), TierShape(179_999, 1))])
-def test_blockwise_ranks_and_counts_equal_the_global_ones(packetization: Packetization, tiers: tuple[TierShape, ...]):
+@pytest.mark.parametrize("tiers", [(), (TierCounts(20_001, 2), TierCounts(179_999, 1))])
+def test_blockwise_ranks_and_counts_equal_the_global_ones(packetization: Packetization, tiers: tuple[TierCounts, ...]):
     if tiers:
         lanes = min(2, packetization.lanes)
-        tiers = tuple(TierShape(tier.num_elements, lanes) for tier in tiers)
+        tiers = tuple(TierCounts(tier.num_elements, lanes) for tier in tiers)
     plan = PacketPlan(packetization, 200_000, tiers)
     some = range(0, plan.num_blocks, max(plan.num_blocks // 50, 1))
     edges = np.cumsum([0, *(plan.block_elements(block) for block in range(plan.num_blocks))])
-    ranks, starts = plan.groups()
+    ranks, starts = plan.all_members()
     for block in [*some, plan.num_blocks - 1]:
-        assert plan.block_ranks(block).tolist() == ranks[edges[block] : edges[block + 1]].tolist()
+        assert plan.block_indices(block).tolist() == ranks[edges[block] : edges[block + 1]].tolist()
     if not packetization.hashed:
         index = plan.packet_index_of()
-        assert plan.group_counts().tolist() == np.unique(index, return_counts=True)[1].tolist()
-        assert starts.tolist() == [0, *np.cumsum(plan.group_counts())]
+        assert plan.member_counts().tolist() == np.unique(index, return_counts=True)[1].tolist()
+        assert starts.tolist() == [0, *np.cumsum(plan.member_counts())]
 
 
 @pytest.mark.parametrize("num_elements", [0, 1, 375, 376, 3000, 24_018, 65_535, 65_536, 369_941, 9_000_000])

@@ -7,7 +7,7 @@ from splatwire.bitstream import (
     Packetization,
     PacketPlan,
     SceneStream,
-    TierShape,
+    TierCounts,
     make_packet,
     make_stream,
     send_sequence,
@@ -16,7 +16,7 @@ from splatwire.channel import Bernoulli, GilbertElliott, NoLoss, parse_loss, tra
 from splatwire.errors import InvalidValueError, UnknownNameError
 
 
-def build(num_elements: int = 2400, seed: int = 0, tiers: tuple[TierShape, ...] = (), **packetization) -> SceneStream:
+def build(num_elements: int = 2400, seed: int = 0, tiers: tuple[TierCounts, ...] = (), **packetization) -> SceneStream:
     p = Packetization(**{"block_size": 100, "lanes": 8, **packetization})
     plan, rng = PacketPlan(p, num_elements, tiers, feature_groups=1 if p.separated else 0), np.random.default_rng(seed)
     return make_stream(
@@ -112,7 +112,7 @@ def test_anchors_of_separated_packets_are_counted_once():
 
 
 def test_tiers_are_sent_one_after_another():
-    tiers = (TierShape(300, 4), TierShape(2100, 8))
+    tiers = (TierCounts(300, 4), TierCounts(2100, 8))
     stream = build(tiers=tiers)
     tier_of = stream.manifest.plan.tier_of
     sent = send_sequence(stream, "tiers")

@@ -13,7 +13,7 @@ from scenes import tiny_scene
 from splatwire.bitstream import PacketId, Packetization, SceneStream, make_packet
 from splatwire.codec import decode_stream, decoding, encode_scene
 from splatwire.codec.progressive import ProgressiveDecoder
-from splatwire.codec.schema import Run
+from splatwire.codec.schema import PacketBatch
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
 from splatwire.types import Prior, ReceivedScene
 
@@ -142,10 +142,10 @@ def test_datagram_is_decoded_in_the_calling_thread(monkeypatch):
     decoder, seen = ProgressiveDecoder(stream.manifest, stream.side_info, threads=2), []
     decode = decoder._decode
 
-    def watched(run: Run) -> object:
+    def watched(batch: PacketBatch) -> object:
         blas = ThreadpoolController().select(user_api="blas").info()
         seen.append((threading.current_thread() is threading.main_thread(), {b["num_threads"] for b in blas}))
-        return decode(run)
+        return decode(batch)
 
     monkeypatch.setattr(decoder, "_decode", watched)
     with threadpool_limits(limits=2):

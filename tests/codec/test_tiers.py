@@ -13,7 +13,7 @@ from splatwire.bitstream import (
     Packetization,
     PacketPlan,
     SceneStream,
-    TierShape,
+    TierCounts,
     manifest_from_bytes,
     manifest_to_bytes,
     measure_sizes,
@@ -23,7 +23,7 @@ from splatwire.bitstream import (
 from splatwire.bitstream.sections import add_concealment, side_info_parts, without_concealment
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.progressive import ProgressiveDecoder
-from splatwire.codec.tiers import SECTION, arrange_stream, decode_tiers, encode_tiers, read_tiers
+from splatwire.codec.tiers import SECTION, assign_stream_packets, decode_tiers, encode_tiers, read_tiers
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.types import AnchorScene
 from splatwire.types.importance import Importance
@@ -62,11 +62,11 @@ def test_every_subset_decodes_to_the_same_values(stream: SceneStream):
     for share in (0.0, 0.3, 0.8):
         kept = [packet for packet in stream.packets if rng.random() < share]
         arrived = stream.with_packets(kept)
-        received, (groups, packets) = decode_stream(arrived), arrange_stream(arrived)
+        received, (groups, packets) = decode_stream(arrived), assign_stream_packets(arrived)
         known = np.zeros(len(whole.positions), bool)
         for g, packet in enumerate(packets):
             if packet is not None:
-                known[groups.ranks[groups.starts[g] : groups.starts[g + 1]]] = True
+                known[groups.indices[groups.starts[g] : groups.starts[g + 1]]] = True
         assert known.sum() == sum(packet.num_elements for packet in kept)
         assert np.array_equal(received.loss_mask.fully_received, known)
         for name in NAMES:
@@ -188,7 +188,7 @@ def test_impossible_tiers_are_refused(scene: AnchorScene, tiers: np.ndarray):
     with pytest.raises(InvalidValueError, match="knows no tiers"):
         encode_scene(scene, PRESETS["hacpp"], tiers=tiers)
     with pytest.raises(InvalidValueError, match="knows no tiers"):
-        PacketPlan(PRESETS["hacpp"], 700, (TierShape(100, 1), TierShape(600, 1)), feature_groups=3)
+        PacketPlan(PRESETS["hacpp"], 700, (TierCounts(100, 1), TierCounts(600, 1)), feature_groups=3)
 
 
 def test_invisible_anchors_have_no_tier(scene: AnchorScene, tiers: np.ndarray):

@@ -43,7 +43,7 @@ from splatwire.codec import (
 )
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import CodedPackets, Options, Prepared, Run, Schema
+from splatwire.codec.schema import CodedPackets, Options, PacketBatch, Prepared, Schema
 from splatwire.codec.weight_bytes import framed
 from splatwire.concealment import conceal, concealer_names
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, UnknownNameError
@@ -130,21 +130,21 @@ def _(scene: PointScene, cameras: Cameras, view: int) -> Gaussians:
 
 class PointEncoder:
     def __init__(self, colors: np.ndarray, plan: PacketPlan) -> None:
-        self.colors, self.groups, p = colors, plan.groups(), plan.packetization
+        self.colors, self.members, p = colors, plan.all_members(), plan.packetization
         self.most = (p.packet_bytes - HEADER_BYTES) // 3 if p.hashed else len(colors)
 
-    def runs(self) -> Iterator[slice]:
-        return (slice(a, b) for a, b in itertools.pairwise(self.groups.starts.tolist()))
+    def batches(self) -> Iterator[slice]:
+        return (slice(a, b) for a, b in itertools.pairwise(self.members.starts.tolist()))
 
-    def encode(self, run: slice) -> CodedPackets:
-        rows = self.colors[self.groups.ranks[run]]
+    def encode(self, batch: slice) -> CodedPackets:
+        rows = self.colors[self.members.indices[batch]]
         cuts = [rows[at : at + self.most] for at in range(0, len(rows), self.most)]
         return CodedPackets(np.array([len(cut) for cut in cuts]), [cut.tobytes() for cut in cuts], (rows,))
 
 
 class PointDecoder:
     order: np.ndarray | None = None
-    runs_are_blocks, packets_independent, redecode_on_demand = False, True, False
+    batches_are_blocks, packets_independent, redecode_on_demand = False, True, False
     row_bytes = 3
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
@@ -164,13 +164,13 @@ class PointDecoder:
         self.colors = np.zeros(self.places.shape, np.uint8)
         self.loss_mask = LossMask.of_anchors(np.zeros(len(self.places), np.bool_))
 
-    def decode(self, run: Run) -> tuple[np.ndarray, ...]:
-        sizes = (3 * run.counts).tolist()
-        data = b"".join(payload[:n].ljust(n, b"\0") for payload, n in zip(run.payloads, sizes, strict=True))
+    def decode(self, batch: PacketBatch) -> tuple[np.ndarray, ...]:
+        sizes = (3 * batch.counts).tolist()
+        data = b"".join(payload[:n].ljust(n, b"\0") for payload, n in zip(batch.payloads, sizes, strict=True))
         return (np.frombuffer(data, np.uint8).reshape(-1, 3),)
 
-    def store(self, run: Run, rows: tuple[np.ndarray, ...]) -> None:
-        self.colors[run.ranks], self.loss_mask.received[run.ranks] = rows[0], True
+    def store(self, batch: PacketBatch, rows: tuple[np.ndarray, ...]) -> None:
+        self.colors[batch.indices], self.loss_mask.received[batch.indices] = rows[0], True
 
     def update_digest(self, digest: Any, rows: tuple[np.ndarray, ...]) -> None:
         digest.update(rows[0].tobytes())

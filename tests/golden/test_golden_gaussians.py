@@ -48,7 +48,7 @@ def make(name: str) -> dict:
         "swz": base64.b64encode(stream_to_bytes(stream)).decode(),
         "num_gaussians": count,
         "degree": degree,
-        "packets": [[p.id.block, p.id.lane, p.num_elements] for p in stream.packets],
+        "packets": [[p.id.block, p.id.index_in_block, p.num_elements] for p in stream.packets],
         "rows": rows.tolist(),
         "harmonics": harmonics.tolist(),
         "decoded": {key: np.round(values.astype(np.float64), 6).tolist() for key, values in vars(decoded).items()},

@@ -12,14 +12,14 @@ from splatwire.bitstream import (
     Packetization,
     PacketPlan,
     SceneStream,
-    TierShape,
+    TierCounts,
+    count_tiers,
     make_packet,
     make_stream,
     manifest_from_bytes,
     manifest_to_bytes,
     measure_sizes,
     read_stream,
-    shape_tiers,
     stream_from_bytes,
     stream_to_bytes,
     tier_order,
@@ -49,10 +49,10 @@ def plan_of(packetization: Packetization, num_anchors: int, cuts: list[int] | tu
     if not inner or packetization.packaging != "atomic":
         return PacketPlan(packetization, num_anchors, feature_groups=2 if packetization.separated else 0)
     tiers = np.searchsorted(sorted(inner), np.arange(num_anchors), side="right")
-    return PacketPlan(packetization, num_anchors, shape_tiers(tiers, packetization))
+    return PacketPlan(packetization, num_anchors, count_tiers(tiers, packetization))
 
 
-def build(packetization: Packetization, num_anchors: int, seed: int, tiers: tuple[TierShape, ...] = ()) -> SceneStream:
+def build(packetization: Packetization, num_anchors: int, seed: int, tiers: tuple[TierCounts, ...] = ()) -> SceneStream:
     """A stream of random bytes; created inside the tests because type checks draw from `random`."""
     plan, rng = (
         PacketPlan(packetization, num_anchors, tiers, 2 if packetization.separated else 0),
@@ -80,7 +80,7 @@ def test_each_rank_is_in_exactly_one_group(args):
     firsts = plan.ids[::num_parts]
     members = [plan.members(packet_id) for packet_id in firsts]
     assert sorted(np.concatenate([np.empty(0, np.int64), *members]).tolist()) == list(range(plan.num_elements))
-    ranks, starts = plan.groups()
+    ranks, starts = plan.all_members()
     assert len(starts) == len(firsts) + 1
     for g, ours in enumerate(members):
         assert ours.dtype == np.int64
@@ -96,11 +96,11 @@ def test_all_representations_of_a_plan_agree(args):
     p, index = plan.packetization, plan.packet_index_of()
     assert index.dtype == np.int32
     assert list(plan.ids) == sorted(set(plan.ids))
-    assert {i.block * p.lanes + i.lane for i in plan.ids} == set(index.tolist())
+    assert {i.block * p.lanes + i.index_in_block for i in plan.ids} == set(index.tolist())
     for packet_id in plan.ids:
         assert (
             plan.members(packet_id).tolist()
-            == np.flatnonzero(index == packet_id.block * p.lanes + packet_id.lane).tolist()
+            == np.flatnonzero(index == packet_id.block * p.lanes + packet_id.index_in_block).tolist()
         )
 
 
@@ -114,7 +114,7 @@ def test_a_packet_holds_anchors_of_one_tier(args):
         members = plan.members(packet_id)
         assert bounds[tier] <= members[0]
         assert members[-1] < bounds[tier + 1]
-        assert packet_id.lane < plan.tiers[tier].lanes
+        assert packet_id.index_in_block < plan.tiers[tier].lanes
 
 
 @laws
@@ -128,7 +128,7 @@ def test_tiers_round_trip(numbers, packetization, loss, seed):
         zip(tiers[order].tolist(), order.tolist(), strict=True)
     )
     packetization = replace(packetization, packaging="atomic")
-    stream = build(packetization, len(tiers), seed, shape_tiers(tiers, packetization) if len(tiers) else ())
+    stream = build(packetization, len(tiers), seed, count_tiers(tiers, packetization) if len(tiers) else ())
     assert stream.manifest.tiers == stream.manifest.plan.tiers
     arrived, _ = transmit(stream, parse_loss(loss), seed=seed)
     again, report = stream_from_bytes(stream_to_bytes(arrived))

@@ -13,7 +13,7 @@ from codec.gaussians.test_gaussians import some_splats
 from splatwire.bitstream import PRESETS, Packetization, stream_from_bytes, stream_to_bytes
 from splatwire.bitstream.sections import sections_of
 from splatwire.bitstream.send_order import send_sequence
-from splatwire.bitstream.tiers import TierShape, spans_of
+from splatwire.bitstream.tiers import TierCounts, spans_of
 from splatwire.bitstream.tile_index import SECTION, read_tile_index
 from splatwire.bitstream.tiles import Tiles, parents_of
 from splatwire.bitstream.view import Viewpoint, cut_of, pixel_errors, replaces_tile
@@ -41,7 +41,7 @@ def stream(request):
 @given(st.integers(1, 10**7), st.sampled_from([37, 500, 3000]))
 def test_tiles_are_the_blocks_of_a_plan(count, tile):
     shapes = level_shapes(count, tile)
-    tiers = tuple(TierShape(shape.count, 1) for shape in reversed(shapes))
+    tiers = tuple(TierCounts(shape.count, 1) for shape in reversed(shapes))
     if len(tiers) > 1:
         spans = spans_of(tiers, sum(shape.count for shape in shapes), Packetization(block_size=tile))
         found = [(span.num_elements, span.block_size, span.num_blocks) for span in spans]
@@ -211,7 +211,7 @@ def test_server_sends_stream_tile_by_tile(stream):
 def test_tiles_hold_their_gaussians(stream):
     tiles, received, plan = tiles_of(stream), decode_stream(stream), stream.manifest.plan
     for tile in range(tiles.num_tiles):
-        means = received.scene.splats.means[plan.block_ranks(tile)].astype(np.float64)
+        means = received.scene.splats.means[plan.block_indices(tile)].astype(np.float64)
         assert (means >= tiles.low[tile] - 1e-6).all()
         assert (means <= tiles.high[tile] + 1e-6).all()
         assert len(means) == tiles.counts[tile]
@@ -289,7 +289,7 @@ def test_coarser_gaussians_represent_their_child_tiles(stream):
     means = decode_stream(stream).scene.splats.means.astype(np.float64)
     for tile in range(tiles.num_tiles):
         finer = np.flatnonzero(tiles.parents == tile)
-        found = replaces_tile(tiles, tile, means[plan.block_ranks(tile)])
+        found = replaces_tile(tiles, tile, means[plan.block_indices(tile)])
         if not len(finer):
             assert (found == -1).all()
             continue

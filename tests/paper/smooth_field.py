@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from concealment.gaps import CONTEXT_DIM, LAYOUT, partial_of
-from splatwire.bitstream import PacketGroups
+from splatwire.bitstream import PacketMembers
 from splatwire.calibration.pseudo_loss import CalibrationData
 from splatwire.ops.arrays import to_arrays
 from splatwire.types import Anchors, AttributePrior, LossMask, Prior
@@ -44,4 +44,4 @@ def smooth_field(num_anchors: int, *, noise: float, known_to_prior: float, seed:
     ranks = torch.randperm(num_anchors, generator=rng).numpy()
     starts = np.linspace(0, num_anchors, NUM_PACKETS + 1).astype(np.int64)
     complete = to_arrays(partial_of(anchors, loss_mask, prior, LAYOUT))
-    return CalibrationData(complete, PacketGroups(ranks, starts))
+    return CalibrationData(complete, PacketMembers(ranks, starts))

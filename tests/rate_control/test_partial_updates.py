@@ -47,7 +47,7 @@ NEXT = {
     "fewer": lambda splats: trained(splats.select(np.arange(100, 450)), step=0.01),
     "more": lambda splats: joined(trained(splats, step=0.01), trained(splats.select(np.arange(200)), 1)),
     "clones": lambda splats: joined(splats, splats.select(np.arange(0, 200))),
-    "pruned and split": lambda splats: joined(splats.select(np.arange(60, 500)), trained(splats.run(0, 90), 2)),
+    "pruned and split": lambda splats: joined(splats.select(np.arange(60, 500)), trained(splats.slice_range(0, 90), 2)),
     "other order": lambda splats: trained(splats).select(np.random.default_rng(3).permutation(500)),
     "some become transparent": transparent,
 }

@@ -16,7 +16,7 @@ from oversized import of_tracks
 from splatwire.bitstream import packet_from_bytes, read_stream
 from splatwire.bitstream.limits import TRACKS
 from splatwire.bitstream.sections import split_sections
-from splatwire.bitstream.tiers import TierShape
+from splatwire.bitstream.tiers import TierCounts
 from splatwire.codec import decode_stream
 from splatwire.codec.memory import VARIABLE
 from splatwire.codec.viewpoint import EXTENT_SECTION
@@ -223,7 +223,7 @@ def test_decoder_refuses_a_manifest_that_contradicts_earlier_ones(frames):
     list(decoder.grow(manifest, side_info))
     first, second = manifest.tiers
     other = dataclasses.replace(
-        manifest, tiers=(TierShape(first.num_elements - 1, 1), TierShape(second.num_elements + 1, 1))
+        manifest, tiers=(TierCounts(first.num_elements - 1, 1), TierCounts(second.num_elements + 1, 1))
     )
     with pytest.raises(BitstreamError, match="contradicts the previous one"):
         list(decoder.grow(other, side_info))

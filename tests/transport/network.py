@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from splatwire.bitstream import PRESETS, PacketId, PacketPlan, SceneStream, make_packet, make_stream
-from splatwire.bitstream.tiers import TierShape
+from splatwire.bitstream.tiers import TierCounts
 from splatwire.transport import Event, Receiver, ReceiverOptions, Server, ServerLimits
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.served_stream import ServedStream, make_served_stream
@@ -176,7 +176,7 @@ def transfer(
 def tiered_stream(seed: int = 0, side_bytes: int = 30_000, per_packet: int = 40) -> SceneStream:
     """The stream with two tiers: 900 of 9000 anchors are important."""
     rng = np.random.default_rng(seed)
-    tiers = (TierShape(900, 1), TierShape(8100, 1))
+    tiers = (TierCounts(900, 1), TierCounts(8100, 1))
     plan, packets = PacketPlan(PRESETS["datagram"], 9000, tiers), []
     for block in range(plan.num_blocks):
         for first in range(0, plan.block_elements(block), per_packet):

@@ -21,7 +21,7 @@ from splatwire.bitstream.stream import write_stream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.tables import flatness_table
 from splatwire.codec.preview import preview_gaussians
-from splatwire.codec.tiers import arrange_stream
+from splatwire.codec.tiers import assign_stream_packets
 from splatwire.concealment import conceal
 from splatwire.concealment.sketch.section import SECTION
 from splatwire.entropy.tables import exp2_table, half_width_table, inverse_scale_table, normal_table, weight_table
@@ -105,16 +105,16 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
 def gains_of(stream: SceneStream) -> dict[str, list[float]]:
     """Size and opacity gains by concealer after every second packet of a stream, packet by packet."""
     received = stream.with_packets(stream.packets[::2])
-    decoded, order = decode_stream(received), arrange_stream(received)
-    there = [packet is not None for packet in order.packets]
-    ranks = order.groups.ranks[np.repeat(there, np.diff(order.groups.starts))]
+    decoded, assignment = decode_stream(received), assign_stream_packets(received)
+    there = [packet is not None for packet in assignment.packets]
+    indices = assignment.members.indices[np.repeat(there, np.diff(assignment.members.starts))]
     found = {}
     for name in concealers_of(stream):
         hints = conceal(decoded, name).hints
         gains = np.stack([hints.size_gain, np.ones_like(hints.size_gain)], axis=1)
         if hints.opacity_gain is not None:
             gains[:, 1] = hints.opacity_gain
-        found[name] = gains[ranks].astype(np.float64).ravel().tolist()
+        found[name] = gains[indices].astype(np.float64).ravel().tolist()
         if name == SECTION:  # copies of received Gaussians are not drawn
             places = copies_of(decoded)[0]
             found[name] += (
@@ -143,14 +143,14 @@ def first_anchors(stream: SceneStream) -> list[list[float]]:
     lens = [[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1]]
     cameras = Cameras(np.array(CAMERA["viewmat"])[None].astype(np.float32), np.array(lens)[None], 160, 120, ("view",))
     spawned = spawned_gaussians(decode_stream(received).scene, cameras, 0)
-    order = arrange_stream(received)
-    ranks = order.groups.ranks[: order.groups.starts[1]].tolist()
+    members = assign_stream_packets(received).members
+    indices = members.indices[: members.starts[1]].tolist()
     found = spawned.gaussians
     columns = (found.means, found.quats, found.scales, found.opacities[:, None], found.colors)
     rows = np.concatenate(columns, axis=1).astype(np.float64)[found.opacities >= 1 / 255].tolist()
     owners = spawned.anchor_index[found.opacities >= 1 / 255].tolist()
     assert rows
-    return [row for _, row in sorted(zip(owners, rows, strict=True), key=lambda pair: ranks.index(pair[0]))]
+    return [row for _, row in sorted(zip(owners, rows, strict=True), key=lambda pair: indices.index(pair[0]))]
 
 
 def write(stream: SceneStream, path: Path) -> tuple[Path, SceneStream]:

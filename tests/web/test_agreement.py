@@ -42,7 +42,7 @@ from splatwire.bitstream.sections import add_concealment, sections_of
 from splatwire.bitstream.tile_index import SECTION
 from splatwire.codec import encode_scene
 from splatwire.codec.decoding import decode_stream, open_decoder
-from splatwire.codec.schema import Run
+from splatwire.codec.schema import PacketBatch
 from splatwire.codec.sequence.lifetimes import SECTION as LIFETIMES
 from splatwire.codec.sequence.side_info import open_side_info, write_side_info
 from splatwire.codec.weight_bytes import framed
@@ -202,10 +202,10 @@ def hostile_packets(stream: SceneStream, cases: int, rng: random.Random) -> list
         if manifest.packetization.hashed:
             count = rng.randrange(1, count + 1)
         altered = make_packet(packet.id, count, payload)
-        run = Run(packet.id.block, (altered,), (manifest.plan.members(packet.id, count),))
-        decoder.update_digest(digest, decoder.decode(run))
+        batch = PacketBatch(packet.id.block, (altered,), (manifest.plan.members(packet.id, count),))
+        decoder.update_digest(digest, decoder.decode(batch))
         text = base64.b64encode(payload).decode()
-        found.append((packet.id.block, packet.id.lane, count, text, digest.hexdigest()))
+        found.append((packet.id.block, packet.id.index_in_block, count, text, digest.hexdigest()))
     return found
 
 

@@ -25,7 +25,7 @@ const INTERNAL = `
   deviations drawUnits drawnChildren elementsPerByte endState enterHeadset expectedErrors failuresAfter
   featureActivations firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera
   forgetOffsets formatVersion framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames
-  hasAnswered hasCopies hasHead hasManifestOf hasUnknownBirth headBytes helpOpen identityAt idleMs initSegment
+  hasAnswered hasCopies hasHead hasManifestOf hasUnknownBirth headBytes helpOpen identityAt idleMs indexInBlock initSegment
   initSegmentBytes initSegmentMs isComplete isCut isLinear isOnlySource isReceived isReordered isRetry
   isRetryable isSameStream isSequence isSorting isTryingWhole isVisible isWebPage keptBytes keyframeBlock
   keyframeIndices keyframeInfo lastOffsets latticeBits leafIndex leafSize leftOut logScales

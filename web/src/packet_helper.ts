@@ -7,7 +7,7 @@ import type { Packet } from "./packets/packet.ts";
 import { bufferOf, type Packed, pack } from "./render/packed.ts";
 
 /** Packet without its header, as decoders need it. */
-export type PacketBody = Pick<Packet, "block" | "lane" | "count" | "payload">;
+export type PacketBody = Pick<Packet, "block" | "indexInBlock" | "count" | "payload">;
 
 /** Decoded packet, with its Gaussians packed for the GPU; `packed` is null in clips, whose Gaussians move. */
 export interface HelpedPacket extends DecodedPacket {

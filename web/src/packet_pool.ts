@@ -104,7 +104,12 @@ export class PacketPool {
       helper = ready.sort((a, b) => a.batches.size - b.batches.size)[0];
     if (!helper) return Promise.resolve(null);
     const number = ++this.#number,
-      bodies = packets.map(({ block, lane, count, payload }) => ({ block, lane, count, payload: payload.slice() }));
+      bodies = packets.map(({ block, indexInBlock, count, payload }) => ({
+        block,
+        indexInBlock,
+        count,
+        payload: payload.slice(),
+      }));
     return new Promise((resolve) => {
       helper.batches.set(number, resolve);
       helper.thread.postMessage(

@@ -101,7 +101,7 @@ export class SequenceFrames {
     choice: LossSimulation,
   ): { shown: (packet: Packet) => boolean; count: number } {
     const last = packets.at(-1),
-      key = JSON.stringify([packets.length, last?.block, last?.lane, { ...choice, concealer: "" }]);
+      key = JSON.stringify([packets.length, last?.block, last?.indexInBlock, { ...choice, concealer: "" }]);
     if (this.#shown?.key !== key || this.#shown.packets !== packets) {
       const isShown = shownPackets(packets, choice),
         chosen = new Set(packets.filter((_, n) => isShown[n]));

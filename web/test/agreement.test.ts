@@ -18,7 +18,7 @@ import { readStream } from "./vectors.ts";
 
 /**
  * Answers of the Python decoder: manifests in base64 and whether each is accepted. For streams: side information and
- * whether it is accepted, packets (block, lane, count, payload in base64) and digests of their integers.
+ * whether it is accepted, packets (block, index in it, count, payload in base64) and digests of their integers.
  */
 interface Answers {
   readonly manifests: readonly (readonly [string, boolean])[];
@@ -127,8 +127,8 @@ test("clip frames equal those of Python, with any packets missing", { skip }, as
 test("hostile packets decode to the same integers as in Python", { skip }, async () => {
   for (const [name, cases] of Object.entries(answers!.packets)) {
     const { schema } = new StreamDecoder(readStream(name).head);
-    for (const [n, [block, lane, count, payload, digest]] of cases.entries()) {
-      const packet: Packet = { block, lane, count, bytes: new Uint8Array(), payload: bytesOf(payload) };
+    for (const [n, [block, indexInBlock, count, payload, digest]] of cases.entries()) {
+      const packet: Packet = { block, indexInBlock, count, bytes: new Uint8Array(), payload: bytesOf(payload) };
       assert.equal(await schema.digest([[packet]], async () => true), digest, `case ${n} of ${name}`);
     }
   }

@@ -11,15 +11,15 @@ const COUNT = 20_000;
 
 test("packets in the reverse order are compared with few others, and give the digest of the plan", async () => {
   let comparisons = 0;
-  const packets = Array.from({ length: COUNT }, (_, lane) => ({
-    lane,
+  const packets = Array.from({ length: COUNT }, (_, indexInBlock) => ({
+    indexInBlock,
     get block() {
       comparisons++;
       return 0;
     },
   })) as unknown as Packet[];
-  const decoded = ({ lane }: Packet): Decoded =>
-    ({ rows: Float64Array.of(lane), harmonics: new Int32Array() }) as unknown as Decoded;
+  const decoded = ({ indexInBlock }: Packet): Decoded =>
+    ({ rows: Float64Array.of(indexInBlock), harmonics: new Int32Array() }) as unknown as Decoded;
   const digestOf = (order: readonly Packet[]): Promise<string> => {
     const digest = new SymbolsDigest(32 << 20);
     for (const packet of order) digest.add(packet, decoded(packet));

@@ -97,14 +97,14 @@ for (const grouping of ["stratified", "contiguous", "hashed"])
           return (BigInt(high) << 32n) | BigInt(low);
         },
         laneOf = (place: number): number => splitmixModulo((place ^ seed[0]) >>> 0, seed[1], 5),
-        order = plan.order(block);
+        order = plan.elementsOf(block);
       if (grouping === "stratified") places.sort((a, b) => laneOf(a) - laneOf(b) || a - b);
       if (grouping === "hashed") places.sort((a, b) => (hash(a) < hash(b) ? -1 : 1));
       assert.deepEqual([...order], places);
-      for (let lane = 0, first = 0; lane < 5; lane++) {
-        const count = grouping === "hashed" ? 20 : plan.capacity(block, lane),
-          from = grouping === "hashed" ? lane : first,
-          members = plan.members({ block, lane, count });
+      for (let index = 0, first = 0; index < 5; index++) {
+        const count = grouping === "hashed" ? 20 : plan.capacity(block, index),
+          from = grouping === "hashed" ? index : first,
+          members = plan.members({ block, indexInBlock: index, count });
         assert.deepEqual([...members], places.slice(from, from + count));
         assert.equal(members.buffer, order.buffer);
         first += count;

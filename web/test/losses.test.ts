@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import { type LossSimulation, shownPackets } from "../src/transport/losses.ts";
 
-const PACKETS = Array.from({ length: 20_000 }, (_, n) => ({ block: n >> 4, lane: n & 15 }));
+const PACKETS = Array.from({ length: 20_000 }, (_, n) => ({ block: n >> 4, indexInBlock: n & 15 }));
 const choose = (some: Partial<LossSimulation>): LossSimulation => ({
   concealer: "drop",
   dropped: 0.2,

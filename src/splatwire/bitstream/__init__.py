@@ -1,6 +1,6 @@
 """Stream format: division into packets, packet layout, manifest and streams on disk."""
 
-from splatwire.bitstream.arrangement import Arrangement, Run, arrange, arrived_blocks
+from splatwire.bitstream.arrangement import PacketAssignment, PacketBatch, arrived_blocks, assign_packets
 from splatwire.bitstream.container import file_head, file_record, stream_from_bytes, stream_to_bytes
 from splatwire.bitstream.intake import PacketIntake, ReadReport
 from splatwire.bitstream.limits import ANCHORS, CAUSAL, GAUSSIANS
@@ -8,13 +8,13 @@ from splatwire.bitstream.manifest import Manifest, manifest_from_bytes, manifest
 from splatwire.bitstream.packet import HEADER_BYTES, Packet, make_packet, packet_from_bytes
 from splatwire.bitstream.packet_id import PARTS, PacketId
 from splatwire.bitstream.packetization import PRESETS, Packetization, packetization_named, spread_packetization
-from splatwire.bitstream.plan import PacketGroups, PacketPlan
+from splatwire.bitstream.plan import PacketMembers, PacketPlan
 from splatwire.bitstream.scene_stream import SceneStream, make_stream, make_stream_id
 from splatwire.bitstream.send_order import SEND_ORDERS, send_sequence
 from splatwire.bitstream.sizes import StreamSizes, measure_sizes
 from splatwire.bitstream.splitmix64 import splitmix64
 from splatwire.bitstream.stream import is_stream, read_stream, write_stream
-from splatwire.bitstream.tiers import TierShape, shape_tiers, tier_order
+from splatwire.bitstream.tiers import TierCounts, count_tiers, tier_order
 
 __all__ = [
     "ANCHORS",
@@ -24,21 +24,22 @@ __all__ = [
     "PARTS",
     "PRESETS",
     "SEND_ORDERS",
-    "Arrangement",
     "Manifest",
     "Packet",
-    "PacketGroups",
+    "PacketAssignment",
+    "PacketBatch",
     "PacketId",
     "PacketIntake",
+    "PacketMembers",
     "PacketPlan",
     "Packetization",
     "ReadReport",
-    "Run",
     "SceneStream",
     "StreamSizes",
-    "TierShape",
-    "arrange",
+    "TierCounts",
     "arrived_blocks",
+    "assign_packets",
+    "count_tiers",
     "file_head",
     "file_record",
     "is_stream",
@@ -52,7 +53,6 @@ __all__ = [
     "packetization_named",
     "read_stream",
     "send_sequence",
-    "shape_tiers",
     "splitmix64",
     "spread_packetization",
     "stream_from_bytes",

@@ -10,29 +10,27 @@ import numpy as np
 from splatwire.arguments import checked
 from splatwire.bitstream.packet import Packet
 from splatwire.bitstream.packet_id import PacketId
-from splatwire.bitstream.plan import PacketGroups, PacketPlan
+from splatwire.bitstream.plan import PacketMembers, PacketPlan
 from splatwire.errors import InvalidValueError
 from splatwire.reprs import summary_repr
 
 
-class Arrangement(NamedTuple):
-    """Assignment of a stream's elements (anchors or Gaussians) to groups, with the received packets of each group.
-
-    The elements of a group share packets.
+class PacketAssignment(NamedTuple):
+    """Assignment of a stream's elements (anchors or Gaussians) to packets, with the received packets.
 
     Attributes:
-        groups: Indices of the elements, group after group.
-        packets: Packets in the order of the groups; None for a lost packet. Each group has one entry, or one entry per
-            attribute if attributes have separate packets.
+        members: Elements of each packet.
+        packets: Packets in the order of `members`; None for a lost packet. Each entry of `members` has one packet, or
+            one packet per attribute if attributes have separate packets.
     """
 
-    groups: PacketGroups
+    members: PacketMembers
     packets: tuple[Packet | None, ...]
 
 
 @checked
-def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
-    """Groups the elements of a stream by packet, and marks the groups whose packets were lost.
+def assign_packets(plan: PacketPlan, packets: Iterable[Packet]) -> PacketAssignment:
+    """Assigns the elements of a stream to received packets and to gaps, which are elements of lost packets.
 
     Args:
         plan: Packet plan of the stream.
@@ -46,14 +44,14 @@ def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
     """
     arrived = _fitting(plan, packets)
     if not plan.packetization.hashed:
-        return Arrangement(plan.groups(), tuple(arrived.get(packet_id) for packet_id in plan.ids))
+        return PacketAssignment(plan.all_members(), tuple(arrived.get(packet_id) for packet_id in plan.ids))
     pieces = list(_received_and_missing(plan, arrived))
     starts = np.cumsum([0, *(size for size, _ in pieces)]).astype(np.int64)
-    return Arrangement(PacketGroups(plan.groups().ranks, starts), tuple(packet for _, packet in pieces))
+    return PacketAssignment(PacketMembers(plan.all_members().indices, starts), tuple(packet for _, packet in pieces))
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class PacketBatch:
     """Received packets that a decoder processes together, such as all packets of one spatial block.
 
     Attributes:
@@ -70,7 +68,7 @@ class Run:
     __repr__ = summary_repr
 
     @property
-    def ranks(self) -> np.ndarray:
+    def indices(self) -> np.ndarray:
         """Indices of the elements of all packets, packet after packet: the arrays of `members` concatenated, int64."""
         return np.concatenate([np.empty(0, dtype=np.int64), *self.members])
 
@@ -86,7 +84,7 @@ class Run:
 
 
 @checked
-def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:
+def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[PacketBatch]:
     """Yields the received packets of one spatial block at a time, with their elements.
 
     Args:
@@ -98,19 +96,19 @@ def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = 
         InvalidValueError: If a packet does not fit the plan, or two contain the same element.
     """
     arrived, after = _fitting(plan, packets), 0
-    for block, names in groupby(sorted(arrived), key=lambda packet_id: packet_id.block):
+    for block, ids in groupby(sorted(arrived), key=lambda packet_id: packet_id.block):
         if gaps:
-            yield from (Run(gap, (), ()) for gap in range(after, block))
+            yield from (PacketBatch(gap, (), ()) for gap in range(after, block))
         after = block + 1
-        packets_of_block = tuple(arrived[packet_id] for packet_id in names)
-        runs = tuple(plan.run(packet.id, packet.num_elements) for packet in packets_of_block)
-        for packet, run, following in zip(packets_of_block[1:], runs, runs[1:], strict=False):
-            if plan.packetization.hashed and following.start < run.stop:
+        packets_of_block = tuple(arrived[packet_id] for packet_id in ids)
+        slices = tuple(plan.packet_slice(packet.id, packet.num_elements) for packet in packets_of_block)
+        for packet, before, following in zip(packets_of_block[1:], slices, slices[1:], strict=False):
+            if plan.packetization.hashed and following.start < before.stop:
                 raise InvalidValueError(f"{packet.id.filename} holds elements of the packet before it")
-        ranks = plan.block_ranks(block)
-        yield Run(block, packets_of_block, tuple(ranks[run] for run in runs))
+        indices = plan.block_indices(block)
+        yield PacketBatch(block, packets_of_block, tuple(indices[members] for members in slices))
     if gaps:
-        yield from (Run(gap, (), ()) for gap in range(after, plan.num_blocks))
+        yield from (PacketBatch(gap, (), ()) for gap in range(after, plan.num_blocks))
 
 
 def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Packet]:
@@ -132,8 +130,8 @@ def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> 
         arrived: Received packets, by id.
 
     Yields:
-        Pairs that together cover all elements, in the order of `PacketPlan.groups().ranks`. The pair of a received
-        packet is its number of elements, and the packet. The pair of a gap is the number of missing elements, and None.
+        Pairs that together cover all elements, in the order of `PacketPlan.all_members`. The pair of a received packet
+        is its number of elements, and the packet. The pair of a gap is the number of missing elements, and None.
 
     Raises:
         InvalidValueError: If two packets contain the same element.
@@ -144,11 +142,11 @@ def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> 
         position, end = 0, plan.block_elements(block)
         while index < len(ordered) and ordered[index].block == block:
             packet = arrived[ordered[index]]
-            if packet.id.lane < position:
+            if packet.id.index_in_block < position:
                 raise InvalidValueError(f"{packet.id.filename} holds elements of the packet before it")
-            if packet.id.lane > position:
-                yield packet.id.lane - position, None
+            if packet.id.index_in_block > position:
+                yield packet.id.index_in_block - position, None
             yield packet.num_elements, packet
-            position, index = packet.id.lane + packet.num_elements, index + 1
+            position, index = packet.id.index_in_block + packet.num_elements, index + 1
         if position < end:
             yield end - position, None

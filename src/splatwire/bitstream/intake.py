@@ -180,13 +180,13 @@ class PacketIntake:
                 packet.id.filename, f"it has {packet.num_bytes} bytes, more than a packet may have"
             )
         firsts = self._first_elements.setdefault(packet.id.block, [])
-        index, first = bisect.bisect_left(firsts, packet.id.lane), packet.id.lane
+        index, first = bisect.bisect_left(firsts, packet.id.index_in_block), packet.id.index_in_block
         previous = self._packets[PacketId(packet.id.block, firsts[index - 1])] if index else None
         if index < len(firsts) and firsts[index] == first:
             if self._packets[packet.id].num_elements != packet.num_elements:
                 raise CorruptPacketError(packet.id.filename, "it is another packet than the one that was already there")
             return
-        overlaps = previous is not None and previous.id.lane + previous.num_elements > first
+        overlaps = previous is not None and previous.id.index_in_block + previous.num_elements > first
         if overlaps or (index < len(firsts) and first + packet.num_elements > firsts[index]):
             raise CorruptPacketError(packet.id.filename, "it holds elements of a packet that was already there")
         if len(self._packets) >= self._manifest.num_packets:

@@ -11,8 +11,8 @@ FORMAT_VERSION = 5
 
 MAX_BLOCK_SIZE = (1 << 16) - 1
 MAX_HASHED_BLOCK = 1 << 14
-"""Largest block with hashed grouping, elements. `PacketId.lane` is then a position within the block, for which the
-header has 14 bits.
+"""Largest block with hashed grouping, elements. `PacketId.index_in_block` is then the index of an element, for which
+the header has 14 bits.
 """
 MAX_BLOCKS = 1 << 24
 MAX_LANES = 1 << 8

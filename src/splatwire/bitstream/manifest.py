@@ -26,7 +26,7 @@ from splatwire.bitstream.limits import (
 from splatwire.bitstream.packet_id import PARTS
 from splatwire.bitstream.packetization import Packetization
 from splatwire.bitstream.plan import PacketPlan
-from splatwire.bitstream.tiers import TierShape, check_pairs
+from splatwire.bitstream.tiers import TierCounts, check_gop_tiers
 from splatwire.errors import BitstreamError, InvalidValueError, UnknownNameError, UnsupportedVersionError
 
 _LAYOUT_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
@@ -67,7 +67,7 @@ class Manifest:
     feature_dim: int = 0
     num_offsets: int = 0
     feature_groups: tuple[int, ...] = ()
-    tiers: tuple[TierShape, ...] = ()
+    tiers: tuple[TierCounts, ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -94,7 +94,7 @@ class Manifest:
                 raise InvalidValueError(f"{name} is not a SHA-256 in lower-case hexadecimal")
         if not _WRITER.fullmatch(self.writer):
             raise InvalidValueError(f"writer must be at most {MAX_WRITER_LENGTH} printable ASCII characters")
-        check_pairs(self.tiers, timed=self.schema.timed)
+        check_gop_tiers(self.tiers, timed=self.schema.timed)
         self._check_num_packets()
 
     @property
@@ -202,7 +202,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
                 "packetization": Packetization(**content["packetization"]),
                 "feature_groups": tuple(content.get("feature_groups", ())),
                 "stream_id": _stream_id(content["stream_id"]),
-                "tiers": tuple(TierShape(*tier) for tier in tiers),
+                "tiers": tuple(TierCounts(*tier) for tier in tiers),
             }
         )
     except (InvalidValueError, UnknownNameError) as error:

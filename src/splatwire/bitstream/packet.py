@@ -6,8 +6,8 @@ A packet is a 16-byte header and its payload; its length is that of the file or 
 |---|---|
 | 0 | format version, 1 |
 | 1-4 | id of the stream (`Manifest.stream_id`) |
-| 5 | if the packet has all attributes: `PacketId.lane` bits 8-13 in bits 2-7, bits 0-1 are 0; else `part_byte(part)` |
-| 6 | bits 0-7 of `PacketId.lane` |
+| 5 | packet with all attributes: bits 8-13 of `PacketId.index_in_block` in bits 2-7, others 0; else `part_byte(part)` |
+| 6 | bits 0-7 of `PacketId.index_in_block` |
 | 7-9 | `PacketId.block` |
 | 10-11 | number of elements |
 | 12-15 | CRC-32 of bytes 0-11 and the payload |
@@ -102,16 +102,16 @@ def make_packet(packet_id: PacketId, num_elements: int, payload: bytes, stream_i
         whole_number(stream_id, "stream_id", 0, (1 << 32) - 1)
     fits = (
         0 <= packet_id.block < MAX_BLOCKS
-        and 0 <= packet_id.lane < (MAX_LANES if packet_id.part else MAX_HASHED_BLOCK)
+        and 0 <= packet_id.index_in_block < (MAX_LANES if packet_id.part else MAX_HASHED_BLOCK)
         and 0 <= packet_id.part < len(PARTS)
         and HEADER_BYTES + len(payload) <= MAX_PACKET_BYTES
     )
     if not fits:
         raise InvalidValueError(f"no packet holds {packet_id} with {num_elements} elements and {len(payload)} bytes")
     block_high, block_low = divmod(packet_id.block, 1 << 16)
-    lane_high, lane_low = divmod(packet_id.lane, 1 << 8)
-    part = part_byte(packet_id.part) if packet_id.part else lane_high << 2
-    fields = _FIELDS.pack(PACKET_VERSION, stream_id, part, lane_low, block_low, block_high, num_elements)
+    index_high, index_low = divmod(packet_id.index_in_block, 1 << 8)
+    part = part_byte(packet_id.part) if packet_id.part else index_high << 2
+    fields = _FIELDS.pack(PACKET_VERSION, stream_id, part, index_low, block_low, block_high, num_elements)
     checksum = _CHECKSUM.pack(zlib.crc32(payload, zlib.crc32(fields)))
     return Packet(packet_id, num_elements, b"".join((fields, checksum, payload)))
 
@@ -135,7 +135,7 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
     view = memoryview(data)
     if len(view) < HEADER_BYTES:
         raise TruncatedStreamError(f"a packet of {len(view)} bytes ends within its header of {HEADER_BYTES}")
-    version, packet_stream_id, part, lane_low, block_low, block_high, num_elements = _FIELDS.unpack_from(view)
+    version, packet_stream_id, part, index_low, block_low, block_high, num_elements = _FIELDS.unpack_from(view)
     if version > PACKET_VERSION:
         raise UnsupportedVersionError(
             f"the packet has format version {version}, this release reads up to {PACKET_VERSION}"
@@ -144,8 +144,8 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
     has_all_attributes = part & 3 == 0
     if not has_all_attributes and part_number >= len(PARTS):
         raise CorruptPacketError("a packet", f"its header makes no sense (part {part_number})")
-    lane = (part >> 2 << 8 if has_all_attributes else 0) | lane_low
-    packet_id = PacketId(block_high << 16 | block_low, lane, 0 if has_all_attributes else part_number)
+    index_in_block = (part >> 2 << 8 if has_all_attributes else 0) | index_low
+    packet_id = PacketId(block_high << 16 | block_low, index_in_block, 0 if has_all_attributes else part_number)
     name = packet_id.filename
     if len(view) > MAX_PACKET_BYTES:
         raise CorruptPacketError(name, f"it has {len(view)} bytes, more than {MAX_PACKET_BYTES}")

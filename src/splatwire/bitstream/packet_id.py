@@ -21,29 +21,30 @@ SCALING, OFFSET, FIRST_FEATURE = 1, 2, 3
 class PacketId:
     """Id of a packet within a stream.
 
-    Ids are ordered by the three attributes: by block, then by lane, then by part.
+    Ids are ordered by the three attributes: by block, then by index in the block, then by part.
 
     Attributes:
         block: Index of the spatial block, a group of neighbouring elements (anchors or Gaussians).
-        lane: Number that distinguishes the packets of a block. Usually, the packets of a block are numbered from 0. If
-            packets are filled up to a size limit (grouping `hashed`), `lane` is instead the number of elements in
-            earlier packets of the block.
+        index_in_block: Index of the packet among the packets of its block. If packets are filled up to a size limit
+            (grouping `hashed`), it is instead the index of the packet's first element in the block: the number of
+            elements in earlier packets of the block.
         part: Attribute of the elements that the packet contains, an index into `PARTS`; 0 for all attributes.
     """
 
     block: int
-    lane: int
+    index_in_block: int
     part: int = 0
 
     def __post_init__(self) -> None:
-        if type(self.block) is not int or type(self.lane) is not int or type(self.part) is not int:  # one per packet
+        # This check runs once per packet, so it must be fast.
+        if type(self.block) is not int or type(self.index_in_block) is not int or type(self.part) is not int:
             check_fields(self)
 
     @property
     def filename(self) -> str:
-        """File name of the packet in a stream directory, such as `pak_lane{lane}_s{block}.pak` for atomic packets."""
+        """File name in a stream directory, such as `pak_lane{index_in_block}_s{block}.pak` for atomic packets."""
         suffix = f"_{PARTS[self.part]}" if self.part else ""
-        return f"pak_lane{self.lane}_s{self.block}{suffix}.pak"
+        return f"pak_lane{self.index_in_block}_s{self.block}{suffix}.pak"
 
     @classmethod
     def from_filename(cls, name: str) -> "PacketId":
@@ -55,10 +56,10 @@ class PacketId:
         match = _FILENAME.fullmatch(name)
         if match is None or (match["part"] or PARTS[0]) not in PARTS:
             raise InvalidValueError(f"'{name}' is not a packet name such as pak_lane3_s0.pak")
-        return cls(int(match["block"]), int(match["lane"]), PARTS.index(match["part"] or PARTS[0]))
+        return cls(int(match["block"]), int(match["index"]), PARTS.index(match["part"] or PARTS[0]))
 
 
 _FILENAME = re.compile(
-    r"pak_lane(?P<lane>0|[1-9][0-9]{0,4})_s(?P<block>0|[1-9][0-9]{0,7})(?:_(?P<part>scaling|offset|feature(?:0|[1-9][0-9]?)))?\.pak",
+    r"pak_lane(?P<index>0|[1-9][0-9]{0,4})_s(?P<block>0|[1-9][0-9]{0,7})(?:_(?P<part>scaling|offset|feature(?:0|[1-9][0-9]?)))?\.pak",
     re.ASCII,
 )

@@ -12,23 +12,22 @@ from splatwire.bitstream.grouping import CHUNK, contiguous_bounds, contiguous_la
 from splatwire.bitstream.limits import MAX_BLOCKS, MAX_ELEMENTS, MAX_FEATURE_GROUPS, MAX_GROUPS
 from splatwire.bitstream.packet_id import FIRST_FEATURE, OFFSET, SCALING, PacketId
 from splatwire.bitstream.packetization import Packetization, check_range
-from splatwire.bitstream.tiers import Span, TierShape, check_tiers, spans_of
+from splatwire.bitstream.tiers import Span, TierCounts, check_tiers, spans_of
 from splatwire.errors import InvalidValueError
 
 
-class PacketGroups(NamedTuple):
-    """Elements of a stream, divided into groups that share packets.
+class PacketMembers(NamedTuple):
+    """Elements of each packet of a stream.
 
-    A group contains the elements of one packet. If each attribute has separate packets, a group contains the elements
-    that several packets describe together.
+    If each attribute has separate packets, the packets that contain the same elements have one common entry.
 
     Attributes:
-        ranks: All elements, group after group, int64 (N). Each is given by its index in plan order (see `PacketPlan`).
-            Group g has the elements `ranks[starts[g]:starts[g + 1]]`.
-        starts: Start of each group in `ranks`, followed by the end of the last group, int64 (G + 1).
+        indices: All elements, packet after packet, int64 (N). Each is given by its index in plan order (see
+            `PacketPlan`). Packet p has the elements `indices[starts[p]:starts[p + 1]]`.
+        starts: Start of each packet in `indices`, followed by the end of the last packet, int64 (P + 1).
     """
 
-    ranks: np.ndarray
+    indices: np.ndarray
     starts: np.ndarray
 
 
@@ -52,7 +51,7 @@ class PacketPlan:
 
     packetization: Packetization
     num_elements: int
-    tiers: tuple[TierShape, ...] = ()
+    tiers: tuple[TierCounts, ...] = ()
     feature_groups: int = 0
 
     def __post_init__(self) -> None:
@@ -87,11 +86,16 @@ class PacketPlan:
     def _first_indices(self) -> list[int]:
         return [span.first for span in self.spans]
 
+    @functools.cached_property
+    def gop_spans(self) -> tuple[tuple[Span, Span], ...]:
+        """Blocks of the keyframe Gaussians and of the motion of each group of pictures (GOP). Only for sequences."""
+        return tuple(zip(self.spans[::2], self.spans[1::2], strict=True))
+
     def is_keyframe(self, block: int) -> bool:
         """True if a block contains keyframe Gaussians, which later groups of frames also need. Only for sequences."""
         return self.tier_of(block) % 2 == 0
 
-    def group_of_block(self, block: int) -> int:
+    def gop_of_block(self, block: int) -> int:
         """Index of the group of pictures (GOP) that a block belongs to. Only for sequences.
 
         Each group has two tiers: first its keyframe Gaussians, then its motion.
@@ -130,7 +134,7 @@ class PacketPlan:
         return tuple(PacketId(j // lanes, j % lanes, part) for j in used for part in parts)
 
     def packet_index_of(self) -> np.ndarray:
-        """Returns the packet of each element as `block * packetization.lanes + lane`, int32 (N).
+        """Returns the packet of each element as `block * packetization.lanes + index_in_block`, int32 (N).
 
         Elements are in plan order. If each attribute has separate packets, these packets have the same number.
 
@@ -146,21 +150,21 @@ class PacketPlan:
             pieces.append(block * lanes + self._lanes_of(span))
         return np.concatenate(pieces)
 
-    def groups(self) -> PacketGroups:
-        """Returns the elements of the stream, divided into groups that share a packet.
+    def all_members(self) -> PacketMembers:
+        """Returns the elements of each packet of the stream.
 
         If packets are filled up to a size limit (grouping `hashed`), the plan does not determine the packet of an
-        element. A group then contains the elements of a whole block.
+        element. The result then has one entry for each block, with the elements of the whole block.
         """
         if self.packetization.hashed:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]
             edges = np.cumsum([0, *map(len, blocks)])
-            return PacketGroups(np.concatenate([np.empty(0, np.int64), *blocks]), edges.astype(np.int64))
-        ranks = np.argsort(self.packet_index_of(), kind="stable")
-        return PacketGroups(ranks, np.concatenate([[0], np.cumsum(self.group_counts())]))
+            return PacketMembers(np.concatenate([np.empty(0, np.int64), *blocks]), edges.astype(np.int64))
+        indices = np.argsort(self.packet_index_of(), kind="stable")
+        return PacketMembers(indices, np.concatenate([[0], np.cumsum(self.member_counts())]))
 
-    def group_counts(self) -> np.ndarray:
-        """Returns the number of elements of each group of `groups`, int64 (G).
+    def member_counts(self) -> np.ndarray:
+        """Returns the number of elements of each packet, in the order of `all_members`, int64 (P).
 
         Raises:
             InvalidValueError: With the grouping `hashed`, whose packets depend on the sizes of the coded elements.
@@ -169,7 +173,7 @@ class PacketPlan:
         counts = self._counts()
         return counts[counts > 0]
 
-    def block_ranks(self, block: int) -> np.ndarray:
+    def block_indices(self, block: int) -> np.ndarray:
         """Returns the elements of a block, packet after packet, int64 (elements).
 
         Each element is given by its index in plan order (see `PacketPlan`).
@@ -192,23 +196,23 @@ class PacketPlan:
         """
         if num_elements is None and not self.packetization.hashed:
             start, lanes = self._block_lanes(packet_id)
-            return start + np.flatnonzero(lanes == packet_id.lane)
+            return start + np.flatnonzero(lanes == packet_id.index_in_block)
         if num_elements is None or not self.fits(packet_id, num_elements):
             raise InvalidValueError(f"the plan has no packet {packet_id.filename} with {num_elements} elements")
         if not self.packetization.hashed:
             return self.members(packet_id)
-        return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
+        return self._hash_order(packet_id.block)[packet_id.index_in_block : packet_id.index_in_block + num_elements]
 
-    def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the slice of the array `block_ranks(packet_id.block)` that contains the elements of a packet.
+    def packet_slice(self, packet_id: PacketId, num_elements: int) -> slice:
+        """Returns the slice of the array `block_indices(packet_id.block)` that contains the elements of a packet.
 
         Args:
             packet_id: The packet.
             num_elements: Number of elements of the packet.
         """
         if self.packetization.hashed:
-            return slice(packet_id.lane, packet_id.lane + num_elements)
-        first = int(_lane_counts(self, packet_id.block)[: packet_id.lane].sum())
+            return slice(packet_id.index_in_block, packet_id.index_in_block + num_elements)
+        first = int(_lane_counts(self, packet_id.block)[: packet_id.index_in_block].sum())
         return slice(first, first + num_elements)
 
     def count(self, packet_id: PacketId) -> int:
@@ -217,13 +221,14 @@ class PacketPlan:
         If packets are filled up to a size limit (grouping `hashed`), the result is an upper limit.
         """
         p = self.packetization
-        if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):
+        index = packet_id.index_in_block
+        if not (0 <= packet_id.block < self.num_blocks and index >= 0 and packet_id.part in self.parts):
             return 0
         if p.hashed:
-            return max(0, self.block_elements(packet_id.block) - packet_id.lane)
-        if packet_id.lane >= self._span(packet_id.block).lanes:
+            return max(0, self.block_elements(packet_id.block) - index)
+        if index >= self._span(packet_id.block).lanes:
             return 0
-        return int(_lane_counts(self, packet_id.block)[packet_id.lane])
+        return int(_lane_counts(self, packet_id.block)[index])
 
     def fits(self, packet_id: PacketId, num_elements: int) -> bool:
         """True if the plan has a packet with this id and this number of elements."""
@@ -234,15 +239,15 @@ class PacketPlan:
         """Number of elements of a block."""
         return self._span(block).block_elements(block)
 
-    def id_of_hashed(self, first_rank: int) -> PacketId:
+    def id_of_hashed(self, first_position: int) -> PacketId:
         """Returns the id of the packet that starts with a given element. Only for plans with the grouping `hashed`.
 
         Args:
-            first_rank: Index of the packet's first element in `groups().ranks`.
+            first_position: Index of the packet's first element in `all_members().indices`.
         """
-        span = self.spans[bisect.bisect_right(self._first_indices, first_rank) - 1]
-        block, position = divmod(first_rank - span.first, span.block_size)
-        return PacketId(span.first_block + block, position)
+        span = self.spans[bisect.bisect_right(self._first_indices, first_position) - 1]
+        block, index_in_block = divmod(first_position - span.first, span.block_size)
+        return PacketId(span.first_block + block, index_in_block)
 
     def _span(self, block: int) -> Span:
         return self.spans[self.tier_of(block)]
@@ -281,7 +286,7 @@ class PacketPlan:
         """
         p = self.packetization
         span = self._span(packet_id.block)
-        check_range("lane", packet_id.lane, 0, span.lanes - 1)
+        check_range("index of a packet in its block", packet_id.index_in_block, 0, span.lanes - 1)
         if packet_id.part not in self.parts:
             raise InvalidValueError(f"{p.packaging} packaging has no packet {packet_id.filename}")
         start, size = span.block_start(packet_id.block), span.block_elements(packet_id.block)

@@ -13,7 +13,7 @@ from splatwire.bitstream.packet import HEADER_BYTES, Packet, make_packet
 from splatwire.bitstream.packet_id import PacketId
 from splatwire.bitstream.packetization import Packetization
 from splatwire.bitstream.plan import PacketPlan
-from splatwire.bitstream.tiers import TierShape
+from splatwire.bitstream.tiers import TierCounts
 from splatwire.errors import InvalidValueError
 from splatwire.reprs import summary_repr
 
@@ -120,7 +120,7 @@ def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequ
     digest.update(side_info)
     for packet in packets:
         payload = packet.payload
-        head = (packet.id.block, packet.id.lane, packet.id.part, packet.num_elements, len(payload))
+        head = (packet.id.block, packet.id.index_in_block, packet.id.part, packet.num_elements, len(payload))
         digest.update(struct.pack("<5I", *head))
         digest.update(payload)
     return int.from_bytes(digest.digest()[:4], "little")
@@ -135,7 +135,7 @@ def make_stream(
     packets: Iterable[Packet],
     symbols_digest: str,
     writer: str,
-    tiers: tuple[TierShape, ...] = (),
+    tiers: tuple[TierCounts, ...] = (),
     codec: str = UNNAMED_SCHEMA,
     feature_dim: int = 0,
     num_offsets: int = 0,

@@ -28,4 +28,4 @@ def send_sequence(stream: SceneStream, send_order: str) -> list[Packet]:
         return list(stream.packets)
     plan, timed = stream.manifest.plan, stream.manifest.schema.timed
     tier_of = [plan.tier_of(block) if timed or send_order == "tiers" else 0 for block in range(plan.num_blocks)]
-    return sorted(stream.packets, key=lambda p: (tier_of[p.id.block], p.id.lane, p.id.part, p.id.block))
+    return sorted(stream.packets, key=lambda p: (tier_of[p.id.block], p.id.index_in_block, p.id.part, p.id.block))

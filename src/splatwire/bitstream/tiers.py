@@ -15,12 +15,12 @@ from splatwire.bitstream.limits import MAX_ELEMENTS, MAX_SPANS, MAX_TIERS
 from splatwire.bitstream.packetization import Packetization, check_range
 from splatwire.errors import InvalidValueError
 
-LANE_ELEMENTS = 64
-"""Minimum number of elements per packet of a tier; smaller tiers get fewer lanes than the packetization has."""
+MIN_PACKET_ELEMENTS = 64
+"""Minimum number of elements per packet of a tier; smaller tiers have fewer packets per block."""
 
 
 @dataclass(frozen=True)
-class TierShape(CheckedFields):
+class TierCounts(CheckedFields):
     """Number of elements of one importance tier, and number of packets per block.
 
     Attributes:
@@ -54,6 +54,11 @@ class Span(NamedTuple):
         """Number of blocks of this importance tier."""
         return -(-self.num_elements // self.block_size)
 
+    @property
+    def blocks(self) -> range:
+        """Indices within the stream of the tier's blocks."""
+        return range(self.first_block, self.first_block + self.num_blocks)
+
     def block_elements(self, block: int) -> int:
         """Number of elements of a block, given the block's index within the stream."""
         return min(self.block_size, self.num_elements - (block - self.first_block) * self.block_size)
@@ -68,7 +73,7 @@ class Span(NamedTuple):
 
 
 @checked
-def shape_tiers(tiers: np.ndarray, packetization: Packetization) -> tuple[TierShape, ...]:
+def count_tiers(tiers: np.ndarray, packetization: Packetization) -> tuple[TierCounts, ...]:
     """Counts the elements of each importance tier, and chooses the number of packets per block of each tier.
 
     Args:
@@ -92,11 +97,11 @@ def shape_tiers(tiers: np.ndarray, packetization: Packetization) -> tuple[TierSh
             )
     if len(counts) < 2:
         return ()
-    return tuple(TierShape(n, _lanes(packetization, n)) for n in counts)
+    return tuple(TierCounts(n, _lanes(packetization, n)) for n in counts)
 
 
 def _lanes(packetization: Packetization, num_elements: int) -> int:
-    return min(packetization.lanes, max(1, min(num_elements, packetization.block_size) // LANE_ELEMENTS))
+    return min(packetization.lanes, max(1, min(num_elements, packetization.block_size) // MIN_PACKET_ELEMENTS))
 
 
 @checked
@@ -112,7 +117,7 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
     return np.argsort(array_of(tiers, "tiers", ("N",), "i"), kind="stable").astype(np.int64)
 
 
-def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
+def check_gop_tiers(tiers: tuple[TierCounts, ...], *, timed: bool) -> None:
     """Checks that the tiers (parts with separate packets) of a stream are possible for a sequence or a static scene.
 
     A sequence needs two tiers for each group of pictures: one with keyframe Gaussians, and one with motion. In a static
@@ -131,7 +136,7 @@ def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
         raise InvalidValueError("a tier has no element")
 
 
-def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> None:
+def check_tiers(tiers: tuple[TierCounts, ...], num_elements: int, packetization: Packetization) -> None:
     """Checks that the sizes of importance tiers fit the number of elements and the packetization.
 
     Raises:
@@ -150,7 +155,7 @@ def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: 
         raise InvalidValueError(f"{packetization.packaging} packaging knows no tiers")
 
 
-def spans_of(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> tuple[Span, ...]:
+def spans_of(tiers: tuple[TierCounts, ...], num_elements: int, packetization: Packetization) -> tuple[Span, ...]:
     """Divides each importance tier into blocks; returns the range of blocks of each tier.
 
     The blocks of a tier have nearly equal sizes. Without tiers, all blocks but the last have the maximum size.

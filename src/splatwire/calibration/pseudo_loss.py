@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from splatwire.arguments import checked
-from splatwire.bitstream import PacketGroups, SceneStream
+from splatwire.bitstream import PacketMembers, SceneStream
 from splatwire.bitstream.limits import MAX_ELEMENTS
-from splatwire.codec.tiers import arrange_stream
+from splatwire.codec.tiers import assign_stream_packets
 from splatwire.errors import InvalidValueError, shown, whole_number
 from splatwire.ops.arrays import to_arrays
 from splatwire.types import AnchorScene, Cameras, ReceivedScene
@@ -21,12 +21,12 @@ class CalibrationData:
 
     Attributes:
         complete: The complete scene as a decoder returns it.
-        groups: Indices of the anchors in each packet.
+        members: Indices of the anchors in each packet.
         cameras: Cameras of the pictures for the training of a concealer; None to train without pictures.
     """
 
     complete: ReceivedScene[AnchorScene]
-    groups: PacketGroups
+    members: PacketMembers
     cameras: Cameras | None = None
 
     @property
@@ -43,7 +43,7 @@ class CalibrationData:
         """
         seeds = np.random.SeedSequence(seed) if isinstance(seed, int) else seed
         each = zip(rates, seeds.generate_state(len(rates)).tolist(), strict=True)
-        return [pseudo_loss(self.groups, self.complete.scene.num_elements, rate, number) for rate, number in each]
+        return [pseudo_loss(self.members, self.complete.scene.num_elements, rate, number) for rate, number in each]
 
 
 @checked
@@ -60,12 +60,12 @@ def calibration_data(
     Raises:
         InvalidValueError: If a packet was lost, or the stream has fewer than two packets.
     """
-    groups = arrange_stream(stream).groups
+    members = assign_stream_packets(stream).members
     if complete.loss_mask.num_lost:
         raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
-    if len(groups.starts) < 3:
+    if len(members.starts) < 3:
         raise InvalidValueError("calibration needs a stream of at least two packets")
-    return CalibrationData(to_arrays(complete), groups, cameras)
+    return CalibrationData(to_arrays(complete), members, cameras)
 
 
 @checked
@@ -85,7 +85,7 @@ def dropped_packets(count: int, rate: float, seed: int) -> list[int]:
 
 
 @checked
-def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) -> Bool[np.ndarray, "N"]:
+def pseudo_loss(groups: PacketMembers, num_anchors: int, rate: float, seed: int) -> Bool[np.ndarray, "N"]:
     """Simulates the loss of a random share of the packets; returns the mask of received anchors.
 
     Args:
@@ -94,8 +94,8 @@ def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) 
         rate: Share of the packets that is lost, 0 to 1.
         seed: Seed of the random choice.
     """
-    count = len(groups.starts) - 1
-    fully_received = np.ones(whole_number(num_anchors, "num_anchors", len(groups.ranks), MAX_ELEMENTS), np.bool_)
+    count = len(members.starts) - 1
+    fully_received = np.ones(whole_number(num_anchors, "num_anchors", len(groups.indices), MAX_ELEMENTS), np.bool_)
     for group in dropped_packets(count, rate, seed):
-        fully_received[groups.ranks[groups.starts[group] : groups.starts[group + 1]]] = False
+        fully_received[groups.indices[groups.starts[group] : groups.starts[group + 1]]] = False
     return fully_received

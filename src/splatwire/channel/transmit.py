@@ -172,7 +172,7 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
     arrival = np.where(mask.received, groups, -1)
     is_keyframe = np.array([plan.is_keyframe(packet.id.block) for packet in stream.packets], bool)
     num_datagrams = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
-    for turn in range(1, ATTEMPTS_PER_GROUP * len(plan.spans) // 2):
+    for turn in range(1, ATTEMPTS_PER_GROUP * len(plan.gop_spans)):
         group = turn // ATTEMPTS_PER_GROUP
         sent_before = (groups < group) | ((groups == group) & (turn % ATTEMPTS_PER_GROUP > 0))
         again = np.flatnonzero(is_keyframe & (arrival < 0) & sent_before)
@@ -184,7 +184,7 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
 def _group_of_packets(stream: SceneStream) -> np.ndarray:
     """Returns the index of the group of pictures of each packet, int64."""
     plan = stream.manifest.plan
-    return np.array([plan.group_of_block(packet.id.block) for packet in stream.packets], np.int64)
+    return np.array([plan.gop_of_block(packet.id.block) for packet in stream.packets], np.int64)
 
 
 @checked
@@ -244,4 +244,4 @@ def datagrams_of(num_bytes: np.ndarray) -> np.ndarray:
 
 def _num_elements(packets: Sequence[Packet]) -> int:
     """Returns the number of distinct elements (Gaussians or anchors) in packets."""
-    return sum({(packet.id.block, packet.id.lane): packet.num_elements for packet in packets}.values())
+    return sum({(packet.id.block, packet.id.index_in_block): packet.num_elements for packet in packets}.values())

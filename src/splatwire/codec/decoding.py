@@ -10,7 +10,7 @@ from splatwire.bitstream.sections import split_sections
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.memory import allocating, threads_within
 from splatwire.codec.registry import schema_named
-from splatwire.codec.schema import CHUNK, Decoder, Run, SymbolRows
+from splatwire.codec.schema import CHUNK, Decoder, PacketBatch, SymbolRows
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.viewpoint import check_viewpoint
 from splatwire.errors import DesyncError, check_kind, check_progress
@@ -50,13 +50,13 @@ def decode_stream(
         threads = threads_within(decoder.scene_bytes, working, stream.num_bytes, activity, threads)
         decoder.expect(threads)
 
-        def decode_run(run: Run) -> tuple[int, SymbolRows | None]:
-            rows = decoder.decode(run)
-            decoder.store(run, rows)
-            return len(run.packets), rows if complete else None
+        def decode_batch(batch: PacketBatch) -> tuple[int, SymbolRows | None]:
+            rows = decoder.decode(batch)
+            decoder.store(batch, rows)
+            return len(batch.packets), rows if complete else None
 
-        done, runs = 0, runs_of(decoder, manifest, stream.packets, gaps=True)
-        for count, rows in ordered_map(decode_run, runs, threads):
+        done, batches = 0, batches_of(decoder, manifest, stream.packets, gaps=True)
+        for count, rows in ordered_map(decode_batch, batches, threads):
             done += count
             if rows is not None:
                 decoder.update_digest(digest, rows)
@@ -88,36 +88,38 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
     return decoder
 
 
-def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:
-    """Divides received packets into runs (packets that a decoder decodes in one call), and yields them in order.
+def batches_of(
+    decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, gaps: bool = False
+) -> Iterator[PacketBatch]:
+    """Divides received packets into batches (packets that a decoder decodes in one call), and yields them in order.
 
     Args:
-        decoder: The stream's decoder, which determines the size of runs.
+        decoder: The stream's decoder, which determines the size of batches.
         manifest: The stream's manifest.
         packets: Received packets, in any order.
-        gaps: True to also yield an empty run for each lost block, if the decoder decodes whole blocks.
+        gaps: True to also yield an empty batch for each lost block, if the decoder decodes whole blocks.
 
     Raises:
         InvalidValueError: If a packet does not fit the stream's packet plan, or two packets contain the same element.
     """
-    waiting: list[Run] = []
+    waiting: list[PacketBatch] = []
     total = 0
-    for block in arrived_blocks(manifest.plan, packets, gaps=gaps and decoder.runs_are_blocks):
+    for block in arrived_blocks(manifest.plan, packets, gaps=gaps and decoder.batches_are_blocks):
         if decoder.order is not None:
             block = replace(block, members=tuple(decoder.order[indices] for indices in block.members))
-        if decoder.runs_are_blocks:
+        if decoder.batches_are_blocks:
             yield block
             continue
         for packet, indices in zip(block.packets, block.members, strict=True):
             if waiting and total + packet.num_elements > CHUNK:
                 yield _joined(waiting)
                 waiting, total = [], 0
-            waiting.append(Run(block.block, (packet,), (indices,)))
+            waiting.append(PacketBatch(block.block, (packet,), (indices,)))
             total += packet.num_elements
     if waiting:
         yield _joined(waiting)
 
 
-def _joined(runs: list[Run]) -> Run:
-    packets = tuple(packet for run in runs for packet in run.packets)
-    return Run(runs[0].block, packets, tuple(indices for run in runs for indices in run.members))
+def _joined(batches: list[PacketBatch]) -> PacketBatch:
+    packets = tuple(packet for batch in batches for packet in batch.packets)
+    return PacketBatch(batches[0].block, packets, tuple(indices for batch in batches for indices in batch.members))

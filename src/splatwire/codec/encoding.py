@@ -166,7 +166,7 @@ def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, pro
     plan, digest, packets = prepared.plan, hashlib.sha256(), list[Packet]()
     hashed, encoder, num_encoded = plan.packetization.hashed, prepared.encoder, 0
     ids = () if hashed else plan.ids
-    for coded in ordered_map(encoder.encode, encoder.runs(), threads):
+    for coded in ordered_map(encoder.encode, encoder.batches(), threads):
         schema.update_digest(digest, coded.rows)
         for count, payload in zip(coded.counts.tolist(), coded.payloads, strict=True):
             # The id of a hashed packet is the position of its first element.

@@ -11,9 +11,9 @@ import numpy as np
 from splatwire.arguments import checked
 from splatwire.bitstream import Manifest, Packet, PacketId, PacketIntake
 from splatwire.codec.arrivals import Arrivals
-from splatwire.codec.decoding import open_decoder, runs_of
+from splatwire.codec.decoding import batches_of, open_decoder
 from splatwire.codec.memory import allocating, check_memory, threads_within
-from splatwire.codec.schema import Decoder, Run, SymbolRows
+from splatwire.codec.schema import Decoder, PacketBatch, SymbolRows
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import BitstreamError, DesyncError
 from splatwire.types import LossMask
@@ -152,41 +152,42 @@ class ProgressiveDecoder(Arrivals):
         working = self._decoder.working_bytes(taken)
         activity = f"decoding {self.num_accepted:,} {self.manifest.elements} that arrived"
         threads = threads_within(stored_bytes, working, self.num_bytes, activity, self._threads)
-        runs = list(runs_of(self._decoder, self.manifest, taken))
+        batches = list(batches_of(self._decoder, self.manifest, taken))
         with allocating(self._activity):
             # Starting a thread costs more than decoding one datagram.
-            for run, rows in ordered_map(self._decode, runs, threads if len(runs) > 1 else 1):
+            for batch, rows in ordered_map(self._decode, batches, threads if len(batches) > 1 else 1):
                 with self.lock:
-                    self._store_new(run, rows)
-                new_indices.append(run.ranks)
+                    self._store_new(batch, rows)
+                new_indices.append(batch.indices)
         if taken and self.complete:
             self._check()
         return np.concatenate(new_indices)
 
-    def _decode(self, run: Run) -> tuple[Run, SymbolRows | None]:
-        return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
+    def _decode(self, batch: PacketBatch) -> tuple[PacketBatch, SymbolRows | None]:
+        return batch, None if self._decoder.redecode_on_demand else self._decoder.decode(batch)
 
-    def _store_new(self, run: Run, rows: SymbolRows | None) -> None:
+    def _store_new(self, batch: PacketBatch, rows: SymbolRows | None) -> None:
         """Keeps the decoded integers of new packets, and writes the elements of the packets to the scene.
 
         Args:
-            run: The new packets.
+            batch: The new packets.
             rows: Decoded integers of the packets. None if the integers are not kept: the packets are then decoded again
                 when the integers are needed.
         """
         # Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
         # updated.
-        ends = np.cumsum(run.counts)[:-1]
+        ends = np.cumsum(batch.counts)[:-1]
         rows_by_packet = (
-            [None] * len(run.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)
+            [None] * len(batch.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)
         )
-        for packet, packet_rows in zip(run.packets, rows_by_packet, strict=True):
+        for packet, packet_rows in zip(batch.packets, rows_by_packet, strict=True):
             self._decoded[packet.id] = packet, packet_rows
             self._blocks.setdefault(packet.id.block, []).append(packet)
-        self._num_received += len(run.ranks)
+        self._num_received += len(batch.indices)
         if self._scene_decoder is not None:
             self._store(
-                self._scene_decoder, self._blocks[run.block] if self._scene_decoder.runs_are_blocks else run.packets
+                self._scene_decoder,
+                self._blocks[batch.block] if self._scene_decoder.batches_are_blocks else batch.packets,
             )
 
     def _allocate(self) -> None:
@@ -195,27 +196,27 @@ class ProgressiveDecoder(Arrivals):
             self._decoder
         )  # the original stays unchanged, because other threads may be decoding with it
         scene_decoder.expect(self._threads, self._progress)
-        for run in runs_of(scene_decoder, self.manifest, self._packets(), gaps=True):
-            scene_decoder.store(run, self._decoded_integers(run))
+        for batch in batches_of(scene_decoder, self.manifest, self._packets(), gaps=True):
+            scene_decoder.store(batch, self._decoded_integers(batch))
         self._scene_decoder, self._received_scene = scene_decoder, scene_decoder.scene()
 
     def _store(self, scene_decoder: Decoder, packets: Iterable[Packet]) -> None:
-        for run in runs_of(scene_decoder, self.manifest, packets):
-            scene_decoder.store(run, self._decoded_integers(run))
+        for batch in batches_of(scene_decoder, self.manifest, packets):
+            scene_decoder.store(batch, self._decoded_integers(batch))
 
     def _packets(self) -> list[Packet]:
         return [packet for packet, _ in self._decoded.values()]
 
-    def _decoded_integers(self, run: Run) -> SymbolRows:
+    def _decoded_integers(self, batch: PacketBatch) -> SymbolRows:
         """Returns the decoded integers of packets that were added before.
 
         Args:
-            run: The packets, which the decoder decodes in one call.
+            batch: The packets, which the decoder decodes in one call.
         """
         # If only compressed packets are kept in memory, they are decoded again.
-        kept_rows = [rows for packet in run.packets if (rows := self._decoded[packet.id][1]) is not None]
+        kept_rows = [rows for packet in batch.packets if (rows := self._decoded[packet.id][1]) is not None]
         if not kept_rows:
-            return self._decoder.decode(run)
+            return self._decoder.decode(batch)
         return tuple(np.concatenate(parts) for parts in zip(*kept_rows, strict=True))
 
     def _check(self) -> None:
@@ -228,8 +229,8 @@ class ProgressiveDecoder(Arrivals):
             if self._checked or not self.has_every_packet:
                 return
             self._checked, digest = True, hashlib.sha256()
-            for run in runs_of(self._decoder, self.manifest, self._packets()):
-                self._decoder.update_digest(digest, self._decoded_integers(run))
+            for batch in batches_of(self._decoder, self.manifest, self._packets()):
+                self._decoder.update_digest(digest, self._decoded_integers(batch))
             if self._scene_decoder is not None:  # no longer needed
                 self._decoded.clear()
                 self._blocks.clear()

@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from splatwire.bitstream import Manifest, Packet, Packetization, PacketPlan, Run, SceneStream
+from splatwire.bitstream import Manifest, Packet, PacketBatch, Packetization, PacketPlan, SceneStream
 from splatwire.bitstream.limits import StreamSchema
 from splatwire.types.received_scene import ReceivedScene
 
@@ -39,11 +39,11 @@ class CodedPackets:
 class Encoder(Protocol):
     """Interface of an encoder, which converts the elements of one scene to packets."""
 
-    def runs(self) -> Iterator[Any]:
+    def batches(self) -> Iterator[Any]:
         """Yields the parts of the stream in order; none is empty. Different parts can be encoded in parallel."""
 
-    def encode(self, run: Any) -> CodedPackets:
-        """Encodes one part of the stream, as yielded by `runs`; may be called from several threads."""
+    def encode(self, batch: Any) -> CodedPackets:
+        """Encodes one part of the stream, as yielded by `batches`; may be called from several threads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,9 @@ class Decoder(Protocol):
         sections: Named sections of the side information.
         order: Entry i is the index in coding order of the element with index i in the packet plan, int64 (N). The
             packet plan sorts elements by importance tier. None if both orders are equal.
-        runs_are_blocks: True if a run (packets decoded in one call) is always one block; False if runs may mix blocks.
-        packets_independent: True if each packet of a run can also be decoded alone.
+        batches_are_blocks: True if a batch (packets decoded in one call) is always one block; False if batches may mix
+            blocks.
+        packets_independent: True if each packet of a batch can also be decoded alone.
         redecode_on_demand: True to save memory by decoding packets again instead of storing decoded integers.
         scene_bytes: Memory that `expect` and `scene` allocate, bytes.
         row_bytes: Memory of the decoded integers of one element, bytes.
@@ -92,7 +93,7 @@ class Decoder(Protocol):
 
     sections: Mapping[str, bytes]
     order: np.ndarray | None
-    runs_are_blocks: bool
+    batches_are_blocks: bool
     packets_independent: bool
     redecode_on_demand: bool
     scene_bytes: int
@@ -109,26 +110,26 @@ class Decoder(Protocol):
             progress: Called with the completed fraction of the work, 0 to 1; None for no calls.
         """
 
-    def decode(self, run: Run) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes packets; any bytes decode without an error. May be called from several threads.
 
         Returns:
             The integers of the packets' elements, packet by packet.
         """
 
-    def store(self, run: Run, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
         """Writes decoded elements to the arrays of the scene.
 
-        If runs are whole blocks (`runs_are_blocks`), this method also estimates the lost elements of the block.
+        If batches are whole blocks (`batches_are_blocks`), this method also estimates the lost elements of the block.
 
         Args:
-            run: The decoded packets.
+            batch: The decoded packets.
             rows: Result of `decode` for these packets.
         """
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
         """Adds decoded integers to the hash of all integers, for comparison with the hash in the manifest."""
-        # The division of the elements into runs does not change the hash. Runs with losses are not added.
+        # The division of the elements into batches does not change the hash. Batches with losses are not added.
 
     def scene(self) -> ReceivedScene:
         """Returns the scene decoded so far, with masks of the received elements and the stream's metadata.

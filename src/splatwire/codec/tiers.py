@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from splatwire.bitstream import Arrangement, Manifest, PacketGroups, SceneStream, arrange, tier_order
+from splatwire.bitstream import Manifest, PacketAssignment, PacketMembers, SceneStream, assign_packets, tier_order
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import _tier_kernels as kernels
 from splatwire.entropy.coder import fresh_models
@@ -51,29 +51,28 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
     Raises:
         BitstreamError: If manifest and side information contradict each other.
     """
-    shapes = manifest.tiers
-    if bool(shapes) != (SECTION in sections):
+    tier_counts = manifest.tiers
+    if bool(tier_counts) != (SECTION in sections):
         raise BitstreamError("manifest and side information disagree on whether there are tiers")
-    if not shapes:
+    if not tier_counts:
         return np.zeros(manifest.num_elements, dtype=np.uint8)
-    tiers = decode_tiers(sections[SECTION], manifest.num_elements, len(shapes))
-    counts = np.bincount(tiers, minlength=len(shapes)).tolist()
-    if counts != [shape.num_elements for shape in shapes]:
+    tiers = decode_tiers(sections[SECTION], manifest.num_elements, len(tier_counts))
+    counts = np.bincount(tiers, minlength=len(tier_counts)).tolist()
+    if counts != [tier.num_elements for tier in tier_counts]:
         raise BitstreamError(f"the side information has tiers of {counts} anchors, which the manifest denies")
     return tiers
 
 
-def arrange_stream(stream: SceneStream) -> Arrangement:
-    """Divides the anchors of a stream into groups that share packets, and finds the received packets of each group.
+def assign_stream_packets(stream: SceneStream) -> PacketAssignment:
+    """Assigns the anchors of a stream to received packets and to gaps, which are anchors of lost packets.
 
-    A group contains the anchors of one packet. If each attribute has separate packets, a group contains the anchors
-    that several packets describe together.
+    In the result, anchors are given by their index in coding order.
 
     Raises:
         BitstreamError: If the side information is damaged.
     """
-    groups, packets = arrange(stream.manifest.plan, stream.packets)
+    members, packets = assign_packets(stream.manifest.plan, stream.packets)
     if not stream.manifest.tiers:
-        return Arrangement(groups, packets)
+        return PacketAssignment(members, packets)
     order = tier_order(read_tiers(sections_of(stream), stream.manifest))
-    return Arrangement(PacketGroups(order[groups.ranks], groups.starts), packets)
+    return PacketAssignment(PacketMembers(order[members.indices], members.starts), packets)

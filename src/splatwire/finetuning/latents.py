@@ -154,7 +154,9 @@ class Offsets:
         """
         pieces = each_piece(
             exact.num_gaussians,
-            lambda some: Offsets._between_few(exact.run(some.start, some.stop), rounded.run(some.start, some.stop)),
+            lambda some: Offsets._between_few(
+                exact.slice_range(some.start, some.stop), rounded.slice_range(some.start, some.stop)
+            ),
         )
         return Offsets(**{name: np.concatenate([getattr(each, name) for each in pieces]) for name in vars(pieces[0])})
 

@@ -51,14 +51,18 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
     order = kd_order(scene.splats.means, _tile_boundaries(shapes))
     sizes = [shape.count for shape in shapes]
     whole, end = Splats.empty(sum(sizes), scene.splats.degree), sum(sizes)
-    finest = whole.run(end - sizes[0], end)
+    finest = whole.slice_range(end - sizes[0], end)
     for begin in range(0, sizes[0], ROWS):
         finest.fill(begin, scene.splats.select(order[begin : begin + ROWS]))
     is_copy, errors = np.ones(end, dtype=bool), [np.zeros(shapes[0].num_tiles)]
     total, done = sum(sizes[:-1]), 0
     for finer, shape in itertools.pairwise(shapes):
-        below, end = whole.run(end - finer.count, end), end - finer.count
-        level, squares, at = whole.run(end - shape.count, end), np.zeros((shape.num_tiles, 2)), end - shape.count
+        below, end = whole.slice_range(end - finer.count, end), end - finer.count
+        level, squares, at = (
+            whole.slice_range(end - shape.count, end),
+            np.zeros((shape.num_tiles, 2)),
+            end - shape.count,
+        )
         for parent, child, share, mass in _gaussians_per_tile(below, finer, shape):
             reduced, kept, error = _reduced(below, finer, child, share, mass)
             if share:
@@ -117,11 +121,11 @@ def _gaussians_per_tile(
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):
         children = np.flatnonzero(parents == parent)
-        runs = [splats.run(*finer.edges[child : child + 2].tolist()) for child in children]
-        footprints_by_run = [footprints(run) for run in runs]
-        extents = np.array([np.sqrt(mass).sum() for mass in footprints_by_run])
-        shares = distribute(shape.size, extents, np.array([run.num_gaussians for run in runs]))
-        yield from zip(itertools.repeat(parent), children.tolist(), shares.tolist(), footprints_by_run)
+        tiles = [splats.slice_range(*finer.edges[child : child + 2].tolist()) for child in children]
+        footprints_by_tile = [footprints(tile) for tile in tiles]
+        extents = np.array([np.sqrt(mass).sum() for mass in footprints_by_tile])
+        shares = distribute(shape.size, extents, np.array([tile.num_gaussians for tile in tiles]))
+        yield from zip(itertools.repeat(parent), children.tolist(), shares.tolist(), footprints_by_tile)
 
 
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
@@ -146,5 +150,5 @@ def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray
 
 
 def _reduced(splats: Splats, shape: LevelShape, tile: int, count: int, mass: np.ndarray) -> tuple[Splats, int, float]:
-    tile_splats = splats.run(int(shape.edges[tile]), int(shape.edges[tile + 1]))
+    tile_splats = splats.slice_range(int(shape.edges[tile]), int(shape.edges[tile + 1]))
     return reduce_gaussians(tile_splats, count, mass) if count else (tile_splats, 0, 0.0)

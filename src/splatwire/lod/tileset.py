@@ -91,13 +91,15 @@ def write_tileset(
         end, first = end - shape.count, first - shape.num_tiles
         nodes = []
         for number in range(shape.num_tiles):
-            run = built.scene.splats.run(end + int(shape.edges[number]), end + int(shape.edges[number + 1]))
+            tile_splats = built.scene.splats.slice_range(
+                end + int(shape.edges[number]), end + int(shape.edges[number + 1])
+            )
             name = f"{CONTENTS}/{level}_{number}.glb"
             path = folder / name
             path.parent.mkdir(exist_ok=True)
-            write_gltf([run], path, antialiased=scene.antialiased, metadata=credit)
+            write_gltf([tile_splats], path, antialiased=scene.antialiased, metadata=credit)
             num_bytes += path.stat().st_size
-            nodes.append(_node(run, ERROR_SCALE * float(built.errors[first + number]), name))
+            nodes.append(_node(tile_splats, ERROR_SCALE * float(built.errors[first + number]), name))
             written += 1
             report(0.5 + written / num_tiles / 2)
         _attach(nodes, below)

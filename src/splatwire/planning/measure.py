@@ -17,7 +17,7 @@ from splatwire.bitstream.sections import sections_of
 from splatwire.codec import decode_stream
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.preview import preview_scene
-from splatwire.codec.tiers import arrange_stream, read_tiers
+from splatwire.codec.tiers import assign_stream_packets, read_tiers
 from splatwire.concealment import conceal, create_concealer
 from splatwire.concealment.grow import Grow
 from splatwire.concealment.sketch import SECTION as SKETCH
@@ -239,10 +239,10 @@ def packet_members(stream: SceneStream) -> list[np.ndarray]:
 
     An index is the position of an element in the coding order.
     """
-    groups, packets = arrange_stream(stream)
-    cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
-    ranks = {p.id: cut for p, cut in zip(packets, cuts, strict=True) if p is not None}
-    return [ranks[packet.id] for packet in send_sequence(stream, "tiers")]
+    members, packets = assign_stream_packets(stream)
+    parts = [members.indices[a:b].copy() for a, b in itertools.pairwise(members.starts)]
+    indices = {p.id: part for p, part in zip(packets, parts, strict=True) if p is not None}
+    return [indices[packet.id] for packet in send_sequence(stream, "tiers")]
 
 
 @checked

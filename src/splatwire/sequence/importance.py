@@ -34,7 +34,7 @@ def packet_importance(
     def worth(packet: Packet) -> float:
         if plan.is_keyframe(packet.id.block):
             return 0.0
-        group = plan.group_of_block(packet.id.block)
+        group = plan.gop_of_block(packet.id.block)
         heads, _, _ = decode_motion(info, group, np.array([packet.num_elements]), [packet.payload], int(firsts[group]))
         moving = heads[heads[:, STATE] == MOVING, TRACK]
         # Arbitrary bytes decode to some tracks, which may be out of range.

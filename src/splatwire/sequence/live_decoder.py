@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from splatwire.bitstream import Manifest, Packet
-from splatwire.codec.decoding import runs_of
+from splatwire.codec.decoding import batches_of
 from splatwire.codec.memory import allocating, check_memory
 from splatwire.codec.sequence.decoder import TracksDecoder
 from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer
@@ -81,7 +81,7 @@ class LiveDecoder:
         for packet in packets:
             self._num_bytes += packet.num_bytes
             block = packet.id.block
-            group = plan.group_of_block(block)
+            group = plan.gop_of_block(block)
             if group < self._next_group and not plan.is_keyframe(block):
                 continue
             self._packets_by_block.setdefault(block, []).append(packet)
@@ -153,12 +153,14 @@ class LiveDecoder:
             group: Index of the group of pictures.
         """
         self._store_keyframes(decoder, manifest, complete_only=False)
-        plan, motion = manifest.plan, 2 * group + 1
-        for block in [
-            block for block in self._packets_by_block if not plan.is_keyframe(block) and plan.tier_of(block) < motion
-        ]:
-            del self._packets_by_block[block]
-        for block in [block for block in self._packets_by_block if plan.tier_of(block) == motion]:
+        plan = manifest.plan
+        motion_blocks = [block for block in self._packets_by_block if not plan.is_keyframe(block)]
+        for block in motion_blocks:
+            if plan.gop_of_block(block) < group:
+                del self._packets_by_block[block]
+        for block in motion_blocks:
+            if plan.gop_of_block(block) != group:
+                continue
             decoder.hold(block, tuple(sorted(self._packets_by_block[block], key=lambda packet: packet.id)))
         self._num_received = {number: count for number, count in self._num_received.items() if number > group}
 
@@ -181,8 +183,8 @@ class LiveDecoder:
             if not complete_only or count == manifest.plan.block_elements(block)
         }
         packets = itertools.chain.from_iterable(self._packets_by_block[block] for block in sorted(keyframes))
-        for run in runs_of(decoder, manifest, packets):
-            decoder.store(run, decoder.decode(run))
+        for batch in batches_of(decoder, manifest, packets):
+            decoder.store(batch, decoder.decode(batch))
         self._new_keyframe_blocks -= keyframes
 
 

@@ -74,7 +74,7 @@ class Splats:
         rows = {name: large_empty((count, *shape), np.float32) for name, shape in shapes.items()}
         return Splats(**rows)
 
-    def run(self, begin: int, end: int) -> "Splats":
+    def slice_range(self, begin: int, end: int) -> "Splats":
         """Returns the Gaussians from index `begin` to `end` (exclusive), without copying them.
 
         Raises:
@@ -107,7 +107,7 @@ class Splats:
                 f"source: {source.num_gaussians:,} Gaussians of degree {source.degree} do not fit in the place of "
                 f"{max(room, 0):,} of degree {self.degree}"
             )
-        for name, values in vars(self.run(begin, begin + source.num_gaussians)).items():
+        for name, values in vars(self.slice_range(begin, begin + source.num_gaussians)).items():
             values[:] = getattr(source, name)
 
     def select(self, index: Any) -> "Splats":

@@ -64,7 +64,8 @@ def validity_of_splats(splats: Splats) -> ElementValidity:
     """Classifies Gaussians as drawable, invisible (opacity 0) or invalid."""
     with one_blas_thread():
         masks = parallel_map(
-            lambda begin: _valid_and_visible(splats.run(begin, begin + ROWS)), range(0, splats.num_gaussians, ROWS)
+            lambda begin: _valid_and_visible(splats.slice_range(begin, begin + ROWS)),
+            range(0, splats.num_gaussians, ROWS),
         )
     return _rows([good & drawn for good, drawn in masks], [good for good, _ in masks])
 

@@ -10,7 +10,7 @@ from close import assert_close, unit
 from explicit import decode_splats, encode_splats
 from random_numbers import Numbers
 from reference.gaussian_packets import ReferencePacket
-from splatwire.bitstream import HEADER_BYTES, PRESETS, Packetization, SceneStream, arrange, make_packet
+from splatwire.bitstream import HEADER_BYTES, PRESETS, Packetization, SceneStream, assign_packets, make_packet
 from splatwire.bitstream.limits import FREE_ELEMENTS, MAX_BLOCK_SIZE
 from splatwire.bitstream.packet import Packet
 from splatwire.codec.gaussians.attributes import scene_log, to_sources
@@ -95,7 +95,7 @@ def test_coarser_precision_classes_cost_fewer_bytes() -> None:
 
 
 def test_packets_decode_to_the_same_integers_alone_and_together(stream: SceneStream) -> None:
-    groups, packets = arrange(stream.manifest.plan, stream.packets)
+    groups, packets = assign_packets(stream.manifest.plan, stream.packets)
     sizes = np.diff(groups.starts).tolist()
     for block in range(stream.manifest.plan.num_blocks):
         here = [i for i, packet in enumerate(packets) if packet is not None and packet.id.block == block]

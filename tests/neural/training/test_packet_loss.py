@@ -109,7 +109,7 @@ def test_growth_of_first_anchors_equals_that_of_a_received_tier(
 def test_simulated_datagrams_are_runs_of_the_hash_order(block_size: int, packet_anchors: int) -> None:
     packetization = Packetization(block_size=block_size, lanes=1, grouping="hashed", packet_bytes=1150)
     packet = packet_of_rank(packetization, 333, packet_anchors)
-    ranks, starts = PacketPlan(packetization, 333).groups()
+    ranks, starts = PacketPlan(packetization, 333).all_members()
     blocks = [ranks[a:b] for a, b in itertools.pairwise(starts)]
     runs = [
         (at, i, b[at : at + packet_anchors]) for i, b in enumerate(blocks) for at in range(0, len(b), packet_anchors)

@@ -224,7 +224,7 @@ def test_invalid_gaussians_are_not_written(tmp_path: Path, suffix: str) -> None:
         values = getattr(splats, name).copy()
         values[7] = value
         with pytest.raises(InvalidValueError, match=f"{what} of Gaussians are invalid \\(the first is row 27\\)"):
-            write_splats([splats.run(0, 20), replace(splats, **{name: values})], path)
+            write_splats([splats.slice_range(0, 20), replace(splats, **{name: values})], path)
         assert not path.exists()
 
 

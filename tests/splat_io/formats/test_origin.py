@@ -135,7 +135,7 @@ def test_a_small_scene_that_lost_its_precision_is_not_called_several_sites(
 
 def test_a_written_ply_has_float64_coordinates_and_its_origin(tmp_path: Path) -> None:
     splats, origin = some_splats(300, 2), (451234.5, 5411876.25, -118.0)
-    write_splats([splats.run(0, 100), splats.run(100, 300)], tmp_path / "a.ply", origin=origin)
+    write_splats([splats.slice_range(0, 100), splats.slice_range(100, 300)], tmp_path / "a.ply", origin=origin)
     text = (tmp_path / "a.ply").read_bytes().partition(b"end_header")[0].decode()
     assert "property double x\nproperty double y\nproperty double z\nproperty float nx" in text
     content = read_content(tmp_path / "a.ply")

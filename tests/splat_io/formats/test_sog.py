@@ -258,7 +258,7 @@ def test_chunks_of_different_degrees_keep_their_colours(order: tuple[int, ...], 
     found = read_splats(_streamed(tmp_path, degrees, ""))
     assert found.degree == max(order)
     for n, degree in enumerate(order):
-        part, own = read_splats(tmp_path / f"{n}_0.sog"), found.run(40 * n, 40 * (n + 1))
+        part, own = read_splats(tmp_path / f"{n}_0.sog"), found.slice_range(40 * n, 40 * (n + 1))
         assert np.array_equal(own.means, part.means)
         assert np.array_equal(own.sh[:, : (degree + 1) ** 2], part.sh)
         assert not own.sh[:, (degree + 1) ** 2 :].any()

@@ -299,7 +299,8 @@ def test_harmonics_that_contradict_their_degree_are_refused(tmp_path):
 def test_frames_are_time_samples(tmp_path, suffix):
     first = some_splats(degree=1)
     frames = [
-        FileContent(replace(first, means=first.means + np.float32([0.1 * t, 0, 0])).run(0, 20 - t)) for t in range(3)
+        FileContent(replace(first, means=first.means + np.float32([0.1 * t, 0, 0])).slice_range(0, 20 - t))
+        for t in range(3)
     ]
     path = tmp_path / f"a.{suffix}"
     assert write_usd_frames(iter(frames), path, 24.0) == 3

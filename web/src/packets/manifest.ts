@@ -16,7 +16,7 @@ export interface Packetization {
   readonly packetBytes: number;
 }
 
-export interface TierShape {
+export interface TierCounts {
   readonly count: number;
   readonly lanes: number;
 }
@@ -30,7 +30,7 @@ export interface Manifest {
   readonly sideInfoBytes: number;
   readonly sideInfoDigest: string;
   readonly symbolsDigest: string;
-  readonly tiers: readonly TierShape[];
+  readonly tiers: readonly TierCounts[];
   readonly writer: string;
 }
 
@@ -133,7 +133,7 @@ function readPacketization(fields: Json | undefined): Packetization {
 }
 
 /** Reads the tiers. Streams with frames have two tiers per group of frames; either may be empty. */
-function readTiers(value: Json | undefined, most: number, timed: boolean): TierShape[] {
+function readTiers(value: Json | undefined, most: number, timed: boolean): TierCounts[] {
   if (!Array.isArray(value) || value.length < 2 || value.length > most || (timed && value.length % 2))
     throw new BitstreamError("the manifest's tiers are invalid");
   return value.map((pair) => {

@@ -7,19 +7,19 @@ const VERSION = 1;
 
 export interface Packet {
   readonly block: number;
-  /** Lane within the block. With hashed grouping: the position of the first element in the block. */
-  readonly lane: number;
+  /** Index of the packet in its block. With hashed grouping: index of its first element in the block. */
+  readonly indexInBlock: number;
   readonly count: number;
   readonly bytes: Uint8Array;
   readonly payload: Uint8Array;
 }
 
-/** Lanes of a block that a header can name. */
-const MAX_LANES = 1 << 14;
+/** Upper bound of indices in a block, which a header stores in 14 bits. */
+const MAX_INDEX = 1 << 14;
 
-/** Number that names a packet within its stream: no two packets of a stream have the same block and lane. */
-export function identityOf({ block, lane }: Pick<Packet, "block" | "lane">): number {
-  return block * MAX_LANES + lane;
+/** Number that names a packet within its stream: no two packets of a stream have the same block and index in it. */
+export function identityOf({ block, indexInBlock }: Pick<Packet, "block" | "indexInBlock">): number {
+  return block * MAX_INDEX + indexInBlock;
 }
 
 /**
@@ -36,7 +36,7 @@ export function readPacket(bytes: Uint8Array, streamId: number): Packet | null {
     return null;
   return {
     block: view.getUint16(7, true) | (view.getUint8(9) << 16),
-    lane: ((part >> 2) << 8) | view.getUint8(6),
+    indexInBlock: ((part >> 2) << 8) | view.getUint8(6),
     count,
     bytes,
     payload: bytes.subarray(HEADER_BYTES),

@@ -54,7 +54,7 @@ export class Plan {
   }
 
   /** First block and number of blocks of each tier. */
-  get levels(): readonly Pick<Span, "firstBlock" | "numBlocks">[] {
+  get tiers(): readonly Pick<Span, "firstBlock" | "numBlocks">[] {
     return this.#spans;
   }
 
@@ -67,31 +67,33 @@ export class Plan {
    * Returns the largest number of elements in a packet, 0 if the packet does not exist. With fixed grouping it is the
    * exact number.
    */
-  capacity(block: number, lane: number): number {
+  capacity(block: number, indexInBlock: number): number {
     if (block >= this.numBlocks) return 0;
-    if (this.manifest.packetization.grouping === "hashed") return Math.max(0, this.blockCount(block) - lane);
-    return lane < this.#span(block).lanes ? this.#laneCounts(block)[lane] : 0;
+    if (this.manifest.packetization.grouping === "hashed") return Math.max(0, this.blockCount(block) - indexInBlock);
+    return indexInBlock < this.#span(block).lanes ? this.#laneCounts(block)[indexInBlock] : 0;
   }
 
-  /** Returns True if a packet has the size and the number of elements that its block and lane allow. */
-  fits({ block, lane, count, bytes }: Packet): boolean {
+  /** Returns True if a packet has the size and the number of elements that its block and index allow. */
+  fits({ block, indexInBlock, count, bytes }: Packet): boolean {
     const { grouping, packetBytes } = this.manifest.packetization,
-      room = this.capacity(block, lane);
+      room = this.capacity(block, indexInBlock);
     return (grouping === "hashed" ? count <= room : count === room) && bytes.length <= packetBytes;
   }
 
   /** Returns the indices of a packet's elements, in ascending order or in the order of their hashes. */
-  members({ block, lane, count }: Pick<Packet, "block" | "lane" | "count">): Int32Array {
+  members({ block, indexInBlock, count }: Pick<Packet, "block" | "indexInBlock" | "count">): Int32Array {
     const isHashed = this.manifest.packetization.grouping === "hashed",
-      first = isHashed ? lane : this.#laneCounts(block).reduce((sum, size, n) => (n < lane ? sum + size : sum), 0);
-    return this.order(block).subarray(first, first + count);
+      first = isHashed
+        ? indexInBlock
+        : this.#laneCounts(block).reduce((sum, size, n) => (n < indexInBlock ? sum + size : sum), 0);
+    return this.elementsOf(block).subarray(first, first + count);
   }
 
   /**
    * Returns the indices of a block's elements, packet by packet, or in the order of their hashes, so that any run of
    * them is spread over the block. They are kept: each packet of a block would need another pass over the block.
    */
-  order(block: number): Int32Array {
+  elementsOf(block: number): Int32Array {
     const known = this.#orders.get(block);
     if (known) return known;
     const { grouping, seed } = this.manifest.packetization,
@@ -123,6 +125,16 @@ export class Plan {
       else high = middle;
     }
     return low;
+  }
+
+  /** True for blocks of keyframe Gaussians. In clips, each group of frames has two tiers: keyframes, then motion. */
+  isKeyframe(block: number): boolean {
+    return this.tierOf(block) % 2 === 0;
+  }
+
+  /** Returns the group of frames of a block. Only for clips. */
+  gopOf(block: number): number {
+    return this.tierOf(block) >> 1;
   }
 
   #span(block: number): Span {
@@ -159,7 +171,7 @@ export function planOf(manifest: Manifest, count = countLanes): Plan {
 /** Valid packets of one stream. Invalid and duplicate packets are only counted. */
 export class Intake {
   readonly counts = { corrupt: 0, duplicate: 0 };
-  /** Packets of each block, sorted by lane. */
+  /** Packets of each block, sorted by index in the block. */
   readonly blocks = new Map<number, Packet[]>();
   size = 0;
 
@@ -195,15 +207,15 @@ export class Intake {
     let list = this.blocks.get(packet.block);
     if (!list) this.blocks.set(packet.block, (list = []));
     let at = list.length;
-    while (at > 0 && list[at - 1].lane >= packet.lane) at--;
-    if (at < list.length && list[at].lane === packet.lane) {
+    while (at > 0 && list[at - 1].indexInBlock >= packet.indexInBlock) at--;
+    if (at < list.length && list[at].indexInBlock === packet.indexInBlock) {
       this.counts[list[at].count === packet.count ? "duplicate" : "corrupt"]++;
       return null;
     }
     const hashed = manifest.packetization.grouping === "hashed";
     const overlaps =
-      (at > 0 && list[at - 1].lane + list[at - 1].count > packet.lane) ||
-      (at < list.length && packet.lane + packet.count > list[at].lane);
+      (at > 0 && list[at - 1].indexInBlock + list[at - 1].count > packet.indexInBlock) ||
+      (at < list.length && packet.indexInBlock + packet.count > list[at].indexInBlock);
     if ((hashed && overlaps) || this.size >= manifest.numPackets) {
       this.counts.corrupt++;
       return null;

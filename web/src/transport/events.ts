@@ -22,7 +22,7 @@ export const FILE = "file";
 /** Source of packets with an uncertain position. */
 export const NO_SOURCE = "";
 
-/** A packet and its position. Block and lane in its header identify it; the position is specific to the source. */
+/** A packet and its position. Block and index in its header identify it; the position is specific to the source. */
 export interface ReceivedPacket {
   readonly source: string;
   /** In a file: offset of the size field, bytes. In a session: index in the sending order. */

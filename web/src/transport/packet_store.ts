@@ -1,4 +1,4 @@
-// Received packets of a stream by block and lane, with their positions in each source. Sources may have different
+// Received packets of a stream by block and index in it, with their positions in each source. Sources may have different
 // orders. Only missing packets are requested.
 
 import type { Head } from "../packets/container.ts";

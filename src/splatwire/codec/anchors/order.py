@@ -15,7 +15,7 @@ from splatwire.bitstream import (
     Packetization,
     PacketPlan,
     SceneStream,
-    shape_tiers,
+    count_tiers,
     spread_packetization,
     tier_order,
 )
@@ -148,7 +148,7 @@ def coding_order(scene: AnchorScene, order: str) -> Int64[np.ndarray, "n"]:
 
 def _plan(scene: AnchorScene, packetization: Packetization, tier_of: np.ndarray) -> PacketPlan:
     groups = len(scene.coding.config.layout.feature_groups) if packetization.separated else 0
-    return PacketPlan(packetization, scene.anchors.num_anchors, shape_tiers(tier_of, packetization), groups)
+    return PacketPlan(packetization, scene.anchors.num_anchors, count_tiers(tier_of, packetization), groups)
 
 
 class AnchorEncoder:
@@ -161,18 +161,18 @@ class AnchorEncoder:
     """
 
     def __init__(self, coder: AnchorCoder, plan: PacketPlan, tier_of: np.ndarray) -> None:
-        groups, p = plan.groups(), plan.packetization
-        self._coder, self._starts, self._rank_at = coder, groups.starts, tier_order(tier_of)[groups.ranks]
+        members, p = plan.all_members(), plan.packetization
+        self._coder, self._starts, self._rank_at = coder, members.starts, tier_order(tier_of)[members.indices]
         self._most = p.packet_bytes - HEADER_BYTES if p.hashed else None
 
-    def runs(self) -> Iterator[slice]:
+    def batches(self) -> Iterator[slice]:
         """Yields slices of consecutive packets. Different slices can be encoded in parallel."""
         # Each slice contains about `CHUNK` anchors.
         return chunks(np.diff(self._starts))
 
-    def encode(self, run: slice) -> CodedPackets:
-        """Encodes a slice of consecutive packets of the packet plan, as yielded by `runs`."""
-        starts = self._starts[run.start : run.stop + 1]
+    def encode(self, batch: slice) -> CodedPackets:
+        """Encodes a slice of consecutive packets of the packet plan, as yielded by `batches`."""
+        starts = self._starts[batch.start : batch.stop + 1]
         return self._coder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._most)
 
 
@@ -217,7 +217,7 @@ class AnchorDecoder:
         BitstreamError: If side information and manifest contradict each other.
     """
 
-    runs_are_blocks, packets_independent, redecode_on_demand = False, True, False
+    batches_are_blocks, packets_independent, redecode_on_demand = False, True, False
     chunk_bytes: int
     """Memory of each anchor during decoding, bytes."""
 

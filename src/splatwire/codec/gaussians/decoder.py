@@ -31,7 +31,7 @@ from splatwire.codec.gaussians.side_info import SideInfo, read_side_info
 from splatwire.codec.memory import words_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import Run, SymbolRows
+from splatwire.codec.schema import PacketBatch, SymbolRows
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import LossMask, ReceivedScene, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
@@ -59,7 +59,7 @@ class GaussianDecoder:
     """
 
     order: np.ndarray | None = None
-    runs_are_blocks, packets_independent, redecode_on_demand = True, True, False
+    batches_are_blocks, packets_independent, redecode_on_demand = True, True, False
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         info = open_side_info(manifest, side_info)
@@ -87,36 +87,36 @@ class GaussianDecoder:
         self._classes = np.zeros(self._num, dtype=np.uint8)
         self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
 
-    def decode(self, run: Run) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes the received packets of one spatial block to integers.
 
         Args:
-            run: The packets.
+            batch: The packets.
 
         Returns:
             Two arrays with a row for each Gaussian, packet by packet: all attributes except spherical harmonics, int64
             (n, columns), and the harmonics, int32 (n, harmonics).
         """
-        return decode_packets(self._info, run.block, run.counts, run.payloads)
+        return decode_packets(self._info, batch.block, batch.counts, batch.payloads)
 
-    def store(self, run: Run, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
         """Writes the Gaussians of a block to the scene as floats; lost Gaussians get estimated attributes.
 
         Args:
-            run: Received packets of the block.
+            batch: Received packets of the block.
             rows: Result of `decode` for these packets.
         """
-        indices, received_mask = run.ranks, self._loss_mask.received
+        indices, received_mask = batch.indices, self._loss_mask.received
         received_mask[indices] = True
-        if len(indices) < self._plan.block_elements(run.block):
-            indices = self._plan.block_ranks(run.block)
+        if len(indices) < self._plan.block_elements(batch.block):
+            indices = self._plan.block_indices(batch.block)
         received = received_mask[indices, 0]  # Gaussians are received as a whole
         if not received.all():
             all_rows = empty_rows(len(indices), self._info.num_harmonics)
             for filled, received_rows in zip(all_rows, rows, strict=True):
                 filled[received] = received_rows
             rows = all_rows
-        store_block(self._splats, indices, rows[0], rows[1], received, self._info, run.block)
+        store_block(self._splats, indices, rows[0], rows[1], received, self._info, batch.block)
         if received.any():
             self._classes[indices] = rows[0][:, CLASS].astype(np.uint8)
 

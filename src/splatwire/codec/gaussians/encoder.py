@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.bitstream import HEADER_BYTES, PRESETS, PacketPlan, shape_tiers
+from splatwire.bitstream import HEADER_BYTES, PRESETS, PacketPlan, count_tiers
 from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.background import BACKGROUND
@@ -67,7 +67,7 @@ def prepare_splats(
     if options.noise is not None:
         raise InvalidValueError("explicit Gaussians have no networks whose noise could be tolerated")
     coding = scene.coding if options.quality is None and options.classes is None else None
-    shapes = shape_tiers(options.tiers, packetization) if options.tiers is not None else ()
+    shapes = count_tiers(options.tiers, packetization) if options.tiers is not None else ()
     plan = PacketPlan(packetization, splats.num_gaussians, shapes)
     quality = quality_of("default" if options.quality is None else options.quality)
     tiers = options.tiers if shapes else None
@@ -213,34 +213,34 @@ class GaussianEncoder:
         self._max_payload_bytes = p.packet_bytes - HEADER_BYTES if p.hashed else 0
         self._sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
 
-    def runs(self) -> Iterator[int]:
+    def batches(self) -> Iterator[int]:
         """Returns the indices of all spatial blocks in encoding order. Different blocks can be encoded in parallel."""
         return iter(range(self._plan.num_blocks))
 
-    def encode(self, run: int) -> CodedPackets:
+    def encode(self, block: int) -> CodedPackets:
         """Encodes the Gaussians of one spatial block as packets.
 
         Args:
-            run: Index of the block.
+            block: Index of the block.
         """
-        source = self._scene.arranged(run, self._info)
-        coded = encode_block(source, self._info, run, self._sizes[run], self._max_payload_bytes)
+        source = self._scene.arranged(block, self._info)
+        coded = encode_block(source, self._info, block, self._sizes[block], self._max_payload_bytes)
         return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))
 
-    def ranked(self, run: int, counts: np.ndarray) -> np.ndarray:
+    def ranked(self, block: int, counts: np.ndarray) -> np.ndarray:
         """Sorts a block's Gaussians into coding order.
 
         Args:
-            run: Index of the block, which is encoded as a whole (one run).
+            block: Index of the block.
             counts: Number of Gaussians in each packet of the block, from `encode`.
 
         Returns:
             Entry i is the index in the scene of the i-th Gaussian in coding order, int64 (n).
         """
-        return self._scene.ranked(run, self._info, counts)
+        return self._scene.ranked(block, self._info, counts)
 
 
 def _fixed_sizes(plan: PacketPlan) -> list[np.ndarray]:
     """Returns the number of Gaussians in each packet of a plan, as one int64 array per block."""
-    counts, blocks = plan.group_counts(), np.array([packet_id.block for packet_id in plan.ids])
+    counts, blocks = plan.member_counts(), np.array([packet_id.block for packet_id in plan.ids])
     return [counts[blocks == block] for block in range(plan.num_blocks)]

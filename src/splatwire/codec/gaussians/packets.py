@@ -37,12 +37,12 @@ def divide_into_packets(scene: SplatScene, packetization: Packetization) -> Pack
     encoder = prepared.encoder
     assert isinstance(encoder, GaussianEncoder)
     packet, sizes, keys, total = np.zeros(scene.num_elements, np.int64), list[int](), list[tuple[int, int]](), 0
-    for block in encoder.runs():
+    for block in encoder.batches():
         coded = encoder.encode(block)
         members = encoder.ranked(block, coded.counts)
         packet[members] = total + np.repeat(np.arange(len(coded.counts)), coded.counts)
         sizes += [len(payload) + HEADER_BYTES for payload in coded.payloads]
-        keys += [(lane, block) for lane in range(len(coded.counts))]
+        keys += [(index_in_block, block) for index_in_block in range(len(coded.counts))]
         total += len(coded.counts)
     order = sorted(range(total), key=keys.__getitem__)
     sending_index = np.empty(total, np.int64)

@@ -59,7 +59,7 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
 
     def some(begin: int) -> None:
         end = min(begin + _PIECE, splats.num_gaussians)
-        part = splats.run(begin, end)
+        part = splats.slice_range(begin, end)
         sources, (rows, harmonics) = to_sources(part, coding.size_log), empty_rows(end - begin, width)
         harmonics[:] = transformed(part, coding.transform)
         positions = to_lattice(part.means.astype(np.float64), coding.lattice_bits, coding.size_log)

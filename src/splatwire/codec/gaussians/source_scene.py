@@ -439,7 +439,7 @@ def _quantised_positions(
 
     def find(begin: int) -> None:
         output = centres[begin : begin + ROWS]
-        piece, shifts = splats.run(begin, begin + len(output)), np.empty(len(output), np.int64)
+        piece, shifts = splats.slice_range(begin, begin + len(output)), np.empty(len(output), np.int64)
         piece_classes = classes[begin : begin + len(output)].astype(np.int64)
         kernels.position_shifts(
             to_logs(piece, size_log),

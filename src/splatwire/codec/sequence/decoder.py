@@ -16,7 +16,7 @@ from splatwire.codec.gaussians.layout import COLUMNS
 from splatwire.codec.memory import check_memory, words_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import Run, SymbolRows
+from splatwire.codec.schema import PacketBatch, SymbolRows
 from splatwire.codec.sequence.keyframes import scene_positions
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
@@ -55,7 +55,7 @@ class TracksDecoder:
     """
 
     order: np.ndarray | None = None
-    runs_are_blocks, packets_independent, redecode_on_demand = True, True, True
+    batches_are_blocks, packets_independent, redecode_on_demand = True, True, True
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         info, self.manifest = open_side_info(manifest, side_info), manifest
@@ -110,46 +110,44 @@ class TracksDecoder:
         self._rounding[:num_earlier] = other._rounding
         self._loss_mask.received[: other._num] = other._loss_mask.received
 
-    def decode(self, run: Run) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes the received packets of one block to integers.
 
         Args:
-            run: The packets: either all with keyframe Gaussians, or all with motion.
+            batch: The packets: either all with keyframe Gaussians, or all with motion.
 
         Returns:
             Two arrays with a row for each element. For keyframe Gaussians: all attributes except spherical harmonics,
             and the harmonics. For motion: headers and prediction residuals of the tracks.
         """
-        group, keyframe_block = self._block_map.of(run.block)
+        group, keyframe_block = self._block_map.of(batch.block)
         if keyframe_block is not None:
-            return decode_packets(*self.info.shot_of(keyframe_block), run.counts, run.payloads)
-        return decode_motion(self.info, group, run.counts, run.payloads, self._block_map.first_new[group])[:2]
+            return decode_packets(*self.info.shot_of(keyframe_block), batch.counts, batch.payloads)
+        return decode_motion(self.info, group, batch.counts, batch.payloads, self._block_map.first_new[group])[:2]
 
-    def store(self, run: Run, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
         """Writes decoded keyframe Gaussians to the scene. Motion packets are kept and decoded on request.
 
         Args:
-            run: Received packets of one block.
+            batch: Received packets of one block.
             rows: Result of `decode` for these packets.
         """
-        _, keyframe_block = self._block_map.of(run.block)
-        self._loss_mask.received[run.ranks] = True
+        _, keyframe_block = self._block_map.of(batch.block)
+        self._loss_mask.received[batch.indices] = True
         if keyframe_block is None:
             # Packets take a hundredth of the memory of decoded motion.
-            self.hold(run.block, run.packets)
+            self.hold(batch.block, batch.packets)
             return
-        self._sizes[run.block] = sum(packet.num_bytes for packet in run.packets)
+        self._sizes[batch.block] = sum(packet.num_bytes for packet in batch.packets)
         first, count = self._block_map.track_range(keyframe_block)
         received = np.zeros(count, dtype=bool)
         whole, harmonics = empty_keyframes(count, self.info.keyframes.num_harmonics)
         begin = 0
-        for packet in run.packets:
-            packet_slice, end = slice(packet.id.lane, packet.id.lane + packet.num_elements), begin + packet.num_elements
-            received[packet_slice], whole[packet_slice], harmonics[packet_slice] = (
-                True,
-                rows[0][begin:end],
-                rows[1][begin:end],
-            )
+        for packet in batch.packets:
+            start, end = packet.id.index_in_block, begin + packet.num_elements
+            members = slice(start, start + packet.num_elements)
+            received[members] = True
+            whole[members], harmonics[members] = rows[0][begin:end], rows[1][begin:end]
             begin = end
         tracks = np.arange(first, first + count)
         keyframes, block = self.info.shot_of(keyframe_block)
@@ -317,16 +315,13 @@ class _BlockMap:
         self.first_new = np.concatenate([[0], np.cumsum(births)]).astype(np.int64).tolist()
         self.born = np.repeat(np.arange(len(births)), births)
         track = 0
-        for tier, span in enumerate(plan.spans):
-            group, keyframes = tier // 2, tier % 2 == 0
-            blocks = range(span.first_block, span.first_block + span.num_blocks)
-            if not keyframes:
-                self._motion[group] = blocks
-            for block in blocks:
-                self._blocks.append((group, len(self._tracks) if keyframes else None))
-                if keyframes:
-                    self._tracks.append((track, span.block_elements(block)))
-                    track += span.block_elements(block)
+        for group, (keyframes, motion) in enumerate(plan.gop_spans):
+            for block in keyframes.blocks:
+                self._blocks.append((group, len(self._tracks)))
+                self._tracks.append((track, keyframes.block_elements(block)))
+                track += keyframes.block_elements(block)
+            self._motion[group] = motion.blocks
+            self._blocks += [(group, None)] * motion.num_blocks
 
     def of(self, block: int) -> tuple[int, int | None]:
         """Returns two indices: the group of frames of a block, and the block's position among all keyframe blocks.

@@ -21,7 +21,7 @@ from splatwire.bitstream import (
     make_stream,
 )
 from splatwire.bitstream.limits import TRACKS
-from splatwire.bitstream.tiers import TierShape
+from splatwire.bitstream.tiers import TierCounts
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.gaussians.attributes import update_digest as digest_keyframes
 from splatwire.codec.gaussians.quality import Quality
@@ -203,7 +203,7 @@ class TracksEncoder:
 
     def _current_header(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
-    ) -> tuple[bytes, tuple[TierShape, ...]]:
+    ) -> tuple[bytes, tuple[TierCounts, ...]]:
         """Returns the side information of the frames encoded so far, and the sizes of the stream's tiers.
 
         A tier is a part of the stream with separate packets. Each group of frames has two: its keyframe Gaussians, and
@@ -217,7 +217,7 @@ class TracksEncoder:
         info = SequenceInfo(
             timeline, tuple(self._groups), self._keyframes.shots, LOG_STEP_RATIOS, zero_probabilities, named
         )
-        tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
+        tiers = tuple(TierCounts(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 
     def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, MotionCoefficients]:
@@ -420,7 +420,9 @@ class TracksEncoder:
         """
         first = self._num_blocks
         self._num_blocks += num_blocks
-        named = [make_packet(PacketId(first + p.id.block, p.id.lane), p.num_elements, p.payload) for p in packets]
+        named = [
+            make_packet(PacketId(first + p.id.block, p.id.index_in_block), p.num_elements, p.payload) for p in packets
+        ]
         ends = np.cumsum([0, *(packet.num_elements for packet in packets)])
         sums = np.add.reduceat(seen, ends[:-1]).tolist()
         self.importance |= {packet.id: importance for packet, importance in zip(named, sums, strict=True)}

@@ -16,10 +16,10 @@ from splatwire.ops.threads import parallel_map
 
 _TURN = float(1 << DIRECTION_BITS)
 _FIXED = float(1 << BITS)
-RUN, AT_ONCE = 2048, 8192
-"""Number of tracks that a thread processes at a time: when coefficients are fitted (`RUN`), and when offsets are
-computed (`AT_ONCE`).
-"""
+FIT_BATCH = 2048
+"""Number of tracks to which a thread fits coefficients at a time."""
+OFFSET_BATCH = 8192
+"""Number of tracks of which a thread computes offsets at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +130,8 @@ def add_frames(
             scale, luma, table, np.int64(begin), np.int64(end), *(values[rows] for values in vars(motion).values()),
         )  # fmt: skip
 
-    runs = [slice(first, first + RUN) for first in range(0, len(keyframe_indices), RUN)]
-    for _ in ordered_map(fit, runs, threads if len(runs) > 1 else 1):
+    batches = [slice(first, first + FIT_BATCH) for first in range(0, len(keyframe_indices), FIT_BATCH)]
+    for _ in ordered_map(fit, batches, threads if len(batches) > 1 else 1):
         pass
 
 
@@ -201,7 +201,7 @@ class Offsets:
                     flat, starts[rows], packet_of_row[rows], orders, widths, weights, factors, colours, offsets[rows]
                 )  # fmt: skip
 
-            parallel_map(part, [slice(begin, begin + AT_ONCE) for begin in range(0, len(rows), AT_ONCE)])
+            parallel_map(part, [slice(begin, begin + OFFSET_BATCH) for begin in range(0, len(rows), OFFSET_BATCH)])
             return offsets
 
         return at

@@ -191,15 +191,15 @@ def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[in
     plan = stream.manifest.plan
     starts: dict[int, int] = {}
     count = 0
-    for span in plan.spans[::2]:
-        for block in range(span.num_blocks):
-            starts[span.first_block + block] = count + block * span.block_size
-        count += span.num_elements
-    never = len(plan.spans)
+    for keyframes, _ in plan.gop_spans:
+        for n, block in enumerate(keyframes.blocks):
+            starts[block] = count + n * keyframes.block_size
+        count += keyframes.num_elements
+    never = len(plan.gop_spans)
     group = np.full(count, never, np.int64)
     for packet, when in zip(stream.packets, arrival.tolist(), strict=True):
         if packet.id.block in starts and when >= 0:
-            first = starts[packet.id.block] + packet.id.lane
+            first = starts[packet.id.block] + packet.id.index_in_block
             group[first : first + packet.num_elements] = when
     return lambda wanted: group <= wanted
 

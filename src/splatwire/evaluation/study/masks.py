@@ -69,7 +69,7 @@ def mask_bytes(stream: SceneStream, mask: PacketLossMask, loss: Loss, seed: int)
     ids = [packet.id for packet in stream.packets]
     return _npz(
         block=np.array([i.block for i in ids], np.int32),
-        lane=np.array([i.lane for i in ids], np.int32),
+        lane=np.array([i.index_in_block for i in ids], np.int32),
         part=np.array([i.part for i in ids], np.int32),
         num_anchors=np.array([packet.num_elements for packet in stream.packets], np.int32),
         num_bytes=np.array([packet.num_bytes for packet in stream.packets], np.int32),

@@ -102,7 +102,7 @@ def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray
     similar = is_similarity(matrix)
     transformed = Splats.empty(splats.num_gaussians, splats.degree)
     for begin in range(0, splats.num_gaussians, _ROWS):
-        part = splats.run(begin, min(begin + _ROWS, splats.num_gaussians))
+        part = splats.slice_range(begin, min(begin + _ROWS, splats.num_gaussians))
         means = part.means.astype(np.float64) @ matrix.T
         if similar:
             # Covariances are invariant to point reflection, so a reflection rotates Gaussians like its negative.

@@ -133,9 +133,9 @@ def concatenate(parts: Sequence[Splats]) -> Splats:
     offset = 0
     for part in parts:
         for begin in range(0, part.num_gaussians, ROWS):
-            run = part.run(begin, min(begin + ROWS, part.num_gaussians))
-            joined.fill(offset, of_degree(run, joined.degree))
-            offset += run.num_gaussians
+            rows = part.slice_range(begin, min(begin + ROWS, part.num_gaussians))
+            joined.fill(offset, of_degree(rows, joined.degree))
+            offset += rows.num_gaussians
     return joined
 
 

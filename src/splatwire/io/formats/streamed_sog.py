@@ -281,7 +281,7 @@ def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -
     room = Splats.empty(total, degree)
     for begin in range(0, 0 if joined is None else count, ROWS):
         assert joined is not None
-        room.fill(begin, of_degree(joined.run(begin, min(begin + ROWS, count)), degree))
+        room.fill(begin, of_degree(joined.slice_range(begin, min(begin + ROWS, count)), degree))
     return room
 
 

@@ -259,14 +259,14 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
     # Consecutive packets contain different parts of the scene.
     plan = PacketPlan(packetization, num_anchors)
     if packetization.hashed:
-        ranks, starts = plan.groups()
+        indices, starts = plan.all_members()
         sizes = np.diff(starts)
         position = np.arange(num_anchors) - np.repeat(starts[:-1], sizes)
         key = np.empty(num_anchors, np.int64)
-        key[ranks] = position // packet_anchors * plan.num_blocks + np.repeat(np.arange(len(sizes)), sizes)
+        key[indices] = position // packet_anchors * plan.num_blocks + np.repeat(np.arange(len(sizes)), sizes)
     else:
-        block, lane = np.divmod(plan.packet_index_of().astype(np.int64), packetization.lanes)
-        key = lane * plan.num_blocks + block
+        block, index_in_block = np.divmod(plan.packet_index_of().astype(np.int64), packetization.lanes)
+        key = index_in_block * plan.num_blocks + block
     return np.unique(key, return_inverse=True)[1]
 
 

@@ -45,11 +45,11 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
         packets: All packets of the sequence, before `order_and_protect` sorts them for sending.
         plan: Packet plan of the manifest: mapping between elements and packets.
     """
-    groups = [GroupPackets((), ())] * (len(plan.spans) // 2)
+    groups = [GroupPackets((), ())] * len(plan.gop_spans)
     packets_by_kind: list[tuple[list[int], list[int]]] = [([], []) for _ in groups]
     for number, packet in enumerate(packets):
         block = packet.id.block
-        packets_by_kind[plan.group_of_block(block)][0 if plan.is_keyframe(block) else 1].append(number)
+        packets_by_kind[plan.gop_of_block(block)][0 if plan.is_keyframe(block) else 1].append(number)
     return [GroupPackets(tuple(keyframes), tuple(motion)) for keyframes, motion in packets_by_kind]
 
 

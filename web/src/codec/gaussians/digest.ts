@@ -41,8 +41,8 @@ export class SymbolsDigest {
   #bytes = 0;
   /** True as long as packets were added in order. */
   #inOrder = true;
-  /** Last lane and harmonics of the current block, and the number of packets of each block. */
-  #lane = -1;
+  /** Last packet and harmonics of the current block, and the number of packets of each block. */
+  #lastIndex = -1;
   #harmonics: Int32Array[] = [];
   readonly #added: number[] = [];
 
@@ -52,8 +52,8 @@ export class SymbolsDigest {
   add(packet: Packet, decoded: Decoded): void {
     if (!this.#inOrder) return;
     const pending = this.#pending,
-      { block, lane } = packet,
-      isLater = ({ packet: other }: Pending): boolean => (other.block - block || other.lane - lane) > 0;
+      { block, indexInBlock } = packet,
+      isLater = ({ packet: other }: Pending): boolean => (other.block - block || other.indexInBlock - indexInBlock) > 0;
     let at = pending.length;
     while (at && isLater(pending[at - 1])) at--;
     pending.splice(at, 0, { packet, decoded });
@@ -70,11 +70,11 @@ export class SymbolsDigest {
     }
   }
 
-  #hashNext({ block, lane }: Packet, { rows, harmonics, integers }: Decoded): void {
+  #hashNext({ block, indexInBlock }: Packet, { rows, harmonics, integers }: Decoded): void {
     while (this.#added.length <= block) this.#beginBlock();
-    this.#inOrder &&= this.#added.length === block + 1 && lane > this.#lane;
+    this.#inOrder &&= this.#added.length === block + 1 && indexInBlock > this.#lastIndex;
     if (!this.#inOrder) return;
-    this.#lane = lane;
+    this.#lastIndex = indexInBlock;
     this.#added[block]++;
     this.#hash.update(integers ?? integers64(rows));
     if (harmonics.length) this.#harmonics.push(this.keptBytes ? harmonics : harmonics.slice());
@@ -83,7 +83,7 @@ export class SymbolsDigest {
   #beginBlock(): void {
     for (const harmonics of this.#harmonics) this.#hash.update(integers32(harmonics));
     this.#harmonics = [];
-    this.#lane = -1;
+    this.#lastIndex = -1;
     this.#added.push(0);
   }
 

@@ -27,7 +27,7 @@ export function predictedElements(info: SideInfo, plan: Plan, parts: readonly Ga
     state = new Uint8Array(count);
   const opacities = new Float32Array(count),
     blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []),
-    orders = blocks.map((_, block) => plan.order(block)); // before the members of any part are looked up
+    orders = blocks.map((_, block) => plan.elementsOf(block)); // before the members of any part are looked up
   let at = 0;
   for (const part of parts) {
     const { splats, packet } = part;
@@ -46,7 +46,7 @@ export function predictedElements(info: SideInfo, plan: Plan, parts: readonly Ga
     if (packet) blocks[packet.block].push(part);
   }
   blocks.forEach((received, block) => {
-    received.sort((a, b) => a.packet!.lane - b.packet!.lane);
+    received.sort((a, b) => a.packet!.indexInBlock - b.packet!.indexInBlock);
     const near = new Float32Array(received.reduce((sum, part) => sum + 3 * part.splats.count, 0)),
       size = meanSize(info, block);
     let end = 0;

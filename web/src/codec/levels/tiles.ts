@@ -31,7 +31,7 @@ export function readTiles(info: SideInfo, plan: Plan): Tiles {
   const section = info.sections.get(TILES);
   if (!section) throw new BitstreamError("the stream has no index of tiles");
   const count = plan.numBlocks,
-    levels = plan.levels,
+    levels = plan.tiers,
     coarser = levels[levels.length - 1].firstBlock,
     reader = new ByteReader(section, "index of tiles");
   if (reader.left < 2 * count + 4 * coarser)

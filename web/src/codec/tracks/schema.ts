@@ -83,38 +83,28 @@ export class TrackSchema implements Schema<GaussianPart> {
 
   /** Memory of decoded keyframe Gaussians, bytes. Motion is decoded later and has its own limit. */
   bytesOf(packet: Packet): number {
-    return this.#isMotion(packet.block) ? 0 : packet.count * (splatBytes(this.degree) + TRACK_BYTES);
+    return this.plan.isKeyframe(packet.block) ? packet.count * (splatBytes(this.degree) + TRACK_BYTES) : 0;
   }
 
   read(packet: Packet): GaussianPart {
     const decoded = this.decode(packet);
     if (decoded) return this.accept(packet, decoded);
-    this.sequence.addMotion(this.#groupOf(packet.block), packet);
+    this.sequence.addMotion(this.plan.gopOf(packet.block), packet);
     return new GaussianPart(packet, emptySplats(0, this.degree), () => new Int32Array());
   }
 
   /** Decodes a packet of keyframe Gaussians. Motion is decoded when it is drawn, because it needs them. */
   decode({ payload, block, count }: Packet): DecodedPacket | null {
-    if (this.#isMotion(block)) return null;
+    if (!this.plan.isKeyframe(block)) return null;
     const keyframeBlock = this.#keyframeBlock(block),
       shot = shotOf(this.info, keyframeBlock),
       symbols = this.#decode(payload, keyframeBlock, count);
     return { symbols, splats: toSplats(symbols, shot.keyframeInfo, keyframeBlock - shot.firstBlock) };
   }
 
-  /** True for blocks of motion. A group has two tiers: keyframe Gaussians, then motion. */
-  #isMotion(block: number): boolean {
-    return this.plan.tierOf(block) % 2 === 1;
-  }
-
-  /** Returns the group of a block of the plan. */
-  #groupOf(block: number): number {
-    return this.plan.tierOf(block) >> 1;
-  }
-
   /** Returns the index of a block of the plan among all blocks of keyframe Gaussians. */
   #keyframeBlock(block: number): number {
-    const { keyframeBlock, planBlock } = this.#firsts[this.#groupOf(block)];
+    const { keyframeBlock, planBlock } = this.#firsts[this.plan.gopOf(block)];
     return keyframeBlock + block - planBlock;
   }
 
@@ -125,10 +115,10 @@ export class TrackSchema implements Schema<GaussianPart> {
   }
 
   accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianPart {
-    const group = this.#groupOf(packet.block),
+    const group = this.plan.gopOf(packet.block),
       { planBlock, firstTrack } = this.#firsts[group],
       block = packet.block - planBlock,
-      first = firstTrack + block * (block ? this.plan.blockCount(planBlock) : 0) + packet.lane;
+      first = firstTrack + block * (block ? this.plan.blockCount(planBlock) : 0) + packet.indexInBlock;
     this.sequence.addKeyframes(group, first, symbols.rows, this.#keyframeBlock(packet.block), splats);
     this.sequence.numBytes += packet.payload.length;
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
@@ -142,12 +132,12 @@ export class TrackSchema implements Schema<GaussianPart> {
         numbers: Int32Array[][] = [[], []];
       for (const packet of packets) {
         await pause();
-        if (this.#isMotion(packet.block)) {
-          const { headers, residuals } = this.#motion(packet, this.#groupOf(packet.block));
+        if (this.plan.isKeyframe(packet.block)) {
+          found.push(this.#decode(packet.payload, this.#keyframeBlock(packet.block), packet.count));
+        } else {
+          const { headers, residuals } = this.#motion(packet, this.plan.gopOf(packet.block));
           numbers[0].push(headers);
           numbers[1].push(residuals);
-        } else {
-          found.push(this.#decode(packet.payload, this.#keyframeBlock(packet.block), packet.count));
         }
       }
       addRows(digest, found);

@@ -21,7 +21,7 @@ from splatwire.codec.heads import network_of
 from splatwire.codec.memory import check_memory
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import Run, SymbolRows
+from splatwire.codec.schema import PacketBatch, SymbolRows
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import (
     Anchors,
@@ -122,26 +122,26 @@ class CausalDecoder(AnchorDecoder):
         self._spreads["scaling"][ranks] = self._means["scaling"][ranks] * relative
         self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
 
-    def decode(self, run: Run) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes packets of anchors to integers.
 
         Args:
-            run: The received packets.
+            batch: The received packets.
 
         Returns:
             One array with a row for each anchor, packet by packet: position, offset mask and quantised attributes.
         """
-        positions = self._info.positions.known.select(run.ranks)
-        return (anchor_rows(*decode_packets(self._context, positions, run.counts, run.payloads)),)
+        positions = self._info.positions.known.select(batch.indices)
+        return (anchor_rows(*decode_packets(self._context, positions, batch.counts, batch.payloads)),)
 
-    def store(self, run: Run, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
         """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene.
 
         Args:
-            run: The decoded packets.
+            batch: The decoded packets.
             rows: Result of `decode` for these packets.
         """
-        ranks = run.ranks
+        ranks = batch.indices
         voxels, mask, quantised = np.split(rows[0], [3, 3 + self._offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask
         self._positions[ranks] = self._positions_of(voxels + self._info.positions.known.origin)

@@ -13,7 +13,7 @@ from splatwire.codec.anchors.hacpp.separated import decode_masks, decode_parts
 from splatwire.codec.anchors.hacpp.side_info import SideInfo, read_side_info
 from splatwire.codec.anchors.order import AnchorDecoder
 from splatwire.codec.memory import check_memory
-from splatwire.codec.schema import Decoder, Run, SymbolRows
+from splatwire.codec.schema import Decoder, PacketBatch, SymbolRows
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import AnchorScene, Attribute, ReceivedScene
 
@@ -118,31 +118,31 @@ class HacppDecoder(AnchorDecoder):
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
 
-    def decode(self, run: Run) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes packets of anchors to integers: offset masks and quantised attributes.
 
         Args:
-            run: The received packets.
+            batch: The received packets.
 
         Returns:
             One array with a row for each of the n anchors, packet by packet, int32 (n, symbols); columns as in
             `Symbols.rows`.
         """
-        ranks = run.ranks
+        ranks = batch.indices
         if self._arrays is None:
             outputs = self._context.predict(self._info.voxels[ranks])[1]
         else:
             outputs = self._arrays.outputs[ranks]
-        return (decode_packets(self._context, outputs, run.counts, run.payloads, self._models)[0].rows(),)
+        return (decode_packets(self._context, outputs, batch.counts, batch.payloads, self._models)[0].rows(),)
 
-    def store(self, run: Run, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
         """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene.
 
         Args:
-            run: The decoded packets.
+            batch: The decoded packets.
             rows: Result of `decode` for these packets.
         """
-        ranks = run.ranks
+        ranks = batch.indices
         factors = factor_table()[step_indices(self._room.outputs[ranks], self._info.config)]
         store_symbols(self._room, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
 
@@ -168,7 +168,7 @@ class SeparatedDecoder(HacppDecoder):
     # A feature is sent in several packets, one per group of channels. It counts as received only if all of them are.
     # Otherwise, the channels before the first missing packet are decoded.
 
-    runs_are_blocks, packets_independent, redecode_on_demand = True, False, False
+    batches_are_blocks, packets_independent, redecode_on_demand = True, False, False
 
     def __init__(self, manifest: Manifest, info: SideInfo) -> None:
         super().__init__(manifest, info)
@@ -179,11 +179,11 @@ class SeparatedDecoder(HacppDecoder):
         super().allocate()
         self._room.mask[:], self._room.received[:, Attribute.MASK] = self._masks, True
 
-    def decode(self, run: Run) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes the received packets of one spatial block.
 
         Args:
-            run: The packets. Each contains one attribute, or some feature channels, of a group of anchors.
+            batch: The packets. Each contains one attribute, or some feature channels, of a group of anchors.
 
         Returns:
             Three arrays with a row for each of the n anchors that have a received packet, group by group:
@@ -195,35 +195,35 @@ class SeparatedDecoder(HacppDecoder):
         """
         empty = Symbols.of_rows(np.empty((0, self.row_bytes // 4), np.int32), self._layout).rows()
         rows: list[SymbolRows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
-        for ranks, payloads in _payloads_by_group(run):
+        for ranks, payloads in _payloads_by_group(batch):
             decoded = decode_parts(self._context, self._room.outputs[ranks], self._masks[ranks], payloads)
             rows.append((decoded.symbols.rows(), decoded.factors, decoded.received))
         return tuple(np.concatenate(parts) for parts in zip(*rows, strict=True))
 
-    def store(self, run: Run, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
         """Dequantises received attributes of anchors, and writes them and their mask to the arrays of the scene.
 
         Args:
-            run: The decoded packets.
+            batch: The decoded packets.
             rows: Result of `decode` for these packets: quantised attributes, factors on the quantisation steps, and
                 mask of received attributes.
         """
         symbols, factors, received = rows
-        ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _payloads_by_group(run))])
+        ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _payloads_by_group(batch))])
         store_symbols(self._room, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)
 
 
-def _payloads_by_group(run: Run) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:
+def _payloads_by_group(batch: PacketBatch) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:
     """Yields the received packets of a block, grouped by the anchors that they contain.
 
     Args:
-        run: Received packets of the block.
+        batch: Received packets of the block.
 
     Yields:
         For each group: indices of its anchors in coding order, int64; and payloads of its packets by attribute
         (`PacketId.part`).
     """
-    both = zip(run.packets, run.members, strict=True)
-    for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.lane):
+    both = zip(batch.packets, batch.members, strict=True)
+    for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.index_in_block):
         pairs = list(same)
         yield pairs[0][1], {packet.id.part: packet.payload for packet, _ in pairs}
