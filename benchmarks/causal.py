@@ -135,7 +135,7 @@ def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
         decoder = open_decoder(stream.manifest, stream.side_info)
         batches = list(batches_of(decoder, stream.manifest, stream.packets))
         before = time.process_time()
-        decoder.expect(threads=1)
+        decoder.allocate(threads=1)
         for batch in batches:
             decoder.store(batch, decoder.decode(batch))
         best = min(best, time.process_time() - before)

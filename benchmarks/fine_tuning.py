@@ -24,7 +24,7 @@ from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import QUICK
 from splatwire.calibration.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.concealment import conceal
 from splatwire.concealment.sketch import SECTION
@@ -58,7 +58,7 @@ def lossy(stream: SceneStream, pictures: SourcePictures) -> dict[str, dict[str, 
     cameras = surrounding_cameras(complete.scene, QUICK.views, QUICK.width)
     for share in COPIES:
         copies = sketch_of(stream, complete, CalibrationViews(cameras), replace(QUICK, share=share))
-        streams[f"sketch {share:g}"] = add_concealment(stream, SECTION, copies.section)
+        streams[f"sketch {share:g}"] = with_section(stream, SECTION, copies.section)
     return {name: {"bytes": each.num_bytes, "psnr": received(each, name.split()[0], pictures)}
             for name, each in streams.items()}  # fmt: skip
 

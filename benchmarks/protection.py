@@ -24,7 +24,7 @@ from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import SketchConfig
 from splatwire.channel import parse_loss
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.codec.tiers import assign_stream_packets
 from splatwire.concealment.sketch import SECTION
 from splatwire.planning.measure import LossyPictures
@@ -164,7 +164,7 @@ def main() -> None:
     sections = sketches(bench, flat, arguments.sketch)
     print("sketches of", [len(section) for section in sections], "bytes", file=sys.stderr, flush=True)
     variants = [bench.variant(stream, bench.concealer) for stream in (flat, tiered)]
-    variants += [bench.variant(add_concealment(tiered, SECTION, s), SECTION, len(s)) for s in sections]
+    variants += [bench.variant(with_section(tiered, SECTION, s), SECTION, len(s)) for s in sections]
     whole = variants[0].psnr(True, np.ones(len(variants[0].members), dtype=np.bool_))
     rows = []
     if "datagram" in arguments.units:

@@ -29,7 +29,7 @@ from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.calibration.preview import preview_for_scene
 from splatwire.calibration.views import CalibrationViews
 from splatwire.channel import parse_loss
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.data import open_dataset
 from splatwire.evaluation.views import spread
@@ -140,7 +140,7 @@ class Bench:
 
     def with_preview(self, stream: SceneStream) -> SceneStream:
         """The stream with a preview of the scene."""
-        return add_concealment(stream, PREVIEW, preview_for_scene(self.scene, self.train).section)
+        return with_section(stream, PREVIEW, preview_for_scene(self.scene, self.train).section)
 
     def variant(self, stream: SceneStream, concealer: str | None = None, concealment_bytes: int = 0) -> Variant:
         """A stream of the scene with lossy pictures for planning and for reporting, for a concealer."""

@@ -25,7 +25,7 @@ from rate_distortion import REPORTED_SEED, Bench, Variant
 
 from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.channel import parse_loss
-from splatwire.codec import add_concealment, encode_scene
+from splatwire.codec import encode_scene, with_section
 from splatwire.concealment.sketch import SECTION
 from splatwire.planning.measure import LossyPictures, received_elements
 from splatwire.transport import Protection, ServerLimits, make_served_stream
@@ -171,7 +171,7 @@ def main() -> None:
     stream = encode_scene(bench.scene, PRESETS["datagram"], tiers=bench.tiers)
     found = [(bench.variant(stream, bench.concealer), stream, 0)]
     for section in sketches(bench, stream, arguments.sketch):
-        richer = add_concealment(stream, SECTION, section)
+        richer = with_section(stream, SECTION, section)
         found.append((bench.variant(richer, SECTION, len(section)), richer, len(section)))
     rows = [row_of(found, loss_name, arguments) for loss_name in CHANNELS]
     for row in rows:

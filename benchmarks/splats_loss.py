@@ -25,7 +25,7 @@ from splatwire.calibration.sketch_config import SketchConfig
 from splatwire.calibration.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.cli._calibration import with_quick_sketch
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.codec._coder_kernels import ENCODING, new_coder
 from splatwire.codec.gaussians import _packet_kernels as kernels
 from splatwire.codec.gaussians.attributes import empty_rows
@@ -70,7 +70,7 @@ def conceal_scene(path: Path, options: argparse.Namespace) -> dict[str, object]:
     views = CalibrationViews(surrounding_cameras(complete.scene))
     for share in options.shares:
         made = sketch_of(stream, complete, views, SketchConfig(**{**vars(CONFIG), "share": share}))
-        richer = add_concealment(stream, "sketch", made.section)
+        richer = with_section(stream, "sketch", made.section)
         rows[f"sketch {share}"] = {
             "psnr": concealed(richer, "sketch"), "bytes": richer.num_bytes, "copies": made.num_sketched,
         }  # fmt: skip

@@ -27,7 +27,7 @@ from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import SketchConfig
 from splatwire.calibration.views import CalibrationViews
 from splatwire.channel import draw_mask, parse_loss
-from splatwire.codec import add_concealment, decode_stream, encode_scene, schema_of
+from splatwire.codec import decode_stream, encode_scene, schema_of, with_section
 from splatwire.concealment import conceal
 from splatwire.data import Dataset, open_dataset
 from splatwire.neural.training import Listener, RunOptions, TrainConfig, create_config, load_checkpoint, train_scene
@@ -62,7 +62,7 @@ def under_loss(scene: AnchorScene, photos: tuple[Dataset, Dataset], options: arg
     found["clean"] = round(assess_scene(complete.scene, test, views, 0).psnr, 3)
     if options.sketch:
         made = sketch_of(stream, complete, CalibrationViews.of_photos(train), SketchConfig(share=options.sketch))
-        stream, concealers = add_concealment(stream, "sketch", made.section), (*CONCEALERS, "sketch")
+        stream, concealers = with_section(stream, "sketch", made.section), (*CONCEALERS, "sketch")
         found["bytes with sketch"] = stream.num_bytes
     for loss in options.losses:
         each, lost, model = {name: [] for name in concealers}, 0.0, parse_loss(loss, packetization.unit)

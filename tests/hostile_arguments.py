@@ -218,7 +218,7 @@ class Pool:
             "write_splats.path": self.folder / "written.ply", "Trace.path": self.trace,
             "model_dir": self.folder, "concealer": "drop", "decode_frame.concealer": "drop",
             "decode_frames.concealer": "drop", "SequenceDecoder.concealer": "drop", "save_decoded.concealer": None,
-            "name": "drop", "add_concealment.name": "sketch", "without_concealment.name": "sketch",
+            "name": "drop", "with_section.name": "sketch", "without_section.name": "sketch",
             "create_renderer.name": "cpu", "packetization_named.name": "paper", "schema_named.name": "gaussians",
             "register_loss_model.name": "mine", "register_metric.name": "mine", "register_concealer.name": "mine",
             "spec": "bernoulli:0.2", "loss": "bernoulli:0.2", "base": self.stream,

@@ -41,7 +41,7 @@ MESSAGES = {
     "moved_origin": "an origin is three numbers",
     "column number": "attribute: expected an Attribute .FEATURE",
     "column text": "attribute: expected an Attribute .FEATURE",
-    "of_anchors": r"fully_received: expected an array \(N,\) of True and False",
+    "of_elements": r"fully_received: expected an array \(N,\) of True and False",
     "masked length": r"fully_received: expected an array \(200,\)",
     "masked type": r"fully_received: expected an array \(200,\)",
     "masked loss": r"fully_received: expected an array \(200,\)",
@@ -66,7 +66,7 @@ MESSAGES = {
 def calls() -> dict[str, Callable[[], Any]]:
     """Returns calls with wrong arguments by name."""
     scene, cameras, anchors = SplatScene(ball_of_gaussians()), tiny_cameras(2, 8, 8), tiny_scene(num_anchors=20)
-    splats, received = scene.splats, ReceivedScene(scene, LossMask.of_anchors(np.ones(200, np.bool_)))
+    splats, received = scene.splats, ReceivedScene(scene, LossMask.of_elements(np.ones(200, np.bool_)))
     hints = RenderHints(np.ones(3, np.float32), np.zeros(3, np.bool_))
     coding = SplatCoding(0, 0, 0, (0,), np.zeros((1, 1), np.int64), np.zeros(200, np.uint8))
     known: Any = np.ones(20, np.bool_)
@@ -94,7 +94,7 @@ def calls() -> dict[str, Callable[[], Any]]:
         "moved_origin": lambda: splats.moved_origin((0.0, 0.0, 0.0), None),
         "column number": lambda: received.loss_mask.column(4),
         "column text": lambda: received.loss_mask.column("FEATURE"),
-        "of_anchors": lambda: LossMask.of_anchors("a"),
+        "of_elements": lambda: LossMask.of_elements("a"),
         "select long integer": lambda: splats.select(10**5000),
         "column array": lambda: received.loss_mask.column(np.zeros(2)),
         "received": lambda: parse_loss("bernoulli:0.2").received(3, None),
@@ -109,7 +109,7 @@ def calls() -> dict[str, Callable[[], Any]]:
         "estimates": lambda: splats.with_estimates(received, splats),
         "estimates of others": lambda: splats.with_estimates(received.loss_mask, splats.select([1])),
         "anchor estimates": lambda: anchors.anchors.with_estimates(
-            LossMask.of_anchors(known), anchors.anchors.select([1])
+            LossMask.of_elements(known), anchors.anchors.select([1])
         ),
         "fill": lambda: splats.fill(199, splats),
         "empty": lambda: splats.empty(-1, 0),

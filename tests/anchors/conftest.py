@@ -72,4 +72,4 @@ def tiny_partial(tiny_scene) -> ReceivedScene:
 
     full = Prior(prior(5), prior(6), prior(9), g.randn(7, GRID.context_dim))
     layout = tiny_scene.coding.config.layout
-    return ReceivedScene(tiny_scene, LossMask.of_anchors(np.arange(7) % 2 == 0), {}, (full, layout))
+    return ReceivedScene(tiny_scene, LossMask.of_elements(np.arange(7) % 2 == 0), {}, (full, layout))

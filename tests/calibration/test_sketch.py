@@ -12,14 +12,14 @@ from splatwire.calibration.sketch_config import SketchConfig
 from splatwire.calibration.sketch_fit import SketchFit, fit_sketch, sketch_material
 from splatwire.calibration.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.concealment import conceal
 from splatwire.concealment.sketch.concealer import buckets_of, sizes_of, sketched_attributes, with_sketch
 from splatwire.concealment.sketch.section import read_sketch, write_sketch
 from splatwire.errors import InvalidValueError
 from splatwire.render import render_scene
 from splatwire.render.sensitivity import render_sensitivity
-from splatwire.types import ExpectedPlaces
+from splatwire.types import PredictedPositions
 
 pytestmark = pytest.mark.slow
 
@@ -60,7 +60,7 @@ def test_the_same_seed_gives_the_same_bytes(stream, data, result) -> None:
 
 
 def test_stream_carries_the_sketch(stream, data, result) -> None:
-    richer = add_concealment(stream, "sketch", result.section)
+    richer = with_section(stream, "sketch", result.section)
     lossy, _ = transmit(richer, parse_loss("bernoulli:0.4"), seed=1)
     received = decode_stream(lossy)
     drawn = conceal(received, "sketch")
@@ -129,10 +129,10 @@ def test_copies_are_placed_at_the_lost_gaussians(make) -> None:
         return (anchors.positions[:, None] + anchors.offsets * anchors.scalings[:, None, :3])[there]
 
     wrong = np.median(np.linalg.norm(centers(copied) - centers(true), axis=1))
-    guessed = data.complete.get(ExpectedPlaces)
+    predicted = data.complete.get(PredictedPositions)
     moved = 0.1 * float(true.positions.std())
-    if guessed is not None:
-        moved = np.median(np.linalg.norm(true.positions - guessed.positions, axis=1))
+    if predicted is not None:
+        moved = np.median(np.linalg.norm(true.positions - predicted.positions, axis=1))
     assert float(wrong) < 0.3 * float(moved)
 
 

@@ -9,7 +9,7 @@ from codec.gaussians.test_gaussians import DATAGRAM, some_splats
 from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import SketchConfig
 from splatwire.calibration.views import CalibrationViews
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.errors import InvalidValueError
 from splatwire.render.importance import surrounding_cameras
 from splatwire.types import Copies, SplatScene
@@ -37,7 +37,7 @@ def result(stream, views):
 def test_sketch_fits_its_byte_share_and_improves_quality(stream, result) -> None:
     assert 0.09 * stream.num_bytes < len(result.section) <= 0.1 * stream.num_bytes
     assert result.psnr["no loss"] > result.psnr["sketch"] > max(result.psnr["grow"], result.psnr["drop"])
-    copies = decode_stream(add_concealment(stream, "sketch", result.section)).get(Copies)
+    copies = decode_stream(with_section(stream, "sketch", result.section)).get(Copies)
     assert len(copies.indices) == result.num_sketched
     assert (copies.growth[0], copies.growth[2]) == (result.exponent, result.trust)
 
@@ -49,7 +49,7 @@ def test_the_same_seed_gives_the_same_bytes(stream, views, result) -> None:
 def test_copied_gaussians_have_high_importance(stream, result) -> None:
     """Copied Gaussians are larger and more opaque than most."""
     whole = decode_stream(stream).scene.splats
-    copies = decode_stream(add_concealment(stream, "sketch", result.section)).get(Copies)
+    copies = decode_stream(with_section(stream, "sketch", result.section)).get(Copies)
     weight = whole.opacities * np.exp(2 * np.log(whole.scales).mean(axis=1))
     assert np.median(weight[copies.indices]) > 2 * np.median(weight)
 
@@ -71,5 +71,5 @@ def test_background_of_the_views_changes_the_sketch(stream, views) -> None:
     complete = decode_stream(stream)
     white = sketch_of(stream, complete, dataclasses.replace(views, background=(1.0, 1.0, 1.0)), CONFIG)
     black = sketch_of(stream, complete, views, CONFIG)
-    places = [decode_stream(add_concealment(stream, "sketch", s.section)).get(Copies).indices for s in (white, black)]
+    places = [decode_stream(with_section(stream, "sketch", s.section)).get(Copies).indices for s in (white, black)]
     assert set(places[0].tolist()) != set(places[1].tolist())

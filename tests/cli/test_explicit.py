@@ -15,7 +15,7 @@ from splat_io.formats.handmade import some_splats
 from splatwire.bitstream import read_stream, write_stream
 from splatwire.calibration import preview
 from splatwire.cli import _run_calibrate
-from splatwire.codec import add_concealment
+from splatwire.codec import with_section
 from splatwire.concealment import concealer_names
 from splatwire.io.formats import read_splats, write_splats
 from splatwire.transport.protocol.preview import stream_preview
@@ -250,7 +250,7 @@ def test_parts_of_side_information_are_reported_and_served(run, stream):
     assert content["codec"] == "gaussians"
     assert sum(content["side_info_parts"].values()) == content["parts"]["side_info"]
     whole = read_stream(stream)[0]
-    previewed = add_concealment(whole, "preview", b"something to see")
+    previewed = with_section(whole, "preview", b"something to see")
     assert stream_preview(whole.side_info, whole.manifest.codec) == b""
     assert stream_preview(previewed.side_info, previewed.manifest.codec) == b"something to see"
 

@@ -11,7 +11,7 @@ from splat_io.formats.handmade import some_splats
 from splat_io.formats.test_origin import ECEF, UTM, geo_ply
 from splatwire.bitstream import read_stream, write_stream
 from splatwire.bitstream.sections import sections_of
-from splatwire.codec import add_concealment
+from splatwire.codec import with_section
 from splatwire.data import load_cameras, save_cameras
 from splatwire.io.formats import read_content, write_splats
 from splatwire.types.origin import NO_ORIGIN
@@ -174,7 +174,7 @@ def test_a_damaged_origin_is_refused(files, run, tmp_path):
     run("encode", files / "local.ply", "-o", tmp_path / "a.swz")
     stream = read_stream(tmp_path / "a.swz")[0]
     for values in ((1.0, 2.0), (np.nan, 0.0, 0.0), (np.inf, 0.0, 0.0), (2e12, 0.0, 0.0)):
-        write_stream(add_concealment(stream, "origin", np.array(values, "<f8").tobytes()), tmp_path / "b.swz")
+        write_stream(with_section(stream, "origin", np.array(values, "<f8").tobytes()), tmp_path / "b.swz")
         refused = run("decode", tmp_path / "b.swz", "-o", tmp_path / "b.ply")
         assert refused.status == 2
         assert "origin" in refused.err

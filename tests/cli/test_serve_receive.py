@@ -27,7 +27,7 @@ from splatwire.bitstream import PRESETS, Packetization, read_stream, write_strea
 from splatwire.cli import _run_receive
 from splatwire.cli._run_receive import parse_seconds
 from splatwire.cli.main import main
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.codec.preview import Preview, PreviewFrame, preview_scene, write_preview
 from splatwire.concealment import conceal
 from splatwire.data import save_cameras
@@ -87,7 +87,7 @@ def test_receive_reports_when_only_the_preview_arrived(
     levels = np.random.default_rng(0).integers(0, 16, (20, 10))
     preview = write_preview(Preview(frame, (0, 51, 102), levels))
     for name, content in (("good.swz", preview), ("bad.swz", preview[:-1])):
-        write_stream(add_concealment(read_stream(stream_file)[0], "preview", content), tmp_path / name)
+        write_stream(with_section(read_stream(stream_file)[0], "preview", content), tmp_path / name)
     with serving(str(tmp_path / "good.swz"), str(tmp_path / "bad.swz"), "--rate", "0.001") as facts:
         url = f"udp://127.0.0.1:{facts['port']}"
         assert call("receive", url, "-o", str(tmp_path / "seen.swz"), "--deadline", "500ms") == 2

@@ -6,7 +6,7 @@ import pytest
 
 from splatwire.bitstream import PRESETS, Packetization
 from splatwire.bitstream.sections import split_sections
-from splatwire.codec import add_concealment, decode_stream, encode_scene, without_concealment
+from splatwire.codec import decode_stream, encode_scene, with_section, without_section
 from splatwire.codec.background import BACKGROUND
 from splatwire.errors import BitstreamError
 from splatwire.types import AnchorScene
@@ -26,7 +26,7 @@ def test_background_survives_encoding(scene: AnchorScene, preset: str) -> None:
     received = decode_stream(stream.with_packets(stream.packets[1:]))
     assert BACKGROUND.of_stream(stream) == received.scene.background == WHITE
     assert BACKGROUND.name not in received.sections
-    assert BACKGROUND.of_stream(add_concealment(stream, "gnn", b"weights")) == WHITE
+    assert BACKGROUND.of_stream(with_section(stream, "gnn", b"weights")) == WHITE
 
 
 def test_background_changes_side_information_only(scene: AnchorScene) -> None:
@@ -34,7 +34,7 @@ def test_background_changes_side_information_only(scene: AnchorScene) -> None:
     black, white = (encode_scene(replace(scene, background=color), packetization) for color in (BLACK, WHITE))
     assert BACKGROUND.name not in split_sections(black.side_info, black.manifest.codec)[1]
     assert BACKGROUND.of_stream(black) == decode_stream(black).scene.background == BLACK
-    assert without_concealment(white, BACKGROUND.name).side_info == black.side_info
+    assert without_section(white, BACKGROUND.name).side_info == black.side_info
     assert [(p.id, p.payload) for p in white.packets] == [(p.id, p.payload) for p in black.packets]
 
 

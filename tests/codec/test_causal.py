@@ -16,7 +16,7 @@ from splatwire.channel import parse_loss, transmit
 from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
 from splatwire.codec.anchors.causal.context import CodingContext, exponential
 from splatwire.codec.anchors.causal.encoder import MAX_SIDE_INFO_SHARE, _split_position_bits
-from splatwire.codec.anchors.causal.packet_coder import cut_packets, decode_packets, encode_packets, quantise
+from splatwire.codec.anchors.causal.packet_coder import decode_packets, encode_packets, quantise, split_into_packets
 from splatwire.codec.anchors.causal.positions import AnchorPositions, encode_coarse_positions, read_coarse_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
 from splatwire.concealment import conceal
@@ -220,8 +220,8 @@ def test_positions_split_between_side_information_and_packets_round_trip(info: S
     assert np.array_equal(decode_packets(context, known, np.array([98]), [payload])[0], codes)
     assert decode_reference(context, known, payload)[0] == codes.tolist()
     # the estimated size includes the positions
-    assert len(cut_packets(context, found, np.array([98]), len(payload) + 2)) == 1
-    assert len(cut_packets(context, found, np.array([98]), len(payload) - 2)) == 2
+    assert len(split_into_packets(context, found, np.array([98]), len(payload) + 2)) == 1
+    assert len(split_into_packets(context, found, np.array([98]), len(payload) - 2)) == 2
 
 
 def test_side_information_is_small(scene: AnchorScene, info: SideInfo):

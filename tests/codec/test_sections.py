@@ -8,7 +8,7 @@ from splatwire.anchors.scene_file import load_partial, save_partial
 from splatwire.bitstream import ANCHORS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.bitstream.limits import MAX_SECTIONS
 from splatwire.bitstream.sections import read_sections, split_sections, write_sections
-from splatwire.codec import add_concealment, decode_stream, encode_scene, side_info_parts, without_concealment
+from splatwire.codec import decode_stream, encode_scene, side_info_parts, with_section, without_section
 from splatwire.codec.anchors.hacpp.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.files.byte_io import ByteWriter
@@ -47,20 +47,20 @@ def test_sections_with_unknown_names_are_kept(side_info: SideInfo, side_info_byt
 
 
 def test_adding_a_section_changes_side_information_only(stream: SceneStream) -> None:
-    richer = add_concealment(add_concealment(stream, "hints", b"more"), "gnn", b"weights")
-    assert richer == add_concealment(add_concealment(stream, "gnn", b"weights"), "hints", b"more")
+    richer = with_section(with_section(stream, "hints", b"more"), "gnn", b"weights")
+    assert richer == with_section(with_section(stream, "gnn", b"weights"), "hints", b"more")
     assert richer.packets == stream.packets
     assert richer.manifest.stream_id == stream.manifest.stream_id
     assert stream_from_bytes(stream_to_bytes(richer))[0] == richer
-    assert add_concealment(richer, "hints", b"other").num_bytes == richer.num_bytes + 1
-    assert without_concealment(without_concealment(richer, "gnn"), "hints") == stream
-    assert without_concealment(stream, "gnn") == stream
+    assert with_section(richer, "hints", b"other").num_bytes == richer.num_bytes + 1
+    assert without_section(without_section(richer, "gnn"), "hints") == stream
+    assert without_section(stream, "gnn") == stream
 
 
 def test_decoder_passes_sections_to_concealers(stream: SceneStream, tmp_path: Path) -> None:
     richer = stream
     for name, data in SECTIONS.items():
-        richer = add_concealment(richer, name, data)
+        richer = with_section(richer, name, data)
     received = decode_stream(richer.with_packets(richer.packets[1:]))
     assert received.sections == SECTIONS
     plain = decode_stream(stream.with_packets(stream.packets[1:]))
@@ -77,7 +77,7 @@ def test_decoder_passes_sections_to_concealers(stream: SceneStream, tmp_path: Pa
 def test_impossible_sections_are_refused(stream: SceneStream) -> None:
     for name in ("", "Gnn", "gnn ", "positions", "x" * 33, "ä"):
         with pytest.raises(InvalidValueError, match="cannot be called"):
-            add_concealment(stream, name, b"")
+            with_section(stream, name, b"")
     with pytest.raises(InvalidValueError, match="at most 16"):
         write_sections({f"s{i}": b"" for i in range(MAX_SECTIONS + 1)})
 

@@ -14,7 +14,7 @@ from splatwire.bitstream import (
     stream_from_bytes,
     stream_to_bytes,
 )
-from splatwire.bitstream.sections import side_info_parts, without_concealment
+from splatwire.bitstream.sections import side_info_parts, without_section
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
 from splatwire.codec.anchors.hacpp.separated import SECTION
@@ -153,7 +153,7 @@ def test_damaged_payloads_decode_without_an_error(stream: SceneStream):
 def test_masks_are_side_information(stream: SceneStream):
     assert 0 < side_info_parts(stream.side_info, stream.manifest.codec)[SECTION] < 700 * 4 / 8 + 20
     with pytest.raises(BitstreamError, match="lacks the section 'masks'"):
-        decode_stream(without_concealment(stream, SECTION))
+        decode_stream(without_section(stream, SECTION))
     with pytest.raises(BitstreamError, match="all at once"):
         ProgressiveDecoder(stream.manifest, stream.side_info)
 

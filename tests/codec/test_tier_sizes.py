@@ -7,8 +7,8 @@ import pytest
 
 from scenes import tiny_causal_scene
 from splatwire.bitstream import PRESETS, Packetization, SceneStream
-from splatwire.bitstream.sections import sections_of, without_concealment
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.bitstream.sections import sections_of, without_section
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.codec.progressive import ProgressiveDecoder
 from splatwire.codec.tier_sizes import SECTION, encode_tier_sizes, read_tier_sizes
 from splatwire.codec.tiers import read_tiers
@@ -109,7 +109,7 @@ def test_separated_packets_have_no_tier_sizes(scene: AnchorScene):
     ],
 )
 def test_damaged_sections_are_refused(whole: SceneStream, data: bytes, message: str):
-    stream = add_concealment(whole, SECTION, data)
+    stream = with_section(whole, SECTION, data)
     with pytest.raises(BitstreamError, match=message):
         decode_stream(stream)
     with pytest.raises(BitstreamError, match=message):
@@ -120,7 +120,7 @@ def test_sizes_of_absent_tiers_are_refused():
     stream = encode_scene(tiny_causal_scene(seed=4), PACKETIZATION)
     for data, message in ((b"", "no tier is the largest"), (b"\0", "1 bytes for 0 tiers")):
         with pytest.raises(BitstreamError, match=message):
-            decode_stream(add_concealment(stream, SECTION, data))
+            decode_stream(with_section(stream, SECTION, data))
 
 
 def without_tier_sizes(received: ReceivedScene) -> ReceivedScene:
@@ -129,7 +129,7 @@ def without_tier_sizes(received: ReceivedScene) -> ReceivedScene:
 
 def test_stream_without_tier_sizes_is_concealed_as_before(cut: SceneStream):
     """Without the section, growth uses the size expected by the prior and a limit by anchor count."""
-    old = decode_stream(without_concealment(cut, SECTION))
+    old = decode_stream(without_section(cut, SECTION))
     assert old.tier_sizes is None
     for name in ("grow", "scene_free"):
         plain = conceal(without_tier_sizes(decode_stream(cut)), name)
@@ -139,7 +139,7 @@ def test_stream_without_tier_sizes_is_concealed_as_before(cut: SceneStream):
 
 @pytest.mark.parametrize("name", ["grow", "scene_free"])
 def test_losing_small_anchors_causes_little_growth(cut: SceneStream, name: str):
-    sized, without_them = decode_stream(cut), decode_stream(without_concealment(cut, SECTION))
+    sized, without_them = decode_stream(cut), decode_stream(without_section(cut, SECTION))
     known = sized.loss_mask.fully_received
     with_sizes, without = (conceal(received, name).hints.size_gain[known] for received in (sized, without_them))
     assert 0.2 < float(known.astype(np.float32).mean()) < 0.5

@@ -20,7 +20,7 @@ from splatwire.bitstream import (
     stream_from_bytes,
     stream_to_bytes,
 )
-from splatwire.bitstream.sections import add_concealment, side_info_parts, without_concealment
+from splatwire.bitstream.sections import side_info_parts, with_section, without_section
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.progressive import ProgressiveDecoder
 from splatwire.codec.tiers import SECTION, assign_stream_packets, decode_tiers, encode_tiers, read_tiers
@@ -132,12 +132,12 @@ def test_coded_tiers_are_near_their_entropy():
 def test_contradictory_tiers_are_refused(stream: SceneStream):
     manifest = stream.manifest
     with pytest.raises(BitstreamError, match="whether there are tiers"):
-        decode_stream(without_concealment(stream, SECTION))
+        decode_stream(without_section(stream, SECTION))
     plain = replace(stream, manifest=replace(manifest, tiers=()), packets=())
     with pytest.raises(BitstreamError, match="whether there are tiers"):
         decode_stream(plain)
     with pytest.raises(BitstreamError, match="which the manifest denies"):
-        decode_stream(add_concealment(stream, SECTION, b"\x55" * 40))
+        decode_stream(with_section(stream, SECTION, b"\x55" * 40))
 
 
 def test_damaged_sections_are_refused_or_decode_to_other_tiers(stream: SceneStream):

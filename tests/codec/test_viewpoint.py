@@ -7,7 +7,7 @@ import pytest
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.bitstream.sections import sections_of
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.codec.viewpoint import SECTION, UP_SECTION, up_axis, up_sections, viewpoint_section
 from splatwire.errors import BitstreamError
 
@@ -33,7 +33,7 @@ def test_viewpoint_of_one_or_parallel_cameras_is_straight_ahead():
 
 
 def test_viewpoint_is_hidden_from_concealers():
-    stream = add_concealment(encode_scene(tiny_scene(seed=2)), SECTION, viewpoint_section(tiny_cameras()))
+    stream = with_section(encode_scene(tiny_scene(seed=2)), SECTION, viewpoint_section(tiny_cameras()))
     assert SECTION in sections_of(stream)
     assert SECTION not in decode_stream(stream).sections
 

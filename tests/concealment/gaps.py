@@ -107,7 +107,7 @@ def only(context: ReceivedScene, known: np.ndarray) -> ReceivedScene:
     anchors = Anchors(
         a.positions, a.features * blank, a.scalings * blank, a.offsets * blank[:, :, None], a.mask & blank
     )
-    return changed(context, anchors=anchors, loss_mask=LossMask.of_anchors(known))
+    return changed(context, anchors=anchors, loss_mask=LossMask.of_elements(known))
 
 
 def gaussians(
@@ -118,4 +118,4 @@ def gaussians(
     scales = np.ones((count, 3), np.float32) if log_scales is None else np.exp(log_scales)
     quats = np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (count, 1))
     splats = Splats(positions, quats, scales, opacities, np.zeros((count, 1, 3), np.float32))
-    return ReceivedScene(SplatScene(splats), LossMask.of_anchors(known))
+    return ReceivedScene(SplatScene(splats), LossMask.of_elements(known))

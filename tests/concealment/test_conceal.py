@@ -143,7 +143,7 @@ def test_one_received_anchor_is_enough(name: str) -> None:
     context = random_context(30, 3, loss=0)
     known = np.zeros(30, np.bool_)
     known[7] = True
-    scene = conceal(dataclasses.replace(context, loss_mask=LossMask.of_anchors(known)), name)
+    scene = conceal(dataclasses.replace(context, loss_mask=LossMask.of_elements(known)), name)
     assert_drawable(scene)
     if name == "idw":
         assert np.array_equal(scene.anchors.features, np.tile(context.scene.anchors.features[7], (30, 1)))
@@ -187,7 +187,7 @@ def test_missing_inputs_are_one_error_sentence() -> None:
 def test_context_with_arrays_of_unequal_length_is_refused() -> None:
     context = random_context(10, 0)
     with pytest.raises(ValueError, match="different numbers of elements"):
-        dataclasses.replace(context, loss_mask=LossMask.of_anchors(np.ones(9, np.bool_)))
+        dataclasses.replace(context, loss_mask=LossMask.of_elements(np.ones(9, np.bool_)))
 
 
 def test_the_class_of_a_concealer_is_no_concealer() -> None:

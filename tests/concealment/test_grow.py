@@ -35,7 +35,7 @@ def test_lost_small_anchors_weigh_less_than_large_ones() -> None:
     large = size >= np.median(size)
 
     def gain(known: np.ndarray) -> float:
-        gains = Grow(neighbors=20)(dataclasses.replace(context, loss_mask=LossMask.of_anchors(known))).size_gain
+        gains = Grow(neighbors=20)(dataclasses.replace(context, loss_mask=LossMask.of_elements(known))).size_gain
         return float(gains[known].mean())
 
     assert gain(large) < 1.35 < 1.45 < gain(~large)
@@ -55,7 +55,7 @@ def test_isolated_anchor_reaches_the_gain_limit(exponent: float) -> None:
     context = random_context(100, 2, loss=0)
     known = np.zeros(100, np.bool_)
     known[3] = True
-    context = dataclasses.replace(context, loss_mask=LossMask.of_anchors(known))
+    context = dataclasses.replace(context, loss_mask=LossMask.of_elements(known))
     gain = Grow(exponent=exponent, max_gain=3.0)(context).size_gain
     assert float(gain[3]) == pytest.approx(3.0 if exponent else 1.0)
     assert bool((gain[~known] == 1).all())

@@ -27,7 +27,7 @@ from splatwire.types.networks import Linear
 
 
 def with_known(context: ReceivedScene, known: np.ndarray) -> ReceivedScene:
-    return dataclasses.replace(context, loss_mask=LossMask.of_anchors(known))
+    return dataclasses.replace(context, loss_mask=LossMask.of_elements(known))
 
 
 def in_other_units(context: ReceivedScene, length: float, feature: float) -> ReceivedScene:

@@ -42,7 +42,7 @@ def test_result_is_invariant_to_units_and_order() -> None:
     plain, large = cloud(), cloud(unit=50.0)
     assert_close(element_inputs(plain).signature, element_inputs(large).signature, rtol=1e-3, atol=1e-3)
     turned = Numbers(1).randperm(300)
-    other = ReceivedScene(plain.scene.select(turned), LossMask.of_anchors(plain.fully_received[turned]))
+    other = ReceivedScene(plain.scene.select(turned), LossMask.of_elements(plain.fully_received[turned]))
     gains, others = SceneFree()(plain), SceneFree()(other)
     assert_close(gains.size_gain[turned], others.size_gain, rtol=1e-3, atol=1e-4)
     assert element_inputs(plain).signature.shape[1] == ELEMENT_SIGNATURE

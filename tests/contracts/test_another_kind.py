@@ -160,9 +160,9 @@ class PointDecoder:
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         return 1 << 16
 
-    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+    def allocate(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         self.colors = np.zeros(self.places.shape, np.uint8)
-        self.loss_mask = LossMask.of_anchors(np.zeros(len(self.places), np.bool_))
+        self.loss_mask = LossMask.of_elements(np.zeros(len(self.places), np.bool_))
 
     def decode(self, batch: PacketBatch) -> tuple[np.ndarray, ...]:
         sizes = (3 * batch.counts).tolist()

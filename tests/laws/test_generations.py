@@ -12,7 +12,7 @@ from scenes import tiny_causal_scene, tiny_scene
 from splatwire.anchors.appearance import Scene
 from splatwire.anchors.scene_file import load_scene, save_partial, save_scene
 from splatwire.bitstream import PRESETS, Packetization, SceneStream, spread_packetization, stream_from_bytes
-from splatwire.codec import add_concealment, decode_stream, encode_scene, repack
+from splatwire.codec import decode_stream, encode_scene, repack, with_section
 from splatwire.codec.gaussians.coding import coding_to_bytes
 from splatwire.codec.gaussians.copies_encoder import write_copies
 from splatwire.codec.gaussians.decoder import open_side_info
@@ -112,7 +112,7 @@ def assert_same_content(one: SceneStream, other: SceneStream) -> None:
 @pytest.mark.parametrize("packets", PACKETIZATIONS)
 def test_repacked_streams_decode_to_the_same_scene_and_back_to_the_same_bytes(codec: str, packets: str) -> None:
     tiers = (np.arange(300) % 3 > 0).astype(np.uint8)
-    first = add_concealment(encode_scene(ANCHORS[codec], PACKETIZATIONS["few"], tiers=tiers), "mine", b"1")
+    first = with_section(encode_scene(ANCHORS[codec], PACKETIZATIONS["few"], tiers=tiers), "mine", b"1")
     packed = repack(first, PACKETIZATIONS[packets])
     assert packed.side_info == first.side_info
     assert [tier.num_elements for tier in packed.manifest.tiers] == [tier.num_elements for tier in first.manifest.tiers]
@@ -128,7 +128,7 @@ def test_separated_attributes_are_repacked_both_ways() -> None:
 
 
 def test_incomplete_streams_and_sections_of_another_order_are_not_repacked() -> None:
-    first = add_concealment(encode_scene(ANCHORS["hacpp"], PACKETIZATIONS["few"]), "mine", b"1")
+    first = with_section(encode_scene(ANCHORS["hacpp"], PACKETIZATIONS["few"]), "mine", b"1")
     with pytest.raises(InvalidValueError, match="'mine' of this stream is for anchors in morton order"):
         repack(first, PRESETS["hacpp"])
     with pytest.raises(InvalidValueError, match="1 packets are missing"):
@@ -263,7 +263,7 @@ def test_repacked_gaussians_keep_their_copies() -> None:
     info = open_side_info(first.manifest, first.side_info)
     chosen = np.arange(0, 400, 9)
     section = write_copies(decoded.splats, chosen, info, precision_class=2, growth=(1.0, 0.5, 0.25))
-    first = add_concealment(first, "sketch", section)
+    first = with_section(first, "sketch", section)
     packed = repack(first, PRESETS["datagram"])
     partials = decode_stream(first), decode_stream(packed)
     before, after = (received[Copies] for received in partials)

@@ -17,7 +17,7 @@ from splatwire.bitstream.tiers import TierCounts, spans_of
 from splatwire.bitstream.tile_index import SECTION, read_tile_index
 from splatwire.bitstream.tiles import Tiles, parents_of
 from splatwire.bitstream.view import Viewpoint, cut_of, pixel_errors, replaces_tile
-from splatwire.codec import ProgressiveDecoder, add_concealment, decode_stream, encode_scene, repack
+from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, repack, with_section
 from splatwire.concealment import conceal, create_concealer
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.lod.building import build_levels
@@ -304,7 +304,7 @@ def test_hostile_indexes_are_refused(stream, seed):
     data = bytearray(sections_of(stream)[SECTION])
     for _ in range(rng.integers(1, 5)):
         data[rng.integers(len(data))] = rng.integers(256)
-    sections = add_concealment(stream, SECTION, bytes(data[: rng.integers(len(data) + 1)]))
+    sections = with_section(stream, SECTION, bytes(data[: rng.integers(len(data) + 1)]))
     try:
         found = tiles_of(sections)
     except SplatwireError:

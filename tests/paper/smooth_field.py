@@ -40,7 +40,7 @@ def smooth_field(num_anchors: int, *, noise: float, known_to_prior: float, seed:
     )
     mask = torch.ones(num_anchors, LAYOUT.num_offsets, dtype=torch.bool)
     anchors = Anchors(positions=places, features=features, scalings=scalings, offsets=offsets, mask=mask)
-    loss_mask = LossMask.of_anchors(torch.ones(num_anchors, dtype=torch.bool))
+    loss_mask = LossMask.of_elements(torch.ones(num_anchors, dtype=torch.bool))
     ranks = torch.randperm(num_anchors, generator=rng).numpy()
     starts = np.linspace(0, num_anchors, NUM_PACKETS + 1).astype(np.int64)
     complete = to_arrays(partial_of(anchors, loss_mask, prior, LAYOUT))

@@ -110,7 +110,7 @@ def test_dissimilar_context_gets_no_weight() -> None:
     hashes = torch.stack([torch.ones(12), torch.ones(12), -torch.ones(12)])
     prior = dataclasses.replace(context[Prior], context=hashes)
     anchors = dataclasses.replace(context.scene.anchors, features=torch.randn(3, 10) * known[:, None])
-    loss_mask = to_tensors(type(context.loss_mask).of_anchors(known))
+    loss_mask = to_tensors(type(context.loss_mask).of_elements(known))
     result = estimate(Cari(passes=1), changed(context, prior=prior, anchors=anchors, loss_mask=loss_mask))
     wanted = prior.feature.mean[0] + anchors.features[1] - prior.feature.mean[1]
     torch.testing.assert_close(result.features[0], wanted, rtol=0, atol=1e-4)

@@ -59,7 +59,7 @@ def test_mahalanobis_prefers_neighbours_of_equal_extent() -> None:
     context.scene.anchors.positions.copy_(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]]))
     context.scene.anchors.scalings[1, :3] = 0.1  # ten times its size away
     context.scene.anchors.scalings[2, :3] = torch.tensor([0.1, 4.0, 0.1])  # half its size away
-    context = dataclasses.replace(context, loss_mask=LossMask.of_anchors(torch.tensor([False, True, True])))
+    context = dataclasses.replace(context, loss_mask=LossMask.of_elements(torch.tensor([False, True, True])))
     features = context.scene.anchors.features
     assert torch.equal(estimate(Idw(neighbors=1), context).features[0], features[1])
     assert torch.equal(estimate(Idw(neighbors=1, metric="mahalanobis"), context).features[0], features[2])

@@ -3,7 +3,7 @@ import pytest
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.bitstream import PRESETS
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.codec.preview import Preview, PreviewFrame, preview_gaussians, write_preview
 from splatwire.concealment import conceal
 from splatwire.errors import InvalidValueError
@@ -79,7 +79,7 @@ def test_stream_variant_with_a_preview_has_its_quality_as_worst_case() -> None:
     scene, cameras = tiny_scene(), tiny_cameras()
     frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
     section = write_preview(Preview(frame, (0, 51, 102), np.random.default_rng(0).integers(0, 16, (20, 10))))
-    stream = add_concealment(encode_scene(scene, PRESETS["datagram"]), "preview", section)
+    stream = with_section(encode_scene(scene, PRESETS["datagram"]), "preview", section)
     shown, background = preview_gaussians(section)
     photos = render_cpu(shown, cameras, background=np.array(background)).clip(0, 1)
     pictures = LossyPictures(decode_stream(stream), cameras, "drop", photos=[photo + 0.1 for photo in photos])

@@ -26,8 +26,8 @@ from splatwire.codec.gaussians.layout import (
     MAX_SQUARED_DISTANCE,
     MIN_OPACITY,
     NARROW_WEIGHT,
+    NUM_MAGNITUDE_CONTEXTS,
     NUM_NEIGHBOURS,
-    NUM_SECOND_CONTEXTS,
     SCALE_UNIT,
     SLOT_BITS,
     STEP_BITS,
@@ -272,7 +272,7 @@ class ReferencePacket(ReferenceBits):
 
     def residual(self, stream: int, context: int, shift: int, eighths: int) -> int:
         """A residual in steps; its context, except for the first two, is the size of earlier residuals."""
-        second = shift if stream < 2 else min(self.running.bit_length(), NUM_SECOND_CONTEXTS - 1)
+        second = shift if stream < 2 else min(self.running.bit_length(), NUM_MAGNITUDE_CONTEXTS - 1)
         scale = int(self.info.scales[stream, context, second]) * SCALE_UNIT
         mean = eighths << (MEAN_BITS - 3)
         mixture = ReferenceMixture(mean, scale, mean, min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1), NARROW_WEIGHT)

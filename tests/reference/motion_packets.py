@@ -5,8 +5,8 @@ from fractions import Fraction
 from reference.gaussian_bits import ReferenceBits
 
 KINDS = (0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4)
-ORDERS, LEVELS, MAGNITUDES = 8, 10, 16
-ZERO, OCTAVE = 8, 8 + 5 * ORDERS * LEVELS
+DEGREE_CONTEXTS, NEIGHBOUR_CONTEXTS, OCTAVE_CONTEXTS = 8, 10, 16
+ZERO, OCTAVE = 8, 8 + 5 * DEGREE_CONTEXTS * NEIGHBOUR_CONTEXTS
 LARGEST = 1 << 36
 
 
@@ -72,17 +72,19 @@ class ReferenceMotion(ReferenceBits):
                 near = max(own, largest)
                 if not first:
                     near = max(near, 2 * abs(out[channel - 1][order]))
-                value = self.coefficient(kind, order, min(near.bit_length(), LEVELS - 1))
+                value = self.coefficient(kind, order, min(near.bit_length(), NEIGHBOUR_CONTEXTS - 1))
                 out[channel][order] = value
                 own = abs(value) if order == 0 and first else max(own, abs(value))
             largest = max(largest, own)
 
     def coefficient(self, kind: int, order: int, level: int) -> int:
         """Decodes one residual."""
-        if not self.bit(ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + level):
+        if not self.bit(ZERO + (kind * DEGREE_CONTEXTS + min(order, DEGREE_CONTEXTS - 1)) * NEIGHBOUR_CONTEXTS + level):
             return 0
         octave = 0
-        while octave < 29 and self.bit(OCTAVE + (kind * LEVELS + level) * MAGNITUDES + min(octave, MAGNITUDES - 1)):
+        while octave < 29 and self.bit(
+            OCTAVE + (kind * NEIGHBOUR_CONTEXTS + level) * OCTAVE_CONTEXTS + min(octave, OCTAVE_CONTEXTS - 1)
+        ):
             octave += 1
         magnitude = min((1 << octave) + self.raw(octave), (1 << 30) - 1)
         return -magnitude if self.raw(1) else magnitude

@@ -15,7 +15,7 @@ from splatwire.anchors.projection import DILATION
 from splatwire.bitstream import stream_from_bytes, stream_to_bytes, write_stream
 from splatwire.bitstream.sections import sections_of
 from splatwire.cli.main import main
-from splatwire.codec import add_concealment, decode_stream, encode_scene, repack
+from splatwire.codec import decode_stream, encode_scene, repack, with_section
 from splatwire.codec.antialiasing import SECTION
 from splatwire.io import open_scene, save_scene
 from splatwire.io.formats import is_antialiased
@@ -62,7 +62,7 @@ def test_stream_stores_antialiasing_and_others_are_unchanged() -> None:
     assert sections_of(stream)[SECTION] == b""
     assert decode_stream(stream_from_bytes(stream_to_bytes(stream))[0]).scene.antialiased
     assert not decode_stream(plain).scene.antialiased
-    assert decode_stream(add_concealment(plain, SECTION, b"")).scene.antialiased
+    assert decode_stream(with_section(plain, SECTION, b"")).scene.antialiased
 
 
 def test_spz_stores_antialiasing(tmp_path: Path) -> None:

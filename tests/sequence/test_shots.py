@@ -89,7 +89,7 @@ def test_tracks_move_on_through_shots_with_other_units(sizes):
     frames = lasting_frames(FRAMES, sizes)
     stream = encode_sequence(frames, OPTIONS)[0]
     info = info_of(stream)
-    assert len({shot.motion_spacing for shot in info.shots}) == 2
+    assert len({shot.log2_motion_unit for shot in info.shots}) == 2
     assert sum(group.births for group in info.groups) < 300 * len(sizes) + 45, "lasting tracks have one base"
     assert worst(frames, stream) < 0.3
 
@@ -126,7 +126,7 @@ def test_shots_of_like_sizes_keep_version_2_and_others_take_version_3(stream):
     alike = encode_sequence(cut_frames(COUNT, FRAMES, [1.0, 8.0]), OPTIONS)[0]
     assert alike.side_info[1] == 2
     assert stream.side_info[1] == 3
-    assert info_of(stream).motion_spacings[1] < -3
+    assert info_of(stream).log2_motion_units[1] < -3
 
 
 def test_sequence_without_another_lattice_keeps_version_1():
@@ -174,7 +174,7 @@ def with_spacing(info: SequenceInfo, spacing: int) -> SequenceInfo:
 def with_unit(info: SequenceInfo, number: int, spacing: int) -> SequenceInfo:
     """The side information with another unit of motion for a shot."""
     shots = list(info.shots)
-    shots[number] = replace(shots[number], motion_spacing=spacing)
+    shots[number] = replace(shots[number], log2_motion_unit=spacing)
     return replace(info, shots=tuple(shots))
 
 

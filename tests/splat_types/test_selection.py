@@ -89,7 +89,7 @@ def test_wrong_arguments_of_methods_are_one_clear_error(messages: dict[str, str]
 
 
 def test_right_arguments_of_methods_are_accepted() -> None:
-    received = ReceivedScene(SplatScene(ball_of_gaussians()), LossMask.of_anchors(np.ones(200, np.bool_)))
+    received = ReceivedScene(SplatScene(ball_of_gaussians()), LossMask.of_elements(np.ones(200, np.bool_)))
     assert received.masked(np.zeros(200, np.bool_)).loss_mask.num_lost == 200
     assert received.loss_mask.column(Attribute.MASK).all()
     assert tiny_cameras(2, 8, 8).scaled(2.0).width == 16

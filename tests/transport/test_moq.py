@@ -14,7 +14,7 @@ import pytest
 from codec.gaussians.test_gaussians import some_splats
 from splatwire.bitstream import Packetization, SceneStream
 from splatwire.bitstream.container import file_record
-from splatwire.bitstream.sections import add_concealment
+from splatwire.bitstream.sections import with_section
 from splatwire.codec import encode_scene
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.lod import Viewpoint, encode_levels
@@ -84,7 +84,7 @@ def test_receiver_requests_only_visible_tiles_from_a_relay():
 
 def test_a_view_is_taken_relative_to_the_origin_of_the_stream():
     origin = (442_000.0, 5_443_000.0, 120.0)
-    stream = add_concealment(LEVELS, "origin", np.array(origin, "<f8").tobytes())
+    stream = with_section(LEVELS, "origin", np.array(origin, "<f8").tobytes())
     world = replace(far(), origin=origin).relative_to((0.0, 0.0, 0.0))
 
     async def work() -> None:

@@ -446,20 +446,20 @@ def test_preview_requires_a_token():
 
 def test_the_preview_is_found_in_the_side_information():
     from splatwire.bitstream.limits import FORMAT_1_SECTIONS
-    from splatwire.codec import add_concealment
     from splatwire.codec import preview as codec
+    from splatwire.codec import with_section
 
     assert (codec.SECTION, codec.MAX_PREVIEW_BYTES) == (SECTION, MAX_PREVIEW)
     side_info = b"".join(bytes([n]) + b"x" * n for n in range(len(FORMAT_1_SECTIONS)))
     bare = dataclasses.replace(STREAM, side_info=side_info)
     assert stream_preview(side_info, ANCHORS) == b""
-    richer = add_concealment(add_concealment(bare, "gnn", b"weights"), "preview", b"scene")
-    assert stream_preview(add_concealment(richer, "sketch", b"copies").side_info, ANCHORS) == b"scene"
+    richer = with_section(with_section(bare, "gnn", b"weights"), "preview", b"scene")
+    assert stream_preview(with_section(richer, "sketch", b"copies").side_info, ANCHORS) == b"scene"
     for damaged in (
         side_info[:-1],
         richer.side_info[:-1],
         b"",
-        add_concealment(bare, "preview", bytes(1025)).side_info,
+        with_section(bare, "preview", bytes(1025)).side_info,
     ):
         with pytest.raises(BitstreamError):
             stream_preview(damaged, ANCHORS)

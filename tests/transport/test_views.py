@@ -13,7 +13,7 @@ import pytest
 
 from codec.gaussians.test_gaussians import some_splats
 from splatwire.bitstream import Packetization, SceneStream
-from splatwire.bitstream.sections import add_concealment
+from splatwire.bitstream.sections import with_section
 from splatwire.bitstream.tiles import read_tiles
 from splatwire.bitstream.view import cut_of
 from splatwire.errors import BitstreamError
@@ -73,7 +73,7 @@ def test_visible_tiles_are_sent_first_and_invisible_ones_never():
 
 def somewhere(stream: SceneStream, origin: tuple[float, float, float]) -> SceneStream:
     """The same scene elsewhere in the world."""
-    return add_concealment(stream, "origin", struct.pack("<3d", *origin))
+    return with_section(stream, "origin", struct.pack("<3d", *origin))
 
 
 UTM, NEAR, ZERO = (442_000.0, 5_443_000.0, 120.0), (120.0, -80.0, 10.0), (0.0, 0.0, 0.0)

@@ -19,7 +19,7 @@ from splatwire.bitstream import (
     stream_from_bytes,
     stream_to_bytes,
 )
-from splatwire.bitstream.sections import add_concealment
+from splatwire.bitstream.sections import with_section
 from splatwire.codec import encode_scene
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError
 from splatwire.sequence import SequenceOptions
@@ -183,7 +183,7 @@ def test_other_stream_after_an_outage_starts_another_file() -> None:
 def test_a_page_begins_where_a_camera_in_world_coordinates_is():
     """Cameras become relative to the origin of the stream, which is in its side information, as for a file."""
     origin = (442_000.0, 5_443_000.0, 120.0)
-    stream = add_concealment(encode_scene(tiny_causal_scene()), "origin", struct.pack("<3d", *origin))
+    stream = with_section(encode_scene(tiny_causal_scene()), "origin", struct.pack("<3d", *origin))
     cameras = replace(tiny_cameras(1), origin=origin).relative_to((0.0, 5_443_000.0, 0.0))
 
     async def work() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from concealment.test_sketch import sketch_of_context
 from splatwire.bitstream import SceneStream
-from splatwire.codec import add_concealment, decode_stream
+from splatwire.codec import decode_stream, with_section
 from splatwire.codec.gaussians.copies_encoder import write_copies
 from splatwire.codec.gaussians.decoder import open_side_info
 from splatwire.concealment.sketch.concealer import buckets_of, expected_scalings, sizes_of, sketched_attributes
@@ -16,14 +16,14 @@ def with_copies(stream: SceneStream, growth: tuple[float, float, float] = (0.25,
     """The Gaussians with copies of every seventh."""
     info, whole = open_side_info(stream.manifest, stream.side_info), decode_stream(stream).scene.splats
     places = np.arange(0, stream.manifest.num_elements, 7)
-    return add_concealment(stream, SECTION, write_copies(whole, places, info, precision_class=7, growth=growth))
+    return with_section(stream, SECTION, write_copies(whole, places, info, precision_class=7, growth=growth))
 
 
 def with_sketch(stream: SceneStream, trust: float = 0.75) -> SceneStream:
     """The anchors with copies of a fifth; the values are arbitrary."""
     context = decode_stream(stream)
     sketch = sketch_of_context(3, sizes_of(context), trust=trust)
-    return add_concealment(stream, SECTION, write_sketch(sketch, buckets_of(context)))
+    return with_section(stream, SECTION, write_sketch(sketch, buckets_of(context)))
 
 
 def copies_of(received: ReceivedScene) -> tuple[np.ndarray, list[float]]:

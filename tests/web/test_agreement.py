@@ -37,8 +37,8 @@ from splatwire.bitstream import (
     stream_from_bytes,
     write_stream,
 )
-from splatwire.bitstream.limits import GROUPINGS, ORDERS, PACKAGINGS, SCHEMAS
-from splatwire.bitstream.sections import add_concealment, sections_of
+from splatwire.bitstream.limits import CODING_ORDERS, GROUPINGS, PACKAGINGS, SCHEMAS
+from splatwire.bitstream.sections import sections_of, with_section
 from splatwire.bitstream.tile_index import SECTION
 from splatwire.codec import encode_scene
 from splatwire.codec.decoding import decode_stream, open_decoder
@@ -65,7 +65,7 @@ GOLDEN = Path(__file__).parents[1] / "golden"
 EDGES = sorted(
     {max(0, (1 << bits) + d) for bits in (0, 3, 6, 8, 10, 12, 14, 16, 24, 28, 31, 32, 53, 64) for d in (-1, 0, 1)}
 )
-WORDS = [*GROUPINGS, *ORDERS, *PACKAGINGS, *SCHEMAS.registered(), "splatwire/stream", "00000007", "a" * 64]
+WORDS = [*GROUPINGS, *CODING_ORDERS, *PACKAGINGS, *SCHEMAS.registered(), "splatwire/stream", "00000007", "a" * 64]
 
 
 def golden_streams() -> dict[str, SceneStream]:
@@ -239,7 +239,7 @@ def hostile_lifetimes(stream: SceneStream, cases: int, rng: random.Random) -> li
                 writer.unsigned(rng.choice([0, 1, rng.randrange(100), rng.choice(EDGES[:-1])]))
                 writer.unsigned(rng.choice([rng.randrange(1, 12), rng.choice(EDGES[:-1])]))
         data = writer.bytes() if rng.random() < 0.8 else mutated_bytes(writer.bytes(), rng)
-        changed = add_concealment(stream, LIFETIMES, data)
+        changed = with_section(stream, LIFETIMES, data)
         try:
             open_decoder(changed.manifest, changed.side_info)
         except SplatwireError:
@@ -255,7 +255,7 @@ def hostile_units(stream: SceneStream, cases: int, rng: random.Random) -> list[t
     for _ in range(cases):
         shots, hit = list(info.shots), rng.randrange(len(info.shots))
         spacing = rng.choice([1, -1]) * rng.choice([rng.randrange(45), *EDGES[:-7]])
-        shots[hit] = replace(shots[hit], motion_spacing=spacing)
+        shots[hit] = replace(shots[hit], log2_motion_unit=spacing)
         data = write_side_info(replace(info, shots=tuple(shots)))
         try:
             open_decoder(stream.manifest, data)
@@ -283,7 +283,7 @@ def hostile_views(stream: SceneStream, cases: int, rng: random.Random) -> list[t
                 numbers = [rng.choice([0.0, 0.25, 1.0]) for _ in range(count)]
             data = np.array(numbers, "<f4").tobytes()
             data = data if rng.random() < 0.9 else mutated_bytes(data, rng)
-        changed = add_concealment(stream, name, data)
+        changed = with_section(stream, name, data)
         try:
             open_decoder(changed.manifest, changed.side_info)
         except SplatwireError:
@@ -301,7 +301,7 @@ def hostile_indexes(stream: SceneStream, cases: int, rng: random.Random) -> list
         if rng.random() < 0.6:  # of equal length
             for _ in range(rng.randrange(1, 4)):
                 data[rng.randrange(len(data))] = rng.choice([0, 1, 0x7F, 0x80, 0xFF, rng.randrange(256)])
-        changed = add_concealment(stream, SECTION, bytes(data) if rng.random() < 0.6 else mutated_bytes(data, rng))
+        changed = with_section(stream, SECTION, bytes(data) if rng.random() < 0.6 else mutated_bytes(data, rng))
         said: dict[str, Any] | None = None
         with contextlib.suppress(BitstreamError):
             tiles = tiles_of(changed)

@@ -21,7 +21,7 @@ from moving_sequences import moving_frames
 from random_numbers import Numbers
 from scenes import tiny_cameras
 from splatwire.bitstream import SceneStream, stream_to_bytes
-from splatwire.codec import add_concealment, decode_stream
+from splatwire.codec import decode_stream, with_section
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.concealment import conceal
@@ -241,7 +241,7 @@ def small_gaussians() -> SceneStream:
 
 def antialiased_stream() -> SceneStream:
     """The same Gaussians, antialiased."""
-    return add_concealment(small_gaussians(), ANTIALIASED, b"")
+    return with_section(small_gaussians(), ANTIALIASED, b"")
 
 
 def built(project: Path, name: str, script: str, code: str) -> tuple[dict[str, str], dict[str, str]]:

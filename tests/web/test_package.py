@@ -15,7 +15,7 @@ from codec.gaussians.test_gaussians import some_splats
 from explicit import encode_splats
 from moving_sequences import moving_frames
 from splatwire.bitstream import Packetization, SceneStream, stream_to_bytes
-from splatwire.codec import add_concealment, decode_stream
+from splatwire.codec import decode_stream, with_section
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.lod import encode_levels
@@ -139,7 +139,7 @@ def test_node_decoder_gives_the_gaussians_of_python(alone: Path, stream: SceneSt
     half, file = half_of(stream), stream_to_bytes(stream)
     (tmp_path / "whole.swz").write_bytes(file)
     (tmp_path / "half.swz").write_bytes(stream_to_bytes(half))
-    (tmp_path / "asking.swz").write_bytes(stream_to_bytes(add_concealment(half, ANTIALIASED, b"")))
+    (tmp_path / "asking.swz").write_bytes(stream_to_bytes(with_section(half, ANTIALIASED, b"")))
     (alone / "decode.mjs").write_text(DECODE)
 
     async def work() -> dict[str, Any]:

@@ -21,7 +21,7 @@ from explicit import encode_splats
 from random_numbers import Numbers
 from scenes import tiny_scene
 from splatwire.bitstream import PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
-from splatwire.codec import add_concealment, encode_scene
+from splatwire.codec import encode_scene, with_section
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.viewpoint import SECTION
 from splatwire.errors import InvalidValueError
@@ -373,6 +373,6 @@ def test_scripts_are_compressed_on_request_and_the_page_contains_a_preview(strea
     assert b"Content-Encoding: gzip" in head
     assert gzip.decompress(packed) == plain
     assert b'preview="PHNlZW4+"' in answered(content, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip")
-    begins = add_concealment(stream, SECTION, struct.pack("<9f", 1, 2.5, -3, 0, 0, 0, 0, -1, 0))
+    begins = with_section(stream, SECTION, struct.pack("<9f", 1, 2.5, -3, 0, 0, 0, 0, -1, 0))
     content = PageContent({"ball": make_served_stream(begins, preview=b"<seen>")})
     assert b'viewpoint="1 2.5 -3 0 0 0 0 -1 0"' in answered(content, b"GET / HTTP/1.1\r\nHost: 127.0.0.1")

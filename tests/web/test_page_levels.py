@@ -11,7 +11,7 @@ import pytest
 from codec.gaussians.test_gaussians import some_splats
 from scenes import tiny_cameras
 from splatwire.bitstream import Packetization, SceneStream, stream_from_bytes, stream_to_bytes
-from splatwire.codec import add_concealment
+from splatwire.codec import with_section
 from splatwire.codec.viewpoint import SECTION, viewpoint_section
 from splatwire.lod import encode_levels
 from splatwire.transport import ServerLimits
@@ -45,7 +45,7 @@ def seen_from(stream: SceneStream, distance: float) -> bytes:
     poses[:, :3, :3] = np.eye(3)
     poses[:, :3, 3] = (0, 0, distance)
     moved = Cameras(poses, cameras.Ks, cameras.width, cameras.height, cameras.names)
-    return stream_to_bytes(add_concealment(stream, SECTION, viewpoint_section(moved)))
+    return stream_to_bytes(with_section(stream, SECTION, viewpoint_section(moved)))
 
 
 async def packets_of(url: str, names: Iterable[str], way: str) -> dict[str, int]:

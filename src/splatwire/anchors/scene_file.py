@@ -19,7 +19,7 @@ from splatwire.types.background import BLACK
 from splatwire.types.metadata import NO_METADATA, metadata_from_json, metadata_to_json
 from splatwire.types.networks import Mlp
 from splatwire.types.prior import AttributePrior, Prior
-from splatwire.types.received_scene import ExpectedPlaces, ReceivedScene, TierSizes
+from splatwire.types.received_scene import PredictedPositions, ReceivedScene, TierSizes
 from splatwire.types.scene import RenderHints, Scene
 
 FORMAT = "splatwire-scene"
@@ -103,10 +103,10 @@ def save_partial(received: ReceivedScene[AnchorScene], path: Path) -> None:
     """
     tensors = _scene_tensors(received.scene)
     tensors["erasures.received"] = received.loss_mask.received
-    prior, expected = received[Prior], received.get(ExpectedPlaces)
+    prior, predicted = received[Prior], received.get(PredictedPositions)
     tensors["prior.context"] = prior.context
-    if expected is not None:
-        tensors["anchors.guessed"] = expected.positions
+    if predicted is not None:
+        tensors["anchors.guessed"] = predicted.positions
     if received.tier_sizes is not None:
         tensors["anchors.tier_sizes"] = received.tier_sizes
     for name in _ATTRIBUTES:
@@ -147,7 +147,7 @@ def _read_partial(reader: SceneReader) -> ReceivedScene[AnchorScene]:
     concealment = _read_concealment(reader)
     records: list[Any] = [Prior(**attributes, context=context), layout]
     if reader.has("anchors.guessed"):
-        records.append(ExpectedPlaces(reader.tensor("anchors.guessed", (count, 3))))
+        records.append(PredictedPositions(reader.tensor("anchors.guessed", (count, 3))))
     records += _read_tier_sizes(reader, count)
     reader.finish()
     return ReceivedScene(scene, LossMask(received), concealment, tuple(records))

@@ -52,15 +52,15 @@ class AnchorOptions(CheckedFields):
     Attributes:
         packetization: Division into packets, or the name of a preset such as `paper`; None for the default.
         tiers: Importance tier of each anchor, 0 for the most important, whole numbers (N); None for one tier.
-        noise: Tolerance for rounding the weights of the context model. Rounding changes the predictions of the model.
-            The value is the tolerated change as a share of the predicted standard deviations, such as 0.1 for a tenth.
-            Larger values give less side information (data that all packets need) and larger packets. None for the
-            default.
+        network_tolerance: Tolerance for rounding the weights of the context model. Rounding changes the predictions of
+            the model. The value is the tolerated change as a share of the predicted standard deviations, such as 0.1
+            for a tenth. Larger values give less side information (data that all packets need) and larger packets. None
+            for the default.
     """
 
     packetization: Packetization | str | None = None
     tiers: np.ndarray | None = None
-    noise: float | None = None
+    network_tolerance: float | None = None
 
 
 @checked_except("scene", "progress")

@@ -26,7 +26,7 @@ MAX_SPANS = 1 << 12
 """Maximum number of tiers (ranges of consecutive blocks) of a sequence, whose groups of frames have two tiers each
 (`StreamSchema.timed`)."""
 MAX_FEATURE_GROUPS = 64
-ORDERS = ("morton", "raster")
+CODING_ORDERS = ("morton", "raster")
 GROUPINGS = ("stratified", "contiguous", "hashed")
 PACKAGINGS = ("atomic", "separated")
 

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 from splatwire.arguments import check_fields, checked
 from splatwire.bitstream.limits import (
+    CODING_ORDERS,
     GROUPINGS,
     MAX_BLOCK_SIZE,
     MAX_DATAGRAM_BYTES,
     MAX_HASHED_BLOCK,
     MAX_LANES,
     MIN_PACKET_BYTES,
-    ORDERS,
     PACKAGINGS,
     SCHEMAS,
 )
@@ -74,7 +74,7 @@ class Packetization:
         check_range("number of lanes", self.lanes, 1, MAX_LANES)
         check_range("packetization seed", self.seed, 0, (1 << 64) - 1)
         for kind, name, allowed in (
-            ("order", self.order, ORDERS),
+            ("order", self.order, CODING_ORDERS),
             ("grouping", self.grouping, GROUPINGS),
             ("packaging", self.packaging, PACKAGINGS),
         ):

@@ -105,14 +105,14 @@ def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
 
 
 @checked
-def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
-    """Adds data for a loss concealer to a stream's side information, as a named section.
+def with_section(stream: SceneStream, name: str, data: bytes) -> SceneStream:
+    """Adds a named section to a stream's side information.
 
     An existing section of the same name is replaced.
 
     Args:
         stream: The stream, complete or not.
-        name: Name of the section, such as that of the concealer.
+        name: Name of the section, such as that of a concealer or `viewpoint`.
         data: Content of the section.
 
     Returns:
@@ -127,8 +127,8 @@ def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
 
 
 @checked
-def without_concealment(stream: SceneStream, name: str) -> SceneStream:
-    """Removes a section with the data of a loss concealer from a stream's side information.
+def without_section(stream: SceneStream, name: str) -> SceneStream:
+    """Removes a named section from a stream's side information.
 
     Args:
         stream: The stream, complete or not.

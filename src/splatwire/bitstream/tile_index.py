@@ -9,7 +9,7 @@ import numpy as np
 from splatwire.bitstream.limits import MAX_PACKET_BYTES
 from splatwire.bitstream.manifest import Manifest
 from splatwire.bitstream.scene_stream import RECORD_PREFIX, SceneStream
-from splatwire.bitstream.sections import add_concealment
+from splatwire.bitstream.sections import with_section
 from splatwire.errors import BitstreamError
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.reprs import summary_repr
@@ -60,7 +60,7 @@ def with_tile_index(stream: SceneStream, errors: np.ndarray) -> SceneStream:
             writer.unsigned(value)
     for error in errors[: _num_coarser_tiles(stream.manifest)].tolist():
         writer.f32(error)
-    return add_concealment(stream, SECTION, writer.bytes())
+    return with_section(stream, SECTION, writer.bytes())
 
 
 def read_tile_index(manifest: Manifest, sections: Mapping[str, bytes]) -> TileIndex:

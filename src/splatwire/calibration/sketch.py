@@ -16,7 +16,7 @@ import numpy as np
 from splatwire.anchors.appearance import Scene
 from splatwire.arguments import checked
 from splatwire.bitstream import SceneStream
-from splatwire.bitstream.sections import add_concealment
+from splatwire.bitstream.sections import with_section
 from splatwire.calibration.pseudo_loss import dropped_packets
 from splatwire.calibration.sketch_anchors import AnchorSketch
 from splatwire.calibration.sketch_config import SketchConfig
@@ -215,7 +215,7 @@ class _Scores:
         # The losses are not those with which the parameters of the sketch were chosen.
         qualities, richer = (
             {"no loss": self._quality(self._scene)},
-            add_concealment(self._stream, "sketch", sketch.section()),
+            with_section(self._stream, "sketch", sketch.section()),
         )
         losses = [self._decoded(richer, seed) for seed in self._seeds[self._config.masks :]]
         for number, name in enumerate(("drop", "grow", "sketch")):

@@ -13,7 +13,7 @@ from splatwire.concealment.sketch.concealer import MAX_LOG_SIZE, expected_scalin
 from splatwire.concealment.sketch.section import MAX_DIRECTION, OFFSET_STEPS, SketchBasis, SketchSection
 from splatwire.ops.arrays import to_arrays
 from splatwire.render.sensitivity import Sensitivity
-from splatwire.types import AnchorScene, ExpectedPlaces, Prior, ReceivedScene
+from splatwire.types import AnchorScene, PredictedPositions, Prior, ReceivedScene
 
 BITS_OF_COPY = 60
 """Approximate minimum size of the copy of an anchor, bits."""
@@ -168,13 +168,13 @@ def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray
         K offsets of each of the N anchors, in units of the first three scalings of the anchor, float64 (N, 3 K).
     """
     # In streams whose packets contain the exact positions of anchors, a receiver draws the copy of a lost anchor at
-    # a predicted position (`ExpectedPlaces`). The offsets are then relative to this position.
-    anchors, guessed = to_arrays(complete.scene.anchors), complete.get(ExpectedPlaces)
+    # a predicted position (`PredictedPositions`). The offsets are then relative to this position.
+    anchors, predicted = to_arrays(complete.scene.anchors), complete.get(PredictedPositions)
     offsets, rows = anchors.offsets.astype(np.float64), anchors.num_anchors
-    if guessed is None:
+    if predicted is None:
         return offsets.reshape(rows, -1)
     sizes = np.maximum(anchors.scalings[:, :3].astype(np.float64), 1e-9)
-    moved = (anchors.positions - guessed.positions).astype(np.float64) / sizes
+    moved = (anchors.positions - predicted.positions).astype(np.float64) / sizes
     return (offsets + moved[:, None] * anchors.mask[:, :, None]).reshape(rows, -1)
 
 

@@ -13,7 +13,7 @@ from splatwire.cli._files import check_inputs, prepared_output
 from splatwire.cli._output import Reporter
 from splatwire.cli._scenes import chosen_background
 from splatwire.cli.calibrate import ReferenceOptions
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.concealment.sketch import SECTION
 from splatwire.data import load_cameras, open_dataset
 from splatwire.errors import InvalidValueError
@@ -120,7 +120,7 @@ def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Report
     except InvalidValueError as reason:
         print(f"without a sketch: {reason}", file=sys.stderr)
         return stream
-    return add_concealment(stream, SECTION, made.section)
+    return with_section(stream, SECTION, made.section)
 
 
 def write_with_section(stream: SceneStream, name: str, section: bytes, path: Path) -> dict[str, int | float]:
@@ -136,7 +136,7 @@ def write_with_section(stream: SceneStream, name: str, section: bytes, path: Pat
         Mapping with `num_bytes` (size of the section), `stream_bytes` (size of the stream with the section) and
         `share_of_stream` (their ratio).
     """
-    richer = add_concealment(stream, name, section)
+    richer = with_section(stream, name, section)
     write_stream(richer, path)
     size = richer.num_bytes - stream.num_bytes
     return {"num_bytes": size, "stream_bytes": richer.num_bytes, "share_of_stream": size / richer.num_bytes}

@@ -16,7 +16,7 @@ from splatwire.cli._calibration import (
 )
 from splatwire.cli._output import Reporter, print_json, progress_bars
 from splatwire.cli.calibrate import Calibrate, CalibrateGnn, CalibratePreview, CalibrateSketch
-from splatwire.codec import decode_stream, without_concealment
+from splatwire.codec import decode_stream, without_section
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.concealment.sketch import SECTION as SKETCH
 from splatwire.errors import InvalidValueError
@@ -49,7 +49,7 @@ def _sketch(command: CalibrateSketch) -> None:
     with progress_bars() as show:
         stream, complete = _read_and_decode(command, show)
         views, where = calibration_views(command.reference_pictures, complete.scene)
-        bare = without_concealment(stream, SKETCH)
+        bare = without_section(stream, SKETCH)
         result = sketch_of(bare, complete, views, config, progress=show)
     sizes = write_with_section(bare, SKETCH, result.section, output)
     report = {
@@ -85,7 +85,7 @@ def _preview(command: CalibratePreview) -> None:
         views, where = calibration_views(command.reference_pictures, received.scene)
         test = photos_of(command.reference_pictures, "test", received.scene)
         result = preview_for_scene(received.scene, views, config, test=test, progress=show)
-    sizes = write_with_section(without_concealment(stream, PREVIEW), PREVIEW, result.section, output)
+    sizes = write_with_section(without_section(stream, PREVIEW), PREVIEW, result.section, output)
     report = {
         "output": str(command.output),
         "views": where,

@@ -15,7 +15,7 @@ from splatwire.cli._files import prepared_output
 from splatwire.cli._output import Reporter, print_json, progress_bars
 from splatwire.cli._scenes import chosen_background
 from splatwire.cli.calibrate import CalibrateGnn
-from splatwire.codec import decode_stream, schema_named, without_concealment
+from splatwire.codec import decode_stream, schema_named, without_section
 from splatwire.data import load_cameras
 from splatwire.errors import BackendUnavailableError, InvalidValueError, UnknownNameError
 from splatwire.neural.training.device import has_cuda
@@ -129,7 +129,7 @@ def _write(command: CalibrateGnn, stream: SceneStream, result: CalibrationResult
         Bytes of the weights and of the stream, and their ratio, by name.
     """
     if _embeds(command):
-        bare = without_concealment(stream, SECTION)
+        bare = without_section(stream, SECTION)
         return write_with_section(bare, SECTION, write_section(result.weights, bits), command.output)
     save_weights(result.weights, command.output, precision=command.precision or "float16")
     size, total = command.output.stat().st_size, stream.num_bytes

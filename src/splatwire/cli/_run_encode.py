@@ -18,7 +18,7 @@ from splatwire.cli._options import quality_option
 from splatwire.cli._output import print_json, print_summary, progress_bars, refuse_options
 from splatwire.cli._scenes import chosen_background
 from splatwire.cli.encode import Encode
-from splatwire.codec import add_concealment, encode_scene, schema_of
+from splatwire.codec import encode_scene, schema_of, with_section
 from splatwire.codec.gaussians.quality import Quality, quality_of
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 from splatwire.codec.viewpoint import UP_SECTION, viewpoint_section
@@ -190,9 +190,9 @@ def _encode_scene(command: Encode, source: Path) -> None:
             else:
                 stream = encode_scene(kept, packetization, tiers=_tiers(command, kept, cameras), **options)
             if cameras is not None:
-                stream = add_concealment(stream, VIEWPOINT, viewpoint_section(cameras))
+                stream = with_section(stream, VIEWPOINT, viewpoint_section(cameras))
             if up:
-                stream = add_concealment(stream, UP_SECTION, up.encode())
+                stream = with_section(stream, UP_SECTION, up.encode())
             if _needs_copies(command) and not levels and not command.no_sketch:
                 stream = _optional_steps().with_quick_sketch(stream, cameras, report)
             return stream

@@ -24,7 +24,7 @@ from splatwire.cli._training import (
     training_display,
 )
 from splatwire.cli.train import Train
-from splatwire.codec import add_concealment, encode_scene
+from splatwire.codec import encode_scene, with_section
 from splatwire.codec.gaussians.quality import quality_of
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 from splatwire.codec.viewpoint import viewpoint_section
@@ -118,7 +118,7 @@ def _write(scene: SplatScene, train: Dataset, output: Path) -> int | None:
     if not output.name.lower().endswith(FILE_SUFFIX):
         save_scene(scene, output)
         return None
-    stream = add_concealment(encode_scene(scene), VIEWPOINT, viewpoint_section(train.cameras.relative_to(scene.origin)))
+    stream = with_section(encode_scene(scene), VIEWPOINT, viewpoint_section(train.cameras.relative_to(scene.origin)))
     write_stream(stream, output)
     return stream.num_bytes
 

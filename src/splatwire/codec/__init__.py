@@ -3,4 +3,6 @@
 
 from splatwire.lazy_names import lazy_names
 
-__all__, __getattr__, __dir__ = lazy_names(__name__, __file__)
+_RENAMED = {"add_concealment": "with_section", "without_concealment": "without_section"}
+"""Current name of each deprecated name."""
+__all__, __getattr__, __dir__ = lazy_names(__name__, __file__, _RENAMED)

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, no_type_check
 import numpy as np
 
 from splatwire.codec._residual_kernels import (
-    AT,
+    FIRST_BOUND,
     GUESS_AT,
     GUESS_BITS,
-    HALF,
+    MAX_MAGNITUDE,
     NUM_MEANS,
     SHIFT,
     STRIDE,
@@ -24,7 +24,7 @@ from splatwire.codec.gaussians.layout import (
     MAX_RESIDUAL,
     MEAN_FRACTION_BITS,
     NUM_DEVIATION_CONTEXTS,
-    NUM_SECOND_CONTEXTS,
+    NUM_MAGNITUDE_CONTEXTS,
     WIDE_SCALE_OFFSET,
 )
 from splatwire.entropy.normal_kernels import (
@@ -67,17 +67,17 @@ class Coder(NamedTuple):
         words: Bytes of the packet as the decoder reads them, from `words_of`, int64.
         state: State of the range coder, int64 (3).
         models: Adaptive bit models of this packet, int64 (contexts, 2).
-        bits: Number of zeros and of ones coded so far with each adaptive bit model, int64 (contexts, 2).
-        scales: Index of the standard deviation of each residual context, uint16 (contexts).
-        windows: For each standard deviation, its range of residuals and the positions of its entries in `bounds` and
-            `guesses`, int64 (standard deviations, 6); see `residual_windows`.
+        bit_counts: Number of zeros and of ones coded so far with each adaptive bit model, int64 (contexts, 2).
+        scale_indices: Index of the standard deviation of each residual context, uint16 (contexts).
+        distributions: For each standard deviation, its range of residuals and the positions of its entries in `bounds`
+            and `guesses`, int64 (standard deviations, 6); see `residual_distributions`.
         bounds: Starts of the probability intervals of residuals, int32.
         guesses: Index of the probability interval at which a decoder starts its search for a residual, uint16.
-        residuals: Number of residuals coded per context, and sum of their magnitudes (last axis), int64.
-        inverses: Reciprocal of each standard deviation in the fixed table.
+        residual_statistics: Number of residuals coded per context, and sum of their magnitudes (last axis), int64.
+        inverse_scales: Reciprocal of each standard deviation in the fixed table.
         widths: For each of these standard deviations, the largest magnitude of a residual that has a probability
             interval. Larger residuals are coded with an escape code.
-        normal: Table of the normal cumulative distribution function.
+        normal_cdf: Table of the normal cumulative distribution function.
     """
 
     decoding: Any
@@ -85,15 +85,15 @@ class Coder(NamedTuple):
     words: Any
     state: Any
     models: Any
-    bits: Any
-    scales: Any
-    windows: Any
+    bit_counts: Any
+    scale_indices: Any
+    distributions: Any
     bounds: Any
     guesses: Any
-    residuals: Any
-    inverses: Any
+    residual_statistics: Any
+    inverse_scales: Any
     widths: Any
-    normal: Any
+    normal_cdf: Any
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -106,15 +106,16 @@ def new_coder(decoding, data, words, models, statistics, tables):
         data: Bytes of the packet, or the output buffer, uint8.
         words: The bytes of the packet as the decoder reads them, from `words_of`.
         models: Initial adaptive bit models, int64 (contexts, 2).
-        statistics: The two counters `bits` and `residuals` of `Coder`.
-        tables: The seven tables `scales`, `windows`, `bounds`, `guesses`, `inverses`, `widths` and `normal` of `Coder`.
+        statistics: The two counters `bit_counts` and `residual_statistics` of `Coder`.
+        tables: The seven tables `scale_indices`, `distributions`, `bounds`, `guesses`, `inverse_scales`, `widths` and
+            `normal_cdf` of `Coder`.
     """
-    bits, residuals = statistics
-    scales, windows, bounds, guesses, inverses, widths, normal = tables
+    bit_counts, residual_statistics = statistics
+    scale_indices, distributions, bounds, guesses, inverse_scales, widths, normal_cdf = tables
     state = np.empty(3, np.int64)
     return Coder(
-        decoding, data, words, state, models, bits, scales, windows, bounds, guesses, residuals, inverses, widths,
-        normal,
+        decoding, data, words, state, models, bit_counts, scale_indices, distributions, bounds, guesses,
+        residual_statistics, inverse_scales, widths, normal_cdf,
     )  # fmt: skip
 
 
@@ -125,7 +126,7 @@ def code_bit(coder, context, bit):
     if coder.decoding:
         return adaptive_bit(coder.words, coder.state, coder.models, context)
     write_bit(coder.data, coder.state, coder.models, context, bit)
-    coder.bits[context, bit] += 1
+    coder.bit_counts[context, bit] += 1
     return bit
 
 
@@ -182,14 +183,14 @@ def code_escape(coder, excess):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift, absolute):
+def code_value(coder, kind, deviation_class, magnitude_context, mean, value, shift, absolute):
     """Encodes or decodes a quantised integer relative to a prediction.
 
     Args:
         coder: Entropy coder.
         kind: Kind of value; selects the context.
         deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
-        magnitude_class: Third index of the context. For opacity and the largest scale, it is log2 of the quantisation
+        magnitude_context: Third index of the context. For opacity and the largest scale, it is log2 of the quantisation
             step. For all other kinds of value, it is the class of the mean magnitude of earlier residuals.
         mean: The prediction.
         value: The value; only used by an encoder.
@@ -200,14 +201,14 @@ def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift
     Returns:
         The decoded value, and its residual in steps.
     """
-    half = (1 << shift) >> 1
+    half_step = (1 << shift) >> 1
     if not absolute:
-        steps = _code_steps(coder, kind, deviation_class, magnitude_class, (value - mean + half) >> shift, ZERO)
+        steps = _code_steps(coder, kind, deviation_class, magnitude_context, (value - mean + half_step) >> shift, ZERO)
         return mean + (steps << shift), steps
-    eighths = ((mean << MEAN_FRACTION_BITS) + half) >> shift
-    near = (eighths + (1 << (MEAN_FRACTION_BITS - 1))) >> MEAN_FRACTION_BITS
+    mean_eighths = ((mean << MEAN_FRACTION_BITS) + half_step) >> shift
+    near = (mean_eighths + (1 << (MEAN_FRACTION_BITS - 1))) >> MEAN_FRACTION_BITS
     steps = _code_steps(
-        coder, kind, deviation_class, magnitude_class, ((value + half) >> shift) - near, eighths - (near <<
+        coder, kind, deviation_class, magnitude_context, ((value + half_step) >> shift) - near, mean_eighths - (near <<
         MEAN_FRACTION_BITS)
     )  # fmt: skip
     return (near + steps) << shift, steps
@@ -215,77 +216,76 @@ def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
+def _code_steps(coder, kind, deviation_class, magnitude_context, residual, mean_eighths):
     """Encodes or decodes a prediction residual, in quantisation steps.
 
     Args:
         coder: Entropy coder.
         kind: Kind of value; selects the context.
         deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
-        magnitude_class: Third index of the context (see `code_value`).
-        q: The residual; only used by an encoder.
-        eighths: Mean of the residual's distribution, in eighths of a step, -4 to 3.
+        magnitude_context: Third index of the context (see `code_value`).
+        residual: The residual; only used by an encoder.
+        mean_eighths: Mean of the residual's distribution, in eighths of a step, -4 to 3.
 
     Returns:
         The residual.
     """
-    scale = np.int64(
-        coder.scales[(kind * NUM_DEVIATION_CONTEXTS + deviation_class) * NUM_SECOND_CONTEXTS + magnitude_class]
-    )
-    window, mixture = coder.windows[scale], eighths + (NUM_MEANS >> 1)
-    half, first = window[HALF], window[AT] + mixture * window[STRIDE]
+    context = (kind * NUM_DEVIATION_CONTEXTS + deviation_class) * NUM_MAGNITUDE_CONTEXTS + magnitude_context
+    scale = np.int64(coder.scale_indices[context])
+    distribution, mixture = coder.distributions[scale], mean_eighths + (NUM_MEANS >> 1)
+    max_magnitude, first = distribution[MAX_MAGNITUDE], distribution[FIRST_BOUND] + mixture * distribution[STRIDE]
     if coder.decoding:
         target = decode_target(coder.state, SYMBOL_BITS)
         if target >= TOTAL - ESCAPE:
-            q = _decode_escape(coder.words, coder.state, half)
+            residual = _decode_escape(coder.words, coder.state, max_magnitude)
         else:
-            bits = window[GUESS_BITS]
-            guess = window[GUESS_AT] + (mixture << bits) + (target >> (SYMBOL_BITS - bits))
+            bits = distribution[GUESS_BITS]
+            guess = distribution[GUESS_AT] + (mixture << bits) + (target >> (SYMBOL_BITS - bits))
             index = first + np.int64(coder.guesses[guess])
             start, after = np.int64(coder.bounds[index]), np.int64(coder.bounds[index + 1])
             while after <= target:
                 index += 1
                 start, after = after, np.int64(coder.bounds[index + 1])
-            if window[SHIFT]:
-                q = _decode_wide(coder, scale, index - first, start, after, target, eighths)
+            if distribution[SHIFT]:
+                residual = _decode_wide(coder, scale, index - first, start, after, target, mean_eighths)
             else:
                 advance(coder.words, coder.state, start, after - start, SYMBOL_BITS)
-                q = index - first - half
-    elif window[SHIFT] == 0 and -half <= q <= half:
-        start = np.int64(coder.bounds[first + half + q])
-        size = np.int64(coder.bounds[first + half + q + 1]) - start
+                residual = index - first - max_magnitude
+    elif distribution[SHIFT] == 0 and -max_magnitude <= residual <= max_magnitude:
+        start = np.int64(coder.bounds[first + max_magnitude + residual])
+        size = np.int64(coder.bounds[first + max_magnitude + residual + 1]) - start
         write_interval(coder.data, coder.state, start, size, SYMBOL_BITS)
     else:
-        q = _encode_wide(coder, scale, q, eighths)
+        residual = _encode_wide(coder, scale, residual, mean_eighths)
     if not coder.decoding:
-        coder.residuals[kind, deviation_class, magnitude_class, 0] += 1
-        coder.residuals[kind, deviation_class, magnitude_class, 1] += abs(q)
-    return q
+        coder.residual_statistics[kind, deviation_class, magnitude_context, 0] += 1
+        coder.residual_statistics[kind, deviation_class, magnitude_context, 1] += abs(residual)
+    return residual
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _decode_escape(words, state, half):
+def _decode_escape(words, state, max_magnitude):
     """Decodes a residual from an escape code, which is used for magnitudes that exceed the probability tables.
 
     Args:
         words: The bytes of the packet, from `words_of`.
         state: State of the range decoder, changed in place.
-        half: Largest magnitude in the probability tables.
+        max_magnitude: Largest magnitude in the probability tables.
 
     Returns:
         The residual in quantisation steps.
     """
-    # The code is a sign, and the excess over `half` in Elias gamma code.
+    # The code is a sign, and the excess over `max_magnitude` in Elias gamma code.
     advance(words, state, TOTAL - ESCAPE, ESCAPE, SYMBOL_BITS)
     above = flag(words, state)
-    outside = half + 1 + escaped(words, state)
+    outside = max_magnitude + 1 + escaped(words, state)
     return min(outside, MAX_RESIDUAL) if above else max(-outside, -MAX_RESIDUAL)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _decode_wide(coder, scale, index, start, after, target, eighths):
+def _decode_wide(coder, scale, index, start, after, target, mean_eighths):
     """Decodes a residual under a wide distribution.
 
     The probability table of a wide distribution contains the starts of only every 2^k-th interval. This function
@@ -298,42 +298,43 @@ def _decode_wide(coder, scale, index, start, after, target, eighths):
         start: Interval start in this table entry.
         after: Interval start in the next table entry.
         target: Position on the probability axis that the range decoder has read, from `start` to `after` (exclusive).
-        eighths: Mean of the distribution, in eighths of a quantisation step.
+        mean_eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
         The residual in quantisation steps.
     """
     # Tables of wide distributions contain only every `2**k`-th start of a probability interval. The search begins with
     # linear interpolation between the tabulated starts, because the density is nearly constant there.
-    half, shift, mean = (
-        coder.windows[scale, HALF],
-        coder.windows[scale, SHIFT],
-        eighths << (MEAN_BITS - MEAN_FRACTION_BITS),
+    max_magnitude, shift, mean = (
+        coder.distributions[scale, MAX_MAGNITUDE],
+        coder.distributions[scale, SHIFT],
+        mean_eighths << (MEAN_BITS - MEAN_FRACTION_BITS),
     )
-    narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)]
+    narrow, wide = coder.inverse_scales[scale], coder.inverse_scales[min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)]
     steps = np.int64(np.float64((target - start) << shift) / np.float64(after - start))
-    symbol = (index << shift) + steps - half
-    low = _interval_start(coder, symbol, half, mean, narrow, wide)
+    symbol = (index << shift) + steps - max_magnitude
+    low = _interval_start(coder, symbol, max_magnitude, mean, narrow, wide)
     while low > target:
         symbol -= 1
-        low = _interval_start(coder, symbol, half, mean, narrow, wide)
-    high = _interval_start(coder, symbol + 1, half, mean, narrow, wide)
+        low = _interval_start(coder, symbol, max_magnitude, mean, narrow, wide)
+    high = _interval_start(coder, symbol + 1, max_magnitude, mean, narrow, wide)
     while high <= target:
         symbol, low = symbol + 1, high
-        high = _interval_start(coder, symbol + 1, half, mean, narrow, wide)
+        high = _interval_start(coder, symbol + 1, max_magnitude, mean, narrow, wide)
     advance(coder.words, coder.state, low, high - low, SYMBOL_BITS)
     return symbol
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _interval_start(coder, symbol, half, mean, narrow, wide):
+def _interval_start(coder, symbol, max_magnitude, mean, narrow, wide):
     """Computes where the probability interval of a residual starts, if this start is not in the tables.
 
     Args:
         coder: Entropy coder.
-        symbol: The residual, from `-half` to `half`; `half + 1` for the end of the last interval.
-        half: Largest magnitude of a residual with a probability interval.
+        symbol: The residual, from `-max_magnitude` to `max_magnitude`; `max_magnitude + 1` for the end of the last
+            interval.
+        max_magnitude: Largest magnitude of a residual with a probability interval.
         mean: Mean of the distribution, `MEAN_BITS` fractional bits. The distribution is a mixture of two normals.
         narrow: Reciprocal of the smaller of the two standard deviations.
         wide: Reciprocal of the larger of the two standard deviations.
@@ -342,28 +343,38 @@ def _interval_start(coder, symbol, half, mean, narrow, wide):
         The start, in units of 2**-24.
     """
     # Not inlined, because the callers call it several times.
-    return cumulative(symbol, -half, half, mean, narrow, mean, wide, WEIGHT, coder.normal)
+    return cumulative(symbol, -max_magnitude, max_magnitude, mean, narrow, mean, wide, WEIGHT, coder.normal_cdf)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _encode_wide(coder, scale, q, eighths):
+def _encode_wide(coder, scale, residual, mean_eighths):
     """Encodes a residual whose interval is not tabulated: a very large residual, or one with a wide distribution.
 
     Args:
         coder: Entropy coder.
         scale: Index of the distribution's (smaller) standard deviation.
-        q: The residual in quantisation steps.
-        eighths: Mean of the distribution, in eighths of a step.
+        residual: The residual in quantisation steps.
+        mean_eighths: Mean of the distribution, in eighths of a step.
 
     Returns:
-        The encoded residual: `q`, clipped to magnitudes of at most `MAX_RESIDUAL`.
+        The encoded residual: `residual`, clipped to magnitudes of at most `MAX_RESIDUAL`.
     """
     # The tables omit very large residuals, and most residuals of wide distributions.
-    mean = eighths << (MEAN_BITS - MEAN_FRACTION_BITS)
+    mean = mean_eighths << (MEAN_BITS - MEAN_FRACTION_BITS)
     wide = min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)
-    q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
+    residual = min(max(residual, -MAX_RESIDUAL), MAX_RESIDUAL)
     encode_symbol(
-        coder.data, coder.state, q, mean, scale, mean, wide, WEIGHT, coder.inverses, coder.widths, coder.normal
+        coder.data,
+        coder.state,
+        residual,
+        mean,
+        scale,
+        mean,
+        wide,
+        WEIGHT,
+        coder.inverse_scales,
+        coder.widths,
+        coder.normal_cdf,
     )
-    return q
+    return residual

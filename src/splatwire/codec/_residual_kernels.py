@@ -25,8 +25,8 @@ MAX_BOUNDS = np.int64(1 << 9)
 """Maximum number of intervals between the tabulated bounds of a mixture with more symbols."""
 MAX_GUESS_BITS = np.int64(8)
 """Maximum number of bits of the index of a guess: the highest bits of the position of the code."""
-HALF, SHIFT, AT, STRIDE, GUESS_AT, GUESS_BITS = np.arange(6)
-"""Columns of windows: number of symbols on either side; log2 of the number of symbols between two tabulated bounds;
+MAX_MAGNITUDE, SHIFT, FIRST_BOUND, STRIDE, GUESS_AT, GUESS_BITS = np.arange(6)
+"""Columns of `distributions`: largest tabulated magnitude; log2 of the number of symbols between two tabulated bounds;
 first bound of the mixture of mean -4/8 and number of bounds of each mixture; first guess of the mixture of mean -4/8
 and log2 of the number of guesses of each mixture.
 """
@@ -34,75 +34,78 @@ and log2 of the number of guesses of each mixture.
 
 @njit(error_model="numpy")
 @no_type_check
-def residual_windows(scales, inverses, widths, normal):
+def residual_distributions(scale_indices, inverse_scales, widths, normal_cdf):
     """Tabulates the probability distributions of prediction residuals for the entropy coder.
 
-    Each distribution is a mixture of two normals. For every standard deviation in `scales`, there are `NUM_MEANS`
-    distributions with different means.
+    Each distribution is a mixture of two normals. For every standard deviation in `scale_indices`, there are
+    `NUM_MEANS` distributions with different means.
 
     Args:
-        scales: Index of each context's standard deviation in the coder's table, int64 (contexts).
-        inverses: Reciprocal of each standard deviation in the coder's table.
+        scale_indices: Index of each context's standard deviation in the coder's table, int64 (contexts).
+        inverse_scales: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest magnitude of residuals that have a
             probability interval of their own.
-        normal: Table of the normal cumulative distribution function.
+        normal_cdf: Table of the normal cumulative distribution function.
 
     Returns:
         Four arrays, which are fields of `Coder`:
 
-        `scales`: the argument as uint16 (contexts).
+        `scale_indices`: the argument as uint16 (contexts).
 
-        `windows`: for each standard deviation, its range of residuals and its positions in the other arrays, int64
-        (standard deviations, 6). The constants from `HALF` to `GUESS_BITS` are the indices of its columns.
+        `distributions`: for each standard deviation, its range of residuals and its positions in the other arrays,
+        int64 (standard deviations, 6). The constants from `MAX_MAGNITUDE` to `GUESS_BITS` are its column indices.
 
         `bounds`: starts of the probability intervals, in units of 2**-`TOTAL_BITS`, int32.
 
         `guesses`: interval at which a decoder starts its search, given the highest bits of the code, uint16.
     """
     # The tables are accessed at random. They are small enough for the processor's caches.
-    windows = np.zeros((NUM_SCALES, 6), np.int64)
+    distributions = np.zeros((NUM_SCALES, 6), np.int64)
     num_bounds = num_guesses = np.int64(0)
-    for scale in scales:
-        if windows[scale, STRIDE]:
+    for scale in scale_indices:
+        if distributions[scale, STRIDE]:
             continue
-        half = widths[min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)]
+        max_magnitude = widths[min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)]
         shift = guess_bits = ZERO
-        while half > MAX_SYMBOLS and (2 * half >> shift) >= MAX_BOUNDS:
+        while max_magnitude > MAX_SYMBOLS and (2 * max_magnitude >> shift) >= MAX_BOUNDS:
             shift += 1
-        while half >> guess_bits and guess_bits < MAX_GUESS_BITS:
+        while max_magnitude >> guess_bits and guess_bits < MAX_GUESS_BITS:
             guess_bits += 1
-        stride = (2 * half >> shift) + 2
-        window = windows[scale]
-        window[HALF], window[SHIFT], window[AT], window[STRIDE] = half, shift, num_bounds, stride
-        window[GUESS_AT], window[GUESS_BITS] = num_guesses, guess_bits
+        stride = (2 * max_magnitude >> shift) + 2
+        distribution = distributions[scale]
+        distribution[MAX_MAGNITUDE], distribution[SHIFT] = max_magnitude, shift
+        distribution[FIRST_BOUND], distribution[STRIDE] = num_bounds, stride
+        distribution[GUESS_AT], distribution[GUESS_BITS] = num_guesses, guess_bits
         num_bounds += NUM_MEANS * stride
         num_guesses += NUM_MEANS << guess_bits
     bounds, guesses = np.empty(num_bounds, np.int32), np.empty(num_guesses, np.uint16)
     for scale in range(NUM_SCALES):
-        if windows[scale, STRIDE]:
-            _tabulate(scale, windows[scale], bounds, guesses, inverses, widths, normal)
-    return scales.astype(np.uint16), windows, bounds, guesses
+        if distributions[scale, STRIDE]:
+            _tabulate(scale, distributions[scale], bounds, guesses, inverse_scales, widths, normal_cdf)
+    return scale_indices.astype(np.uint16), distributions, bounds, guesses
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _tabulate(scale, window, bounds, guesses, inverses, widths, normal):
+def _tabulate(scale, distribution, bounds, guesses, inverse_scales, widths, normal_cdf):
     wide = min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)
-    half, narrow_inverse, wide_inverse = window[HALF], inverses[scale], inverses[wide]
-    bounds_at, last, guess_at, guess_bits = window[AT], window[STRIDE] - 2, window[GUESS_AT], window[GUESS_BITS]
+    max_magnitude = distribution[MAX_MAGNITUDE]
+    narrow_inverse, wide_inverse = inverse_scales[scale], inverse_scales[wide]
+    bounds_at, last = distribution[FIRST_BOUND], distribution[STRIDE] - 2
+    guess_at, guess_bits = distribution[GUESS_AT], distribution[GUESS_BITS]
     for number in range(NUM_MEANS):
         mean = (number - (NUM_MEANS >> 1)) << (MEAN_BITS - MEAN_FRACTION_BITS)
         for interval in range(last + 2):
             bounds[bounds_at + interval] = cumulative(
-                (interval << window[SHIFT]) - half,
-                -half,
-                half,
+                (interval << distribution[SHIFT]) - max_magnitude,
+                -max_magnitude,
+                max_magnitude,
                 mean,
                 narrow_inverse,
                 mean,
                 wide_inverse,
                 WEIGHT,
-                normal,
+                normal_cdf,
             )
         interval = ZERO
         for guess in range(ONE << guess_bits):

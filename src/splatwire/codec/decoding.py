@@ -48,7 +48,7 @@ def decode_stream(
         decoder = open_decoder(manifest, stream.side_info, stream.num_bytes)
         working = decoder.working_bytes(stream.packets)
         threads = threads_within(decoder.scene_bytes, working, stream.num_bytes, activity, threads)
-        decoder.expect(threads)
+        decoder.allocate(threads)
 
         def decode_batch(batch: PacketBatch) -> tuple[int, SymbolRows | None]:
             rows = decoder.decode(batch)

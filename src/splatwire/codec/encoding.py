@@ -39,7 +39,7 @@ def encode_scene(
     tiers: np.ndarray | None = None,
     quality: object = None,
     classes: np.ndarray | None = None,
-    noise: float | None = None,
+    network_tolerance: float | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> SceneStream:
@@ -57,8 +57,8 @@ def encode_scene(
             `Quality` of their schema.
         classes: Precision class of each explicit Gaussian, which selects its quantisation steps
             (`splatwire.render.precision`); None for the finest. Not for anchors.
-        noise: Tolerated error of the outputs of the context networks of anchors, caused by rounding the weights and
-            relative to the predicted standard deviations; None for the default.
+        network_tolerance: Tolerated error of the outputs of the context networks of anchors, caused by rounding the
+            weights and relative to the predicted standard deviations; None for the default.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1.
 
@@ -92,7 +92,9 @@ def encode_scene(
     if not validity.complete:
         kept, scene = validity.kept, scene.select(validity.kept)
         per_element = {name: None if values is None else values[kept] for name, values in per_element.items()}
-    options = Options(packetization, quality=quality, noise=noise, threads=threads, **per_element)
+    options = Options(
+        packetization, quality=quality, network_tolerance=network_tolerance, threads=threads, **per_element
+    )
     with limit_threads(threads), one_blas_thread():
         prepared = schema.prepare(scene, options)
     return encode_prepared(schema, prepared, threads, progress)

@@ -195,7 +195,7 @@ class ProgressiveDecoder(Arrivals):
         scene_decoder = copy.copy(
             self._decoder
         )  # the original stays unchanged, because other threads may be decoding with it
-        scene_decoder.expect(self._threads, self._progress)
+        scene_decoder.allocate(self._threads, self._progress)
         for batch in batches_of(scene_decoder, self.manifest, self._packets(), gaps=True):
             scene_decoder.store(batch, self._decoded_integers(batch))
         self._scene_decoder, self._received_scene = scene_decoder, scene_decoder.scene()

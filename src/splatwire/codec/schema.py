@@ -71,7 +71,7 @@ class Options:
     tiers: np.ndarray | None = None
     quality: Any = None
     classes: np.ndarray | None = None
-    noise: float | None = None
+    network_tolerance: float | None = None
     threads: int | None = None
 
 
@@ -87,7 +87,7 @@ class Decoder(Protocol):
             blocks.
         packets_independent: True if each packet of a batch can also be decoded alone.
         redecode_on_demand: True to save memory by decoding packets again instead of storing decoded integers.
-        scene_bytes: Memory that `expect` and `scene` allocate, bytes.
+        scene_bytes: Memory that `allocate` and `scene` allocate, bytes.
         row_bytes: Memory of the decoded integers of one element, bytes.
     """
 
@@ -102,7 +102,7 @@ class Decoder(Protocol):
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """Returns the working memory of one thread that decodes the given packets, bytes."""
 
-    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+    def allocate(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates arrays for all elements. Required before `store` and `scene`, but not before `decode`.
 
         Args:

@@ -5,7 +5,7 @@ possible because the inputs of a layer are correlated (Babai, "On Lovasz' lattic
 point problem", 1986; Frantar et al., "GPTQ", 2023).
 """
 # A weight is `q * step`, where the step of row i and column j is `row_steps[i] << column_shifts[j]` units of 2**-16.
-# Rows with noise-tolerant outputs, and columns of redundant inputs, take fewer bits.
+# Rows with error-tolerant outputs, and columns of redundant inputs, take fewer bits.
 # Let C = R R^T be the covariance of the inputs, with R upper triangular. R_jj is the part of the spread of input j that
 # the inputs rounded later do not explain. The step of column j depends on R_jj.
 # With rounding errors d of a row of weights, its output has the error variance |d R|**2. Successive rounding keeps
@@ -82,14 +82,14 @@ class QuantisedMlp:
         return IntegerMlp(self.hidden.integer(), self.output.integer(), self.leaky)
 
 
-def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, noise: np.ndarray) -> QuantisedLinear:
+def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, tolerance: np.ndarray) -> QuantisedLinear:
     """Quantises the weights and bias of a layer as coarsely as the tolerated errors of its outputs allow.
 
     Args:
         weight: Weights of the layer, float (out, in).
         bias: Bias of the layer, float (out).
         inputs: Sample of the layer's inputs, float (n, in).
-        noise: Tolerated standard deviation of the error of each output, (out).
+        tolerance: Tolerated standard deviation of the error of each output, (out).
 
     Returns:
         The layer in integers.
@@ -101,7 +101,7 @@ def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, no
     spread = np.sqrt((((2.0**shifts) * rest) ** 2).sum() / 12)
     # weights of 128 and more have coarser steps, so that the integers are exact in float32
     grain = 2.0 ** np.ceil(np.log2(np.maximum(np.abs(weight).max(axis=1, initial=0) / FINE_WEIGHT, 1)))
-    steps = np.rint(noise / spread * 2.0**WEIGHT_EXPONENT / grain) * grain
+    steps = np.rint(tolerance / spread * 2.0**WEIGHT_EXPONENT / grain) * grain
     steps = np.clip(steps, grain, MAX_STEP // grain * grain).astype(np.int64)
     unit = (steps[:, None] << shifts[None, :]) * 2.0**-WEIGHT_EXPONENT
     symbols, error = _round_in_turn(weight[:, order], unit, factor / rest[None, :])
@@ -243,8 +243,8 @@ def quantise_mlp(
     pre = inputs @ hidden[0].T + hidden[1]
     active, post = (pre > 0).mean(axis=0), _activation(pre, leaky)
     sensitivity = np.sqrt(((output[0] / tolerance[:, None]) ** 2).mean(axis=0) * np.maximum(active, 1e-3))
-    noise = 1.0 / np.maximum(sensitivity * np.sqrt(len(active)), 1e-6)
-    first = quantise_linear(hidden[0], hidden[1], inputs, noise)
+    first_tolerance = 1.0 / np.maximum(sensitivity * np.sqrt(len(active)), 1e-6)
+    first = quantise_linear(hidden[0], hidden[1], inputs, first_tolerance)
     weight, bias = (array.astype(np.float64) for array in first.dequantised())
     rounded = _activation(inputs @ weight.T + bias, leaky)
     second = quantise_linear(*_refitted(output, post, rounded), rounded, tolerance)

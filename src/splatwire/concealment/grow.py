@@ -63,7 +63,7 @@ class Grow:
 
         This saves time if many loss patterns of the same scene are concealed.
         """
-        if received.expectation is None:
+        if received.prediction is None:
             return self  # positions of lost elements depend on the received ones
         all_elements = np.ones(received.scene.num_elements, np.bool_)
         parts = [index for _, index in _neighbors_of(received.positions, all_elements, self.neighbors)]

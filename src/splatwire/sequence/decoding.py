@@ -261,7 +261,7 @@ def _growth_factors(splats: Splats, index: np.ndarray, received_mask: np.ndarray
         Factors on the size and factors on the opacity of each Gaussian, float32 (T) each; 1 for no change.
     """
     size, opacity = np.ones((2, splats.num_gaussians), np.float32)
-    scene = conceal(ReceivedScene(SplatScene(splats.select(index)), LossMask.of_anchors(received_mask[index])), "grow")
+    scene = conceal(ReceivedScene(SplatScene(splats.select(index)), LossMask.of_elements(received_mask[index])), "grow")
     hints: RenderHints | None = scene.hints
     if hints is not None:
         size[index] = hints.size_gain

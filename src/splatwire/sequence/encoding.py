@@ -54,17 +54,18 @@ class SequenceEncoder:
 
     Args:
         options: Encoder options.
-        classes: Function that returns the precision class (set of quantisation steps) of each new Gaussian. None to
-            choose the classes by rendering the Gaussians.
+        choose_class_offsets: Function that returns the precision class (set of quantisation steps) of each new
+            Gaussian. None to choose the classes by rendering the Gaussians.
         live: True to encode with less delay, at a higher total processing cost.
     """
 
     @checked
     def __init__(
-        self, options: SequenceOptions = DEFAULT_OPTIONS, classes: Callable[[Splats], np.ndarray] | None = None, *,
+        self, options: SequenceOptions = DEFAULT_OPTIONS,
+        choose_class_offsets: Callable[[Splats], np.ndarray] | None = None, *,
         live: bool = False,
     ) -> None:  # fmt: skip
-        self._options, self._classes, self._live = options, classes or precision_classes, live
+        self._options, self._choose_class_offsets, self._live = options, choose_class_offsets or precision_classes, live
         self._tracker, self._group_builder = Tracker(options.order), GroupBuilder(options.group_frames)
         self._last_group_ends: tuple[TrackedFrame, TrackedFrame] | None = None
         self._last_splats: Splats | None = None
@@ -97,7 +98,7 @@ class SequenceEncoder:
         """
         assert not self._group_builder
         self._finish_deferred_work()
-        other = SequenceEncoder(self._options, self._classes, live=self._live)
+        other = SequenceEncoder(self._options, self._choose_class_offsets, live=self._live)
         other._tracker, other._degree, other._warned = self._tracker, self._degree, self._warned
         other._warned_kinds = self._warned_kinds
         other._first_frame = other._num_frames = self._num_frames
@@ -118,7 +119,7 @@ class SequenceEncoder:
         Args:
             first_frame: Number of the first frame of the new encoder.
         """
-        other = SequenceEncoder(self._options, self._classes, live=self._live)
+        other = SequenceEncoder(self._options, self._choose_class_offsets, live=self._live)
         other._first_frame = other._num_frames = first_frame
         other._warned, other._warned_kinds = self._warned, self._warned_kinds
         other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
@@ -232,7 +233,7 @@ class SequenceEncoder:
         new = group.keys > self._newest_key
         self._newest_key = max(self._newest_key, int(group.keys[-1]) if len(group.keys) else -1)
         cuts = _scene_cuts(group, frames, new)
-        classes = self._precision(group, cuts, new)
+        class_offsets = self._precision(group, cuts, new)
         unrelated = len(frames) > 1 and len(frames[0].keys) > 0 and len(cuts) > MIN_CUT_SHARE * len(frames)
         first, smooth, self._num_groups = (
             not self._num_groups,
@@ -240,10 +241,10 @@ class SequenceEncoder:
             self._num_groups + 1,
         )
         if first and unrelated and not self._live:
-            assert classes is not None
-            return self._encode_single_frames(group, frames, cuts, classes)
+            assert class_offsets is not None
+            return self._encode_single_frames(group, frames, cuts, class_offsets)
         self._group_builder = GroupBuilder(self._options.group_frames, smooth=smooth)
-        return self._tracks_encoder.add(group, classes, cut=bool(cuts) and not self._live)
+        return self._tracks_encoder.add(group, class_offsets, cut=bool(cuts) and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
         """Joins the Gaussians of the current group of pictures to tracks, each of which is one Gaussian over time."""
@@ -257,7 +258,7 @@ class SequenceEncoder:
         return group
 
     def _encode_single_frames(
-        self, group: TrackGroup, frames: list[TrackedFrame], cuts: list[int], classes: np.ndarray
+        self, group: TrackGroup, frames: list[TrackedFrame], cuts: list[int], class_offsets: np.ndarray
     ) -> list[Packet]:
         """Switches to groups of one frame, for a sequence with many scene cuts, and encodes the first frames.
 
@@ -265,7 +266,7 @@ class SequenceEncoder:
             group: Tracks (one Gaussian over time each) of the first frames.
             frames: The first frames of the sequence, which would otherwise be encoded as one group of pictures.
             cuts: Indices of the frames that begin a new scene.
-            classes: Precision class of each track (its set of quantisation steps), (n).
+            class_offsets: Precision class of each track (its set of quantisation steps), (n).
 
         Returns:
             Packets of the first frames.
@@ -280,7 +281,7 @@ class SequenceEncoder:
         for number, frame in enumerate(frames):
             frame_group = group_of([frame])
             packets += self._tracks_encoder.add(
-                frame_group, classes[np.searchsorted(group.keys, frame_group.keys)], cut=number in cuts
+                frame_group, class_offsets[np.searchsorted(group.keys, frame_group.keys)], cut=number in cuts
             )
         return packets
 
@@ -302,19 +303,19 @@ class SequenceEncoder:
         """
         if not cuts or (self._live and self._num_groups):  # too slow for a live sequence
             return None
-        classes = self._median_classes(len(group.keys))
+        class_offsets = self._median_classes(len(group.keys))
         if not self._num_groups and self._known_classes is not None:
             _, tracks, rows = np.intersect1d(
                 group.keys, self._known_classes[0], assume_unique=True, return_indices=True
             )
             if len(tracks) >= MIN_CLASSIFIED_SHARE * len(group.keys):
-                classes[tracks] = self._known_classes[1][rows]
-                return classes
+                class_offsets[tracks] = self._known_classes[1][rows]
+                return class_offsets
         scene = np.where(new, np.searchsorted(cuts, group.begins, side="right") - 1, -1)
         for number in range(len(cuts)):
             members = np.flatnonzero(scene == number)
             first = group.first(members)
-            classes[members] = self._classes(first)
+            class_offsets[members] = self._choose_class_offsets(first)
             if not number and not self._num_groups and not self._first_frame:
                 up = self._options.up
                 if up != "auto":
@@ -322,8 +323,8 @@ class SequenceEncoder:
                     self._sections |= up_sections(up)
                 elif not {UP_SECTION, VIEWPOINT} & set(self._sections):  # unless the frames state it
                     self._sections |= up_sections(estimate_up_axis(SplatScene(first)))
-        self._known_classes = group.keys, classes
-        return classes
+        self._known_classes = group.keys, class_offsets
+        return class_offsets
 
     def _median_classes(self, count: int) -> np.ndarray:
         """Returns a default precision class (set of quantisation steps) for tracks: the median of the known classes.

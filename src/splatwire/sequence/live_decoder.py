@@ -124,7 +124,7 @@ class LiveDecoder:
         opened = TracksDecoder(self._manifest, self._side_info, num_bytes)
         check_memory(opened.scene_bytes, num_bytes, activity)
         with allocating(activity):
-            opened.expect(None)
+            opened.allocate(None)
             if self._decoder is not None:
                 # The keyframe Gaussians are not decoded again.
                 opened.take_over(self._decoder)

@@ -12,7 +12,7 @@ from splatwire.sequence.matching import Match, aligned, match, tracked
 from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.types.splats import Splats
 
-ORDERS = ("auto", "tracked", "shuffled")
+FRAME_ORDERS = ("auto", "tracked", "shuffled")
 SECTION = "tracking"
 """Name of the side information section with the tracking statistics."""
 _SHARE = 1_000_000
@@ -68,8 +68,8 @@ class Tracker:
     """
 
     def __init__(self, order: str = "auto") -> None:
-        if order not in ORDERS:
-            raise InvalidValueError(f"frames are {', '.join(ORDERS)}, not {order!r:.40}")
+        if order not in FRAME_ORDERS:
+            raise InvalidValueError(f"frames are {', '.join(FRAME_ORDERS)}, not {order!r:.40}")
         self._order, self._next = order, 0
         self._previous_splats: Splats | None = None
         self._keys = np.zeros(0, np.int64)

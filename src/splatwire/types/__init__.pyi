@@ -18,7 +18,7 @@ from splatwire.types.networks import Mlp as Mlp
 from splatwire.types.prior import AttributePrior as AttributePrior
 from splatwire.types.prior import Prior as Prior
 from splatwire.types.received_scene import Copies as Copies
-from splatwire.types.received_scene import ExpectedPlaces as ExpectedPlaces
+from splatwire.types.received_scene import PredictedPositions as PredictedPositions
 from splatwire.types.received_scene import ReceivedScene as ReceivedScene
 from splatwire.types.received_scene import TierSizes as TierSizes
 from splatwire.types.scene import Coverage as Coverage

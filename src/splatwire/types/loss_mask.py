@@ -18,7 +18,7 @@ class LossMask(CheckedFields):
     """Loss mask of N anchors: which of the four coded attributes of each anchor were received.
 
     Attributes:
-        received: True if the attribute of the anchor was received, bool (N, 4); columns in the order of `Attribute`.
+        received: True if the attribute of the element was received, bool (N, 4); columns in the order of `Attribute`.
     """
 
     received: Bool[Any, "N 4"]
@@ -27,7 +27,7 @@ class LossMask(CheckedFields):
 
     @property
     def fully_received(self) -> Bool[Any, "N"]:
-        """Mask of anchors with every attribute received."""
+        """Mask of elements with every attribute received."""
         return self.received.all(1)
 
     @property
@@ -38,11 +38,11 @@ class LossMask(CheckedFields):
 
     @property
     def num_lost(self) -> int:
-        """Number of anchors with at least one missing attribute."""
+        """Number of elements with at least one missing attribute."""
         return int((~self.fully_received).sum())
 
     def column(self, attribute: Attribute) -> Bool[Any, "N"]:
-        """Mask of the anchors for which a given attribute was received.
+        """Mask of the elements for which a given attribute was received.
 
         Raises:
             InvalidValueError: If there is no such attribute.
@@ -57,14 +57,20 @@ class LossMask(CheckedFields):
         return self.received[:, int(attribute)]
 
     @staticmethod
-    def of_anchors(fully_received: Bool[Any, "N"]) -> "LossMask":
-        """Builds the mask for anchors of which all attributes were received or all were lost.
+    def of_elements(fully_received: Bool[Any, "N"]) -> "LossMask":
+        """Builds the mask for elements of which all attributes were received or all were lost.
 
         Args:
-            fully_received: Mask of received anchors.
+            fully_received: Mask of received elements (Gaussians, anchors or tracks).
 
         Raises:
             InvalidValueError: If `fully_received` is not a one-dimensional array of booleans.
         """
         fully_received = array_of(fully_received, "fully_received", ("N",), "b")
         return LossMask(np.repeat(fully_received[:, None], len(Attribute), axis=1))
+
+    @staticmethod
+    def of_anchors(fully_received: Bool[Any, "N"]) -> "LossMask":
+        """Deprecated name of `of_elements`."""
+        warnings.warn("LossMask.of_anchors is deprecated, use of_elements", DeprecationWarning, stacklevel=2)
+        return LossMask.of_elements(fully_received)

@@ -57,7 +57,7 @@ class Prior(CheckedFields):
         """Number of anchors, N, for which the prior network predicts attributes."""
         return len(self.context)
 
-    def expected_log_sizes(self) -> Float[Any, "N"]:
+    def predicted_log_sizes(self) -> Float[Any, "N"]:
         """Returns the predicted log size of the Gaussians of each anchor, averaged over three axes.
 
         The unit is the natural logarithm of world units.

@@ -21,7 +21,7 @@ Record = TypeVar("Record")
 
 
 @runtime_checkable
-class Expectation(Protocol):
+class Prediction(Protocol):
     """Typing protocol (structural type) for predicted values of all elements (Gaussians or anchors), such as `Prior`.
 
     The values are predicted from the side information, without any packet.
@@ -31,7 +31,7 @@ class Expectation(Protocol):
     def num_elements(self) -> int:
         """Number of elements, N."""
 
-    def expected_log_sizes(self) -> Float[np.ndarray, "N"]:
+    def predicted_log_sizes(self) -> Float[np.ndarray, "N"]:
         """Returns the predicted logarithm of the size of each element."""
 
     def filled(self, elements: Any, loss_mask: LossMask) -> Any:
@@ -39,7 +39,7 @@ class Expectation(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class ExpectedPlaces(CheckedFields):
+class PredictedPositions(CheckedFields):
     """Predicted positions of Gaussians or anchors, for streams in which packet loss also loses positions.
 
     Attributes:
@@ -96,7 +96,7 @@ class ReceivedScene(Generic[S]):
         loss_mask: Mask of received attributes.
         sections: Sections of the side information for concealers: bytes by section name.
         records: Further side information on the elements, at most one object of each type, such as `Prior`,
-            `ExpectedPlaces`, `TierSizes`, `Copies` or `AnchorLayout`.
+            `PredictedPositions`, `TierSizes`, `Copies` or `AnchorLayout`.
     """
 
     scene: S
@@ -165,23 +165,23 @@ class ReceivedScene(Generic[S]):
     def positions(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
-        If the stream has predicted positions (`ExpectedPlaces`), these are the predicted positions of all elements,
+        If the stream has predicted positions (`PredictedPositions`), these are the predicted positions of all elements,
         even of received ones. Otherwise, these are the decoded positions. Lost elements then have placeholder positions
         if the stream can lose positions.
         """
-        expected = self.get(ExpectedPlaces)
-        return self.scene.positions if expected is None else expected.positions
+        predicted = self.get(PredictedPositions)
+        return self.scene.positions if predicted is None else predicted.positions
 
     @property
-    def expectation(self) -> Expectation | None:
+    def prediction(self) -> Prediction | None:
         """Values that the side information predicts for every element, e.g. a `Prior`; None if there are none."""
-        return next((record for record in self.records if isinstance(record, Expectation)), None)
+        return next((record for record in self.records if isinstance(record, Prediction)), None)
 
     @property
     def log_sizes(self) -> Float[np.ndarray, "N"]:
         """Expected natural logarithm of the size of each element, received or lost."""
-        expected = self.expectation
-        return to_numpy(self.elements.log_sizes if expected is None else expected.expected_log_sizes())
+        prediction = self.prediction
+        return to_numpy(self.elements.log_sizes if prediction is None else prediction.predicted_log_sizes())
 
     @property
     def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
@@ -198,8 +198,8 @@ class ReceivedScene(Generic[S]):
     @property
     def filled(self) -> Any:
         """Elements of the scene, with missing values replaced by the values that the side information predicts."""
-        expected = self.expectation
-        return self.elements if expected is None else expected.filled(self.elements, self.loss_mask)
+        prediction = self.prediction
+        return self.elements if prediction is None else prediction.filled(self.elements, self.loss_mask)
 
     def masked(self, fully_received: Bool[np.ndarray, "N"]) -> "ReceivedScene[S]":
         """Simulates losses: returns a copy in which only the elements of the mask `fully_received` count as received.
@@ -212,7 +212,7 @@ class ReceivedScene(Generic[S]):
         return replace(
             self,
             scene=self.scene.with_elements(elements, self.scene.hints),
-            loss_mask=LossMask.of_anchors(fully_received),
+            loss_mask=LossMask.of_elements(fully_received),
         )
 
 
@@ -223,9 +223,9 @@ def _element_counts(records: tuple[Any, ...]) -> set[int]:
     """
     rows = set()
     for record in records:
-        if isinstance(record, Expectation):
+        if isinstance(record, Prediction):
             rows.add(record.num_elements)
-        elif isinstance(record, ExpectedPlaces):
+        elif isinstance(record, PredictedPositions):
             rows.add(len(record.positions))
         elif isinstance(record, TierSizes):
             rows.add(len(record.sizes))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,6 +83,11 @@ class Splats:
         """
         begin, end = whole_number(begin, "begin"), whole_number(end, "end")
         return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
+
+    def run(self, begin: int, end: int) -> "Splats":
+        """Deprecated name of `slice_range`."""
+        warnings.warn("Splats.run is deprecated, use slice_range", DeprecationWarning, stacklevel=2)
+        return self.slice_range(begin, end)
 
     def gathered(self, index: Any) -> "Splats":
         """Returns the Gaussians at `index` (integers, mask or slice), in that order.

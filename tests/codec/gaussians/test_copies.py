@@ -12,7 +12,7 @@ from close import assert_close
 from codec.gaussians.test_gaussians import DATAGRAM, covariances, some_splats
 from explicit import encode_splats
 from splatwire.bitstream import stream_from_bytes
-from splatwire.codec import ProgressiveDecoder, add_concealment, decode_stream
+from splatwire.codec import ProgressiveDecoder, decode_stream, with_section
 from splatwire.codec.gaussians.copies import SECTION, read_copies
 from splatwire.codec.gaussians.copies_encoder import write_copies
 from splatwire.codec.gaussians.decoder import open_side_info
@@ -62,7 +62,7 @@ def test_streams_of_version_2_take_copies_too() -> None:
     old = stream_from_bytes(base64.b64decode(pinned["swz"]))[0]
     info, whole = open_side_info(old.manifest, old.side_info), decode_stream(old).scene.splats
     places = np.array([3, 17, 42, 89, 0])
-    richer = add_concealment(old, SECTION, write_copies(whole, places, info, precision_class=7, growth=GROWTH))
+    richer = with_section(old, SECTION, write_copies(whole, places, info, precision_class=7, growth=GROWTH))
     received = decode_stream(richer.with_packets(richer.packets[1:]))
     copies, known = received[Copies], received.loss_mask.fully_received
     assert sorted(copies.indices.tolist()) == sorted(places.tolist())
@@ -74,7 +74,7 @@ def test_streams_of_version_2_take_copies_too() -> None:
 
 
 def test_lost_gaussians_use_copies_and_received_ones_are_unchanged(stream, section) -> None:
-    richer = add_concealment(stream, SECTION, section)
+    richer = with_section(stream, SECTION, section)
     lossy = richer.with_packets(richer.packets[::2])
     received = decode_stream(lossy)
     known, copied = received.loss_mask.fully_received, np.zeros(500, np.bool_)

@@ -33,7 +33,7 @@ def test_halves_are_encoded_like_single_precision(names: list[str]) -> None:
 
 def test_clips_in_halves_are_encoded_like_single_precision() -> None:
     def stream(kind: type) -> bytes:
-        encoder = SequenceEncoder(classes=lambda splats: np.zeros(splats.num_gaussians, np.uint8))
+        encoder = SequenceEncoder(choose_class_offsets=lambda splats: np.zeros(splats.num_gaussians, np.uint8))
         encoder.push(converted(ball_of_gaussians(), FIELDS, kind))
         return stream_to_bytes(encoder.finish())
 

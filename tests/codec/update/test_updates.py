@@ -14,7 +14,7 @@ from codec.gaussians.test_gaussians import DATAGRAM, SMALL, some_splats
 from explicit import encode_splats
 from mutations import mutated_bytes
 from splatwire.bitstream import SceneStream, stream_from_bytes, stream_to_bytes
-from splatwire.bitstream.sections import add_concealment, sections_of
+from splatwire.bitstream.sections import sections_of, with_section
 from splatwire.codec import (
     apply_update,
     can_repack,
@@ -150,7 +150,7 @@ def test_updates_are_a_small_part_of_large_streams() -> None:
 
 
 def test_background_metadata_and_sections_of_the_old_stream_stay() -> None:
-    base = add_concealment(encode_splats(some_splats(), SMALL, background=(0.25, 0.5, 1.0)), "own", b"content")
+    base = with_section(encode_splats(some_splats(), SMALL, background=(0.25, 0.5, 1.0)), "own", b"content")
     result = apply_update(base, encode_update(base, moved(some_splats())))
     assert sections_of(result) == sections_of(base)
 
@@ -159,9 +159,7 @@ def test_copies_of_gaussians_that_stay_are_kept() -> None:
     plain = encode_splats(some_splats(), DATAGRAM)
     info, splats = open_side_info(plain.manifest, plain.side_info), decode_stream(plain).scene.splats
     places = np.arange(0, COUNT, 9)
-    base = add_concealment(
-        plain, SKETCH, write_copies(splats, places, info, precision_class=2, growth=(0.25, 0.75, 0.5))
-    )
+    base = with_section(plain, SKETCH, write_copies(splats, places, info, precision_class=2, growth=(0.25, 0.75, 0.5)))
     at = find_unchanged(splats, decode_stream(base).scene.coding, some_splats())
     result = apply_update(base, encode_update(base, some_splats().select(outside())))
     copies = read_copies(open_side_info(result.manifest, result.side_info), result.manifest.num_elements)
@@ -254,11 +252,11 @@ def test_a_result_with_other_bytes_is_refused(base: SceneStream) -> None:
     section = bytearray(sections_of(update)[SECTION])
     section[40] ^= 1  # digest of the result
     with pytest.raises(DesyncError, match="get that stream as a whole"):
-        apply_update(base, add_concealment(update, SECTION, bytes(section)))
+        apply_update(base, with_section(update, SECTION, bytes(section)))
     other = encode_update(encode_splats(some_splats(seed=3), SMALL, quality="small"), some_splats(seed=4))
     section[40] ^= 1
     with pytest.raises(BitstreamError, match="other quantisation steps"):
-        apply_update(base, add_concealment(other, SECTION, bytes(section)))
+        apply_update(base, with_section(other, SECTION, bytes(section)))
 
 
 def test_an_update_that_removes_everything_is_refused(base: SceneStream) -> None:
@@ -267,7 +265,7 @@ def test_an_update_that_removes_everything_is_refused(base: SceneStream) -> None
     removed = write_removed(np.ones(COUNT, bool))
     head = len(section) - len(write_removed(decode_removed(update, base)))
     with pytest.raises(BitstreamError, match="removes all Gaussians"):
-        apply_update(base, add_concealment(update, SECTION, section[:head] + removed))
+        apply_update(base, with_section(update, SECTION, section[:head] + removed))
 
 
 def decode_removed(update: SceneStream, base: SceneStream) -> np.ndarray:
@@ -319,5 +317,5 @@ def test_mutated_sections_give_the_changed_stream_or_one_error(base: SceneStream
     update = encode_update(base, moved(some_splats()))
     section, expected = sections_of(update)[SECTION], applied(base, stream_to_bytes(update))
     mutated = (mutated_bytes(section, random.Random(case)) for case in range(CASES))
-    found = [applied(base, stream_to_bytes(add_concealment(update, SECTION, one))) for one in mutated]
+    found = [applied(base, stream_to_bytes(with_section(update, SECTION, one))) for one in mutated]
     assert set(found) <= {None, expected}

@@ -6,7 +6,7 @@ import pytest
 
 from scenes import tiny_scene
 from splatwire.bitstream import Packetization, write_stream
-from splatwire.codec import add_concealment, encode_scene
+from splatwire.codec import encode_scene, with_section
 from splatwire.evaluation.study.definition import Row, SceneEntry
 from splatwire.evaluation.study.inputs import PreparedStream, Source, _parts
 from splatwire.evaluation.study.parts import needed_stream, stream_parts
@@ -22,7 +22,7 @@ def carrying(bare):
     """Stream with sections for two concealers, and a section that no concealer reads."""
     stream = bare
     for name, size in (("sketch", 300), ("gnn", 70), ("notes", 40)):
-        stream = add_concealment(stream, name, bytes(size))
+        stream = with_section(stream, name, bytes(size))
     return stream
 
 
@@ -34,10 +34,10 @@ def bytes_needed(stream, concealer):
 
 @pytest.mark.needs_torch
 def test_bytes_include_only_the_section_of_the_concealer(bare, carrying):
-    notes = add_concealment(bare, "notes", bytes(40))
+    notes = with_section(bare, "notes", bytes(40))
     assert bytes_needed(carrying, "drop") == bytes_needed(carrying, "cari") == notes.num_bytes
     for name, size in (("sketch", 300), ("gnn", 70)):
-        assert bytes_needed(carrying, name) == add_concealment(notes, name, bytes(size)).num_bytes
+        assert bytes_needed(carrying, name) == with_section(notes, name, bytes(size)).num_bytes
     assert bytes_needed(bare, "drop") == bare.num_bytes
 
 

@@ -87,7 +87,7 @@ def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, recipe: TrainC
     initialise_causal(state, recipe, position_inputs_of(state))
     estimate = _estimate(state, recipe)
     assert estimate < 0.8 * before
-    stream = encode_scene(export_scene(state, recipe), noise=0.005)
+    stream = encode_scene(export_scene(state, recipe), network_tolerance=0.005)
     places = read_side_info(stream.side_info, stream.manifest.num_elements).positions
     voxels = voxel_indices(decode_stream(stream).scene.positions, recipe.voxel_size)
     codes = morton_encode(voxels - places.known.origin)
@@ -105,7 +105,7 @@ def test_refitting_saves_bytes_and_keeps_the_scene(dataset: Dataset, recipe: Tra
     scene = export_scene(state, recipe)
     again = refine_context(scene, RefineConfig(steps=60, batch=1000))
     assert again.anchors is scene.anchors
-    sizes = [encode_scene(one, noise=0.02).parts()["packet_payloads"] for one in (scene, again)]
+    sizes = [encode_scene(one, network_tolerance=0.02).parts()["packet_payloads"] for one in (scene, again)]
     assert sizes[1] < 0.999 * sizes[0]
 
 

@@ -167,7 +167,7 @@ def test_few_received_anchors_and_no_losses_are_handled(known: int) -> None:
         offsets=a.offsets * keep[:, :, None],
         mask=a.mask & keep,
     )  # fmt: skip
-    context = changed(context, anchors=anchors, loss_mask=to_tensors(LossMask.of_anchors(rows)))
+    context = changed(context, anchors=anchors, loss_mask=to_tensors(LossMask.of_elements(rows)))
     section = write_section(lively(context, FULL), 4)
     result = context.elements.with_estimates(context.loss_mask, estimate(Gnn(), carrying(context, section)))
     assert all(bool(getattr(result, part).isfinite().all()) for part in PARTS[:3])

@@ -11,7 +11,7 @@ import pytest
 from splat_io.formats.handmade import glb, legacy_spz, modern_spz, some_splats, write
 from splat_io.formats.test_spz import extended
 from splatwire.bitstream import stream_from_bytes, stream_to_bytes
-from splatwire.bitstream.sections import add_concealment, sections_of
+from splatwire.bitstream.sections import sections_of, with_section
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.metadata import SECTION, read_metadata
 from splatwire.errors import BitstreamError
@@ -90,7 +90,7 @@ def test_stream_without_metadata_is_unchanged() -> None:
 
 @pytest.mark.parametrize("data", [b"", b"[]", b"{", b"\xff", b"[" * 100_000, b'{"title": "' + b"x" * 70_000 + b'"}'])
 def test_a_damaged_section_is_refused(data: bytes) -> None:
-    stream = add_concealment(encode_scene(SplatScene(some_splats(30, 0))), SECTION, data)
+    stream = with_section(encode_scene(SplatScene(some_splats(30, 0))), SECTION, data)
     with pytest.raises(BitstreamError, match="section 'metadata'"):
         decode_stream(stream)
 

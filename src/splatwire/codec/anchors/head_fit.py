@@ -10,7 +10,7 @@ from splatwire.types import Anchors, GaussianHeads
 
 SAMPLE_SEED = 0
 HEAD_TOLERANCE = 0.004
-"""Tolerated noise of a rendering network's output before its activation: a quarter of an 8-bit colour step."""
+"""Tolerated error of a rendering network's output before its activation: a quarter of an 8-bit colour step."""
 
 
 def fit_heads(

@@ -76,7 +76,7 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest
     if plan.tiers:
         sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
         sections[TIER_SIZES] = encode_tier_sizes(scene.anchors, tier_of, len(plan.tiers))
-    made, side_info = coder(scene, packetization, sections, options.noise)
+    made, side_info = coder(scene, packetization, sections, options.network_tolerance)
     return Prepared(AnchorEncoder(made, plan, tier_of), side_info, plan, manifest_fields)
 
 
@@ -231,7 +231,7 @@ class AnchorDecoder:
         """Returns the working memory of a decoding thread, bytes. It grows with the size of the largest packet."""
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
-    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+    def allocate(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates arrays for all anchors, and predicts the attributes of all anchors from the side information.
 
         The predictions are kept in separate arrays. Concealers use them for anchors whose packets are lost.
@@ -240,7 +240,7 @@ class AnchorDecoder:
             threads: Number of threads; None for one per processor.
             progress: Called with the completed fraction of the work, 0 to 1.
         """
-        self.allocate()
+        self._allocate_arrays()
 
         def predict(start: int) -> int:
             ranks = np.arange(start, min(start + CHUNK, self._num))
@@ -251,7 +251,7 @@ class AnchorDecoder:
             if progress:
                 progress(done / self._num)
 
-    def allocate(self) -> None:
+    def _allocate_arrays(self) -> None:
         """Allocates arrays for the attributes of all anchors. Attributes are 0 until their packets are decoded."""
         raise NotImplementedError
 

@@ -21,7 +21,7 @@ from splatwire.codec.gaussians.layout import (
     MAX_LOG,
     MAX_OPACITY,
     MIN_OPACITY,
-    NUM_SECOND_CONTEXTS,
+    NUM_MAGNITUDE_CONTEXTS,
     OPACITY,
     RESIDUAL_LUMA,
     RESIDUAL_OPACITY,
@@ -63,7 +63,7 @@ def magnitude_context(residual_magnitude):
     # The context grows with the logarithm of the average.
     if residual_magnitude < 256:
         return OCTAVES[residual_magnitude]
-    return min(8 + OCTAVES[min(residual_magnitude >> 8, 255)], NUM_SECOND_CONTEXTS - 1)
+    return min(8 + OCTAVES[min(residual_magnitude >> 8, 255)], NUM_MAGNITUDE_CONTEXTS - 1)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -147,8 +147,8 @@ def code_logs(coder, row, source, base_exponents, precision_class, neighbours, c
         # The quantisation step of each value depends on the values decoded before.
         shift = step_shift(base_exponents, stream, precision_class, area, elongation, ZERO, opacity, most)
         deviation_class = deviation_context(count, neighbours.deviations[stream], shift)
-        second = shift if stream < RESIDUAL_SCALE1 else magnitude_context(residual_magnitude)
-        value, steps = code_value(coder, stream, deviation_class, second, mean, value, shift, absolute)
+        magnitude_index = shift if stream < RESIDUAL_SCALE1 else magnitude_context(residual_magnitude)
+        value, steps = code_value(coder, stream, deviation_class, magnitude_index, mean, value, shift, absolute)
         residual_magnitude = update_magnitude(residual_magnitude, steps)
         if stream == RESIDUAL_SCALE2:
             high = np.int64((MAX_COMPANDED >> shift) << shift if absolute else MAX_COMPANDED)

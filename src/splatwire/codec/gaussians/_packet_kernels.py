@@ -326,7 +326,7 @@ def encode_fixed(
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def encode_cut(
+def encode_limited(
     tables,
     stream_params,
     models,

@@ -76,7 +76,7 @@ class GaussianDecoder:
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 
-    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+    def allocate(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates the arrays of the scene, and marks all Gaussians as not received.
 
         Args:
@@ -85,7 +85,7 @@ class GaussianDecoder:
         """
         self._splats = blank_splats(self._num, self._info.degree)
         self._classes = np.zeros(self._num, dtype=np.uint8)
-        self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
+        self._loss_mask = LossMask.of_elements(np.zeros(self._num, dtype=np.bool_))
 
     def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes the received packets of one spatial block to integers.

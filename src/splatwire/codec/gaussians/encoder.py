@@ -64,8 +64,8 @@ def prepare_splats(
         raise InvalidValueError(
             "a packet has all attributes of its Gaussians, in Morton order: no separated packaging, no raster order"
         )
-    if options.noise is not None:
-        raise InvalidValueError("explicit Gaussians have no networks whose noise could be tolerated")
+    if options.network_tolerance is not None:
+        raise InvalidValueError("explicit Gaussians have no networks whose errors could be tolerated")
     coding = scene.coding if options.quality is None and options.classes is None else None
     shapes = count_tiers(options.tiers, packetization) if options.tiers is not None else ()
     plan = PacketPlan(packetization, splats.num_gaussians, shapes)
@@ -189,7 +189,7 @@ def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndar
     stream = (info.kernel_tables, info.kernel_stream(), info.models(), statistics, bits, defaults, tuple(source))
     if max_bytes:
         sizes, ends = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        used = kernels.encode_cut(*stream, max_bytes, buffer, rows, harmonics, sizes, ends)
+        used = kernels.encode_limited(*stream, max_bytes, buffer, rows, harmonics, sizes, ends)
         sizes, ends = sizes[:used], ends[:used]
     else:
         ends = np.zeros(len(sizes), dtype=np.int64)

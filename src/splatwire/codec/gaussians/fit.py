@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import NUM_CONTEXTS, NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS, STREAMS
+from splatwire.codec.gaussians.layout import NUM_CONTEXTS, NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS, STREAMS
 
 _TRUST = 4.0
 """Number of residuals at which a context's measured mean has the same weight as the estimate of
@@ -39,7 +39,7 @@ def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
         the residuals in each context, int64 (A, B, C, 2). A context of a residual has three indices, see `Coder`.
     """
     return np.zeros((NUM_CONTEXTS, 2), np.int64), np.zeros(
-        (len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS, 2), np.int64
+        (len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS, 2), np.int64
     )
 
 
@@ -72,7 +72,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
     expected = _EXPECTED_MAGNITUDES
     scales = np.searchsorted((expected[1:] + expected[:-1]) / 2, mean)
     # The width of the preceding context takes hardly any bytes in the stream.
-    for second in range(NUM_SECOND_CONTEXTS):
+    for second in range(NUM_MAGNITUDE_CONTEXTS):
         unused = number[:, :, second] == 0
         scales[:, :, second][unused] = scales[:, :, second - 1][unused] if second else 0
     return scales.astype(np.int64)
@@ -104,4 +104,4 @@ def first_scales() -> np.ndarray:
         Initial standard deviation of each context, int64 (A, B, C). The axes are the three indices of a context (see
         `Coder`). Each number, multiplied by `SCALE_UNIT`, is an index into the coder's table of standard deviations.
     """
-    return np.full((len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS), 24, dtype=np.int64)
+    return np.full((len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS), 24, dtype=np.int64)

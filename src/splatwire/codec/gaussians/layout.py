@@ -23,10 +23,10 @@ smallest); rotation about the primary axis (number of bits, value); Y Co Cg (3).
 STREAMS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
 """Names of the streams of prediction residuals; each stream has separate context tables."""
 RESIDUAL_OPACITY, RESIDUAL_SCALE0, RESIDUAL_SCALE1, RESIDUAL_SCALE2, RESIDUAL_DIRECTION, RESIDUAL_LUMA = np.arange(6)
-NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS = 12, 16
+NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS = 12, 16
 """Number of contexts of a residual: by the deviation of the neighbours from their mean
 (`NUM_DEVIATION_CONTEXTS`), and by log2 of either the quantisation step or the preceding residuals of the Gaussian
-(`NUM_SECOND_CONTEXTS`).
+(`NUM_MAGNITUDE_CONTEXTS`).
 """
 
 STEPS = ("opacity", "scale0", "scale1", "scale2", "position", "direction", "spin", "colour", "harmonics")

@@ -6,7 +6,7 @@ import numpy as np
 
 from splatwire.bitstream import GAUSSIANS, Packetization, SceneStream
 from splatwire.bitstream.limits import SCHEMAS
-from splatwire.bitstream.sections import add_concealment, sections_of
+from splatwire.bitstream.sections import sections_of, with_section
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.gaussians.attributes import update_digest
 from splatwire.codec.gaussians.copies import SECTION as SKETCH
@@ -53,7 +53,7 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
     old, new = (ranked_by_attributes(decode_stream(one).scene.splats) for one in (stream, packed))
     new_index = np.empty(len(old), dtype=np.int64)
     new_index[old] = new
-    return add_concealment(packed, SKETCH, moved_copies(sections[SKETCH], new_index))
+    return with_section(packed, SKETCH, moved_copies(sections[SKETCH], new_index))
 
 
 def ranked_by_attributes(splats: Splats) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from splatwire.bitstream.limits import GAUSSIANS, MAX_DEGREE, MAX_SIZE_LOG, SCHEMAS
 from splatwire.bitstream.sections import read_sections, write_sections
-from splatwire.codec._residual_kernels import residual_windows
+from splatwire.codec._residual_kernels import residual_distributions
 from splatwire.codec.gaussians.blocks import BOX_BITS, Boxes
 from splatwire.codec.gaussians.layout import (
     BITS,
@@ -18,7 +18,7 @@ from splatwire.codec.gaussians.layout import (
     MAX_LATTICE_BITS,
     NUM_CONTEXTS,
     NUM_DEVIATION_CONTEXTS,
-    NUM_SECOND_CONTEXTS,
+    NUM_MAGNITUDE_CONTEXTS,
     SCALE_UNIT,
     STEP_BITS,
     STEP_HARMONICS,
@@ -42,7 +42,7 @@ neighbours in the same packet plus a multiple of the quantisation step.
 NUM_DEFAULTS = 7
 DEFAULT_SHIFT = BITS - 4
 """log2 of the unit of the mean attributes of blocks, in fixed point with `BITS` fractional bits; this unit is 1/16."""
-TABLE_SHAPE = (len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS)
+TABLE_SHAPE = (len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ def _residual_tables(scales: bytes) -> tuple[np.ndarray, ...]:
     Args:
         scales: Standard deviations of the residuals (`SideInfo.scales`), an int64 array converted to bytes.
     """
-    return tuple(residual_windows(np.frombuffer(scales, np.int64) * SCALE_UNIT, *tables()))
+    return tuple(residual_distributions(np.frombuffer(scales, np.int64) * SCALE_UNIT, *tables()))
 
 
 def write_side_info(info: SideInfo) -> bytes:

@@ -16,17 +16,17 @@ from splatwire.codec.sequence.layout import (
     C_OCTAVE,
     C_ZERO,
     CANDIDATE_BITS,
+    DEGREE_CONTEXTS,
     ENDS,
     KIND_OF,
-    LEVELS,
-    MAGNITUDES,
     MAX_CANDIDATES,
     MAX_OCTAVE,
     MAX_QUANTISED,
     MOVING,
+    NEIGHBOUR_CONTEXTS,
     NUM_CHANNELS,
     NUM_KINDS,
-    ORDERS,
+    OCTAVE_CONTEXTS,
     STATE,
     TRACK,
     TRACK_BITS,
@@ -98,7 +98,7 @@ def _code_headers(coder, headers, n, frames, first_new):
 def _magnitude_context(magnitude):
     """Returns the context of a residual, given the magnitude of previously coded residuals."""
     level = 0
-    while magnitude >> level and level < LEVELS - 1:
+    while magnitude >> level and level < NEIGHBOUR_CONTEXTS - 1:
         level += 1
     return level
 
@@ -171,7 +171,7 @@ def _code_bit(coder, low, span, num_bytes, context, bit):
     if coder.decoding:
         bit = ONE if low >= zero * (span >> ADAPTIVE_BITS) else ZERO
     else:
-        coder.bits[context, bit] += 1
+        coder.bit_counts[context, bit] += 1
     adaptive_update(coder.models, context, bit)
     if bit:
         low, span, num_bytes = _code_interval(coder, low, span, num_bytes, zero, 65536 - zero, ADAPTIVE_BITS)
@@ -210,7 +210,7 @@ def _code_raw(coder, low, span, num_bytes, value, bits):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_coefficient(coder, low, span, num_bytes, kind, order, magnitude_class, value):
+def _code_coefficient(coder, low, span, num_bytes, kind, order, neighbour_context, value):
     """Encodes or decodes the prediction residual of one motion coefficient of a track (Gaussian over time).
 
     Args:
@@ -220,20 +220,20 @@ def _code_coefficient(coder, low, span, num_bytes, kind, order, magnitude_class,
         num_bytes: State of the range coder.
         kind: Kind of motion (position, rotation, scale, opacity or colour); selects the context.
         order: Degree of the coefficient's polynomial; selects the context.
-        magnitude_class: Octave of the magnitude of neighbouring residuals; selects the context.
+        neighbour_context: Octave of the magnitude of neighbouring residuals; selects the context.
         value: The residual; ignored by a decoder.
 
     Returns:
         The residual, and the new state: `low`, `span` and `num_bytes`.
     """
-    zero = C_ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + magnitude_class
+    zero = C_ZERO + (kind * DEGREE_CONTEXTS + min(order, DEGREE_CONTEXTS - 1)) * NEIGHBOUR_CONTEXTS + neighbour_context
     is_nonzero, low, span, num_bytes = _code_bit(coder, low, span, num_bytes, np.int64(zero), ONE if value else ZERO)
     if not is_nonzero:
         return ZERO, low, span, num_bytes
     magnitude, octave = abs(value), ZERO
-    base = C_OCTAVE + (kind * LEVELS + magnitude_class) * MAGNITUDES
+    base = C_OCTAVE + (kind * NEIGHBOUR_CONTEXTS + neighbour_context) * OCTAVE_CONTEXTS
     while octave < MAX_OCTAVE:
-        context, above = np.int64(base + min(octave, MAGNITUDES - 1)), ONE if magnitude >> (octave + 1) else ZERO
+        context, above = np.int64(base + min(octave, OCTAVE_CONTEXTS - 1)), ONE if magnitude >> (octave + 1) else ZERO
         above, low, span, num_bytes = _code_bit(coder, low, span, num_bytes, context, above)
         if not above:
             break

@@ -180,7 +180,7 @@ def _expected_tracks(costs, begin, end, scale, target_bytes):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def encode_cut(
+def encode_limited(
     models,
     counts,
     frames,

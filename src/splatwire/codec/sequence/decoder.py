@@ -62,7 +62,7 @@ class TracksDecoder:
         self.info, self._plan, self._num = info, manifest.plan, manifest.num_elements
         self.sections = info.sections
         self._block_map = _BlockMap(info, manifest)
-        self._motion_spacings = info.motion_spacings
+        self._log2_motion_units = info.log2_motion_units
         self._num_tracks = sum(group.births for group in info.groups)
         self._num_bytes, side = num_bytes, 3 * (info.keyframes.degree + 1) ** 2
         self.scene_bytes = self._num_tracks * (4 * (12 + side) + 24 + NUM_CHANNELS + 24 + SHOWN_BYTES) + self._num
@@ -75,7 +75,7 @@ class TracksDecoder:
         largest = max((span.block_size for span in self._plan.spans if span.num_elements), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 
-    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+    def allocate(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates the arrays for the keyframe Gaussians of all tracks, and marks all as not received.
 
         Args:
@@ -88,7 +88,7 @@ class TracksDecoder:
         self._shifts = np.zeros((self._num_tracks, NUM_CHANNELS), np.int8)
         self._rounding = np.zeros(self._num_tracks, np.float32)
         self._received = np.zeros(self._num_tracks, dtype=np.bool_)
-        self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
+        self._loss_mask = LossMask.of_elements(np.zeros(self._num, dtype=np.bool_))
         self._packets: dict[int, tuple[Packet, ...]] = {}
         self._sizes: dict[int, int] = {}
         self._ready: dict[PacketId, _Moved] = {}
@@ -97,7 +97,7 @@ class TracksDecoder:
     def take_over(self, other: "TracksDecoder") -> None:
         """Copies the keyframe Gaussians that an earlier decoder of the same live stream has decoded.
 
-        Call `expect` before this method.
+        Call `allocate` before this method.
 
         Args:
             other: Decoder of the same stream for fewer groups of pictures, before the stream was extended.
@@ -211,7 +211,7 @@ class TracksDecoder:
             held += rows.nbytes + 2 * packet_moves.nbytes
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
         frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
-        size_log = keyframes.size_log + int(self._motion_spacings[group])
+        size_log = keyframes.size_log + int(self._log2_motion_units[group])
         offsets = Offsets(moves, frames, keyframes.lattice_bits, size_log)
         return _combine_packets(
             np.concatenate([np.zeros((0, HEAD), np.int64), *headers]), offsets, covered, complete, not blocks
@@ -258,7 +258,7 @@ class TracksDecoder:
         tracks = headers[:, TRACK]
         good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
         clipped_tracks = np.where(good, tracks, 0)
-        spacings = self._motion_spacings[self._block_map.born[clipped_tracks]] - self._motion_spacings[group]
+        spacings = self._log2_motion_units[self._block_map.born[clipped_tracks]] - self._log2_motion_units[group]
         positions, shifts = in_other_units(
             self._positions[clipped_tracks], self._shifts[clipped_tracks].astype(np.int64), spacings
         )

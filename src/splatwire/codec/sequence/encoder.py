@@ -109,12 +109,12 @@ class TracksEncoder:
             self._fitting = self._fitting or self._fit(keys, trajectories)
             self._fitting.add_frames(trajectories, end)
 
-    def add(self, group: TrackGroup, classes: np.ndarray | None = None, *, cut: bool = False) -> list[Packet]:
+    def add(self, group: TrackGroup, class_offsets: np.ndarray | None = None, *, cut: bool = False) -> list[Packet]:
         """Encodes the next group of frames.
 
         Args:
             group: The tracks of the group.
-            classes: Precision class of each track, which selects its quantisation steps: 0 for the finest steps,
+            class_offsets: Precision class of each track, which selects its quantisation steps: 0 for the finest steps,
                 negative for coarser ones; None for a default.
             cut: True if another scene begins in the group.
 
@@ -142,7 +142,7 @@ class TracksEncoder:
         @functools.cache
         def births() -> list[Packet]:
             """Encodes the keyframe Gaussians of the tracks that begin in this group, and fits their motion."""
-            packets = self._encode_keyframes(group, classes, born, track_indices, cut=cut)
+            packets = self._encode_keyframes(group, class_offsets, born, track_indices, cut=cut)
             threads, fitted_tracks = 1 if len(old) else self._threads, np.where(new, track_indices, -1)
             frames = (0, group.moves.num_frames)
             fit(motion, group.moves, self._known, self._keyframes.motion_unit_info, fitted_tracks, frames, threads)
@@ -154,7 +154,7 @@ class TracksEncoder:
 
         self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
         if cut:
-            before = self._keyframes.motion_spacing
+            before = self._keyframes.log2_motion_unit
             births()
             self._change_unit(motion, old, track_indices, moving, before)
             self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
@@ -245,7 +245,7 @@ class TracksEncoder:
         motion = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
         new = fitting.track_indices < 0
         known_indices = np.maximum(fitting.track_indices, 0)
-        _, shifts = self._known.in_units(slice(None), self._keyframes.motion_spacing)
+        _, shifts = self._known.in_units(slice(None), self._keyframes.log2_motion_unit)
         far, moving = motion_masks(motion.largest, motion.largest_rotation, shifts, known_indices)
         anew = np.flatnonzero(far & ~new)
         motion.put(anew, MotionCoefficients.zero(len(anew), frames))
@@ -267,7 +267,7 @@ class TracksEncoder:
             before: The unit of positions of the preceding shot, which is the unit of `motion` before the call. Given
                 as log2 of the ratio of this unit to the unit of the first shot.
         """
-        after = self._keyframes.motion_spacing
+        after = self._keyframes.log2_motion_unit
         if before == after or not len(old):
             return
         motion.rescale_positions(old, before - after)
@@ -287,7 +287,7 @@ class TracksEncoder:
     def _encode_keyframes(
         self,
         group: TrackGroup,
-        classes: np.ndarray | None,
+        class_offsets: np.ndarray | None,
         born_rows: np.ndarray,
         track_indices: np.ndarray,
         *,
@@ -297,7 +297,7 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group of frames.
-            classes: Precision class of each track of the group; None for the default class.
+            class_offsets: Precision class of each track of the group; None for the default class.
             born_rows: Indices of the tracks that begin in the group, among all tracks of the group.
             track_indices: Index in the stream of each track of the group; changed in place for new tracks.
             cut: True if another scene begins in the group.
@@ -305,14 +305,17 @@ class TracksEncoder:
         if not len(born_rows):
             return []
         coded = self._keyframes.encode(
-            group.first(born_rows), None if classes is None else classes[born_rows], len(self._groups), cut=cut
+            group.first(born_rows),
+            None if class_offsets is None else class_offsets[born_rows],
+            len(self._groups),
+            cut=cut,
         )
         born = born_rows[coded.order]
         keyframes = group.moves.at(born, np.zeros_like(born))
         shifts = self._keyframes.shifts_of(coded.rows, LOG_STEP_RATIOS)
         first_new = len(self._known.keys)
         self._known = self._known.with_births(
-            keyframes, group.keys[born], coded.positions, shifts, self._keyframes.motion_spacing
+            keyframes, group.keys[born], coded.positions, shifts, self._keyframes.log2_motion_unit
         )
         for rows in coded.digested:
             digest_keyframes(self._digest, rows)
@@ -344,7 +347,9 @@ class TracksEncoder:
         if len(rows) and len(rows) + (entries.start or 0) == len(group_rows):
             headers[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
         coder.rows[entries], coder.costs[entries] = rows, self._costs[tracks]
-        coder.positions[entries], coder.shifts[entries] = known_tracks.in_units(tracks, self._keyframes.motion_spacing)
+        coder.positions[entries], coder.shifts[entries] = known_tracks.in_units(
+            tracks, self._keyframes.log2_motion_unit
+        )
 
     def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, num_known: int, births: Callable[[], list[Packet]]

@@ -129,7 +129,7 @@ class KeyframeEncoder:
         return self._motion_unit_infos[-1]
 
     @property
-    def motion_spacing(self) -> int:
+    def log2_motion_unit(self) -> int:
         """log2 of the ratio of the unit of motion in the current shot to the unit of motion in the first shot.
 
         A shot is a range of groups of frames that share quantisation parameters; a scene cut may begin a new shot.
@@ -150,13 +150,15 @@ class KeyframeEncoder:
         info = self._infos[-1][1][-1]
         return motion_shifts(rows, info, log_step_ratios, spacing_of(info, self.motion_unit_info))
 
-    def encode(self, splats: Splats, classes: np.ndarray | None, group: int, *, cut: bool = False) -> CodedKeyframes:
+    def encode(
+        self, splats: Splats, class_offsets: np.ndarray | None, group: int, *, cut: bool = False
+    ) -> CodedKeyframes:
         """Encodes the keyframe Gaussians of a group of frames.
 
         Args:
             splats: The Gaussians, at least one; each must have a visible effect.
-            classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
-                negative for coarser ones; None for a default.
+            class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest
+                steps, negative for coarser ones; None for a default.
             group: Index of the group of frames.
             cut: True if another scene begins in the group.
 
@@ -167,17 +169,17 @@ class KeyframeEncoder:
         plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
         template, median_class = self._template, self._median_class
         if template is None:
-            return self._begin_shot(self._fitted(splats, classes, plan, None, None), group)
+            return self._begin_shot(self._fitted(splats, class_offsets, plan, None, None), group)
         if cut:
-            fresh = self._fitted(splats, classes, plan, None, None)
+            fresh = self._fitted(splats, class_offsets, plan, None, None)
             if self._differs(fresh.info):
                 return self._begin_shot(fresh, group)
-        coding = self._coding(splats, classes, template, median_class)
+        coding = self._coding(splats, class_offsets, template, median_class)
         self._warn_of_coarse_lattice(splats, template)
-        shared = self._fitted(splats, classes, plan, coding, template)
+        shared = self._fitted(splats, class_offsets, plan, coding, template)
         coded = self._coded(shared)
         if cut:
-            fresh = self._fitted(splats, classes, plan, coding, None)
+            fresh = self._fitted(splats, class_offsets, plan, coding, None)
             boxes = len(write_blocks(shared.info.boxes, shared.info.defaults))
             if _num_bytes(self._coded(fresh)) + len(write_side_info(fresh.info)) < _num_bytes(coded) + boxes:
                 return self._begin_shot(fresh, group)
@@ -223,40 +225,44 @@ class KeyframeEncoder:
         return bool(apart >= MIN_CHANGE) and abs(self._spacing_to_first(info)) <= MAX_SPACING
 
     def _fitted(
-        self, splats: Splats, classes: np.ndarray | None, plan: PacketPlan, coding: SplatCoding | None,
+        self, splats: Splats, class_offsets: np.ndarray | None, plan: PacketPlan, coding: SplatCoding | None,
         template: SideInfo | None,
     ) -> "_Fitted":  # fmt: skip
         """Sorts Gaussians into blocks and computes their side information.
 
         Args:
             splats: The Gaussians.
-            classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
-                negative for coarser ones; None for the finest steps.
+            class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest
+                steps, negative for coarser ones; None for the finest steps.
             plan: Packet plan of the Gaussians.
             coding: Quantisation parameters; None to choose them.
             template: Side information with probability tables to use; None to fit new tables.
         """
-        source = SourceScene.of(splats, plan, classes, None, self._quality, coding, max_lattice_bits=FINEST_UNIT)
+        source = SourceScene.of(splats, plan, class_offsets, None, self._quality, coding, max_lattice_bits=FINEST_UNIT)
         fixed_transform = None if coding is None else coding.transform
         fitted = fit_side_info(source, {}, fixed_transform, template, self._threads_for(plan))
         return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
 
-    def _coding(self, splats: Splats, classes: np.ndarray | None, info: SideInfo, median_class: int) -> SplatCoding:
+    def _coding(
+        self, splats: Splats, class_offsets: np.ndarray | None, info: SideInfo, median_class: int
+    ) -> SplatCoding:
         """Returns the quantisation parameters of the current shot for further Gaussians.
 
         A shot is a range of groups of frames that share these parameters; a scene cut may begin a new shot.
 
         Args:
             splats: The Gaussians to encode.
-            classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
-                negative for coarser ones; None to use `median_class` for all.
+            class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest
+                steps, negative for coarser ones; None to use `median_class` for all.
             info: Side information of the shot.
             median_class: Median precision class of the shot's first Gaussians, in the numbering of the bitstream (0 is
                 the coarsest).
         """
         count, most = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
         precision_classes = (
-            np.full(count, median_class, np.uint8) if classes is None else coded_classes(classes, count, most)
+            np.full(count, median_class, np.uint8)
+            if class_offsets is None
+            else coded_classes(class_offsets, count, most)
         )
         transform, base_exponents = info.transform, tuple(info.base_exponents.tolist())
         return SplatCoding(

@@ -41,13 +41,15 @@ MAX_COORD = 1 << 50
 MAX_COEFFICIENT = 1 << 36
 MAX_QUANTISED = (1 << 30) - 1
 
-ORDERS, LEVELS, MAGNITUDES = 8, 10, 16
-"""Numbers of contexts: of a coefficient's zero flag by its degree (`ORDERS`) and by the magnitude of neighbouring
-coefficients (`LEVELS`); and of the bits of a coefficient's octave (`MAGNITUDES`).
-"""
+DEGREE_CONTEXTS = 8
+"""Number of contexts of a coefficient's zero flag by the coefficient's degree."""
+NEIGHBOUR_CONTEXTS = 10
+"""Number of contexts of a coefficient by the octave of the magnitude of neighbouring coefficients."""
+OCTAVE_CONTEXTS = 16
+"""Number of contexts of the bits of a coefficient's octave, by the position of the bit."""
 MAX_OCTAVE = 29
 C_GONE, C_MOVING, C_ENDS, C_BEGINS = 0, 2, 6, 7
 C_ZERO = 8
-C_OCTAVE = C_ZERO + NUM_KINDS * ORDERS * LEVELS
-NUM_CONTEXTS = C_OCTAVE + NUM_KINDS * LEVELS * MAGNITUDES
+C_OCTAVE = C_ZERO + NUM_KINDS * DEGREE_CONTEXTS * NEIGHBOUR_CONTEXTS
+NUM_CONTEXTS = C_OCTAVE + NUM_KINDS * NEIGHBOUR_CONTEXTS * OCTAVE_CONTEXTS
 """Number of adaptive bit models of a motion packet."""

@@ -48,14 +48,14 @@ class Shot:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         info: Side information of the shot's keyframe Gaussians.
-        motion_spacing: log2 of the unit in which changes of position are coded in this shot, relative to the unit in
+        log2_motion_unit: log2 of the unit in which changes of position are coded in this shot, relative to the unit in
             the first shot.
     """
 
     first_group: int
     first_block: int
     info: KeyframeInfo
-    motion_spacing: int = 0
+    log2_motion_unit: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +100,11 @@ class SequenceInfo:
         return shot.info, block - shot.first_block
 
     @property
-    def motion_spacings(self) -> np.ndarray:
+    def log2_motion_units(self) -> np.ndarray:
         """log2 of each group's unit for changes of position, relative to that of the first group, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
-        return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
+        return np.repeat(np.array([shot.log2_motion_unit for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
         """Returns log2 of half the lattice spacing of a block, relative to the unit of its shot's motion.
@@ -116,7 +116,7 @@ class SequenceInfo:
             block: Index of the block among all blocks of keyframe Gaussians.
         """
         shot = self._shot(block)
-        return spacing_of(shot.info, self.keyframes) - shot.motion_spacing
+        return spacing_of(shot.info, self.keyframes) - shot.log2_motion_unit
 
     def _shot(self, block: int) -> Shot:
         return self.shots[bisect.bisect_right(self.shots, block, key=lambda shot: shot.first_block) - 1]
@@ -187,7 +187,7 @@ def _version_of(shots: Sequence[Shot]) -> int:
 
     A shot is a range of groups of frames that share quantisation steps.
     """
-    if any(shot.motion_spacing for shot in shots):
+    if any(shot.log2_motion_unit for shot in shots):
         return WITH_MOTION_UNITS
     return VERSION if len(shots) == 1 else WITH_SHOTS
 
@@ -200,7 +200,7 @@ def _write_shots(shots: Sequence[Shot], version: int) -> bytes:
     for shot in shots:
         writer.unsigned(shot.first_group - before)
         if version == WITH_MOTION_UNITS:
-            writer.signed(shot.motion_spacing)
+            writer.signed(shot.log2_motion_unit)
         writer.blob(write_keyframes(shot.info))
         before = shot.first_group
     return writer.bytes()
@@ -245,7 +245,7 @@ def _check_shot(number: int, shot: Shot, reference: KeyframeInfo) -> None:
         raise BitstreamError(
             f"side information: shot {number} has harmonics of degree {info.degree}, the first one {reference.degree}"
         )
-    spacing, motion = spacing_of(info, reference), shot.motion_spacing
+    spacing, motion = spacing_of(info, reference), shot.log2_motion_unit
     if abs(spacing) > MAX_SPACING:
         raise BitstreamError(f"side information: the lattice of shot {number} is too unlike that of the first one")
     if max(abs(motion), abs(spacing - motion)) > MAX_SPACING:

@@ -7,7 +7,7 @@ import numpy as np
 from splatwire.arguments import checked
 from splatwire.bitstream import GAUSSIANS, SceneStream
 from splatwire.bitstream.limits import UPDATE
-from splatwire.bitstream.sections import add_concealment, sections_of
+from splatwire.bitstream.sections import sections_of, with_section
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.encoding import encode_prepared
 from splatwire.codec.gaussians.copies import SECTION as SKETCH
@@ -164,7 +164,7 @@ def _with_copies(
     stream_info = open_side_info(stream.manifest, stream.side_info)
     level = copies_level(info, num_before)
     data = write_copies(decoded, np.sort(new_index[chosen]), stream_info, precision_class=level, growth=copies.growth)
-    return add_concealment(stream, SKETCH, data)
+    return with_section(stream, SKETCH, data)
 
 
 def _joined(first: Splats, second: Splats) -> Splats:

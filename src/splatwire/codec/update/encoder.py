@@ -11,7 +11,7 @@ from splatwire.anchors.appearance import as_scene
 from splatwire.arguments import array_of, checked_except
 from splatwire.bitstream import GAUSSIANS, SceneStream, make_stream
 from splatwire.bitstream.limits import UPDATE
-from splatwire.bitstream.sections import add_concealment
+from splatwire.bitstream.sections import with_section
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.encoding import encode_prepared
 from splatwire.codec.gaussians.blocks import Boxes
@@ -159,7 +159,7 @@ def encode_change(
         manifest_digest(base.manifest), manifest_digest(result.manifest), result.manifest.writer,
         write_removed(removed[curve_order(before.splats, coding)]),
     )  # fmt: skip
-    return EncodedChange(add_concealment(new, SECTION, write_update(fields)), result)
+    return EncodedChange(with_section(new, SECTION, write_update(fields)), result)
 
 
 def _encode_new(

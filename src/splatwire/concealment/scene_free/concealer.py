@@ -64,7 +64,7 @@ class SceneFree:
         if not len(rows):
             ones = np.ones_like(received.log_sizes)
             return Concealed(ones, ~received.fully_received, ones)
-        if received.expectation is None:
+        if received.prediction is None:
             return enlarge_received(received, rows, self._elements(element_inputs(received)))
         return enlarge_received(
             received, rows, self._network(gain_inputs(received, surroundings_of(received, rows)), self.trust)

@@ -1,7 +1,7 @@
 """Sizes of the parts of a stream: bytes of each attribute, and overhead."""
 
 from splatwire.bitstream import SceneStream
-from splatwire.bitstream.sections import sections_of, without_concealment
+from splatwire.bitstream.sections import sections_of, without_section
 from splatwire.codec import side_info_parts
 from splatwire.concealment.registry import concealer_sections
 
@@ -9,7 +9,7 @@ from splatwire.concealment.registry import concealer_sections
 def without_sections(stream: SceneStream, sections: set[str]) -> SceneStream:
     """Returns the stream without the given named sections."""
     for name in sorted(sections):
-        stream = without_concealment(stream, name)
+        stream = without_section(stream, name)
     return stream
 
 

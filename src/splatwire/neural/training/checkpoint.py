@@ -93,19 +93,21 @@ def read_moments(
     """
     moments = {}
     for name, steps in header["steps"].items():
-        first, second = (expect(tensors, f"{part}.{name}", shapes[name]) for part in ("first", "second"))
+        first, second = (checked_tensor(tensors, f"{part}.{name}", shapes[name]) for part in ("first", "second"))
         moments[name] = Moments(first, second, int(steps))
     return moments
 
 
 def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainState, TrainConfig]:
     config = config_from_json(header["config"])
-    voxels = expect(tensors, "voxels", (tensors["voxels"].shape[0], 3), torch.int64)
+    voxels = checked_tensor(tensors, "voxels", (tensors["voxels"].shape[0], 3), torch.int64)
     shapes = parameter_shapes(config, len(voxels))
-    parameters = {name: expect(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
+    parameters = {name: checked_tensor(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
     num_offsets = config.model.layout.num_offsets
     empty = GrowthStatistics.zeros(len(voxels), num_offsets, torch.device("cpu"))
-    statistics = {name: expect(tensors, f"statistics.{name}", tuple(rows.shape)) for name, rows in vars(empty).items()}
+    statistics = {
+        name: checked_tensor(tensors, f"statistics.{name}", tuple(rows.shape)) for name, rows in vars(empty).items()
+    }
     generator = torch.Generator()
     generator.set_state(tensors["generator"])
     state = TrainState(
@@ -115,13 +117,13 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
         parameters={name: value.requires_grad_() for name, value in parameters.items()},
         moments=read_moments(header, tensors, shapes),
         statistics=GrowthStatistics(**statistics),
-        bounds_min=expect(tensors, "bounds_min", (3,)),
-        bounds_max=expect(tensors, "bounds_max", (3,)),
+        bounds_min=checked_tensor(tensors, "bounds_min", (3,)),
+        bounds_max=checked_tensor(tensors, "bounds_max", (3,)),
         camera_extent=float.fromhex(header["camera_extent"]),
         generator=generator,
         queue=[int(view) for view in header["queue"]],
         steering=_steering(header["steering"]),
-        means={name: expect(tensors, f"mean.{name}", shapes[name]) for name in header["means"]},
+        means={name: checked_tensor(tensors, f"mean.{name}", shapes[name]) for name in header["means"]},
     )
     return state, config
 
@@ -146,7 +148,9 @@ def _steering(value: list[float | None]) -> Steering:
     return Steering(*(None if part is None else float(part) for part in (log_rate, miss, ratio)))  # type: ignore[arg-type]
 
 
-def expect(tensors: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32) -> Tensor:
+def checked_tensor(
+    tensors: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32
+) -> Tensor:
     """Returns a tensor of a checkpoint, after checking its shape, its dtype, and that its values are finite.
 
     Raises:

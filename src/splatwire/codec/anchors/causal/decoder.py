@@ -29,9 +29,9 @@ from splatwire.types import (
     Attribute,
     AttributePrior,
     CausalCoding,
-    ExpectedPlaces,
     GaussianHeads,
     LossMask,
+    PredictedPositions,
     Prior,
     ReceivedScene,
 )
@@ -89,7 +89,7 @@ class CausalDecoder(AnchorDecoder):
         )
         self.chunk_bytes = _anchor_bytes(info)
 
-    def allocate(self) -> None:
+    def _allocate_arrays(self) -> None:
         """Allocates arrays for the attributes of all anchors. Attributes are 0 until their packets are decoded."""
         num, info = self._num, self._info
         self._received = np.zeros((num, len(Attribute)), dtype=np.bool_)
@@ -99,8 +99,8 @@ class CausalDecoder(AnchorDecoder):
         self._means = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._spreads = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._position_outputs = np.zeros((num, info.config.context_dim), dtype=np.float32)
-        self._guessed = self._positions_of(info.positions.known.voxels)
-        self._positions = self._guessed.copy()
+        self._predicted_positions = self._positions_of(info.positions.known.voxels)
+        self._positions = self._predicted_positions.copy()
 
     def predict(self, ranks: np.ndarray) -> None:
         """Predicts the attributes of n anchors from their positions alone, and stores the predictions in this object.
@@ -179,8 +179,8 @@ class CausalDecoder(AnchorDecoder):
             metadata=read_metadata(info.sections),
         )
         sections = concealer_sections(info.sections)
-        guessed = ExpectedPlaces(self._guessed)
-        records = (self._prior(), info.config.layout, guessed, *self._records)
+        predicted = PredictedPositions(self._predicted_positions)
+        records = (self._prior(), info.config.layout, predicted, *self._records)
         return ReceivedScene(scene, LossMask(self._received), sections, records)
 
     def _coding(self) -> CausalCoding:

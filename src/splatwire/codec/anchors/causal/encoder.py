@@ -8,7 +8,13 @@ from splatwire.anchors.voxels import voxel_indices
 from splatwire.bitstream import Packetization
 from splatwire.codec.anchors.causal.context import CodingContext
 from splatwire.codec.anchors.causal.fit import fit_side_info
-from splatwire.codec.anchors.causal.packet_coder import Quantised, anchor_bits, cut_packets, encode_packets, quantise
+from splatwire.codec.anchors.causal.packet_coder import (
+    Quantised,
+    anchor_bits,
+    encode_packets,
+    quantise,
+    split_into_packets,
+)
 from splatwire.codec.anchors.causal.positions import CoarsePositions, encode_coarse_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
 from splatwire.codec.schema import CodedPackets
@@ -31,7 +37,7 @@ MAX_QUANTISED = 14_000
 
 
 def causal_encoder(
-    scene: AnchorScene, packetization: Packetization, sections: dict[str, bytes], noise: float | None
+    scene: AnchorScene, packetization: Packetization, sections: dict[str, bytes], network_tolerance: float | None
 ) -> tuple["CausalEncoder", bytes]:
     """Returns the encoder of a scene's anchors, and the side information, which is fitted to the scene.
 
@@ -39,8 +45,8 @@ def causal_encoder(
         scene: The scene, with anchors in coding order.
         packetization: Parameters of the division into packets.
         sections: Named sections of the side information.
-        noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
-            for the default.
+        network_tolerance: Tolerated error of the quantised networks' outputs, relative to the predicted standard
+            deviation; None for the default.
 
     Raises:
         InvalidValueError: If the packets are separated by attribute, the order is not Morton, or the scene exceeds the
@@ -49,7 +55,7 @@ def causal_encoder(
     _check_common(packetization)
     scene = replace(scene, anchors=_with_sizes(scene.anchors))
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
-    info = fit_side_info(scene, voxels, noise=noise)
+    info = fit_side_info(scene, voxels, network_tolerance=network_tolerance)
     positions = _split_position_bits(info, voxels, CausalEncoder(scene, info, voxels).expected_bytes())
     side_info = write_side_info(replace(info, positions=positions, sections=sections))
     # Predict from the side information as a decoder reads it, after quantisation.
@@ -167,7 +173,7 @@ class CausalEncoder:
         """
         quantised = self._quantised(ranks)
         if packet_bytes is not None:
-            counts = cut_packets(self._context, quantised, counts, packet_bytes)
+            counts = split_into_packets(self._context, quantised, counts, packet_bytes)
         return CodedPackets(counts, encode_packets(self._context, quantised, counts), (quantised.rows(),))
 
     def _quantised(self, ranks: np.ndarray) -> Quantised:

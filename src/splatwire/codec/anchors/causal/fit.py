@@ -17,35 +17,37 @@ from splatwire.ops.arrays import lower_median
 from splatwire.types import AnchorScene, CausalCoding
 
 SAMPLE_ANCHORS = 16_000
-NOISE_REFERENCE = 0.04
+TOLERANCE_REFERENCE = 0.04
 ANCHORS_REFERENCE = 35_000
-"""Tolerated noise of a mean relative to the predicted deviation, at 35,000 anchors; proportional to the inverse square
-root of their number. Weight bytes decrease with the logarithm of the noise, attribute bytes grow with its square. Side
+"""Tolerated error of a mean relative to the predicted deviation, at 35,000 anchors; proportional to the inverse square
+root of their number. Weight bytes decrease with the logarithm of the error, attribute bytes grow with its square. Side
 information counts for more than its bytes, because all packets need it: lego is smallest with 0.03, and 0.1 % larger
 with 0.04, but with 7 % smaller networks.
 """
 HEAD_TOLERANCE = 0.008
-"""Tolerated noise of a rendering network's output. With 0.004 side information grows by 1.2 kB; this gains 0.02 dB for
+"""Tolerated error of a rendering network's output. With 0.004 side information grows by 1.2 kB; this gains 0.02 dB for
 lego (at 0.4 % of its bytes) and nothing for snowmiku.
 """
 POSITION_NOISE_FACTOR = 2.0
-"""Tolerated noise of the outputs of the position network relative to their standard deviation, as a multiple of the
-tolerated noise of a mean.
+"""Tolerated error of the outputs of the position network relative to their standard deviation, as a multiple of the
+tolerated error of a mean.
 """
 
 
-def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None = None) -> SideInfo:
+def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: float | None = None) -> SideInfo:
     """Computes the side information of a scene, with quantised networks.
 
     Args:
         scene: The scene.
         voxels: int64 (N, 3), voxel indices of its anchors.
-        noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
-            for the default.
+        network_tolerance: Tolerated error of the quantised networks' outputs, relative to the predicted standard
+            deviation; None for the default.
     """
     coding = scene.causal
-    if noise is None:
-        noise = float(np.clip(NOISE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.1))
+    if network_tolerance is None:
+        network_tolerance = float(
+            np.clip(TOLERANCE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.1)
+        )
     index = np.random.default_rng(SAMPLE_SEED).permutation(len(voxels))[:SAMPLE_ANCHORS]
     sample = scene.anchors.select(index)
     steps, groups = coding.steps.astype(np.float64), coding.config.layout.feature_groups
@@ -54,7 +56,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     zero_points = np.rint(coding.zero_points.astype(np.float64) * unit).astype(np.int64)
     inputs, outputs = _sampled(coding, voxels[index], sample.features, sample.scalings)
     networks = {
-        name: quantise_network(network, inputs[name], _tolerance(name, outputs[name], coding) * noise)
+        name: quantise_network(network, inputs[name], _tolerance(name, outputs[name], coding) * network_tolerance)
         for name, network in coding.networks.items()
     }
     middle, extent = coding.middle.astype(np.int64), coding.extent.astype(np.int64)

@@ -141,7 +141,9 @@ def anchor_bits(context: CodingContext, quantised: Quantised) -> np.ndarray:
     return bits
 
 
-def cut_packets(context: CodingContext, quantised: Quantised, counts: np.ndarray, payload_bytes: int) -> np.ndarray:
+def split_into_packets(
+    context: CodingContext, quantised: Quantised, counts: np.ndarray, payload_bytes: int
+) -> np.ndarray:
     """Divides blocks (ranges of consecutive anchors) into packets of limited size, each with as many anchors as fit.
 
     Args:

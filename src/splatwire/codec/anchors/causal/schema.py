@@ -10,7 +10,7 @@ from splatwire.codec.anchors.causal.encoder import causal_encoder, causal_repack
 from splatwire.codec.anchors.order import prepare_anchor_repack, prepare_anchors, update_digest
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.schema import Options, Prepared, schema_for
-from splatwire.types import AnchorLayout, Anchors, AnchorScene, CausalCoding, ExpectedPlaces, Prior
+from splatwire.types import AnchorLayout, Anchors, AnchorScene, CausalCoding, PredictedPositions, Prior
 
 
 def _prepare(scene: AnchorScene, options: Options) -> Prepared:
@@ -26,7 +26,7 @@ SCHEMA = schema_for(
     SCHEMAS[CAUSAL],
     scene_type=AnchorScene,
     codes=lambda scene: isinstance(scene.coding, CausalCoding),
-    provides=frozenset((Anchors, Prior, AnchorLayout, ExpectedPlaces)),
+    provides=frozenset((Anchors, Prior, AnchorLayout, PredictedPositions)),
     prepare=_prepare,
     prepare_repack=_prepare_repack,
     open_decoder=CausalDecoder,

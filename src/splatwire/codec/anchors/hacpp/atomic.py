@@ -134,7 +134,7 @@ def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.
     return Mixture(mean1, scale1, weight)
 
 
-def cut_packets(
+def split_into_packets(
     predicted: Predictions,
     mixture: Mixture,
     counts: np.ndarray,

@@ -102,10 +102,10 @@ class HacppDecoder(AnchorDecoder):
 
     @property
     def _room(self) -> DecodedArrays:
-        assert self._arrays is not None, "expect comes first"
+        assert self._arrays is not None, "allocate comes first"
         return self._arrays
 
-    def allocate(self) -> None:
+    def _allocate_arrays(self) -> None:
         """Allocates arrays for the attributes of all anchors. Attributes are 0 until their packets are decoded."""
         self._arrays = DecodedArrays.empty(self._info)
 
@@ -174,9 +174,9 @@ class SeparatedDecoder(HacppDecoder):
         super().__init__(manifest, info)
         self._masks = decode_masks(info)
 
-    def allocate(self) -> None:
+    def _allocate_arrays(self) -> None:
         """Allocates arrays for all anchors, with the offset masks from the side information."""
-        super().allocate()
+        super()._allocate_arrays()
         self._room.mask[:], self._room.received[:, Attribute.MASK] = self._masks, True
 
     def decode(self, batch: PacketBatch) -> SymbolRows:

@@ -9,10 +9,10 @@ from splatwire.bitstream import ANCHORS, Packetization
 from splatwire.bitstream.sections import split_sections, write_sections
 from splatwire.codec.anchors.hacpp.atomic import (
     Symbols,
-    cut_packets,
     encode_packets,
     predict_mixture,
     predict_packets,
+    split_into_packets,
 )
 from splatwire.codec.anchors.hacpp.coding_params import CodingContext, quantise
 from splatwire.codec.anchors.hacpp.fit import fit_side_info
@@ -27,7 +27,7 @@ MAX_SYMBOL = (1 << 31) - 1
 
 
 def hacpp_encoder(
-    scene: AnchorScene, packetization: Packetization, sections: dict[str, bytes], noise: float | None
+    scene: AnchorScene, packetization: Packetization, sections: dict[str, bytes], network_tolerance: float | None
 ) -> tuple["HacppEncoder", bytes]:
     """Returns the encoder of a scene's anchors, and the side information, which is fitted to the scene.
 
@@ -35,11 +35,11 @@ def hacpp_encoder(
         scene: The scene, with anchors in coding order.
         packetization: Parameters of the division into packets.
         sections: Named sections of the side information.
-        noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
-            for the default.
+        network_tolerance: Tolerated error of the quantised networks' outputs, relative to the predicted standard
+            deviation; None for the default.
     """
     source, voxels = SymbolSource(scene), voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
-    info = fit_side_info(scene, voxels, noise=noise)
+    info = fit_side_info(scene, voxels, network_tolerance=network_tolerance)
     if packetization.separated:
         sections = {**sections, MASKS: encode_masks(scene.anchors.mask, info.mask_models())}
     side_info = write_side_info(replace(info, sections=sections))
@@ -103,7 +103,7 @@ class HacppEncoder:
             coded = encode_parts(context, predicted, mixture, counts, symbols)
             return CodedPackets(np.repeat(counts, len(coded) // len(counts)), coded, (symbols.rows(),))
         if packet_bytes is not None:
-            counts = cut_packets(predicted, mixture, counts, symbols, models, packet_bytes)
+            counts = split_into_packets(predicted, mixture, counts, symbols, models, packet_bytes)
         return CodedPackets(
             counts, encode_packets(context, predicted, counts, symbols, models, mixture), (symbols.rows(),)
         )

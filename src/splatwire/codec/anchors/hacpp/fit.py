@@ -15,24 +15,24 @@ from splatwire.types.prior import MIN_SCALE
 
 SAMPLE_ANCHORS = 16_000
 
-NOISE_REFERENCE = 0.035
+TOLERANCE_REFERENCE = 0.035
 ANCHORS_REFERENCE = 35_000
-"""Tolerated noise of a network output relative to its predicted spread: 0.035 at 35,000 anchors, proportional to the
-inverse square root of their number. Weight bytes decrease with the logarithm of the noise; attribute bytes grow with
+"""Tolerated error of a network output relative to its predicted spread: 0.035 at 35,000 anchors, proportional to the
+inverse square root of their number. Weight bytes decrease with the logarithm of the error; attribute bytes grow with
 its square and the number of anchors. This rule minimises their sum (benchmarks/weight_precision.py).
 """
 
 STEP_TOLERANCE = 0.05
 
 
-def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None = None) -> SideInfo:
+def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: float | None = None) -> SideInfo:
     """Computes the side information of a scene: quantised networks and initial models of offset masks.
 
     Args:
         scene: The scene.
         voxels: int64 (N, 3), voxel indices of its anchors.
-        noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
-            for the default.
+        network_tolerance: Tolerated error of the quantised networks' outputs, relative to the predicted standard
+            deviation; None for the default.
 
     Returns:
         The side information.
@@ -41,8 +41,10 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
         InvalidValueError: If the box of the hash grid is too thin for the voxels.
     """
     config, context = scene.hacpp.config, scene.hacpp.context
-    if noise is None:
-        noise = float(np.clip(NOISE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.05))
+    if network_tolerance is None:
+        network_tolerance = float(
+            np.clip(TOLERANCE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.05)
+        )
     index = np.random.default_rng(SAMPLE_SEED).permutation(len(voxels))[:SAMPLE_ANCHORS]
     sample, columns = scene.anchors.select(index), prior_columns(config)
     signs = np.concatenate([context.grid.volume, *context.grid.planes]).astype(np.int8)
@@ -53,8 +55,8 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     outputs = context.prior(inputs)
     return SideInfo(
         config, scene.hacpp.voxel_size, *bounds, voxels, signs,
-        quantise_network(context.prior, inputs, _prior_tolerance(outputs, columns, config) * noise),
-        _fit_channel(scene, sample.features, outputs[:, : columns.scaling_mean], noise),
+        quantise_network(context.prior, inputs, _prior_tolerance(outputs, columns, config) * network_tolerance),
+        _fit_channel(scene, sample.features, outputs[:, : columns.scaling_mean], network_tolerance),
         fit_heads(scene.heads, sample),
         _fit_masks(scene.anchors.mask),
     )  # fmt: skip
@@ -94,7 +96,9 @@ def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelCo
     return np.concatenate([spread_f, spread_f, weight, spread_s, spread_s, spread_o, spread_o, steps])
 
 
-def _fit_channel(scene: AnchorScene, features: np.ndarray, prior: np.ndarray, noise: float) -> tuple[QuantisedMlp, ...]:
+def _fit_channel(
+    scene: AnchorScene, features: np.ndarray, prior: np.ndarray, network_tolerance: float
+) -> tuple[QuantisedMlp, ...]:
     """Quantises the channel networks, each of which predicts one feature group from the groups before it.
 
     Args:
@@ -102,14 +106,15 @@ def _fit_channel(scene: AnchorScene, features: np.ndarray, prior: np.ndarray, no
         features: Features of a sample of anchors.
         prior: Outputs of the prior network for the features of these anchors: means, standard deviations, and mixture
             weights as logits.
-        noise: Tolerated quantisation error of the networks' outputs, relative to the predicted standard deviation.
+        network_tolerance: Tolerated quantisation error of the networks' outputs, relative to the predicted standard
+            deviation.
     """
     fitted, before = [], 0
     for network, size in zip(scene.hacpp.context.channel, scene.hacpp.config.layout.feature_groups, strict=True):
         inputs = np.concatenate([features[:, :before], prior], axis=1)
         scale = np.maximum(network(inputs)[:, size : 2 * size], MIN_SCALE)
         spread = typical_spread(scale, scene.hacpp.config.base_steps[0])
-        tolerance = np.concatenate([spread, spread, np.ones(size)]) * noise
+        tolerance = np.concatenate([spread, spread, np.ones(size)]) * network_tolerance
         fitted.append(quantise_network(network, inputs, tolerance))
         before += size
     return tuple(fitted)

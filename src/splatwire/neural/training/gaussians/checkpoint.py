@@ -11,7 +11,7 @@ from splatwire.anchors.tensor_file import read_tensors, write_tensors
 from splatwire.arguments import checked
 from splatwire.errors import MALFORMED, BitstreamError
 from splatwire.neural.model.tensors import to_tensors
-from splatwire.neural.training.checkpoint import expect, read_moments, record_from_json
+from splatwire.neural.training.checkpoint import checked_tensor, read_moments, record_from_json
 from splatwire.neural.training.gaussians.config import GaussianConfig
 from splatwire.neural.training.gaussians.state import GaussianState, parameter_shapes
 from splatwire.types.origin import NO_ORIGIN, check_origin
@@ -69,7 +69,7 @@ def load_gaussian_checkpoint(path: Path) -> tuple[GaussianState, GaussianConfig]
 def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[GaussianState, GaussianConfig]:
     config: GaussianConfig = record_from_json(GaussianConfig, header["config"])
     shapes = parameter_shapes(tensors["parameters.means"].shape[0], config.degree)
-    parameters = {name: expect(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
+    parameters = {name: checked_tensor(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
     generator = torch.Generator()
     generator.set_state(tensors["generator"])
     state = GaussianState(
