@@ -262,7 +262,7 @@ class Pool:
             "hidden": network.hidden,
             "url": "udp://127.0.0.1/scene", "streams": {"scene": self.stream}, "reference": self.scene,
             **self._of_transfers(), "starts": np.array([0, 300]), "symbols_digest": "0" * 64, "writer": "test",
-            "groups": PacketMembers(np.arange(300), np.array([0, 300])),
+            "members": PacketMembers(np.arange(300), np.array([0, 300])),
             **{f"Tiles.{name}": (lambda name=name: getattr(self._tiles, name)) for name in
                ("levels", "parents", "counts", "packets", "sizes", "errors", "low", "high")},
         }  # fmt: skip
@@ -307,7 +307,7 @@ class Pool:
             "calibration_data.complete": lambda: self._tiny[1], "sketch_of.stream": lambda: self._tiny[0],
             "sketch_of.complete": lambda: self._tiny[1], "preview_for_scene.scene": self.anchors,
             "count": 3, "num_anchors": 300, "total": 5,
-            "pseudo_loss.groups": PacketMembers(np.arange(300), np.array([0, 100, 300])),
+            "pseudo_loss.members": PacketMembers(np.arange(300), np.array([0, 100, 300])),
             "config": training.create_config(iterations=20), "state": lambda: self._state(training, dataset),
             "train": dataset, "test": None,
             "train_scene.train": dataset.select([0]),

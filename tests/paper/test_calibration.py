@@ -62,18 +62,18 @@ def data(complete):
 
 
 def test_pseudo_losses_drop_whole_packets(data) -> None:
-    known = pseudo_loss(data.groups, 400, 0.2, seed=3)
-    ranks, starts = data.groups
+    known = pseudo_loss(data.members, 400, 0.2, seed=3)
+    ranks, starts = data.members
     fates = [known[ranks[a:b]] for a, b in itertools.pairwise(starts)]
     assert all(bool(fate.all()) or not bool(fate.any()) for fate in fates)
     assert sum(not bool(fate.any()) for fate in fates) == round(0.2 * len(fates))
-    assert not np.array_equal(known, pseudo_loss(data.groups, 400, 0.2, seed=4))
+    assert not np.array_equal(known, pseudo_loss(data.members, 400, 0.2, seed=4))
     for rate in (1e-9, 1 - 1e-9):
-        assert 0 < int(pseudo_loss(data.groups, 400, rate, seed=0).sum()) < 400
+        assert 0 < int(pseudo_loss(data.members, 400, rate, seed=0).sum()) < 400
 
 
 def test_network_inputs_do_not_depend_on_lost_values(data) -> None:
-    known = pseudo_loss(data.groups, 400, 0.3, seed=1)
+    known = pseudo_loss(data.members, 400, 0.3, seed=1)
     received = data.complete.masked(known)
     assert not received.scene.anchors.features[~known].any()
     assert bool(known[build_graph(received, SETTINGS).index].all())
@@ -140,7 +140,7 @@ def test_calibration_lowers_the_error_on_learnable_data(data) -> None:
     )
     result = calibrate(easy, config)
     assert result.errors["feature"] < 0.97 * result.reference["feature"]
-    known = pseudo_loss(data.groups, 400, 0.2, seed=77)
+    known = pseudo_loss(data.members, 400, 0.2, seed=77)
     received, rows = easy.complete.masked(known), torch.from_numpy(np.flatnonzero(~known))
     truth = to_tensors(anchors)
 
@@ -220,7 +220,7 @@ def test_rendering_loss_has_gradients_for_the_network(data) -> None:
 
 
 def test_loss_follows_the_equations(data) -> None:
-    known = pseudo_loss(data.groups, 400, 0.1, seed=0)
+    known = pseudo_loss(data.members, 400, 0.1, seed=0)
     complete = to_tensors(data.complete)
     graph = build_graph(to_tensors(data.complete.masked(known)), SETTINGS)
     rng, count = torch.Generator().manual_seed(0), len(graph.queries)

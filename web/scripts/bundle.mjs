@@ -19,14 +19,14 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  */
 const INTERNAL = `
   addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute axisCount
-  axisDeviation baseCount baseExponents birthGroup birthGroups bitsOf blockCount blockSize bundled canRetry
+  axisDeviation baseCount baseExponents batchesOf birthGroup birthGroups bitsOf blockCount blockSize bundled canRetry
   cancelConcealment changeMs checkConcealmentMemory closeness columnShifts completeRows concealmentBytes
   confirmed conflicts contradicts corners damagedTiles damages datagramsLost defaultDirection densityRadius
-  deviations drawUnits drawnChildren elementsPerByte endState enterHeadset expectedErrors failuresAfter
+  deviations drawUnits drawnChildren elementDecoder elementsOf elementsPerByte endState enterHeadset expectedErrors failuresAfter
   featureActivations firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera
   forgetOffsets formatVersion framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames
-  hasAnswered hasCopies hasHead hasManifestOf hasUnknownBirth headBytes helpOpen identityAt idleMs indexInBlock initSegment
-  initSegmentBytes initSegmentMs isComplete isCut isLinear isOnlySource isReceived isReordered isRetry
+  hasAnswered hasCopies hasHead hasManifestOf hasUnknownBirth headBytes headSize helpOpen identityAt idleMs indexInBlock initSegment
+  initSegmentBytes initSegmentMs isComplete isCut isKeyframe isLinear isOnlySource isReceived isReordered isRetry
   isRetryable isSameStream isSequence isSorting isTryingWhole isVisible isWebPage keptBytes keyframeBlock
   keyframeIndices keyframeInfo lastOffsets latticeBits leafIndex leafSize leftOut logScales
   logStepRatios logSteps lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers

@@ -2,8 +2,8 @@
 
 import { BitstreamError } from "./bytes.ts";
 import type { StreamDecoder, Viewpoint } from "./codec/decoder.ts";
+import type { ElementDecoder } from "./codec/element_decoder.ts";
 import type { Tiling } from "./codec/levels/tiling.ts";
-import type { Schema } from "./codec/schema.ts";
 import type { Splats } from "./codec/splats.ts";
 import type { Camera } from "./model/camera.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
@@ -130,7 +130,7 @@ export async function decodeClip(
   options: Pick<Options, "concealer"> = {},
 ): Promise<DecodedClip> {
   const received = await read(bytes),
-    { sequence } = received.decoder.schema;
+    { sequence } = received.decoder.elementDecoder;
   if (!sequence) throw new Error("the stream is not a clip: `decode` gives its Gaussians");
   checkOptions(received, { ...options, frame: 0 });
   const facts = await checked(received),
@@ -328,12 +328,12 @@ class Transfer {
 }
 
 /** Returns true if new Gaussians replace earlier ones, as in streams with levels and in clips. */
-const replaces = ({ decoder: { schema } }: DecodedStream): boolean =>
-  schema.tiling !== null || schema.sequence !== null;
+const replaces = ({ decoder: { elementDecoder } }: DecodedStream): boolean =>
+  elementDecoder.tiling !== null || elementDecoder.sequence !== null;
 
 /** Throws if the stream cannot be decoded with these options. */
-function checkOptions({ decoder: { schema } }: DecodedStream, { concealer, camera, frame }: Options): void {
-  const { sequence, tiling, concealers, viewDependent } = schema,
+function checkOptions({ decoder: { elementDecoder } }: DecodedStream, { concealer, camera, frame }: Options): void {
+  const { sequence, tiling, concealers, viewDependent } = elementDecoder,
     levels = ["grow", "drop"],
     known = sequence ? ["grow", ...sequence.concealers] : tiling ? levels : ["drop", ...Object.keys(concealers)];
   if (concealer && !known.includes(concealer))
@@ -355,10 +355,10 @@ function checkOptions({ decoder: { schema } }: DecodedStream, { concealer, camer
 async function everything(received: DecodedStream, options: Options): Promise<Gaussians> {
   const pause = periodicPause(),
     { concealer } = options,
-    schema = received.decoder.schema,
+    elementDecoder = received.decoder.elementDecoder,
     choice = { concealer: concealer ?? "drop", dropped: 0, burst: 1, seed: 0, sent: 1 };
-  if (schema.sequence) return frameOf(received, options);
-  if (schema.tiling) return joined(await finest(schema.tiling, pause), received.decoder);
+  if (elementDecoder.sequence) return frameOf(received, options);
+  if (elementDecoder.tiling) return joined(await finest(elementDecoder.tiling, pause), received.decoder);
   await received.prepare(choice, pause);
   const seen = await received.gaussiansFor(cameraOf(options), true, pause),
     all = joined(seen!.parts, received.decoder);
@@ -382,7 +382,7 @@ const ALL_SHOWN = (): boolean => true;
 
 function frameOf({ decoder }: DecodedStream, { frame, concealer = "drop" }: Options): Gaussians {
   const name = concealer === "grow" ? "motion" : concealer,
-    { splats } = decoder.schema.sequence!.frame(frame!, ALL_SHOWN, name);
+    { splats } = decoder.elementDecoder.sequence!.frame(frame!, ALL_SHOWN, name);
   return joined([splats], decoder);
 }
 
@@ -401,10 +401,10 @@ const progressOf = ({ decoder }: DecodedStream): Progress => ({
   expected: decoder.head.manifest.numPackets,
   background: decoder.background,
   viewpoint: decoder.viewpoint,
-  clip: sequenceOf(decoder.schema),
+  clip: sequenceOf(decoder.elementDecoder),
 });
 
-function sequenceOf({ sequence }: Schema): Clip | null {
+function sequenceOf({ sequence }: ElementDecoder): Clip | null {
   return sequence && { rate: sequence.times.rate, numFrames: sequence.times.numFrames };
 }
 
@@ -442,7 +442,7 @@ function areWhole(arrays: readonly Float32Array[]): boolean {
   return at === buffer.byteLength;
 }
 
-function joined(parts: readonly Splats[], { antialiased, origin, schema }: StreamDecoder): Gaussians {
+function joined(parts: readonly Splats[], { antialiased, origin, elementDecoder }: StreamDecoder): Gaussians {
   const all = (arrays: readonly Float32Array[]): Float32Array => {
     if (areWhole(arrays)) return new Float32Array(arrays[0].buffer as ArrayBuffer);
     const found = new Float32Array(arrays.reduce((sum, array) => sum + array.length, 0));
@@ -455,7 +455,7 @@ function joined(parts: readonly Splats[], { antialiased, origin, schema }: Strea
   };
   return {
     count: parts.reduce((sum, part) => sum + part.count, 0),
-    degree: schema.degree,
+    degree: elementDecoder.degree,
     centres: all(parts.map(({ means }) => means)),
     rotations: all(parts.map(({ quats }) => quats)),
     scales: all(parts.map(({ scales }) => scales)),

@@ -1,7 +1,7 @@
 // Helper thread: decodes packets of one stream for the receiver's worker. Packets need only the side information.
 
 import { StreamDecoder } from "./codec/decoder.ts";
-import type { DecodedPacket, Schema } from "./codec/schema.ts";
+import type { DecodedPacket, ElementDecoder } from "./codec/element_decoder.ts";
 import { HeadReader } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { bufferOf, type Packed, pack } from "./render/packed.ts";
@@ -33,7 +33,7 @@ export type FromHelper =
     };
 
 export class PacketHelper {
-  #schema: Schema | null = null;
+  #elementDecoder: ElementDecoder | null = null;
 
   constructor(readonly post: (message: FromHelper, hand: ArrayBuffer[]) => void) {}
 
@@ -42,7 +42,7 @@ export class PacketHelper {
     if (message.kind === "help") {
       const reader = new HeadReader();
       reader.feed(message.file);
-      this.#schema = new StreamDecoder(reader.head!).schema;
+      this.#elementDecoder = new StreamDecoder(reader.head!).elementDecoder;
       this.post({ kind: "ready" }, []);
       return;
     }
@@ -53,10 +53,10 @@ export class PacketHelper {
   }
 
   #decode(packets: readonly PacketBody[]): (HelpedPacket | null)[] | null {
-    const { degree, size, sequence } = this.#schema!;
+    const { degree, size, sequence } = this.#elementDecoder!;
     try {
       return packets.map((packet) => {
-        const decoded = this.#schema!.decode!({ ...packet, bytes: packet.payload });
+        const decoded = this.#elementDecoder!.decode!({ ...packet, bytes: packet.payload });
         return decoded && { ...decoded, packed: sequence ? null : pack([decoded.splats], degree, size) };
       });
     } catch {

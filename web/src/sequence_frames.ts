@@ -1,6 +1,6 @@
 // Frames of clips and live clips, decoded in the worker for the page.
 
-import type { DecodedFrame } from "./codec/schema.ts";
+import type { DecodedFrame } from "./codec/element_decoder.ts";
 import { emptySplats } from "./codec/splats.ts";
 import type { Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
@@ -64,17 +64,17 @@ export class SequenceFrames {
   frame({ number, choice }: ToWorker & { kind: "frame" }, stream: DecodedStream | null, size: number): void {
     const periodFrame = this.#periods?.at(number),
       decoder = (this.#periods ? periodFrame?.stream : stream)?.decoder,
-      sequence = decoder?.schema.sequence;
+      sequence = decoder?.elementDecoder.sequence;
     if (!decoder || !sequence) return;
     const began = performance.now(),
       numberInPeriod = periodFrame?.number ?? number,
       { shown, count } = this.#shownMotion(sequence.packets, choice),
       frame = this.#frameOf(() => sequence.frame(numberInPeriod, shown, choice.concealer, true));
-    const { antialiased, schema } = decoder,
+    const { antialiased, elementDecoder } = decoder,
       // The page ignores frames without Gaussians, because their packets have not arrived. An empty frame that has
       // arrived is sent as one invisible Gaussian.
-      splats = frame?.isWhole && !frame.splats.count ? emptySplats(1, schema.degree) : frame?.splats,
-      packed = pack(splats ? [splats] : [], schema.degree, size),
+      splats = frame?.isWhole && !frame.splats.count ? emptySplats(1, elementDecoder.degree) : frame?.splats,
+      packed = pack(splats ? [splats] : [], elementDecoder.degree, size),
       drawMs = performance.now() - began;
     this.post(
       { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },

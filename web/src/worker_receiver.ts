@@ -1,7 +1,7 @@
 // State of a stream in the worker: received packets, decoder, concealer, and the messages with Gaussians for the page.
 
 import { BitstreamError } from "./bytes.ts";
-import type { GaussianSchema } from "./codec/gaussians/schema.ts";
+import type { GaussianDecoder } from "./codec/gaussians/gaussian_decoder.ts";
 import type { Splats } from "./codec/splats.ts";
 import { headerOf, readUpdate, type SceneUpdate } from "./codec/update/update.ts";
 import { UpdatedScene } from "./codec/update/updated_scene.ts";
@@ -47,7 +47,7 @@ const RELOAD_POLLS = 15,
 const MAX_SIZE_RATIO = 16;
 
 const sceneOf = ({ decoder, splats }: DecodedStream, manifest: Uint8Array): UpdatedScene => {
-  const { info } = decoder.schema as GaussianSchema;
+  const { info } = decoder.elementDecoder as GaussianDecoder;
   return new UpdatedScene(manifestDigest(manifest), info, headerOf(decoder.head.sideInfo), splats);
 };
 
@@ -129,7 +129,7 @@ export class WorkerReceiver implements Receiver {
     const isSameStream = this.#isSameStream(head, file, live),
       stream = isSameStream ? this.#stream : new DecodedStream(head, live ? null : VERIFICATION);
     if (!keep) this.cache = null;
-    if (live && stream?.decoder.schema.sequence) return this.#onLiveHead(head, stream, isSameStream);
+    if (live && stream?.decoder.elementDecoder.sequence) return this.#onLiveHead(head, stream, isSameStream);
     if (!isSameStream || !this.store.hasHead) {
       this.store.begin(file, head);
       this.cache?.begin(file);
@@ -150,7 +150,7 @@ export class WorkerReceiver implements Receiver {
     this.#closePool();
     this.#isVerified = false;
     const { navigator: device = {} } = globalThis as Partial<typeof globalThis>, // node 20 has none
-      count = decoder.schema.decode ? numHelpers(decoder.head.manifest.count, device) : 0;
+      count = decoder.elementDecoder.decode ? numHelpers(decoder.head.manifest.count, device) : 0;
     if (count) this.#pool = new PacketPool(file, startHelper, count);
   }
 
@@ -202,15 +202,15 @@ export class WorkerReceiver implements Receiver {
   #reportStreamInfo({ decoder }: DecodedStream): void {
     const { head } = decoder,
       { manifest } = head,
-      section = decoder.schema.sections.get("preview");
+      section = decoder.elementDecoder.sections.get("preview");
     if (section) this.preview(section);
     const info = {
-      gaussians: decoder.schema.tiling?.baseCount ?? manifest.count,
+      gaussians: decoder.elementDecoder.tiling?.baseCount ?? manifest.count,
       packets: manifest.numPackets,
-      degree: decoder.schema.degree,
-      viewDependent: decoder.schema.viewDependent,
-      size: decoder.schema.size,
-      middle: decoder.schema.middle,
+      degree: decoder.elementDecoder.degree,
+      viewDependent: decoder.elementDecoder.viewDependent,
+      size: decoder.elementDecoder.size,
+      middle: decoder.elementDecoder.middle,
       background: decoder.background,
       viewpoint: decoder.viewpoint,
       extent: decoder.extent,
@@ -219,8 +219,8 @@ export class WorkerReceiver implements Receiver {
       texts: decoder.texts,
       origin: decoder.origin,
       sideInfoBytes: manifest.sideInfoBytes,
-      concealers: decoder.schema.sequence?.concealers ?? Object.keys(decoder.schema.concealers),
-      sequence: decoder.schema.sequence && { ...decoder.schema.sequence.times, live: this.live },
+      concealers: decoder.elementDecoder.sequence?.concealers ?? Object.keys(decoder.elementDecoder.concealers),
+      sequence: decoder.elementDecoder.sequence && { ...decoder.elementDecoder.sequence.times, live: this.live },
     };
     this.#size = info.size;
     post({ kind: "info", info });
@@ -408,9 +408,15 @@ export class WorkerReceiver implements Receiver {
   }
 
   async #drawOne(stream: DecodedStream): Promise<void> {
-    const { schema } = stream.decoder;
-    if (this.#unconfirmed || this.#isUpdated || schema.sequence || (schema.viewDependent && !this.#viewRequest)) return;
-    if (schema.tiling) return this.#drawTiles(stream);
+    const { elementDecoder } = stream.decoder;
+    if (
+      this.#unconfirmed ||
+      this.#isUpdated ||
+      elementDecoder.sequence ||
+      (elementDecoder.viewDependent && !this.#viewRequest)
+    )
+      return;
+    if (elementDecoder.tiling) return this.#drawTiles(stream);
     while (stream.hasNew || this.#answeredRequest !== this.#viewRequest) {
       const requestId = this.#viewRequest,
         shown = await stream.gaussiansFor(this.#camera, this.#answeredRequest !== requestId, periodicPause());
@@ -419,7 +425,7 @@ export class WorkerReceiver implements Receiver {
       const { parts, replaceAll, hasNew, elements, copies } = shown,
         gains = replaceAll ? stream.gains : null,
         gainsWithoutCopies = replaceAll ? stream.gainsWithoutCopies : null,
-        { degree, size } = schema;
+        { degree, size } = elementDecoder;
       const packed = pack(parts, degree, size),
         transfer = [bufferOf(packed), ...buffersOfGains(gains, gainsWithoutCopies)];
       post(
@@ -431,7 +437,7 @@ export class WorkerReceiver implements Receiver {
 
   /** Sends tile replacements. Starts again after a swap if the view has changed. */
   async #drawTiles(stream: DecodedStream): Promise<void> {
-    const { degree, size, tiling } = stream.decoder.schema,
+    const { degree, size, tiling } = stream.decoder.elementDecoder,
       pause = periodicPause();
     while (stream.hasNew || this.#answeredRequest !== this.#viewRequest) {
       const requestId = this.#viewRequest;
@@ -517,8 +523,8 @@ export class WorkerReceiver implements Receiver {
   }
 
   #sendUpdate(hidden: Int32Array | null, parts: readonly Splats[], numRemoved: number, numNew: number): void {
-    const { schema } = this.#stream!.decoder,
-      packed = pack(parts, schema.degree, schema.size);
+    const { elementDecoder } = this.#stream!.decoder,
+      packed = pack(parts, elementDecoder.degree, elementDecoder.size);
     post({ kind: "update", hidden, packed, numRemoved, numNew, gaussians: this.#updated!.count }, [
       bufferOf(packed),
       ...(hidden ? [hidden.buffer as ArrayBuffer] : []),
@@ -535,14 +541,14 @@ export class WorkerReceiver implements Receiver {
     if (!head) return;
     const stream = new DecodedStream(head, VERIFICATION),
       pause = periodicPause(),
-      { schema } = this.#stream!.decoder;
+      { elementDecoder } = this.#stream!.decoder;
     for (const packet of packets) {
       stream.addPacket(packet);
       await pause();
     }
-    const { intake, schema: other } = stream.decoder,
-      ratio = Math.max(other.size / schema.size, schema.size / other.size);
-    if (head.manifest.codec !== "gaussians" || ratio > MAX_SIZE_RATIO || other.degree !== schema.degree)
+    const { intake, elementDecoder: other } = stream.decoder,
+      ratio = Math.max(other.size / elementDecoder.size, elementDecoder.size / other.size);
+    if (head.manifest.codec !== "gaussians" || ratio > MAX_SIZE_RATIO || other.degree !== elementDecoder.degree)
       throw new Error("another scene: reload the page");
     if (!intake.complete || (await stream.decoder.digest(pause)) !== head.manifest.symbolsDigest)
       throw new Error("the scene is incomplete");
@@ -573,7 +579,7 @@ export class WorkerReceiver implements Receiver {
     await this.#draw();
     const shownPackets = await stream.conceal(choice, pause),
       units = [...this.#drawnUnits.keys()].sort((a, b) => a - b),
-      gains = stream.decoder.schema.tiling ? stream.gainsOfUnits(units) : stream.gains;
+      gains = stream.decoder.elementDecoder.tiling ? stream.gainsOfUnits(units) : stream.gains;
     if (shownPackets === null || !gains) return;
     const gainsWithoutCopies = stream.gainsWithoutCopies;
     post(
@@ -623,18 +629,18 @@ export class WorkerReceiver implements Receiver {
   }
 
   get camera(): Camera | null {
-    return this.#viewRequest && this.#stream?.decoder.schema.tiling ? this.#camera : null;
+    return this.#viewRequest && this.#stream?.decoder.elementDecoder.tiling ? this.#camera : null;
   }
 
   viewComplete(): void {
     void this.settled().then(() => {
-      if (!this.#stream?.decoder.schema.tiling?.wanted.length) this.note(VIEW_COMPLETE);
+      if (!this.#stream?.decoder.elementDecoder.tiling?.wanted.length) this.note(VIEW_COMPLETE);
     });
   }
 
   get tileRequest(): TileRequest | null {
     const stream = this.#stream,
-      tiling = stream?.decoder.schema.tiling;
+      tiling = stream?.decoder.elementDecoder.tiling;
     if (!stream || !tiling) return null;
     const { intake } = stream.decoder,
       wanted = (): readonly number[] => (this.#viewRequest ? tiling.wanted : []); // none before the first camera

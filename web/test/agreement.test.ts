@@ -7,10 +7,10 @@ import { test } from "node:test";
 import { BitstreamError } from "../src/bytes.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
 import { cutOf, type ViewCamera } from "../src/codec/levels/cut.ts";
-import { LevelSchema } from "../src/codec/levels/schema.ts";
+import { LevelDecoder } from "../src/codec/levels/level_decoder.ts";
 import type { Swap } from "../src/codec/levels/swaps.ts";
 import type { Splats } from "../src/codec/splats.ts";
-import { TrackSchema } from "../src/codec/tracks/schema.ts";
+import { TrackDecoder } from "../src/codec/tracks/track_decoder.ts";
 import { readManifest } from "../src/packets/manifest.ts";
 import type { Packet } from "../src/packets/packet.ts";
 import { DecodedStream } from "../src/transport/decoded_stream.ts";
@@ -90,10 +90,10 @@ test("clip frames equal those of Python, with any packets missing", { skip }, as
     const { head, packets } = readStream(name),
       decoder = new StreamDecoder(head);
     for (const packet of packets) assert.ok(decoder.addPacket(packet));
-    const { schema } = decoder,
+    const { elementDecoder } = decoder,
       all = (): boolean => true;
-    assert.ok(schema instanceof TrackSchema);
-    const clip = schema.sequence;
+    assert.ok(elementDecoder instanceof TrackDecoder);
+    const clip = elementDecoder.sequence;
     if (decoder.intake.complete) assert.equal(await decoder.digest(), head.manifest.symbolsDigest);
     let concealed = 0;
     for (const [number, rows] of frames.entries()) {
@@ -126,21 +126,21 @@ test("clip frames equal those of Python, with any packets missing", { skip }, as
 
 test("hostile packets decode to the same integers as in Python", { skip }, async () => {
   for (const [name, cases] of Object.entries(answers!.packets)) {
-    const { schema } = new StreamDecoder(readStream(name).head);
+    const { elementDecoder } = new StreamDecoder(readStream(name).head);
     for (const [n, [block, indexInBlock, count, payload, digest]] of cases.entries()) {
       const packet: Packet = { block, indexInBlock, count, bytes: new Uint8Array(), payload: bytesOf(payload) };
-      assert.equal(await schema.digest([[packet]], async () => true), digest, `case ${n} of ${name}`);
+      assert.equal(await elementDecoder.digest([[packet]], async () => true), digest, `case ${n} of ${name}`);
     }
   }
 });
 
 test("views of scenes with levels select the same tiles as in Python", { skip }, () => {
   for (const [name, views] of Object.entries(answers!.cuts)) {
-    const { schema } = new StreamDecoder(readStream(name).head);
-    assert.ok(schema instanceof LevelSchema);
+    const { elementDecoder } = new StreamDecoder(readStream(name).head);
+    assert.ok(elementDecoder instanceof LevelDecoder);
     for (const { there, look, budget, ...cut } of views)
       assert.deepEqual(
-        cutOf(schema.tiles, (tile) => there[tile], look, budget),
+        cutOf(elementDecoder.tiles, (tile) => there[tile], look, budget),
         cut,
       );
   }
@@ -152,9 +152,9 @@ test("tile indexes are read or rejected as in Python", { skip }, () => {
     for (const [n, [text, said]] of cases.entries()) {
       let found: Index | null = null;
       try {
-        const { schema } = new StreamDecoder({ ...head, sideInfo: bytesOf(text) });
-        assert.ok(schema instanceof LevelSchema);
-        const { packets, offsets, errors } = schema.tiles;
+        const { elementDecoder } = new StreamDecoder({ ...head, sideInfo: bytesOf(text) });
+        assert.ok(elementDecoder instanceof LevelDecoder);
+        const { packets, offsets, errors } = elementDecoder.tiles;
         found = { packets: [...packets], offsets: [...offsets], errors: [...errors] };
       } catch (error) {
         assert.ok(error instanceof BitstreamError, `case ${n} of ${name}: ${(error as Error).stack}`);
@@ -168,14 +168,14 @@ test("the units of a cut cover the scene exactly once", { skip }, () => {
   for (const [name, views] of Object.entries(answers!.cuts)) {
     const { head, packets } = readStream(name),
       decoder = new StreamDecoder(head),
-      { schema } = decoder;
-    assert.ok(schema instanceof LevelSchema);
+      { elementDecoder } = decoder;
+    assert.ok(elementDecoder instanceof LevelDecoder);
     for (const packet of packets) assert.ok(decoder.addPacket(packet));
-    const { tiles, drawUnits } = schema,
+    const { tiles, drawUnits } = elementDecoder,
       below = (tile: number): number[] => [tile, ...tiles.children[tile].flatMap(below)],
       of = (tile: number): number =>
         tiles.children[tile].length ? tiles.children[tile].reduce((sum, child) => sum + size(child), 0) : 0,
-      size = (unit: number): number => schema.splatsOf(unit).reduce((sum, { count }) => sum + count, 0);
+      size = (unit: number): number => elementDecoder.splatsOf(unit).reduce((sum, { count }) => sum + count, 0);
     for (let tile = 0; tile < tiles.count; tile++)
       if (tiles.children[tile].length) assert.equal(of(tile), tiles.gaussians[tile]);
       else assert.equal(size(tiles.count + tile), tiles.gaussians[tile]);
@@ -194,7 +194,7 @@ test("the units of a cut cover the scene exactly once", { skip }, () => {
 test("a tile is drawn once most packets arrived, and redrawn with late packets", { skip }, () => {
   const { head, packets } = readStream(answers!.tiled),
     received = new DecodedStream(head),
-    tiling = received.decoder.schema.tiling!,
+    tiling = received.decoder.elementDecoder.tiling!,
     { tiles, drawUnits } = tiling,
     finer = tiles.children[0][0],
     of = (tile: number): Uint8Array[] => packets.slice(tiles.firstPackets[tile], tiles.firstPackets[tile + 1]),

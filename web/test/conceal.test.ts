@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import type { AnchorPart } from "../src/codec/anchor_part.ts";
+import type { AnchorBatch } from "../src/codec/anchor_batch.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
-import { GaussianPart } from "../src/codec/gaussians/part.ts";
-import type { Part } from "../src/codec/part.ts";
+import type { ElementBatch } from "../src/codec/element_batch.ts";
+import { GaussianBatch } from "../src/codec/gaussians/gaussian_batch.ts";
 import type { Splats } from "../src/codec/splats.ts";
 import { ANCHOR_CONCEALERS, CONCEALERS, SPLAT_CONCEALERS } from "../src/conceal/conceal.ts";
 import { grow } from "../src/conceal/grow.ts";
@@ -111,7 +111,7 @@ test("gains equal Python's", { skip: expected === null && "EXPECTED is not set" 
     const { head, packets } = readStream(path),
       received = new DecodedStream(head);
     for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.addPacket(bytes);
-    assert.deepEqual(Object.keys(received.decoder.schema.concealers), ["drop", ...Object.keys(all)]);
+    assert.deepEqual(Object.keys(received.decoder.elementDecoder.concealers), ["drop", ...Object.keys(all)]);
     for (const [concealer, gains] of Object.entries(all)) {
       await received.prepare({ ...GROW, concealer }, always);
       assert.equal(await received.conceal({ ...GROW, concealer }, always), Math.ceil(packets.length / 2));
@@ -122,7 +122,7 @@ test("gains equal Python's", { skip: expected === null && "EXPECTED is not set" 
         mean = off.reduce((sum, value) => sum + value, 0) / off.length;
       // Anchors lie on a grid, so either of two equally distant ones may be the last of the 64.
       assert.ok(
-        received.decoder.schema.viewDependent ? most < 0.05 && mean < 0.001 : most < 1e-5,
+        received.decoder.elementDecoder.viewDependent ? most < 0.05 && mean < 0.001 : most < 1e-5,
         `${path} ${concealer}: ${most}, ${mean}`,
       );
     }
@@ -133,8 +133,8 @@ test("redundant copies equal Python's", {
   skip: expected === null && "EXPECTED is not set",
 }, async () => {
   for (const [path, numbers] of Object.entries(expected!.copies)) {
-    const { part } = (await new StreamDecoder(readStream(path).head).schema.copies(always))!,
-      found = numbersOf(part);
+    const { batch } = (await new StreamDecoder(readStream(path).head).elementDecoder.copies(always))!,
+      found = numbersOf(batch);
     assert.equal(found.length, numbers.length);
     const off = found.map((number, n) => Math.abs(number - numbers[n]) / Math.max(Math.abs(numbers[n]), 1e-3));
     assert.ok(
@@ -145,15 +145,15 @@ test("redundant copies equal Python's", {
 });
 
 /** Numbers of redundant copies as listed by `tests/web/sketched.py`. */
-function numbersOf(part: Part): number[] {
-  if (part instanceof GaussianPart)
-    return [part.splats.means, part.splats.scales, part.splats.quats, part.splats.opacities].flatMap((values) => [
+function numbersOf(batch: ElementBatch): number[] {
+  if (batch instanceof GaussianBatch)
+    return [batch.splats.means, batch.splats.scales, batch.splats.quats, batch.splats.opacities].flatMap((values) => [
       ...values,
     ]);
   const {
     anchors: { positions, sizes, scales, offsets, masks, numOffsets },
     features,
-  } = part as AnchorPart;
+  } = batch as AnchorBatch;
   const far = offsets.map((offset, n) => offset * scales[Math.floor(n / 3 / numOffsets)] * masks[Math.floor(n / 3)]);
   return [positions, features!, sizes, far].flatMap((values) => [...values]);
 }
@@ -181,7 +181,7 @@ for (const path of STREAMS) {
 }
 
 /** Streams with redundant copies for the concealer `sketch`. */
-const COPIED = STREAMS.filter((path) => "sketch" in new StreamDecoder(readStream(path).head).schema.concealers);
+const COPIED = STREAMS.filter((path) => "sketch" in new StreamDecoder(readStream(path).head).elementDecoder.concealers);
 
 test("redundant copies are hidden and not counted in a complete scene", {
   skip: !COPIED.length && "STREAMS has no stream with redundant copies",

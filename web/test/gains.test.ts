@@ -72,7 +72,7 @@ test("gains are computed once all received packets are decoded, and only for the
 test("properties of the elements are only computed if something is missing", async () => {
   const { head, packets } = readStream(STILL),
     received = new DecodedStream(head),
-    elements = mock.method(received.decoder.schema, "elements"),
+    elements = mock.method(received.decoder.elementDecoder, "elements"),
     calls: number[] = [];
   for (const some of [packets.slice(1), packets.slice(0, 1)]) {
     for (const bytes of some) received.addPacket(bytes);

@@ -13,7 +13,7 @@ for (const path of STREAMS) {
   });
 
   const { head } = readStream(path);
-  if (!new StreamDecoder(head).schema.sections.has("sketch")) continue;
+  if (!new StreamDecoder(head).elementDecoder.sections.has("sketch")) continue;
   test(`${CASES} hostile sections of redundant copies of ${path.split("/").pop()}`, async () => {
     assert.ok((await attackCopies(head, CASES, 6)) > CASES / 10, "too few of them were read");
   });

@@ -61,7 +61,7 @@ function hostilePacket(bytes: Uint8Array, next: Random): Uint8Array {
 function decodePacket(decoder: StreamDecoder, bytes: Uint8Array): number {
   const packet = new Intake(decoder.intake.plan).offer(bytes);
   if (!packet) return 0;
-  const { splats } = decoder.schema.read(packet).forCamera(CAMERA);
+  const { splats } = decoder.elementDecoder.read(packet).forCamera(CAMERA);
   for (const values of [
     splats.means,
     splats.quats,
@@ -84,8 +84,8 @@ function decodePacket(decoder: StreamDecoder, bytes: Uint8Array): number {
  */
 export async function attackCopies(head: Head, cases: number, seed: number): Promise<number> {
   const next = random(seed),
-    schema = new StreamDecoder(head).schema,
-    section = schema.sections.get("sketch")!,
+    elementDecoder = new StreamDecoder(head).elementDecoder,
+    section = elementDecoder.sections.get("sketch")!,
     read = await readerOf(head);
   let found = 0;
   for (let n = 0; n < cases; n++) {

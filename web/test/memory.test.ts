@@ -21,16 +21,16 @@ async function shown(path: string): Promise<void> {
   const container = new ContainerReader(),
     packets = container.feed(readFileSync(path)),
     received = new DecodedStream(container.head!),
-    { schema } = received.decoder,
+    { elementDecoder } = received.decoder,
     choice = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1 };
   for (const packet of packets) received.addPacket(packet);
-  if (schema.sequence) {
-    for (const concealer of schema.sequence.concealers) schema.sequence.frame(0, () => true, concealer);
-    schema.sequence.prefetch(0, 1000);
+  if (elementDecoder.sequence) {
+    for (const concealer of elementDecoder.sequence.concealers) elementDecoder.sequence.frame(0, () => true, concealer);
+    elementDecoder.sequence.prefetch(0, 1000);
     return;
   }
   const seen = await received.gaussiansFor(CAMERA, true, pause);
-  pack(seen!.parts, schema.degree, schema.size);
+  pack(seen!.parts, elementDecoder.degree, elementDecoder.size);
   await received.prepare(choice, pause);
   await received.conceal(choice, pause);
 }

@@ -123,19 +123,19 @@ for (const [n, stream] of streamsOf("gaussians").entries()) {
 
   test(`the integers of stream ${n} are not decoded again for its digest in any order of packets`, async () => {
     const received = new DecodedStream(stream.head, ALL_KEPT),
-      { schema } = received.decoder;
+      { elementDecoder } = received.decoder;
     for (const bytes of [...stream.packets].reverse()) received.addPacket(bytes);
-    schema.decode = () => assert.fail("decoded again");
+    elementDecoder.decode = () => assert.fail("decoded again");
     const blocks = Array.from({ length: received.decoder.intake.plan.numBlocks }, (_, block) =>
         received.decoder.intake.blocks.get(block)!.map((packet) => ({ ...packet, payload: new Uint8Array() })),
       ),
-      digest = await schema.digest(blocks, async () => true);
+      digest = await elementDecoder.digest(blocks, async () => true);
     assert.equal(digest, stream.head.manifest.symbolsDigest);
   });
 
   test(`the integers of stream ${n} are not decoded again if a few packets precede those before them`, async () => {
     const sizes = stream.packets.map((bytes) => {
-        const { symbols } = new DecodedStream(stream.head).decoder.schema.decode!(
+        const { symbols } = new DecodedStream(stream.head).decoder.elementDecoder.decode!(
           readPacket(bytes, stream.head.manifest.streamId)!,
         )!;
         return symbols.harmonics.byteLength + symbols.integers!.length;
@@ -143,17 +143,17 @@ for (const [n, stream] of streamsOf("gaussians").entries()) {
       received = new DecodedStream(stream.head, { keptBytes: 3 * Math.max(...sizes) });
     for (let n = 0; n < stream.packets.length; n += 3)
       for (const bytes of stream.packets.slice(n, n + 3).reverse()) received.addPacket(bytes);
-    const { schema, intake } = received.decoder,
+    const { elementDecoder, intake } = received.decoder,
       blocks = Array.from({ length: intake.plan.numBlocks }, (_, block) =>
         intake.blocks.get(block)!.map((packet) => ({ ...packet, payload: new Uint8Array() })),
       );
-    assert.equal(await schema.digest(blocks, async () => true), stream.head.manifest.symbolsDigest);
+    assert.equal(await elementDecoder.digest(blocks, async () => true), stream.head.manifest.symbolsDigest);
   });
 
   test(`helpers pack the Gaussians of stream ${n} as the receiver's worker does`, async () => {
     const pool = new PacketPool(stream.file, () => new FakeThread(), 1),
       { decoder } = new DecodedStream(stream.head),
-      { degree, size } = decoder.schema;
+      { degree, size } = decoder.elementDecoder;
     await ready(pool);
     const batch = await pool.decode(stream.packets.slice(0, 3).map((bytes) => decoder.admit(bytes)!));
     for (const packet of batch!.packets) assert.deepEqual(packet!.packed, pack([packet!.splats], degree, size));
@@ -171,7 +171,9 @@ for (const stream of streamsOf("tracks")) {
   test("helpers decode the keyframe Gaussians of a clip, whose frames are those of one thread", async () => {
     const pool = new PacketPool(stream.file, () => new FakeThread(), 2);
     await ready(pool);
-    const [shared, own] = [await decoded(pool, stream), alone(stream)].map(({ decoder }) => decoder.schema.sequence!);
+    const [shared, own] = [await decoded(pool, stream), alone(stream)].map(
+      ({ decoder }) => decoder.elementDecoder.sequence!,
+    );
     for (let n = 0; n < own.times.numFrames; n++)
       assert.deepEqual(shared.frame(n, () => true, "drop").splats, own.frame(n, () => true, "drop").splats);
     pool.close();
@@ -210,7 +212,7 @@ for (const { file, head, packets } of streamsOf("gaussians").slice(0, 1)) {
       received = new DecodedStream(head),
       packet = received.decoder.admit(packets[0])!;
     await ready(pool);
-    received.decoder.schema.read = () => {
+    received.decoder.elementDecoder.read = () => {
       throw new BitstreamError("damaged");
     };
     const batch = await pool.decode([packet]);

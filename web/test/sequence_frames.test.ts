@@ -15,7 +15,7 @@ const choice = { concealer: "motion", dropped: 0, burst: 1, seed: 0, sent: 1 };
 function framesOf(received: DecodedStream): { count: number; opacities: Float32Array }[] {
   const said: FromWorker[] = [],
     frames = new SequenceFrames((message) => said.push(message));
-  for (let number = 0; number < received.decoder.schema.sequence!.times.numFrames; number++)
+  for (let number = 0; number < received.decoder.elementDecoder.sequence!.times.numFrames; number++)
     frames.frame({ kind: "frame", number, choice }, received, 1);
   return said.flatMap((one) => (one.kind === "frame" ? [one.packed] : []));
 }
@@ -23,19 +23,22 @@ function framesOf(received: DecodedStream): { count: number; opacities: Float32A
 test("a frame without Gaussians is drawn as an invisible one once its packets have arrived", () => {
   const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
     received = new DecodedStream(head),
-    sequence = received.decoder.schema.sequence!,
+    sequence = received.decoder.elementDecoder.sequence!,
     plain = sequence.frame.bind(sequence);
   assert.ok(framesOf(received).every(({ count }) => count === 0));
   for (const packet of packets) received.addPacket(packet);
   assert.ok(framesOf(received).every(({ count }) => count > 1));
-  sequence.frame = (...given) => ({ ...plain(...given), splats: emptySplats(0, received.decoder.schema.degree) });
+  sequence.frame = (...given) => ({
+    ...plain(...given),
+    splats: emptySplats(0, received.decoder.elementDecoder.degree),
+  });
   for (const { count, opacities } of framesOf(received)) assert.deepEqual([count, ...opacities], [1, 0]);
 });
 
 test("a group of frames is whole once all its packets have arrived", () => {
   const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
     received = new DecodedStream(head),
-    sequence = received.decoder.schema.sequence!,
+    sequence = received.decoder.elementDecoder.sequence!,
     whole = (): boolean[] =>
       Array.from({ length: sequence.times.numFrames }, (_, n) => sequence.frame(n, () => true, "motion").isWhole);
   for (const packet of packets.slice(1)) received.addPacket(packet);

@@ -38,7 +38,7 @@ function visitor(): { listener: Listener; view: TileRequest; store: PacketStore;
   container.feed(file);
   const head = container.head!,
     received = new DecodedStream(head),
-    { tiling } = received.decoder.schema;
+    { tiling } = received.decoder.elementDecoder;
   assert.ok(tiling);
   store.begin(container.headBytes, head);
   tiling.setCamera(LOOK);
@@ -92,7 +92,7 @@ test("all tiles are received, the view's first", async () => {
   await served(ranged, async (url) => {
     assert.equal(await receiveTiles(new HttpFile(url, LIMITS), listener, store, view), "complete");
   });
-  assert.equal(places[0], store.headBytes + view.tiles.offsets[first]);
+  assert.equal(places[0], store.headSize + view.tiles.offsets[first]);
   assert.deepEqual(
     [...places].sort((a, b) => a - b),
     packetOffsets(file).map((offset) => offset - SIZE_BYTES),

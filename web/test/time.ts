@@ -1,7 +1,7 @@
 // Decoding times, for scripts/time.mjs.
 
 import { StreamDecoder } from "../src/codec/decoder.ts";
-import type { Part } from "../src/codec/part.ts";
+import type { ElementBatch } from "../src/codec/element_batch.ts";
 import { pack } from "../src/render/packed.ts";
 import { readStream } from "./vectors.ts";
 
@@ -16,9 +16,9 @@ export function passTimes(path: string): { decode: number; view: number } {
     return (user + system) / count;
   };
   const decoder = new StreamDecoder(head),
-    parts = packets.map((bytes) => decoder.addPacket(bytes)).filter((part): part is Part => part !== null);
+    parts = packets.map((bytes) => decoder.addPacket(bytes)).filter((part): part is ElementBatch => part !== null);
   const decode = took(),
-    { middle, size } = decoder.schema,
+    { middle, size } = decoder.elementDecoder,
     [x, y, z] = middle ?? [0, 0, 0];
   const camera = {
     viewmat: [
@@ -47,7 +47,7 @@ export function clipTimes(path: string): { ms: number; slowest: number } | null 
   const { head, packets } = readStream(path),
     decoder = new StreamDecoder(head);
   for (const bytes of packets) decoder.addPacket(bytes);
-  const { degree, size, sequence } = decoder.schema;
+  const { degree, size, sequence } = decoder.elementDecoder;
   if (!sequence) return null;
   const times: number[] = [],
     all = () => true;

@@ -6,7 +6,7 @@ import { readFileSync } from "node:fs";
 import { mock, test } from "node:test";
 
 import { BitstreamError } from "../src/bytes.ts";
-import type { GaussianSchema } from "../src/codec/gaussians/schema.ts";
+import type { GaussianDecoder } from "../src/codec/gaussians/gaussian_decoder.ts";
 import type { Splats } from "../src/codec/splats.ts";
 import { headerOf, readRemoved, readUpdate } from "../src/codec/update/update.ts";
 import { UpdatedScene } from "../src/codec/update/updated_scene.ts";
@@ -37,7 +37,7 @@ function sceneOf(path: string): UpdatedScene {
     packets = container.feed(file),
     received = new DecodedStream(container.head!);
   for (const packet of packets) received.addPacket(packet);
-  const { info } = received.decoder.schema as GaussianSchema;
+  const { info } = received.decoder.elementDecoder as GaussianDecoder;
   return new UpdatedScene(
     manifestDigest(fileManifest(file)),
     info,

@@ -12,8 +12,8 @@ const section = (numbers: number[]): Uint8Array => new Uint8Array(new Float32Arr
 
 function viewpointOf(bytes: Uint8Array | null): Viewpoint | null {
   const decoder = new StreamDecoder(readStream(STREAMS[0]).head);
-  if (bytes) decoder.schema.sections.set("viewpoint", bytes);
-  else decoder.schema.sections.delete("viewpoint");
+  if (bytes) decoder.elementDecoder.sections.set("viewpoint", bytes);
+  else decoder.elementDecoder.sections.delete("viewpoint");
   return decoder.viewpoint;
 }
 
@@ -44,7 +44,7 @@ test("the origin of a georeferenced scene is read in float64, and rejected if in
 }, () => {
   const originOf = (numbers: number[] | null): [number, number, number] => {
     const decoder = new StreamDecoder(readStream(STREAMS[0]).head);
-    if (numbers) decoder.schema.sections.set("origin", new Uint8Array(new Float64Array(numbers).buffer));
+    if (numbers) decoder.elementDecoder.sections.set("origin", new Uint8Array(new Float64Array(numbers).buffer));
     return decoder.origin;
   };
   assert.deepEqual(originOf(null), [0, 0, 0]);

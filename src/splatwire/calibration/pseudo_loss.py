@@ -85,17 +85,17 @@ def dropped_packets(count: int, rate: float, seed: int) -> list[int]:
 
 
 @checked
-def pseudo_loss(groups: PacketMembers, num_anchors: int, rate: float, seed: int) -> Bool[np.ndarray, "N"]:
+def pseudo_loss(members: PacketMembers, num_anchors: int, rate: float, seed: int) -> Bool[np.ndarray, "N"]:
     """Simulates the loss of a random share of the packets; returns the mask of received anchors.
 
     Args:
-        groups: Anchors of each packet.
+        members: Anchors of each packet.
         num_anchors: Number of anchors of the scene, N.
         rate: Share of the packets that is lost, 0 to 1.
         seed: Seed of the random choice.
     """
     count = len(members.starts) - 1
-    fully_received = np.ones(whole_number(num_anchors, "num_anchors", len(groups.indices), MAX_ELEMENTS), np.bool_)
-    for group in dropped_packets(count, rate, seed):
-        fully_received[groups.indices[groups.starts[group] : groups.starts[group + 1]]] = False
+    fully_received = np.ones(whole_number(num_anchors, "num_anchors", len(members.indices), MAX_ELEMENTS), np.bool_)
+    for packet in dropped_packets(count, rate, seed):
+        fully_received[members.indices[members.starts[packet] : members.starts[packet + 1]]] = False
     return fully_received

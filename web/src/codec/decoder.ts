@@ -6,16 +6,16 @@ import type { Packet } from "../packets/packet.ts";
 import { Intake, type Plan, planOf } from "../packets/plan.ts";
 import { ANTIALIASED, BACKGROUND, EXTENT, METADATA, ORIGIN, UP, VIEWPOINT } from "../packets/section_names.ts";
 import type { Pause } from "../scheduler.ts";
-import { CausalSchema } from "./causal/schema.ts";
+import { CausalDecoder } from "./causal/causal_decoder.ts";
+import type { ElementBatch } from "./element_batch.ts";
+import type { ElementDecoder } from "./element_decoder.ts";
 import type { Verification } from "./gaussians/digest.ts";
+import { GaussianDecoder } from "./gaussians/gaussian_decoder.ts";
 import { countLanesFast } from "./gaussians/native.ts";
-import { GaussianSchema } from "./gaussians/schema.ts";
-import { LevelSchema } from "./levels/schema.ts";
+import { LevelDecoder } from "./levels/level_decoder.ts";
 import { checkMemory } from "./memory.ts";
 import { type Texts, textsOf } from "./metadata.ts";
-import type { Part } from "./part.ts";
-import type { Schema } from "./schema.ts";
-import { TrackSchema } from "./tracks/schema.ts";
+import { TrackDecoder } from "./tracks/track_decoder.ts";
 
 /** Error message for anchors of format 1. */
 export const FORMAT_1_MESSAGE =
@@ -35,17 +35,22 @@ export interface BoundingSphere {
   readonly radius: number;
 }
 
-function schemaOf({ manifest, sideInfo }: Head, plan: Plan, verify: Verification, updates: boolean): Schema {
+function elementDecoderOf(
+  { manifest, sideInfo }: Head,
+  plan: Plan,
+  verify: Verification,
+  updates: boolean,
+): ElementDecoder {
   const { order, packaging } = manifest.packetization;
   if (manifest.codec !== "hacpp" && packaging !== "atomic")
     throw new BitstreamError("the stream's packets do not hold whole elements");
   if (manifest.codec === "causal" && order !== "morton")
     throw new BitstreamError("anchors of the causal model must be in Morton order, but the manifest has another one");
   if (manifest.codec === "gaussians" || (updates && manifest.codec === "update"))
-    return new GaussianSchema(sideInfo, plan, verify);
-  if (manifest.codec === "levels") return new LevelSchema(sideInfo, plan);
-  if (manifest.codec === "causal") return new CausalSchema(sideInfo, plan);
-  if (manifest.codec === "tracks") return new TrackSchema(sideInfo, plan);
+    return new GaussianDecoder(sideInfo, plan, verify);
+  if (manifest.codec === "levels") return new LevelDecoder(sideInfo, plan);
+  if (manifest.codec === "causal") return new CausalDecoder(sideInfo, plan);
+  if (manifest.codec === "tracks") return new TrackDecoder(sideInfo, plan);
   if (manifest.codec === "update")
     throw new BitstreamError(
       "the stream is an update: `splatwire apply` makes the changed stream of it and the old one",
@@ -54,7 +59,7 @@ function schemaOf({ manifest, sideInfo }: Head, plan: Plan, verify: Verification
 }
 
 export class StreamDecoder {
-  readonly schema: Schema;
+  readonly elementDecoder: ElementDecoder;
   readonly intake: Intake;
   /** Number of received bytes, and the memory of their elements in bytes. */
   #numBytes: number;
@@ -67,7 +72,7 @@ export class StreamDecoder {
     updates = false,
   ) {
     const plan = planOf(head.manifest, countLanesFast);
-    this.schema = schemaOf(head, plan, verify, updates);
+    this.elementDecoder = elementDecoderOf(head, plan, verify, updates);
     this.intake = new Intake(plan);
     this.#numBytes = head.sideInfo.length;
     this.#checkView();
@@ -78,9 +83,10 @@ export class StreamDecoder {
     const { tiers } = this.head.manifest,
       longer = head.manifest.tiers;
     const same = tiers.every(({ count, lanes }, n) => longer[n]?.count === count && longer[n].lanes === lanes);
-    if (!this.schema.grow || !same) throw new BitstreamError("the stream's new head contradicts its earlier one");
+    if (!this.elementDecoder.grow || !same)
+      throw new BitstreamError("the stream's new head contradicts its earlier one");
     const plan = planOf(head.manifest, countLanesFast);
-    this.schema.grow(head.sideInfo, plan);
+    this.elementDecoder.grow(head.sideInfo, plan);
     this.intake.plan = plan;
     this.head = head;
   }
@@ -96,7 +102,7 @@ export class StreamDecoder {
 
   /** Background colour, RGB, each 0 to 1. */
   get background(): [number, number, number] {
-    const section = this.schema.sections.get(BACKGROUND);
+    const section = this.elementDecoder.sections.get(BACKGROUND);
     if (!section) return [0, 0, 0];
     const reader = new ByteReader(section, "section 'background'"),
       color: [number, number, number] = [reader.f32(), reader.f32(), reader.f32()];
@@ -108,7 +114,7 @@ export class StreamDecoder {
 
   /** Initial viewpoint; null if the stream has none. */
   get viewpoint(): Viewpoint | null {
-    const section = this.schema.sections.get(VIEWPOINT);
+    const section = this.elementDecoder.sections.get(VIEWPOINT);
     if (!section) return null;
     const reader = new ByteReader(section, "section 'viewpoint'"),
       three = (): [number, number, number] => [reader.f32(), reader.f32(), reader.f32()];
@@ -123,7 +129,7 @@ export class StreamDecoder {
 
   /** Sphere around nearly all Gaussians of every frame of a clip, world units; null if the stream has none. */
   get extent(): BoundingSphere | null {
-    const section = this.schema.sections.get(EXTENT);
+    const section = this.elementDecoder.sections.get(EXTENT);
     if (!section) return null;
     const reader = new ByteReader(section, "section 'extent'"),
       [x, y, z, radius] = [reader.f32(), reader.f32(), reader.f32(), reader.f32()];
@@ -137,7 +143,7 @@ export class StreamDecoder {
    * World coordinates of the point that all positions are relative to. It is 0, 0, 0 unless the scene is georeferenced.
    */
   get origin(): [number, number, number] {
-    const section = this.schema.sections.get(ORIGIN);
+    const section = this.elementDecoder.sections.get(ORIGIN);
     if (!section) return [0, 0, 0];
     const reader = new ByteReader(section, "section 'origin'"),
       origin: [number, number, number] = [reader.f64(), reader.f64(), reader.f64()];
@@ -149,17 +155,17 @@ export class StreamDecoder {
 
   /** Title, author and license of the scene; each is empty if the stream does not have it. */
   get texts(): Texts {
-    return textsOf(this.schema.sections.get(METADATA));
+    return textsOf(this.elementDecoder.sections.get(METADATA));
   }
 
   /** True if opacity decreases for Gaussians below the size of a pixel (Mip-Splatting). */
   get antialiased(): boolean {
-    return this.schema.sections.has(ANTIALIASED);
+    return this.elementDecoder.sections.has(ANTIALIASED);
   }
 
   /** Up axis of the scene: `x`, `-x`, `y`, `-y`, `z` or `-z`; null if the stream has none. */
   get up(): string | null {
-    const section = this.schema.sections.get(UP),
+    const section = this.elementDecoder.sections.get(UP),
       up = section && new TextDecoder("utf-8", { ignoreBOM: true }).decode(section);
     if (up !== undefined && !/^-?[xyz]$/.test(up))
       throw new BitstreamError("section 'up': not one of x, -x, y, -y, z, -z");
@@ -170,19 +176,19 @@ export class StreamDecoder {
    * Decodes a packet. Returns null, and counts it, if it is invalid or a duplicate. Throws `BitstreamError` if the
    * decoded elements need too much memory for the received bytes.
    */
-  addPacket(bytes: Uint8Array): Part | null {
+  addPacket(bytes: Uint8Array): ElementBatch | null {
     const packet = this.admit(bytes);
-    return packet && this.schema.read(packet);
+    return packet && this.elementDecoder.read(packet);
   }
 
   /**
-   * Checks a packet, like `addPacket`, and returns it. The caller has it decoded and passes it to `schema.accept`.
+   * Checks a packet, like `addPacket`, and returns it. The caller has it decoded and passes it to `elementDecoder.accept`.
    */
   admit(bytes: Uint8Array): Packet | null {
     const packet = this.intake.offer(bytes);
     if (!packet) return null;
     this.#numBytes += bytes.length;
-    this.#needed += this.schema.bytesOf(packet);
+    this.#needed += this.elementDecoder.bytesOf(packet);
     this.#check(this.#needed, "decoding the received packets");
     return packet;
   }
@@ -190,7 +196,7 @@ export class StreamDecoder {
   /** Throws `BitstreamError` if concealment, which needs all elements including lost ones, takes too much memory. */
   checkConcealmentMemory(): void {
     const { count } = this.head.manifest;
-    this.#check(count * this.schema.concealmentBytes, `concealing ${count} elements`);
+    this.#check(count * this.elementDecoder.concealmentBytes, `concealing ${count} elements`);
   }
 
   #check(needed: number, activity: string): void {
@@ -202,7 +208,7 @@ export class StreamDecoder {
    * decoded again unless `verify` was set.
    */
   digest(pause: Pause = async () => true): Promise<string> {
-    return this.schema.digest(
+    return this.elementDecoder.digest(
       Array.from({ length: this.intake.plan.numBlocks }, (_, block) => this.intake.blocks.get(block) ?? []),
       pause,
     );

@@ -1,10 +1,10 @@
 // Decoded elements of a stream in order of arrival, the drawn part of them, and their gains under simulated losses.
 
 import { StreamDecoder } from "../codec/decoder.ts";
+import type { Copies, ElementBatch } from "../codec/element_batch.ts";
+import type { DecodedPacket } from "../codec/element_decoder.ts";
 import type { Verification } from "../codec/gaussians/digest.ts";
 import { type Swap, swapsOf } from "../codec/levels/swaps.ts";
-import type { Copies, Part } from "../codec/part.ts";
-import type { DecodedPacket } from "../codec/schema.ts";
 import type { Splats } from "../codec/splats.ts";
 import { ANY_CAMERA, type Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
@@ -30,14 +30,14 @@ export interface ShownGaussians {
 
 export class DecodedStream {
   readonly decoder: StreamDecoder;
-  readonly #parts: Part[] = [];
-  /** Index of the first element of each part, in order of arrival. */
+  readonly #batches: ElementBatch[] = [];
+  /** Index of the first element of each batch, in order of arrival. */
   readonly #firsts: number[] = [];
   #count = 0;
-  /** Number of drawn parts, and the element of each drawn Gaussian; null if Gaussian n is element n. */
+  /** Number of drawn batches, and the element of each drawn Gaussian; null if Gaussian n is element n. */
   #drawn = 0;
   #owners: Int32Array[] | null = null;
-  /** Redundant copies among the parts, and the index of their first element. */
+  /** Redundant copies among the batches, and the index of their first element. */
   #copies: (Copies & { readonly first: number }) | null = null;
   /** Number of drawn redundant Gaussians. */
   #drawnCopies = 0;
@@ -50,12 +50,12 @@ export class DecodedStream {
 
   /** True if some elements are not drawn yet. */
   get hasNew(): boolean {
-    return this.#drawn < this.#parts.length;
+    return this.#drawn < this.#batches.length;
   }
 
   /** Decoded Gaussians of all packets, without redundant copies, in order of arrival. */
   get splats(): Splats[] {
-    return this.#parts.filter((part) => part.packet).map((part) => part.forCamera(ANY_CAMERA).splats);
+    return this.#batches.filter((batch) => batch.packet).map((batch) => batch.forCamera(ANY_CAMERA).splats);
   }
 
   /** True if redundant copies are among the drawn Gaussians. */
@@ -65,14 +65,14 @@ export class DecodedStream {
 
   /** Decodes one packet. */
   addPacket(bytes: Uint8Array): void {
-    const part = this.decoder.addPacket(bytes);
-    if (part) this.#push(part);
+    const batch = this.decoder.addPacket(bytes);
+    if (batch) this.#push(batch);
   }
 
   /** Adds a packet that `decoder.admit` returned, once it is decoded; null to have it decoded here. */
   accept(packet: Packet, decoded: DecodedPacket | null): void {
-    const { schema } = this.decoder;
-    this.#push(decoded ? schema.accept!(packet, decoded) : schema.read(packet));
+    const { elementDecoder } = this.decoder;
+    this.#push(decoded ? elementDecoder.accept!(packet, decoded) : elementDecoder.read(packet));
   }
 
   /**
@@ -81,17 +81,17 @@ export class DecodedStream {
    */
   async prepare({ concealer }: LossSimulation, pause: Pause): Promise<void> {
     if (concealer !== "drop") this.decoder.checkConcealmentMemory();
-    if (concealer !== SKETCH || this.#copies || !this.decoder.schema.concealers[concealer]) return;
-    const copies = await this.decoder.schema.copies(pause);
+    if (concealer !== SKETCH || this.#copies || !this.decoder.elementDecoder.concealers[concealer]) return;
+    const copies = await this.decoder.elementDecoder.copies(pause);
     if (!copies || this.#copies) return;
     this.#copies = { ...copies, first: this.#count };
-    this.#push(copies.part);
+    this.#push(copies.batch);
   }
 
-  #push(part: Part): void {
-    this.#parts.push(part);
+  #push(batch: ElementBatch): void {
+    this.#batches.push(batch);
     this.#firsts.push(this.#count);
-    this.#count += part.count;
+    this.#count += batch.count;
   }
 
   /**
@@ -99,32 +99,33 @@ export class DecodedStream {
    * longer needed.
    */
   async gaussiansFor(camera: Camera, replaceAll: boolean, pause: Pause): Promise<ShownGaussians | null> {
-    const { tiling } = this.decoder.schema;
+    const { tiling } = this.decoder.elementDecoder;
     replaceAll = tiling?.setCamera(camera) || replaceAll; // the view has changed to other tiles
     const first = replaceAll ? 0 : this.#drawn,
-      end = this.#parts.length,
+      end = this.#batches.length,
       splats: Splats[] = [],
       owners: Int32Array[] = [];
     let numCopies = replaceAll ? 0 : this.#drawnCopies;
     for (let p = first; p < end; p++) {
       if (!(await pause())) return null;
-      const part = this.#parts[p],
-        gaussians = part.forCamera(camera);
+      const batch = this.#batches[p],
+        gaussians = batch.forCamera(camera);
       splats.push(gaussians.splats);
-      if (part === this.#copies?.part) numCopies = gaussians.splats.count;
+      if (batch === this.#copies?.batch) numCopies = gaussians.splats.count;
       if (gaussians.owners) owners.push(gaussians.owners.map((owner) => owner + this.#firsts[p]));
     }
     const hasNew = this.#drawn < end;
     this.#drawn = end;
     this.#drawnCopies = numCopies;
-    if (this.decoder.schema.viewDependent) this.#owners = replaceAll ? owners : [...(this.#owners ?? []), ...owners];
+    if (this.decoder.elementDecoder.viewDependent)
+      this.#owners = replaceAll ? owners : [...(this.#owners ?? []), ...owners];
     const numElements = this.#firsts[end] ?? this.#count,
       copies = this.#copies;
     return {
       parts: splats,
       replaceAll: replaceAll,
       hasNew,
-      elements: numElements - (copies && copies.first < numElements ? copies.part.count : 0),
+      elements: numElements - (copies && copies.first < numElements ? copies.batch.count : 0),
       copies: numCopies,
     };
   }
@@ -134,9 +135,9 @@ export class DecodedStream {
    * part of the scene exactly once. A unit with new packets replaces itself.
    */
   swaps(camera: Camera, before: ReadonlyMap<number, number>): Swap[] {
-    const tiling = this.decoder.schema.tiling!;
+    const tiling = this.decoder.elementDecoder.tiling!;
     tiling.setCamera(camera);
-    this.#drawn = this.#parts.length;
+    this.#drawn = this.#batches.length;
     const drawn = new Set(tiling.drawn),
       grown = tiling.drawn.filter((unit) => tiling.packetsOf(unit) > (before.get(unit) ?? Infinity));
     return [
@@ -148,13 +149,13 @@ export class DecodedStream {
   /** Returns the gains of the Gaussians of some units, in order; null before the first concealment. */
   gainsOfUnits(units: readonly number[]): Float32Array | null {
     const gains = this.#gains,
-      parts = units.flatMap((unit) => this.decoder.schema.tiling!.partsOf(unit));
+      batches = units.flatMap((unit) => this.decoder.elementDecoder.tiling!.batchesOf(unit));
     if (!gains) return null;
-    const firsts = new Map(this.#parts.map((part, p) => [part, this.#firsts[p]])),
-      all = new Float32Array(2 * parts.reduce((sum, { which }) => sum + which.length, 0)).fill(1);
+    const firsts = new Map(this.#batches.map((batch, p) => [batch, this.#firsts[p]])),
+      all = new Float32Array(2 * batches.reduce((sum, { which }) => sum + which.length, 0)).fill(1);
     let at = 0;
-    for (const { part, which } of parts) {
-      const first = firsts.get(part)!;
+    for (const { batch, which } of batches) {
+      const first = firsts.get(batch)!;
       for (const n of which) {
         if (2 * (first + n) < gains.length) all.set(gains.subarray(2 * (first + n), 2 * (first + n + 1)), at);
         at += 2;
@@ -169,44 +170,44 @@ export class DecodedStream {
    */
   async conceal(choice: LossSimulation, pause: Pause): Promise<number | null> {
     const gains = new Float32Array(2 * this.#count),
-      { schema } = this.decoder;
-    const received = this.#parts.flatMap((part, p) =>
-      part.packet ? [{ part, packet: part.packet, first: this.#firsts[p] }] : [],
+      { elementDecoder } = this.decoder;
+    const received = this.#batches.flatMap((batch, p) =>
+      batch.packet ? [{ batch, packet: batch.packet, first: this.#firsts[p] }] : [],
     );
     const shown = shownPackets(
         received.map(({ packet }) => packet),
         choice,
       ),
-      parts = received.filter((_, p) => shown[p]);
-    const shownParts = parts.map(({ part }) => part),
+      batches = received.filter((_, p) => shown[p]);
+    const shownBatches = batches.map(({ batch }) => batch),
       copies = choice.concealer === SKETCH ? this.#copies : null,
-      which = this.#copiesOfMissing(shownParts);
-    const drawn = copies ? [...shownParts, copies.select(which)] : shownParts,
-      count = drawn.reduce((sum, part) => sum + part.count, 0);
-    const { concealers } = schema,
+      which = this.#copiesOfMissing(shownBatches);
+    const drawn = copies ? [...shownBatches, copies.select(which)] : shownBatches,
+      count = drawn.reduce((sum, batch) => sum + batch.count, 0);
+    const { concealers } = elementDecoder,
       isWhole = count === this.decoder.head.manifest.count,
       concealer = (!isWhole && concealers[choice.concealer]) || concealers["drop"],
-      concealerGains = await concealer(count, () => schema.elements(drawn, pause), pause);
+      concealerGains = await concealer(count, () => elementDecoder.elements(drawn, pause), pause);
     if (!concealerGains) return null;
     let at = 0;
-    for (const { part, first } of parts) {
-      gains.set(concealerGains.subarray(2 * at, 2 * (at + part.count)), 2 * first);
-      at += part.count;
+    for (const { batch, first } of batches) {
+      gains.set(concealerGains.subarray(2 * at, 2 * (at + batch.count)), 2 * first);
+      at += batch.count;
     }
     if (copies)
       which.forEach((n, i) =>
         gains.set(concealerGains.subarray(2 * (at + i), 2 * (at + i + 1)), 2 * (copies.first + n)),
       );
     this.#gains = gains;
-    return parts.length;
+    return batches.length;
   }
 
-  /** Returns the indices of the redundant copies of elements that are not in these parts. */
-  #copiesOfMissing(parts: readonly Part[]): Int32Array {
-    const copied = this.#copies?.part.indices;
+  /** Returns the indices of the redundant copies of elements that are not in these batches. */
+  #copiesOfMissing(batches: readonly ElementBatch[]): Int32Array {
+    const copied = this.#copies?.batch.indices;
     if (!copied) return new Int32Array();
     const isReceived = new Uint8Array(this.decoder.head.manifest.count);
-    for (const { indices } of parts) for (const index of indices) isReceived[index] = 1;
+    for (const { indices } of batches) for (const index of indices) isReceived[index] = 1;
     return copied.map((_, n) => n).filter((n) => !isReceived[copied[n]]);
   }
 
@@ -217,8 +218,8 @@ export class DecodedStream {
 
   /** Gains of `splats`, in their order, after a concealment. */
   get gainsOfSplats(): Float32Array {
-    const { first = 0, part = null } = this.#copies ?? {};
-    return this.#gains!.filter((_, n) => !part || n < 2 * first || n >= 2 * (first + part.count));
+    const { first = 0, batch = null } = this.#copies ?? {};
+    return this.#gains!.filter((_, n) => !batch || n < 2 * first || n >= 2 * (first + batch.count));
   }
 
   /** Gains that hide only the redundant Gaussians; null if there are none. */
@@ -226,17 +227,17 @@ export class DecodedStream {
     const copies = this.#copies;
     if (!copies) return null;
     const gains = new Float32Array(2 * this.#count).fill(1);
-    return this.#gainsOfDrawn(gains.fill(0, 2 * copies.first, 2 * (copies.first + copies.part.count)));
+    return this.#gainsOfDrawn(gains.fill(0, 2 * copies.first, 2 * (copies.first + copies.batch.count)));
   }
 
   /** Maps the gains of elements to the drawn Gaussians. */
   #gainsOfDrawn(gains: Float32Array): Float32Array {
     const owners = this.#owners;
     if (!owners) return gains.slice();
-    const all = new Float32Array(2 * owners.reduce((sum, part) => sum + part.length, 0)).fill(1);
+    const all = new Float32Array(2 * owners.reduce((sum, piece) => sum + piece.length, 0)).fill(1);
     let at = 0;
-    for (const part of owners) {
-      for (const owner of part) {
+    for (const piece of owners) {
+      for (const owner of piece) {
         if (2 * owner < gains.length) all.set(gains.subarray(2 * owner, 2 * owner + 2), at);
         at += 2;
       }

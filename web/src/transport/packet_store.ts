@@ -57,7 +57,7 @@ export class PacketStore {
   }
 
   /** Bytes of the file before its first packet. */
-  get headBytes(): number {
+  get headSize(): number {
     return this.#file.length;
   }
 
@@ -178,7 +178,7 @@ export class PacketStore {
   get gaps(): Gap[] {
     if (!this.head || this.complete) return [];
     if (this.#map.isEmpty && !this.#isOwnOrder) this.#assumeOrder();
-    return this.#map.gaps(this.headBytes);
+    return this.#map.gaps(this.headSize);
   }
 
   /**
@@ -187,7 +187,7 @@ export class PacketStore {
    */
   #assumeOrder(): void {
     const order = [...this.#orders.values()].at(-1) ?? [];
-    let offset = this.headBytes;
+    let offset = this.headSize;
     for (const identity of order) {
       const packet = identity === undefined ? undefined : this.#packets.get(identity);
       if (!packet) break;

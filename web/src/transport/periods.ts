@@ -1,6 +1,6 @@
 // Periods of a live clip: the current one, and the one before until its last frame was shown.
 
-import type { SequenceDecoder } from "../codec/schema.ts";
+import type { SequenceDecoder } from "../codec/element_decoder.ts";
 import type { DecodedStream } from "./decoded_stream.ts";
 
 /** Playable frames of a live clip, counted from its first frame. */
@@ -25,26 +25,26 @@ export class Periods {
 
   /** Returns true if the frames of a stream follow those of the current period. */
   precede({ decoder }: DecodedStream): boolean {
-    const before = this.#current!.decoder.schema.sequence!,
-      { firstFrame, times } = decoder.schema.sequence!;
+    const before = this.#current!.decoder.elementDecoder.sequence!,
+      { firstFrame, times } = decoder.elementDecoder.sequence!;
     return firstFrame >= before.firstFrame + before.times.numFrames && times.rate === before.times.rate;
   }
 
   /** Adds the next period. */
   addPeriod(stream: DecodedStream): void {
-    this.#lateBefore += this.#previous?.decoder.schema.sequence?.late ?? 0;
+    this.#lateBefore += this.#previous?.decoder.elementDecoder.sequence?.late ?? 0;
     this.#previous = this.#current;
     this.#current = stream;
   }
 
   /** Number of motion packets that arrived after their group was shown. */
   get late(): number {
-    const late = (of: DecodedStream | null): number => of?.decoder.schema.sequence?.late ?? 0;
+    const late = (of: DecodedStream | null): number => of?.decoder.elementDecoder.sequence?.late ?? 0;
     return this.#lateBefore + late(this.#previous) + late(this.#current);
   }
 
   get playable(): Playable | null {
-    const sequence = this.#current?.decoder.schema.sequence;
+    const sequence = this.#current?.decoder.elementDecoder.sequence;
     if (!sequence) return null;
     const { firstFrame, times, ready } = sequence,
       running = times.numFrames - 1 - ((times.numFrames - 1) % times.groupFrames);
@@ -55,8 +55,8 @@ export class Periods {
   /** Returns the period of a frame, or the first later frame if its period was released. Releases earlier groups. */
   at(number: number): PeriodFrame | null {
     const current = this.#current,
-      sequence = current?.decoder.schema.sequence,
-      previous = this.#previous?.decoder.schema.sequence;
+      sequence = current?.decoder.elementDecoder.sequence,
+      previous = this.#previous?.decoder.elementDecoder.sequence;
     if (!current || !sequence) return null;
     if (previous && previous.firstFrame <= number && number < sequence.firstFrame)
       return this.#periodFrame(this.#previous!, previous, number);

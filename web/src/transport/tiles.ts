@@ -36,7 +36,7 @@ export async function receiveTiles(
     aborted = new AbortController(),
     requested = new Set<number>(),
     expected = head.manifest.numPackets,
-    begin = store.headBytes,
+    begin = store.headSize,
     progress = new ProgressReporter(listener, store, RANGE_REQUESTS),
     triesOf = (tile: number): number => file.damagedTiles.get(tile) ?? 0,
     isGivenUp = (tile: number): boolean => triesOf(tile) >= MAX_TRIES;

@@ -3,7 +3,7 @@
 import type { AnchorProperties, Elements } from "../../conceal/elements.ts";
 import type { Anchors } from "../../model/anchors.ts";
 import type { Pause } from "../../scheduler.ts";
-import { receivedRanksFirst } from "../anchor_part.ts";
+import { receivedRanksFirst } from "../anchor_batch.ts";
 import { CONCEALMENT_BYTES } from "../memory.ts";
 import { exponential, featureSteps, worldPositions } from "./anchors.ts";
 import type { PacketDecoder } from "./packet.ts";

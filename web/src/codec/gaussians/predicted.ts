@@ -2,8 +2,8 @@
 
 import type { Elements } from "../../conceal/elements.ts";
 import type { Plan } from "../../packets/plan.ts";
+import type { GaussianBatch } from "./gaussian_batch.ts";
 import { BITS, MAX_COMPANDED, MAX_LOG } from "./layout.ts";
-import type { GaussianPart } from "./part.ts";
 import type { SideInfo } from "./side_info.ts";
 import { flatnessTable } from "./tables.ts";
 
@@ -14,10 +14,10 @@ const MIN_SCALE = 1e-9,
 const R_SEQUENCE = [0.8191725134, 0.6710436067, 0.5497004779];
 
 /**
- * Returns the properties of all Gaussians: those of the parts, then the lost ones. Redundant copies are the last part.
+ * Returns the properties of all Gaussians: those of the batches, then the lost ones. Redundant copies are the last batch.
  * Lost ones get the mean size of their block and the positions of its received Gaussians.
  */
-export function predictedElements(info: SideInfo, plan: Plan, parts: readonly GaussianPart[]): Elements {
+export function predictedElements(info: SideInfo, plan: Plan, batches: readonly GaussianBatch[]): Elements {
   const { count } = plan.manifest,
     positions = new Float32Array(3 * count),
     sizes = new Float32Array(count),
@@ -26,15 +26,15 @@ export function predictedElements(info: SideInfo, plan: Plan, parts: readonly Ga
     indices = new Int32Array(count),
     state = new Uint8Array(count);
   const opacities = new Float32Array(count),
-    blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []),
-    orders = blocks.map((_, block) => plan.elementsOf(block)); // before the members of any part are looked up
+    blocks = Array.from({ length: plan.numBlocks }, (): GaussianBatch[] => []),
+    orders = blocks.map((_, block) => plan.elementsOf(block)); // before the members of any batch are looked up
   let at = 0;
-  for (const part of parts) {
-    const { splats, packet } = part;
+  for (const batch of batches) {
+    const { splats, packet } = batch;
     positions.set(splats.means, 3 * at);
     opacities.set(splats.opacities, at);
     known.fill(1, at, at + splats.count);
-    indices.set(part.indices, at);
+    indices.set(batch.indices, at);
     for (const index of indices.subarray(at, at + splats.count)) state[index] = packet ? RECEIVED : COPIED;
     for (let i = 0; i < splats.count; i++, at++) {
       const [a, b, c] = [0, 1, 2].map((axis) => Math.log(Math.max(splats.scales[3 * i + axis], MIN_SCALE)));
@@ -43,11 +43,11 @@ export function predictedElements(info: SideInfo, plan: Plan, parts: readonly Ga
       logScales[3 * at + 2] = Math.min(a, b, c);
       sizes[at] = Math.exp((a + b + c) / 3);
     }
-    if (packet) blocks[packet.block].push(part);
+    if (packet) blocks[packet.block].push(batch);
   }
   blocks.forEach((received, block) => {
     received.sort((a, b) => a.packet!.indexInBlock - b.packet!.indexInBlock);
-    const near = new Float32Array(received.reduce((sum, part) => sum + 3 * part.splats.count, 0)),
+    const near = new Float32Array(received.reduce((sum, batch) => sum + 3 * batch.splats.count, 0)),
       size = meanSize(info, block);
     let end = 0;
     for (const { splats } of received) {

@@ -1,7 +1,7 @@
 // Interface of scenes with levels.
 
 import type { Camera } from "../../model/camera.ts";
-import type { Part } from "../part.ts";
+import type { ElementBatch } from "../element_batch.ts";
 import type { Splats } from "../splats.ts";
 import type { DrawUnits } from "./draw_units.ts";
 import type { Tiles } from "./tiles.ts";
@@ -22,7 +22,7 @@ export interface Tiling {
   /** Returns the number of received packets of a unit's tile. */
   packetsOf(unit: number): number;
   /** Returns those packets, and the indices of their Gaussians that belong to the unit. */
-  partsOf(unit: number): readonly { readonly part: Part; readonly which: Int32Array }[];
+  batchesOf(unit: number): readonly { readonly batch: ElementBatch; readonly which: Int32Array }[];
   /** Decodes the Gaussians of a unit. */
   splatsOf(unit: number): Splats[];
 }

@@ -45,13 +45,13 @@ export async function readUpdate(file: Uint8Array, pause: Pause): Promise<SceneU
   const decoder = new StreamDecoder(head, { keptBytes: 0 }, true),
     splats: Splats[] = [];
   for (const bytes of packets) {
-    const part = decoder.addPacket(bytes);
-    if (part) splats.push(part.forCamera(ANY_CAMERA).splats);
+    const batch = decoder.addPacket(bytes);
+    if (batch) splats.push(batch.forCamera(ANY_CAMERA).splats);
     await pause();
   }
   if (!decoder.intake.complete) throw new BitstreamError("packets of the update are missing");
   if ((await decoder.digest(pause)) !== head.manifest.symbolsDigest) throw new BitstreamError("the update is damaged");
-  return { ...readFields(decoder.schema.sections.get(SECTION)), header: headerOf(head.sideInfo), splats };
+  return { ...readFields(decoder.elementDecoder.sections.get(SECTION)), header: headerOf(head.sideInfo), splats };
 }
 
 /** Reads the named section of an update. */

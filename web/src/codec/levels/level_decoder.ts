@@ -5,10 +5,10 @@ import type { Camera } from "../../model/camera.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import type { Pause } from "../../scheduler.ts";
-import { GaussianSchema } from "../gaussians/schema.ts";
+import type { Copies, ElementBatch, ViewGaussians } from "../element_batch.ts";
+import type { ElementDecoder } from "../element_decoder.ts";
+import { GaussianDecoder } from "../gaussians/gaussian_decoder.ts";
 import { CONCEALMENT_BYTES } from "../memory.ts";
-import type { Copies, Part, ViewGaussians } from "../part.ts";
-import type { Schema } from "../schema.ts";
 import { emptySplats, type Splats, selectSplats } from "../splats.ts";
 import { assignToChildren, BUDGET, type Cut, cutOf } from "./cut.ts";
 import { DrawUnits } from "./draw_units.ts";
@@ -22,14 +22,14 @@ import type { Tiling } from "./tiling.ts";
 const DRAWABLE_SHARE = 0.75;
 
 /** One packet. It is decoded when drawn and released afterwards. */
-class LevelPart implements Part {
+class LevelBatch implements ElementBatch {
   #splats: Splats | null = null;
   /** Indices of the Gaussians that represent each child tile. */
   #ofChildren: ReadonlyMap<number, Int32Array> | null = null;
 
   constructor(
     readonly packet: Packet,
-    readonly schema: LevelSchema,
+    readonly elementDecoder: LevelDecoder,
   ) {}
 
   get count(): number {
@@ -37,7 +37,7 @@ class LevelPart implements Part {
   }
 
   get indices(): Int32Array {
-    return this.schema.gaussians.plan.members(this.packet);
+    return this.elementDecoder.gaussians.plan.members(this.packet);
   }
 
   /** Returns the indices of the Gaussians that represent a child tile; all if `child` is null. */
@@ -50,7 +50,7 @@ class LevelPart implements Part {
   /** Groups Gaussians by child tile once, because a tile may have thousands of children. */
   #grouped(means: Float32Array): Map<number, Int32Array> {
     const found = new Map<number, number[]>();
-    assignToChildren(this.schema.tiles, this.packet.block, means).forEach((child, n) => {
+    assignToChildren(this.elementDecoder.tiles, this.packet.block, means).forEach((child, n) => {
       const some = found.get(child);
       if (some) some.push(n);
       else found.set(child, [n]);
@@ -59,14 +59,14 @@ class LevelPart implements Part {
   }
 
   decoded(): Splats {
-    return this.schema.gaussians.read(this.packet).splats;
+    return this.elementDecoder.gaussians.read(this.packet).splats;
   }
 
   forCamera(): ViewGaussians {
-    const drawn = this.schema.drawnChildren(this.packet.block);
+    const drawn = this.elementDecoder.drawnChildren(this.packet.block);
     if (!drawn.length) {
       this.#splats = null;
-      return { splats: this.schema.noGaussians, owners: new Int32Array() };
+      return { splats: this.elementDecoder.noGaussians, owners: new Int32Array() };
     }
     const splats = (this.#splats ??= this.decoded()),
       owners = Int32Array.from(drawn.flatMap((child) => [...this.which(child, splats)]));
@@ -74,7 +74,7 @@ class LevelPart implements Part {
   }
 }
 
-export class LevelSchema implements Schema<LevelPart>, Tiling {
+export class LevelDecoder implements ElementDecoder<LevelBatch>, Tiling {
   readonly concealmentBytes = CONCEALMENT_BYTES;
   readonly tiling = this;
   readonly viewDependent = true;
@@ -83,11 +83,11 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
    * Coarser tiles replace lost ones: a tile is drawn once most of it was received. No further concealment is needed.
    */
   readonly concealers = { drop: CONCEALERS.drop };
-  readonly gaussians: GaussianSchema;
+  readonly gaussians: GaussianDecoder;
   readonly tiles: Tiles;
   readonly noGaussians: Splats;
   readonly #receivedPackets: Int32Array;
-  readonly #parts: LevelPart[][];
+  readonly #batches: LevelBatch[][];
   readonly drawUnits: DrawUnits;
   #cut: Cut = { drawn: [], wanted: [] };
   #drawn = new Set<number>();
@@ -96,11 +96,11 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   #cachedTile: { readonly tile: number; readonly splats: readonly Splats[] } | null = null;
 
   constructor(sideInfo: Uint8Array, plan: Plan) {
-    this.gaussians = new GaussianSchema(sideInfo, plan);
+    this.gaussians = new GaussianDecoder(sideInfo, plan);
     this.tiles = readTiles(this.gaussians.info, plan);
     this.drawUnits = new DrawUnits(this.tiles);
     this.#receivedPackets = new Int32Array(this.tiles.count);
-    this.#parts = Array.from({ length: this.tiles.count }, () => []);
+    this.#batches = Array.from({ length: this.tiles.count }, () => []);
     this.noGaussians = emptySplats(0, this.degree);
     this.setCamera(null);
   }
@@ -143,21 +143,21 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   }
 
   packetsOf(unit: number): number {
-    return this.#parts[this.drawUnits.of(unit).tile].length;
+    return this.#batches[this.drawUnits.of(unit).tile].length;
   }
 
-  partsOf(unit: number): { part: LevelPart; which: Int32Array }[] {
+  batchesOf(unit: number): { batch: LevelBatch; which: Int32Array }[] {
     const { tile, child } = this.drawUnits.of(unit);
-    return this.#parts[tile].map((part) => ({ part, which: part.which(child) }));
+    return this.#batches[tile].map((batch) => ({ batch, which: batch.which(child) }));
   }
 
   splatsOf(unit: number): Splats[] {
     const { tile, child } = this.drawUnits.of(unit),
-      parts = this.#parts[tile];
-    if (child === null) return parts.map((part) => part.decoded());
-    const isCached = this.#cachedTile?.tile === tile && this.#cachedTile.splats.length === parts.length;
-    if (!isCached) this.#cachedTile = { tile, splats: parts.map((part) => part.decoded()) };
-    return this.#cachedTile!.splats.map((splats, n) => selectSplats(splats, parts[n].which(child, splats)));
+      batches = this.#batches[tile];
+    if (child === null) return batches.map((batch) => batch.decoded());
+    const isCached = this.#cachedTile?.tile === tile && this.#cachedTile.splats.length === batches.length;
+    if (!isCached) this.#cachedTile = { tile, splats: batches.map((batch) => batch.decoded()) };
+    return this.#cachedTile!.splats.map((splats, n) => selectSplats(splats, batches[n].which(child, splats)));
   }
 
   /** Returns the child tiles that a tile's Gaussians represent. The only entry is null for a finest tile. */
@@ -184,18 +184,18 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     return this.gaussians.bytesOf(packet);
   }
 
-  read(packet: Packet): LevelPart {
-    const part = new LevelPart(packet, this);
+  read(packet: Packet): LevelBatch {
+    const batch = new LevelBatch(packet, this);
     this.#receivedPackets[packet.block]++;
-    this.#parts[packet.block].push(part);
-    return part;
+    this.#batches[packet.block].push(batch);
+    return batch;
   }
 
   digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
     return this.gaussians.digest(blocks, pause);
   }
 
-  copies(): Promise<Copies<LevelPart> | null> {
+  copies(): Promise<Copies<LevelBatch> | null> {
     return Promise.resolve(null);
   }
 

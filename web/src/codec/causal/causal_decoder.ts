@@ -10,9 +10,9 @@ import type { Plan } from "../../packets/plan.ts";
 import { SKETCH } from "../../packets/section_names.ts";
 import type { Pause } from "../../scheduler.ts";
 import { newSha256 } from "../../sha256.ts";
-import { type AnchorData, AnchorPart, selectAnchors } from "../anchor_part.ts";
-import type { Copies } from "../part.ts";
-import type { Schema } from "../schema.ts";
+import { AnchorBatch, type AnchorData, selectAnchors } from "../anchor_batch.ts";
+import type { Copies } from "../element_batch.ts";
+import type { ElementDecoder } from "../element_decoder.ts";
 import { tierLayout } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
 import { AnchorPrediction, type ReceivedAnchors } from "./expected.ts";
@@ -21,7 +21,7 @@ import { type RedundantAnchors, readRedundantAnchors } from "./redundant_copies.
 import { readSideInfo, type SideInfo } from "./side_info.ts";
 
 /** Anchors of a packet with the statistics of their features. */
-class CausalPart extends AnchorPart implements ReceivedAnchors {
+class CausalBatch extends AnchorBatch implements ReceivedAnchors {
   readonly sums: Float64Array;
   readonly squares: Float64Array;
 
@@ -38,7 +38,7 @@ class CausalPart extends AnchorPart implements ReceivedAnchors {
   }
 }
 
-export class CausalSchema implements Schema<CausalPart> {
+export class CausalDecoder implements ElementDecoder<CausalBatch> {
   readonly tiling = null;
   readonly viewDependent = true;
   readonly sequence = null;
@@ -95,9 +95,14 @@ export class CausalSchema implements Schema<CausalPart> {
     return packet.count * this.heads.anchorBytes(this.info.offsets);
   }
 
-  read(packet: Packet): CausalPart {
+  read(packet: Packet): CausalBatch {
     const ranks = this.#ranks(packet);
-    return new CausalPart(packet, ranks, toAnchors(this.#packets.decode(packet.payload, ranks), this.info), this.heads);
+    return new CausalBatch(
+      packet,
+      ranks,
+      toAnchors(this.#packets.decode(packet.payload, ranks), this.info),
+      this.heads,
+    );
   }
 
   /** Digest of positions, masks and numbers as 32-bit integers, anchor by anchor. */
@@ -119,7 +124,7 @@ export class CausalSchema implements Schema<CausalPart> {
     return digest.hex();
   }
 
-  async copies(pause: Pause): Promise<Copies<CausalPart> | null> {
+  async copies(pause: Pause): Promise<Copies<CausalBatch> | null> {
     const { features, offsets } = this.info,
       lengths = await this.#expected.lengths(pause),
       { count } = this.plan.manifest;
@@ -132,18 +137,18 @@ export class CausalSchema implements Schema<CausalPart> {
       lengths,
       positions,
     }));
-    const part = (which: Int32Array): CausalPart =>
-      new CausalPart(
+    const batch = (which: Int32Array): CausalBatch =>
+      new CausalBatch(
         null,
         which.map((n) => sketch.ranks[n]),
         selectAnchors(sketch, which),
         this.heads,
       );
-    return { part: part(sketch.ranks.map((_, n) => n)), select: part };
+    return { batch: batch(sketch.ranks.map((_, n) => n)), select: batch };
   }
 
-  elements(parts: readonly CausalPart[], pause: Pause): Promise<Elements | null> {
-    return this.#expected.elements(parts, pause);
+  elements(batches: readonly CausalBatch[], pause: Pause): Promise<Elements | null> {
+    return this.#expected.elements(batches, pause);
   }
 
   #ranks(packet: Packet): Int32Array {

@@ -11,7 +11,7 @@ export interface ViewGaussians {
 }
 
 /** Elements of one packet, or redundant copies of elements. */
-export interface Part {
+export interface ElementBatch {
   /** The packet; null for redundant copies. */
   readonly packet: Packet | null;
   readonly count: number;
@@ -22,8 +22,8 @@ export interface Part {
 }
 
 /** Redundant copies from the side information, drawn in place of lost elements. */
-export interface Copies<P extends Part = Part> {
-  readonly part: P;
-  /** Returns a selection of the copies for `Schema.elements`. */
+export interface Copies<P extends ElementBatch = ElementBatch> {
+  readonly batch: P;
+  /** Returns a selection of the copies for `ElementDecoder.elements`. */
   select(which: Int32Array): P;
 }

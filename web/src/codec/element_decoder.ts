@@ -5,9 +5,9 @@ import type { Elements } from "../conceal/elements.ts";
 import type { Packet } from "../packets/packet.ts";
 import type { Plan } from "../packets/plan.ts";
 import type { Pause } from "../scheduler.ts";
+import type { Copies, ElementBatch } from "./element_batch.ts";
 import type { Decoded } from "./gaussians/packet.ts";
 import type { Tiling } from "./levels/tiling.ts";
-import type { Copies, Part } from "./part.ts";
 import type { Splats } from "./splats.ts";
 
 /** Frames of a moving scene, as far as their packets were received. */
@@ -53,7 +53,8 @@ export interface DecodedPacket {
   readonly splats: Splats;
 }
 
-export interface Schema<P extends Part = Part> {
+/** Decoder of the elements of one stream. */
+export interface ElementDecoder<P extends ElementBatch = ElementBatch> {
   /** True if the Gaussians depend on the camera. */
   readonly viewDependent: boolean;
   /** Degree of the spherical harmonics. */
@@ -78,7 +79,7 @@ export interface Schema<P extends Part = Part> {
   /** Decodes a packet that fits the plan. Any payload decodes to some elements. */
   read(packet: Packet): P;
   /**
-   * Decodes a packet without changing the schema, so that another thread can do it. Returns null for packets that are
+   * Decodes a packet without changing this object, so that another thread can do it. Returns null for packets that are
    * decoded only for drawing, such as those with motion. Absent if that is true for all packets of the kind of stream.
    */
   decode?(packet: Packet): DecodedPacket | null;
@@ -92,8 +93,8 @@ export interface Schema<P extends Part = Part> {
    */
   copies(pause: Pause): Promise<Copies<P> | null>;
   /**
-   * Returns the properties of all elements: those of the given parts in order, then the lost ones. Resolves to null if
+   * Returns the properties of all elements: those of the given batches in order, then the lost ones. Resolves to null if
    * the result is no longer needed.
    */
-  elements(parts: readonly P[], pause: Pause): Promise<Elements | null>;
+  elements(batches: readonly P[], pause: Pause): Promise<Elements | null>;
 }

@@ -6,20 +6,20 @@ import { sceneFree } from "../../conceal/scene_free.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import type { Pause } from "../../scheduler.ts";
+import type { Copies } from "../element_batch.ts";
+import type { DecodedPacket, ElementDecoder } from "../element_decoder.ts";
 import { allowedMemory, CONCEALMENT_BYTES } from "../memory.ts";
-import type { Copies } from "../part.ts";
-import type { DecodedPacket, Schema } from "../schema.ts";
 import { emptySplats, type Splats, selectSplats, splatBytes, subSplats } from "../splats.ts";
 import { SymbolsDigest, type Verification } from "./digest.ts";
+import { GaussianBatch } from "./gaussian_batch.ts";
 import { FastPackets } from "./native.ts";
 import type { Decoded, GaussianPackets } from "./packet.ts";
-import { GaussianPart } from "./part.ts";
 import { predictedElements } from "./predicted.ts";
 import { type RedundantGaussians, readRedundantGaussians } from "./redundant_copies.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
 import { toSplats } from "./to_splats.ts";
 
-export class GaussianSchema implements Schema<GaussianPart> {
+export class GaussianDecoder implements ElementDecoder<GaussianBatch> {
   readonly concealmentBytes = CONCEALMENT_BYTES;
   readonly tiling = null;
   readonly viewDependent = false;
@@ -74,7 +74,7 @@ export class GaussianSchema implements Schema<GaussianPart> {
     return packet.count * splatBytes(this.degree);
   }
 
-  read(packet: Packet): GaussianPart {
+  read(packet: Packet): GaussianBatch {
     if (this.#keptBytes) return this.accept(packet, this.decode(packet));
     const symbols = this.#decode(packet, true),
       splats = toSplats(symbols, this.info, packet.block, this.#roomFor(packet.count));
@@ -87,9 +87,9 @@ export class GaussianSchema implements Schema<GaussianPart> {
     return { symbols, splats: toSplats(symbols, this.info, packet.block) };
   }
 
-  accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianPart {
+  accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianBatch {
     this.#digest?.add(packet, symbols);
-    return new GaussianPart(packet, splats, () => this.plan.members(packet));
+    return new GaussianBatch(packet, splats, () => this.plan.members(packet));
   }
 
   /** Returns zeros for the Gaussians of the next packet. */
@@ -111,12 +111,12 @@ export class GaussianSchema implements Schema<GaussianPart> {
     return this.#packets.decode(payload, block, count, brief, false);
   }
 
-  copies(): Promise<Copies<GaussianPart>> {
+  copies(): Promise<Copies<GaussianBatch>> {
     const { indices, splats } = this.#readCopies(),
       some = (which: Int32Array): Int32Array => which.map((n) => indices[n]);
     return Promise.resolve({
-      part: new GaussianPart(null, splats, () => indices),
-      select: (which) => new GaussianPart(null, selectSplats(splats, which), () => some(which)),
+      batch: new GaussianBatch(null, splats, () => indices),
+      select: (which) => new GaussianBatch(null, selectSplats(splats, which), () => some(which)),
     });
   }
 
@@ -128,7 +128,7 @@ export class GaussianSchema implements Schema<GaussianPart> {
     ));
   }
 
-  elements(parts: readonly GaussianPart[]): Promise<Elements> {
-    return Promise.resolve(predictedElements(this.info, this.plan, parts));
+  elements(batches: readonly GaussianBatch[]): Promise<Elements> {
+    return Promise.resolve(predictedElements(this.info, this.plan, batches));
   }
 }

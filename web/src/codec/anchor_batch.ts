@@ -1,10 +1,10 @@
-// Anchors of one packet, of any schema. Neural heads derive their Gaussians for each camera.
+// Anchors of one packet, of any codec. Neural heads derive their Gaussians for each camera.
 
 import type { Anchors } from "../model/anchors.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Heads } from "../model/heads.ts";
 import type { Packet } from "../packets/packet.ts";
-import type { Part, ViewGaussians } from "./part.ts";
+import type { ElementBatch, ViewGaussians } from "./element_batch.ts";
 
 /** Anchors and their feature vectors, shape (count, featureDim). */
 export interface AnchorData {
@@ -12,7 +12,7 @@ export interface AnchorData {
   readonly features: Float32Array;
 }
 
-export class AnchorPart implements Part {
+export class AnchorBatch implements ElementBatch {
   readonly anchors: Anchors;
   /** Feature vectors until the first view is requested, then null. `#hidden` replaces them. */
   features: Float32Array | null;
@@ -43,17 +43,17 @@ export class AnchorPart implements Part {
   }
 }
 
-/** Returns all ranks, first those of the given parts in order, then the others. `end` is the number of given ones. */
+/** Returns all ranks, first those of the given batches in order, then the others. `end` is the number of given ones. */
 export function receivedRanksFirst(
-  parts: readonly { readonly ranks: Int32Array }[],
+  batches: readonly { readonly ranks: Int32Array }[],
   count: number,
 ): { ranks: Int32Array; numReceived: number } {
   const known = new Uint8Array(count),
     ranks = new Int32Array(count);
   let end = 0;
-  for (const part of parts) {
-    ranks.set(part.ranks, end);
-    end += part.ranks.length;
+  for (const batch of batches) {
+    ranks.set(batch.ranks, end);
+    end += batch.ranks.length;
   }
   for (const rank of ranks.subarray(0, end)) known[rank] = 1;
   for (let rank = 0, at = end; rank < count; rank++) if (!known[rank]) ranks[at++] = rank;

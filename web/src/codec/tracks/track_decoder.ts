@@ -1,4 +1,4 @@
-// Clips: tracks of Gaussians over groups of frames. This schema decodes keyframe Gaussians; `Sequence` decodes their
+// Clips: tracks of Gaussians over groups of frames. This decoder decodes keyframe Gaussians; `Sequence` decodes their
 // motion.
 
 import type { Elements } from "../../conceal/elements.ts";
@@ -6,14 +6,14 @@ import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import type { Pause } from "../../scheduler.ts";
 import { newSha256 } from "../../sha256.ts";
+import type { Copies } from "../element_batch.ts";
+import type { DecodedPacket, ElementDecoder } from "../element_decoder.ts";
 import { addRows, integers32 } from "../gaussians/digest.ts";
+import { GaussianBatch } from "../gaussians/gaussian_batch.ts";
 import { compressFast, FastPackets } from "../gaussians/native.ts";
 import type { Decoded } from "../gaussians/packet.ts";
-import { GaussianPart } from "../gaussians/part.ts";
 import { toSplats } from "../gaussians/to_splats.ts";
 import { CONCEALMENT_BYTES } from "../memory.ts";
-import type { Copies } from "../part.ts";
-import type { DecodedPacket, Schema } from "../schema.ts";
 import { emptySplats, splatBytes } from "../splats.ts";
 import { TRACK_BYTES } from "./keyframe_gaussians.ts";
 import { decodeMotion } from "./motion.ts";
@@ -39,7 +39,7 @@ function firstsOf({ groups }: SequenceInfo, plan: Plan): FirstOfGroup[] {
   });
 }
 
-export class TrackSchema implements Schema<GaussianPart> {
+export class TrackDecoder implements ElementDecoder<GaussianBatch> {
   readonly concealmentBytes = CONCEALMENT_BYTES;
   readonly tiling = null;
   readonly viewDependent = false;
@@ -86,11 +86,11 @@ export class TrackSchema implements Schema<GaussianPart> {
     return this.plan.isKeyframe(packet.block) ? packet.count * (splatBytes(this.degree) + TRACK_BYTES) : 0;
   }
 
-  read(packet: Packet): GaussianPart {
+  read(packet: Packet): GaussianBatch {
     const decoded = this.decode(packet);
     if (decoded) return this.accept(packet, decoded);
     this.sequence.addMotion(this.plan.gopOf(packet.block), packet);
-    return new GaussianPart(packet, emptySplats(0, this.degree), () => new Int32Array());
+    return new GaussianBatch(packet, emptySplats(0, this.degree), () => new Int32Array());
   }
 
   /** Decodes a packet of keyframe Gaussians. Motion is decoded when it is drawn, because it needs them. */
@@ -114,14 +114,14 @@ export class TrackSchema implements Schema<GaussianPart> {
     return this.#keyframePackets.decode(payload, keyframeBlock - firstBlock, count);
   }
 
-  accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianPart {
+  accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianBatch {
     const group = this.plan.gopOf(packet.block),
       { planBlock, firstTrack } = this.#firsts[group],
       block = packet.block - planBlock,
       first = firstTrack + block * (block ? this.plan.blockCount(planBlock) : 0) + packet.indexInBlock;
     this.sequence.addKeyframes(group, first, symbols.rows, this.#keyframeBlock(packet.block), splats);
     this.sequence.numBytes += packet.payload.length;
-    return new GaussianPart(packet, splats, () => this.plan.members(packet));
+    return new GaussianBatch(packet, splats, () => this.plan.members(packet));
   }
 
   /** Digest of the integers of keyframe Gaussians and of motion, block by block. */
@@ -151,7 +151,7 @@ export class TrackSchema implements Schema<GaussianPart> {
     return decodeMotion(packet.payload, models, packet.count, this.sequence.framesOf(group), groups[group].firstNew);
   }
 
-  copies(): Promise<Copies<GaussianPart> | null> {
+  copies(): Promise<Copies<GaussianBatch> | null> {
     return Promise.resolve(null);
   }
 

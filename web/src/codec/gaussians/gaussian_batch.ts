@@ -1,10 +1,10 @@
 // Decoded packet of explicit Gaussians.
 
 import type { Packet } from "../../packets/packet.ts";
-import type { Part, ViewGaussians } from "../part.ts";
+import type { ElementBatch, ViewGaussians } from "../element_batch.ts";
 import type { Splats } from "../splats.ts";
 
-export class GaussianPart implements Part {
+export class GaussianBatch implements ElementBatch {
   constructor(
     readonly packet: Packet | null,
     readonly splats: Splats,
