@@ -1,7 +1,13 @@
 // JIT warm-up: decodes random bytes before the first packet arrives, so that the engine has compiled the decoder by
 // then.
 
-import { NUM_CONTEXTS, NUM_DEVIATION_CONTEXTS, NUM_SECOND_CONTEXTS, STEPS, STREAMS } from "./codec/gaussians/layout.ts";
+import {
+  NUM_CONTEXTS,
+  NUM_DEVIATION_CONTEXTS,
+  NUM_MAGNITUDE_CONTEXTS,
+  STEPS,
+  STREAMS,
+} from "./codec/gaussians/layout.ts";
 import { FastPackets } from "./codec/gaussians/native.ts";
 import type { SideInfo } from "./codec/gaussians/side_info.ts";
 import { toSplats } from "./codec/gaussians/to_splats.ts";
@@ -35,7 +41,10 @@ const INFO: SideInfo = {
   },
   defaults: new Int32Array(7),
   models: new Int32Array(2 * NUM_CONTEXTS).fill(32768),
-  scales: Int32Array.from({ length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_SECOND_CONTEXTS }, (_, n) => 4 * (n % 16)),
+  scales: Int32Array.from(
+    { length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS },
+    (_, n) => 4 * (n % 16),
+  ),
 };
 
 /** Decodes random bytes until `wanted` returns false or the code is compiled. */

@@ -3,7 +3,7 @@
 import {
   NUM_CONTEXTS,
   NUM_DEVIATION_CONTEXTS,
-  NUM_SECOND_CONTEXTS,
+  NUM_MAGNITUDE_CONTEXTS,
   STEPS,
   STREAMS,
 } from "../src/codec/gaussians/layout.ts";
@@ -41,7 +41,7 @@ export function anySideInfo(random: (below: number) => number): SideInfo {
     defaults: Int32Array.from({ length: 7 }, () => (random(1025) - 512) * 256),
     models: Int32Array.from({ length: 2 * NUM_CONTEXTS }, () => 256 * (1 + random(255))),
     scales: Int32Array.from(
-      { length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_SECOND_CONTEXTS },
+      { length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS },
       () => 4 * random(random(2) ? 80 : 30),
     ),
   };

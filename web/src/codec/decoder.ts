@@ -182,7 +182,8 @@ export class StreamDecoder {
   }
 
   /**
-   * Checks a packet, like `addPacket`, and returns it. The caller has it decoded and passes it to `elementDecoder.accept`.
+   * Checks a packet, like `addPacket`, and returns it. The caller has it decoded and passes it to
+   * `elementDecoder.accept`.
    */
   admit(bytes: Uint8Array): Packet | null {
     const packet = this.intake.offer(bytes);

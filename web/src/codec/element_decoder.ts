@@ -93,8 +93,8 @@ export interface ElementDecoder<P extends ElementBatch = ElementBatch> {
    */
   copies(pause: Pause): Promise<Copies<P> | null>;
   /**
-   * Returns the properties of all elements: those of the given batches in order, then the lost ones. Resolves to null if
-   * the result is no longer needed.
+   * Returns the properties of all elements: those of the given batches in order, then the lost ones. Resolves to null
+   * if the result is no longer needed.
    */
   elements(batches: readonly P[], pause: Pause): Promise<Elements | null>;
 }

@@ -123,7 +123,7 @@ function readPacketization(fields: Json | undefined): Packetization {
     blockSize: integer(fields, "block_size", 1, hashed ? limits.MAX_HASHED_BLOCK : limits.MAX_BLOCK_SIZE),
     lanes: integer(fields, "lanes", 1, hashed ? 1 : limits.MAX_LANES),
     seed: [Number(seed & 0xffffffffn), Number((seed >> 32n) & 0xffffffffn)],
-    order: choice(fields, "order", limits.ORDERS),
+    order: choice(fields, "order", limits.CODING_ORDERS),
     grouping,
     packaging,
     packetBytes: hashed

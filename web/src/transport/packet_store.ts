@@ -1,5 +1,5 @@
-// Received packets of a stream by block and index in it, with their positions in each source. Sources may have different
-// orders. Only missing packets are requested.
+// Received packets of a stream by block and index in it, with their positions in each source. Sources may have
+// different orders. Only missing packets are requested.
 
 import type { Head } from "../packets/container.ts";
 import { identityOf, readPacket } from "../packets/packet.ts";

@@ -23,7 +23,7 @@ import {
   MIN_OPACITY,
   NARROW_WEIGHT,
   NUM_DEVIATION_CONTEXTS,
-  NUM_SECOND_CONTEXTS,
+  NUM_MAGNITUDE_CONTEXTS,
   ONE,
   OPACITY,
   POSITION,
@@ -236,8 +236,8 @@ export class PacketDecoder implements GaussianPackets {
    */
   #decodeResidual(stream: number, spread: number, shift: number, mean: number): number {
     const magnitude = this.#residualMagnitude,
-      second = stream < 2 ? shift : Math.min(32 - Math.clz32(magnitude), NUM_SECOND_CONTEXTS - 1),
-      context = (stream * NUM_DEVIATION_CONTEXTS + spread) * NUM_SECOND_CONTEXTS + second;
+      magnitudeContext = stream < 2 ? shift : Math.min(32 - Math.clz32(magnitude), NUM_MAGNITUDE_CONTEXTS - 1),
+      context = (stream * NUM_DEVIATION_CONTEXTS + spread) * NUM_MAGNITUDE_CONTEXTS + magnitudeContext;
     const mixture = this.#mixtures[MEANS * context + mean + 4] ?? this.#mixtureOf(context, mean);
     const q = clip(mixture.decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
     this.#residualMagnitude = (magnitude + 16 * Math.min(Math.abs(q), 1 << 14)) >> 1;

@@ -14,8 +14,8 @@ const MIN_SCALE = 1e-9,
 const R_SEQUENCE = [0.8191725134, 0.6710436067, 0.5497004779];
 
 /**
- * Returns the properties of all Gaussians: those of the batches, then the lost ones. Redundant copies are the last batch.
- * Lost ones get the mean size of their block and the positions of its received Gaussians.
+ * Returns the properties of all Gaussians: those of the batches, then the lost ones. Redundant copies are the last
+ * batch. Lost ones get the mean size of their block and the positions of its received Gaussians.
  */
 export function predictedElements(info: SideInfo, plan: Plan, batches: readonly GaussianBatch[]): Elements {
   const { count } = plan.manifest,

@@ -13,7 +13,7 @@ import {
   MAX_LATTICE_BITS,
   NUM_CONTEXTS,
   NUM_DEVIATION_CONTEXTS,
-  NUM_SECOND_CONTEXTS,
+  NUM_MAGNITUDE_CONTEXTS,
   SCALE_UNIT,
   STEP_BITS,
   STEPS,
@@ -147,8 +147,8 @@ function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models
   );
   const coder = new RangeDecoder(reader.blob()),
     evenModel = new Int32Array(4).fill(32768);
-  const changed = Uint8Array.from({ length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_SECOND_CONTEXTS }, (_, i) =>
-    coder.bit(evenModel, i % NUM_SECOND_CONTEXTS ? 0 : 1),
+  const changed = Uint8Array.from({ length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS }, (_, i) =>
+    coder.bit(evenModel, i % NUM_MAGNITUDE_CONTEXTS ? 0 : 1),
   );
   const steps = readIntegers(
     reader,
@@ -158,7 +158,7 @@ function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models
   let next = 0,
     sum = 0;
   const scales = Int32Array.from(changed, (bit, i) => {
-    if (i % NUM_SECOND_CONTEXTS === 0) sum = 0;
+    if (i % NUM_MAGNITUDE_CONTEXTS === 0) sum = 0;
     if (bit) sum += steps[next++];
     return clip(sum, 0, NUM_SCALES / SCALE_UNIT - 1) * SCALE_UNIT;
   });

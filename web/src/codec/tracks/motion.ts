@@ -13,18 +13,18 @@ import {
   C_OCTAVE,
   C_ZERO,
   CANDIDATE_BITS,
+  DEGREE_CONTEXTS,
   ENDS,
   HEAD,
   KIND_OF,
-  LEVELS,
-  MAGNITUDES,
   MAX_CANDIDATES,
   MAX_OCTAVE,
   MAX_QUANTISED,
   MOVING,
+  NEIGHBOUR_CONTEXTS,
   NUM_CHANNELS,
   NUM_KINDS,
-  ORDERS,
+  OCTAVE_CONTEXTS,
   STATE,
   TRACK,
   TRACK_BITS,
@@ -124,7 +124,7 @@ function readTrack(
     for (let k = 0; k < orders[kind]; k++) {
       let near = Math.max(own, largest);
       if (!first) near = Math.max(near, 2 * Math.abs(residuals[at - frames + k]));
-      const level = Math.min(near < 2 ** 31 ? 32 - Math.clz32(near) : LEVELS, LEVELS - 1),
+      const level = Math.min(near < 2 ** 31 ? 32 - Math.clz32(near) : NEIGHBOUR_CONTEXTS, NEIGHBOUR_CONTEXTS - 1),
         value = readCoefficient(coder, models, kind, k, level);
       residuals[at + k] = value;
       own = k === 0 && first ? Math.abs(value) : Math.max(own, Math.abs(value));
@@ -134,10 +134,16 @@ function readTrack(
 }
 
 function readCoefficient(coder: RangeDecoder, models: Int32Array, kind: number, order: number, level: number): number {
-  if (!coder.bit(models, C_ZERO + (kind * ORDERS + Math.min(order, ORDERS - 1)) * LEVELS + level)) return 0;
-  const base = C_OCTAVE + (kind * LEVELS + level) * MAGNITUDES;
+  if (
+    !coder.bit(
+      models,
+      C_ZERO + (kind * DEGREE_CONTEXTS + Math.min(order, DEGREE_CONTEXTS - 1)) * NEIGHBOUR_CONTEXTS + level,
+    )
+  )
+    return 0;
+  const base = C_OCTAVE + (kind * NEIGHBOUR_CONTEXTS + level) * OCTAVE_CONTEXTS;
   let octave = 0;
-  while (octave < MAX_OCTAVE && coder.bit(models, base + Math.min(octave, MAGNITUDES - 1))) octave++;
+  while (octave < MAX_OCTAVE && coder.bit(models, base + Math.min(octave, OCTAVE_CONTEXTS - 1))) octave++;
   const magnitude = Math.min(2 ** octave + coder.raw(octave), MAX_QUANTISED);
   return coder.raw(1) ? -magnitude : magnitude;
 }
