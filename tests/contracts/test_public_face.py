@@ -13,6 +13,7 @@ import pytest
 import splatwire
 from splatwire.codec import ProgressiveDecoder
 from splatwire.transport import Welcomed
+from splatwire.types import LossMask
 
 PUBLIC: list[str] = vars(splatwire)["__all__"]
 
@@ -35,7 +36,13 @@ def test_unknown_names_are_attribute_errors():
 
 @pytest.mark.parametrize(
     ("package", "old", "new"),
-    [("splatwire", "Partial", "ReceivedScene"), ("splatwire.sequence", "encode_clip", "encode_sequence")],
+    [
+        ("splatwire", "Partial", "ReceivedScene"),
+        ("splatwire.sequence", "encode_clip", "encode_sequence"),
+        ("splatwire.codec", "add_concealment", "with_section"),
+        ("splatwire.codec", "without_concealment", "without_section"),
+        ("splatwire.types", "ExpectedPlaces", "PredictedPositions"),
+    ],
 )
 def test_deprecated_names_warn_and_give_the_new_object(package, old, new):
     module = importlib.import_module(package)
@@ -65,6 +72,15 @@ def test_deprecated_masks_warn_and_give_the_new_value():
     for owner in (received, received.loss_mask):
         with pytest.warns(DeprecationWarning, match="use fully_received"):
             assert np.array_equal(owner.known, owner.fully_received)
+
+
+def test_deprecated_mask_of_anchors_and_range_of_gaussians_warn_and_give_the_new_result():
+    stream, _ = splatwire.read_stream(Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz")
+    with pytest.warns(DeprecationWarning, match="use of_elements"):
+        assert LossMask.of_anchors(np.arange(3) > 0).num_lost == 1
+    splats = splatwire.decode(stream).scene.splats
+    with pytest.warns(DeprecationWarning, match="use slice_range"):
+        assert np.array_equal(splats.run(2, 5).means, splats.means[2:5])
 
 
 def test_deprecated_size_of_an_init_segment_warns_and_gives_the_new_value():
