@@ -244,7 +244,7 @@ class Pool:
             "order": "morton", "images": images, "references": images, "masks": np.ones((1, 16, 16), np.bool_),
             "mse": np.ones(3), "source": "photos", "load": images.__getitem__,
             "ReferenceViews.load": images.__getitem__,
-            "dataset": Dataset(self.cameras, (self.photo,)), "ranks": None,
+            "dataset": Dataset(self.cameras, (self.photo,)), "indices": None,
             "positions": splats.means, "colors": splats.means, "SparsePoints.positions": splats.means,
             "image_paths": (self.photo,), "load_photo.path": self.photo,
             "open_dataset.path": self.photo.parent, "read_splatv.path": self.moving,

@@ -65,7 +65,7 @@ def prepare_splats(
             "a packet has all attributes of its Gaussians, in Morton order: no separated packaging, no raster order"
         )
     if options.network_tolerance is not None:
-        raise InvalidValueError("explicit Gaussians have no networks whose errors could be tolerated")
+        raise InvalidValueError("network_tolerance is for anchors: explicit Gaussians have no networks")
     coding = scene.coding if options.quality is None and options.classes is None else None
     shapes = count_tiers(options.tiers, packetization) if options.tiers is not None else ()
     plan = PacketPlan(packetization, splats.num_gaussians, shapes)
