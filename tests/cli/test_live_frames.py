@@ -220,7 +220,7 @@ def test_changing_file_that_is_no_frame_is_ignored_after_one_warning(tmp_path, m
     sign = frame_sources.signature_of
 
     def signed(path, status):
-        looks.extend([world.now] if path == other else [])
+        looks.extend([world.now] if Path(path) == other else [])
         return sign(path, status)
 
     monkeypatch.setattr(frame_sources, "signature_of", signed)
@@ -270,6 +270,44 @@ def test_repeated_file_name_is_a_new_frame(tmp_path, how):
 
     world.at(0.5, again)
     assert world.run() == [100, 150]
+
+
+def test_file_that_was_missing_when_it_was_read_is_returned_once_it_is_there(tmp_path):
+    source = FolderSource(tmp_path, print, wall=lambda: 0.0)
+    path = tmp_path / "frame_0.ply"
+    path.write_bytes(b"x")
+    assert [source.poll(now) for now in (0.0, 1.0)] == [[], [path]]
+    path.unlink()
+    source.mark_read(path, frame_sources.signature_at(path))
+    path.write_bytes(b"x")  # before the folder is listed again
+    assert [source.poll(now) for now in (2.0, 3.0, 4.0)] == [[], [path], []]
+
+
+def test_many_earlier_files_are_checked_rarely_and_new_files_at_once(tmp_path, monkeypatch):
+    count = 5000
+    earlier = [tmp_path / f"frame_{number}.ply" for number in range(count)]
+    for path in earlier:
+        path.write_bytes(b"x")
+    real, checked = frame_sources.signature_of, list[str]()
+
+    def counted(path, status):
+        checked.append(str(path))
+        return real(path, status)
+
+    monkeypatch.setattr(frame_sources, "signature_of", counted)
+    source = FolderSource(tmp_path, print, wall=lambda: 0.0)
+    source.poll(0.0)
+    assert source.poll(0.5) == earlier
+    for path in earlier:
+        source.mark_read(path, frame_sources.signature_at(path))
+    checked.clear()
+    new = tmp_path / "frame_5000.ply"
+    new.write_bytes(b"x")
+    earlier[7].write_bytes(b"changed")
+    found = [(now, path) for now in (1 + step * POLL_INTERVAL_S for step in range(50)) for path in source.poll(now)]
+    assert sorted(path for _, path in found) == sorted([new, earlier[7]])
+    assert min(now for now, path in found if path == new) < 1.05
+    assert len(checked) < 7 * count
 
 
 def test_unencodable_group_is_dropped_and_the_next_starts_a_new_period(tmp_path):

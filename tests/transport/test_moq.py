@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import os
 import random
+import socket
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -22,7 +23,8 @@ from splatwire.transport import ReceiverLimits, ReceiverOptions
 from splatwire.transport.address import Address
 from splatwire.types import SplatScene
 
-pytest.importorskip("moq", reason="the package moq-rs is not installed")
+moq = pytest.importorskip("moq", reason="the package moq-rs is not installed")
+import splatwire.transport.moq.publisher as moq_publisher
 import splatwire.transport.moq.receiver as moq_receiver
 from splatwire.transport.moq.publisher import INIT_TRACK, RelayTrust, parts_of, publish, tiles_of
 from splatwire.transport.moq.receiver import RelayReceiver, receive_relayed
@@ -39,14 +41,15 @@ LEVELS = encode_levels(SplatScene(some_splats(3000)), Packetization(block_size=6
 
 @contextlib.asynccontextmanager
 async def published(stream: SceneStream, address: Address) -> AsyncIterator[None]:
-    stop, ready = asyncio.Event(), asyncio.Event()
-    task = asyncio.ensure_future(publish(address, stream, TRUST, stop, ready.set))
+    stop, ready, warnings = asyncio.Event(), asyncio.Event(), list[str]()
+    task = asyncio.ensure_future(publish(address, stream, TRUST, stop, ready.set, warnings.append))
     try:
         await asyncio.wait((task, asyncio.ensure_future(ready.wait())), return_when=asyncio.FIRST_COMPLETED)
         yield
     finally:
         stop.set()
         await task
+        assert warnings == []
 
 
 def run(work: Any) -> None:
@@ -261,3 +264,73 @@ def test_unreturning_relay_ends_the_transfer_with_the_received_packets(monkeypat
 def test_unreachable_relay_is_an_error_at_once(monkeypatch):
     with pytest.raises(InvalidValueError, match="no session"):
         relayed(monkeypatch, [None], QUICK)
+
+
+def publish_over(monkeypatch, sessions: list[str | None]) -> list[str]:
+    """Publishes over several sessions in turn; returns what is reported.
+
+    Args:
+        monkeypatch: The fixture.
+        sessions: Reason of the end of each session; empty for an orderly end, None if the session cannot be opened.
+            Publishing ends when the list is exhausted.
+    """
+    reported, left, stop = list[str](), list(sessions), asyncio.Event()
+
+    class Session:
+        def __init__(self, reason: str) -> None:
+            self.session, self._reason = self, reason
+
+        async def closed(self) -> None:
+            if self._reason:
+                raise moq.Error(self._reason)
+
+    @contextlib.asynccontextmanager
+    async def session(address: Address, trust: RelayTrust, *, origin: Any) -> AsyncIterator[Any]:
+        if not left:
+            stop.set()
+            await asyncio.sleep(1000)
+        reason = left.pop(0)
+        if reason is None:
+            raise InvalidValueError("no session with the relay")
+        reported.append("opened")
+        yield Session(reason), "levels"
+
+    monkeypatch.setattr(moq_publisher, "session", session)
+    monkeypatch.setattr(moq_publisher, "MIN_PAUSE_S", 0.0)
+    address = Address("127.0.0.1", 1, "levels", "moq")
+    work = publish(address, LEVELS, TRUST, stop, lambda: reported.append("ready"), reported.append)
+    assert asyncio.run(asyncio.wait_for(work, 60)) == (0, 0)
+    return reported
+
+
+def test_publisher_opens_a_new_session_until_the_relay_is_back(monkeypatch):
+    reported = publish_over(monkeypatch, ["timed out", None, None, None, "", "reset"])
+    warning = "the session with the relay ended (timed out); connecting again"
+    assert reported == ["opened", "ready", warning, "opened", "opened"]
+
+
+def test_each_interruption_of_a_lasting_session_gives_a_warning(monkeypatch):
+    monkeypatch.setattr(moq_publisher, "STABLE_S", 0.0)
+    reported = publish_over(monkeypatch, ["timed out", None, ""])
+    assert [text.partition("(")[2] for text in reported if "(" in text] == [
+        "timed out); connecting again",
+        "it was closed); connecting again",
+    ]
+
+
+def test_publisher_fails_if_its_first_session_cannot_be_opened(monkeypatch):
+    with pytest.raises(InvalidValueError, match="no session"):
+        publish_over(monkeypatch, [None])
+
+
+def test_silent_relay_is_named_as_the_reason(monkeypatch):
+    monkeypatch.setattr(moq_publisher, "CONNECT_TIMEOUT_S", 0.1)
+
+    async def work() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+            silent.bind(("127.0.0.1", 0))
+            address = Address("127.0.0.1", silent.getsockname()[1], "levels", "moq")
+            with pytest.raises(InvalidValueError, match=": no answer$"):
+                await publish(address, LEVELS, TRUST, asyncio.Event(), lambda: None, lambda text: None)
+
+    run(work)

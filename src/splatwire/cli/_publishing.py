@@ -8,6 +8,7 @@ from splatwire.cli._listening import stop_on_signals
 from splatwire.cli._options import TrustOptions
 from splatwire.cli._output import print_json
 from splatwire.cli._receiving import relay_trust
+from splatwire.cli._terminal import one_line
 from splatwire.errors import InvalidValueError
 from splatwire.transport.address import parse_url
 from splatwire.transport.moq.publisher import need_moq, publish
@@ -39,6 +40,9 @@ async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: boo
             print(f"publishing at moq://{address.host}:{address.port}/{address.name} (Ctrl-C ends it)")
         sys.stdout.flush()
 
+    def warn(text: str) -> None:
+        print(f"splatwire: warning: {one_line(text)}", file=sys.stderr, flush=True)
+
     with stop_on_signals() as stop:
-        asked = await publish(address, stream, relay_trust(trust), stop, ready)
+        asked = await publish(address, stream, relay_trust(trust), stop, ready, warn)
     print(f"the relay asked for {asked.tracks:,} tracks, {asked.num_bytes:,} bytes", file=sys.stderr)

@@ -27,6 +27,12 @@ MAX_CACHE_AGE_US = 3600 * 1_000_000
 INIT_TRACK_PRIORITY = 255
 """Priority of the track with manifest and side information; the tracks of packets have lower priorities, descending."""
 CONNECT_TIMEOUT_S = 10.0
+MIN_PAUSE_S, MAX_PAUSE_S = 1.0, 15.0
+"""Minimum and maximum pause before a publisher opens a new session after an interruption, seconds. The pause doubles
+until a session has lasted `STABLE_S`.
+"""
+STABLE_S = 10.0
+"""Duration from which a session ends an interruption, seconds. An interruption gives one warning."""
 NO_SUCH_TRACK = 404
 
 
@@ -35,7 +41,7 @@ class Published(NamedTuple):
 
     Attributes:
         tracks: Number of MoQ tracks that the relay subscribed to. A MoQ track is a named sequence of data blocks.
-        num_bytes: Number of bytes sent to the relay, including QUIC headers.
+        num_bytes: Size of the content of these tracks, bytes.
     """
 
     tracks: int
@@ -70,14 +76,13 @@ def need_moq() -> Any:
 
 
 @contextlib.asynccontextmanager
-async def session(address: Address, trust: RelayTrust, **client_options: Any) -> AsyncIterator[Any]:
+async def session(address: Address, trust: RelayTrust, *, origin: Any = None) -> AsyncIterator[Any]:
     """Context manager that opens a session with a relay; yields the MoQ client and the scene's name at the relay.
 
     Args:
         address: Address of the relay; the last part of `address.name` is the scene's name.
         trust: Accepted certificates of the relay.
-        **client_options: Further arguments of `moq.Client`, such as `publish` with the broadcasts to publish. With any
-            of them, the client reconnects after an interruption.
+        origin: Broadcasts to publish (`moq.OriginProducer`); None to publish nothing.
 
     Raises:
         InvalidValueError: If no session can be opened.
@@ -87,18 +92,25 @@ async def session(address: Address, trust: RelayTrust, **client_options: Any) ->
     host = f"[{address.host}]" if ":" in address.host else address.host
     client = moq.Client(
         f"https://{host}:{address.port}/{namespace}", tls_verify=not trust.insecure, websocket_enabled=False,
-        tls_fingerprints=[trust.fingerprint] if trust.fingerprint else None, reconnect=bool(client_options),
-        tls_roots=[str(trust.authority)] if trust.authority else None, **client_options,
+        tls_fingerprints=[trust.fingerprint] if trust.fingerprint else None, reconnect=False,
+        tls_roots=[str(trust.authority)] if trust.authority else None, publish=origin,
     )  # fmt: skip
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
             await client.__aenter__()
     except (moq.Error, TimeoutError) as error:
-        raise InvalidValueError(f"no session with the relay {host}:{address.port}: {error or 'no answer'}") from error
+        raise InvalidValueError(
+            f"no session with the relay {host}:{address.port}: {_text(error) or 'no answer'}"
+        ) from error
     try:
         yield client, name
     finally:
         await client.__aexit__(None, None, None)
+
+
+def _text(error: Exception) -> str:
+    """Returns the text of an error, without the quotes that moq-rs puts around it."""
+    return str(error).strip("'")
 
 
 def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
@@ -123,9 +135,12 @@ def tiles_of(manifest: Manifest, side_info: bytes) -> Tiles | None:
 
 
 async def publish(
-    address: Address, stream: SceneStream, trust: RelayTrust, stop: asyncio.Event, ready: Callable[[], Any]
-) -> Published:
+    address: Address, stream: SceneStream, trust: RelayTrust, stop: asyncio.Event, ready: Callable[[], Any],
+    warn: Callable[[str], Any],
+) -> Published:  # fmt: skip
     """Publishes a stream at a relay until the event `stop` is set.
+
+    After an interruption of the session with the relay, a new session is opened.
 
     Args:
         address: Address of the relay; the last part of `address.name` is the scene's name.
@@ -133,9 +148,10 @@ async def publish(
         trust: Accepted certificates of the relay.
         stop: Event that ends publishing.
         ready: Called when the scene has been announced at the relay.
+        warn: Called with the text of a warning, once per interruption.
 
     Raises:
-        InvalidValueError: If no session can be opened.
+        InvalidValueError: If the first session cannot be opened.
     """
     # Objects on reliable streams: relays do not cache datagrams for clients that connect later.
     moq = need_moq()
@@ -143,34 +159,83 @@ async def publish(
     parts = parts_of(stream.manifest, tiles_of(stream.manifest, stream.side_info))
     head = init_segment(stream.manifest, stream.side_info)
     published: dict[str, Any] = {}
+    num_bytes = 0
     origin = moq.OriginProducer()
-    async with session(address, trust, publish=origin) as (client, scene):
-        broadcast = origin.create_broadcast(scene)
-        requests = broadcast.dynamic()
+    broadcast = origin.create_broadcast(address.name.rpartition("/")[2])
+    requests = broadcast.dynamic()
 
-        async def answer() -> None:
-            async for request in _requests(requests):
-                name = request.name
-                frames = _frames_of(name, head, parts, packets)
-                if frames is None:
-                    request.abort(NO_SUCH_TRACK)
-                    continue
-                track = request.accept(moq.TrackInfo(max_age_us=MAX_CACHE_AGE_US))
-                group = track.append_group()
-                for frame in frames:
-                    group.write_frame(frame)
-                group.finish()
-                published[name] = track  # a track ends when its last reference is dropped
+    async def answer() -> None:
+        nonlocal num_bytes
+        async for request in _requests(requests):
+            name = request.name
+            frames = _frames_of(name, head, parts, packets)
+            if frames is None:
+                request.abort(NO_SUCH_TRACK)
+                continue
+            track = request.accept(moq.TrackInfo(max_age_us=MAX_CACHE_AGE_US))
+            group = track.append_group()
+            for frame in frames:
+                group.write_frame(frame)
+            group.finish()
+            num_bytes += sum(map(len, frames))
+            published[name] = track  # a track ends when its last reference is dropped
 
-        broadcast.announce()
-        ready()
-        work, stopped = asyncio.ensure_future(answer()), asyncio.ensure_future(stop.wait())
-        await asyncio.wait((work, stopped), return_when=asyncio.FIRST_COMPLETED)
-        for task in (work, stopped):
+    broadcast.announce()
+    connection = _keep_session(address, trust, origin, ready, warn)
+    tasks = [asyncio.ensure_future(work) for work in (answer(), connection, stop.wait())]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
             task.cancel()
-        if work.done() and not work.cancelled():
-            work.result()
-        return Published(len(published), client.session.stats().bytes_sent or 0)
+        results = await asyncio.gather(*tasks, return_exceptions=True)
+    for result in results:
+        if isinstance(result, Exception):
+            raise result
+    return Published(len(published), num_bytes)
+
+
+async def _keep_session(
+    address: Address, trust: RelayTrust, origin: Any, ready: Callable[[], Any], warn: Callable[[str], Any]
+) -> None:
+    """Keeps a session with a relay open until it is cancelled: opens a new session whenever one has ended.
+
+    Args:
+        address: Address of the relay.
+        trust: Accepted certificates of the relay.
+        origin: Broadcasts to publish.
+        ready: Called when the first session is open.
+        warn: Called with the text of a warning, once per interruption.
+
+    Raises:
+        InvalidValueError: If the first session cannot be opened.
+    """
+    # Not left to the client of moq-rs: it stops to reconnect after ten seconds, and hides the reason of a failure.
+    moq, loop = need_moq(), asyncio.get_running_loop()
+    ready_called = warned = False
+    pause = MIN_PAUSE_S
+    while True:
+        opened_at, reason = None, "it was closed"
+        try:
+            async with session(address, trust, origin=origin) as (client, _):
+                opened_at = loop.time()
+                if not ready_called:
+                    ready_called = True
+                    ready()
+                await client.session.closed()
+        except moq.Error as error:
+            reason = _text(error) or reason
+        except InvalidValueError as error:
+            if not ready_called:
+                raise
+            reason = str(error)
+        if opened_at is not None and loop.time() - opened_at >= STABLE_S:
+            pause, warned = MIN_PAUSE_S, False
+        if not warned:
+            warned = True
+            warn(f"the session with the relay ended ({reason}); connecting again")
+        await asyncio.sleep(pause)
+        pause = min(2 * pause, MAX_PAUSE_S)
 
 
 async def _requests(requests: Any) -> AsyncIterator[Any]:
