@@ -23,10 +23,10 @@ from splatwire.transport import ReceiverLimits, ReceiverOptions
 from splatwire.transport.address import Address
 from splatwire.types import SplatScene
 
-moq = pytest.importorskip("moq", reason="the package moq-rs is not installed")
+pytest.importorskip("moq", reason="the package moq-rs is not installed")
 import splatwire.transport.moq.publisher as moq_publisher
 import splatwire.transport.moq.receiver as moq_receiver
-from splatwire.transport.moq.publisher import INIT_TRACK, RelayTrust, parts_of, publish, tiles_of
+from splatwire.transport.moq.publisher import INIT_TRACK, RelayTrust, need_moq, parts_of, publish, tiles_of
 from splatwire.transport.moq.receiver import RelayReceiver, receive_relayed
 from splatwire.transport.protocol.events import Interrupted, Resumed
 from splatwire.transport.protocol.layout import init_segment
@@ -282,7 +282,7 @@ def publish_over(monkeypatch, sessions: list[str | None]) -> list[str]:
 
         async def closed(self) -> None:
             if self._reason:
-                raise moq.Error(self._reason)
+                raise need_moq().Error(self._reason)
 
     @contextlib.asynccontextmanager
     async def session(address: Address, trust: RelayTrust, *, origin: Any) -> AsyncIterator[Any]:
@@ -330,7 +330,7 @@ def test_silent_relay_is_named_as_the_reason(monkeypatch):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
             silent.bind(("127.0.0.1", 0))
             address = Address("127.0.0.1", silent.getsockname()[1], "levels", "moq")
-            with pytest.raises(InvalidValueError, match=": no answer$"):
+            with pytest.raises(InvalidValueError, match=r": no answer$"):
                 await publish(address, LEVELS, TRUST, asyncio.Event(), lambda: None, lambda text: None)
 
     run(work)
