@@ -42,7 +42,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _warn_of_missing_entries(path: Path, count: int) -> None:
-    """Logs a warning if the number of entries in a text file differs from its header, as in a truncated file.
+    """Logs a warning if the number of entries in a text file differs from the number in its header.
 
     Args:
         path: The file.

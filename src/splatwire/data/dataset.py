@@ -403,7 +403,7 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:
-    """Returns the files of a folder by name. The names have no suffix.
+    """Returns the paths of the files in a folder, by file name without suffix.
 
     Each file is listed twice: under its exact name, and under its name in lower case.
     """

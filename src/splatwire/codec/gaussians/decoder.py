@@ -51,7 +51,7 @@ class GaussianDecoder:
     Args:
         manifest: The stream's manifest.
         side_info: The stream's side information, serialised.
-        num_bytes: Not used; other decoders derive memory limits from it.
+        num_bytes: Number of received bytes of the stream; not used, but all decoders have this parameter.
 
     Raises:
         MissingSideInfoError: If the side information is empty.

@@ -26,7 +26,7 @@ class LevelsDecoder(GaussianDecoder):
     Args:
         manifest: The stream's manifest.
         side_info: The stream's side information, serialised.
-        num_bytes: Not used; other decoders derive memory limits from it.
+        num_bytes: Number of received bytes of the stream; not used, but all decoders have this parameter.
 
     Raises:
         MissingSideInfoError: If the stream has no side information.

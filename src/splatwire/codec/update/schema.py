@@ -24,7 +24,7 @@ class UpdateDecoder(GaussianDecoder):
     Args:
         manifest: The update's manifest.
         side_info: The update's side information, serialised.
-        num_bytes: Not used; other decoders derive memory limits from it.
+        num_bytes: Number of received bytes of the update; not used, but all decoders have this parameter.
 
     Raises:
         MissingSideInfoError: If the update has no side information.

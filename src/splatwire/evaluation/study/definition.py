@@ -51,7 +51,7 @@ class SceneEntry:
         test_views: Rule that selects the test views of the dataset; None for the default rule of its layout.
         max_width: Maximum width of photos, pixels. Wider photos are reduced to this width.
         weights: Network weights for methods that conceal losses with a GNN, calibrated for this scene; None for none.
-        sections: Stream of the scene that also has the additional side information that some methods need. It is
+        sections: Stream of the scene with additional sections of side information, which some methods need. It is
             evaluated instead of `source`. None to use `source`.
         background: RGB of the background; None for the background with which the scene was trained.
     """

@@ -53,7 +53,7 @@ class StudyResult:
         cells: All combinations of row, loss model and seed, with their tasks.
         records: Scores of every task by its key, views in order.
         report_images: Selection of the images that the report shows (loss model, seed and views), by name of the scene.
-        skipped: Reasons for everything that was not evaluated.
+        skipped: Sentences for the report, each with a method or metric that was not evaluated and the reason.
         skipped_rows: Keys of the rows that were not evaluated, by name of the scene.
         num_computed: Number of tasks computed in this run.
         num_reused: Number of tasks whose results were in the store.
