@@ -48,8 +48,7 @@ class Shot:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         info: Side information of the shot's keyframe Gaussians.
-        log2_motion_unit: log2 of the unit in which changes of position are coded in this shot, relative to the unit in
-            the first shot.
+        log2_motion_unit: log2 of the unit of coded position changes, relative to the unit in the first shot.
     """
 
     first_group: int
@@ -109,8 +108,8 @@ class SequenceInfo:
     def shot_spacing(self, block: int) -> int:
         """Returns log2 of half the lattice spacing of a block, relative to the unit of its shot's motion.
 
-        The lattice contains the positions of the block's keyframe Gaussians. The unit of motion is the length in which
-        a shot codes changes of position.
+        The lattice contains the positions of the block's keyframe Gaussians. The unit of motion is the length unit
+        of coded position changes.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.

@@ -19,8 +19,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, log_step_ratios: np.ndar
         info: Side information of the keyframe Gaussians.
         log_step_ratios: For each kind of channel, log2 of the factor by which the quantisation steps of motion are
             larger than those of the keyframe Gaussian, int64 (kinds).
-        spacing: log2 of half the lattice spacing of `info`, relative to the unit in which changes of position are
-            coded.
+        spacing: log2 of half the lattice spacing of `info`, relative to the unit of coded position changes.
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.

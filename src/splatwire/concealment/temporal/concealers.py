@@ -57,7 +57,7 @@ class ConcealedMotion:
 
 @runtime_checkable
 class TemporalConcealer(Protocol):
-    """Interface of a concealer for sequences: a named function that estimates motion whose packets were lost.
+    """Interface of a concealer for sequences: a named function that estimates lost motion.
 
     Attributes:
         grow: True if received Gaussians are enlarged to cover missing ones near them. A Gaussian is missing if its
@@ -71,7 +71,7 @@ class TemporalConcealer(Protocol):
         """Name of the concealer, as passed to `temporal_concealer`."""
 
     def __call__(self, lost: LostMotion, /) -> ConcealedMotion:
-        """Estimates the motion of the tracks whose motion in one group of pictures was lost.
+        """Estimates the lost motion of tracks in one group of pictures.
 
         A concealer must not return NaN.
         """

@@ -68,7 +68,7 @@ class ConcealmentState:
 
 
 def lifetimes(sequence: SequenceScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the range of frames of a group of pictures in which each track with lost motion exists.
+    """Returns the first frame and the end of each track with lost motion within one group of pictures.
 
     Args:
         sequence: The sequence.

@@ -1,4 +1,4 @@
-"""Chooses how to conceal tracks with lost motion, by testing each method on tracks nearby whose motion was received."""
+"""Chooses how to conceal tracks with lost motion, by testing each method on nearby tracks with received motion."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -38,7 +38,7 @@ def select(
 ) -> np.ndarray:  # fmt: skip
     """Chooses for each track with lost motion the estimator with the lowest expected error, or hides the track.
 
-    The error is measured on nearby tracks with received motion, whose motion is estimated as if it were lost.
+    To measure errors, the motion of nearby received tracks is estimated as if it were lost.
 
     Args:
         sequence: The sequence.
@@ -80,7 +80,7 @@ def _errors(
     folds: Sequence[np.ndarray],
     candidates: Sequence[Candidate],
 ) -> list[np.ndarray]:
-    """Measures the error of several estimators of lost motion on tracks whose true motion is known.
+    """Measures the error of several estimators of lost motion on tracks with known motion.
 
     The error of a track is a squared difference of colour and opacity between the true and the estimated picture. It is
     computed at two points, the true and the estimated position of the track, for a few frames. The sum of these squared
@@ -169,8 +169,7 @@ class _Field:
 
         Args:
             points: Positions of the points, one for each tested track, (t, 3).
-            tested: Tracks whose motion is estimated for a test as if it were lost, as indices into the received tracks,
-                int64 (t).
+            tested: Tracks that are treated as lost for a test, as indices into the received tracks, int64 (t).
         """
         is_covered = np.ones(len(self._square), bool)
         is_covered[tested] = False
