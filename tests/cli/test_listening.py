@@ -68,7 +68,7 @@ def test_downloads_over_http_are_counted():
         finally:
             server.close()
 
-    opened = asyncio.run(asyncio.wait_for(work(), 30))
+    opened = asyncio.run(asyncio.wait_for(work(), 240))
     assert opened.page.bytes_sent > sum(map(len, program.packets))
     assert opened.served() == f"served 0 clients, 0 bytes, and 1 requests over HTTP, {opened.page.bytes_sent:,} bytes"
 

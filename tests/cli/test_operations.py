@@ -97,11 +97,11 @@ def test_hangup_reloads_streams_and_running_transfers_continue(contents: tuple[b
         server.next_event("transfer started")
         path.write_bytes(new)
         assert server.reload()["streams"] == 1
-        assert receiving(url, tmp_path / "after.swz").wait(60) == 0
-        assert before.wait(60) == 0
+        assert receiving(url, tmp_path / "after.swz").wait(240) == 0
+        assert before.wait(240) == 0
         path.write_bytes(new[:100])
         assert "scene.swz" in server.reload("reload failed")["error"]
-        assert receiving(url, tmp_path / "still.swz").wait(60) == 0
+        assert receiving(url, tmp_path / "still.swz").wait(240) == 0
     assert (tmp_path / "before.swz").read_bytes() == old
     assert (tmp_path / "after.swz").read_bytes() == (tmp_path / "still.swz").read_bytes() == new
 
@@ -132,11 +132,11 @@ def test_hangup_reloads_the_certificate_and_the_streams_of_the_page(contents: tu
         after = urlopen(page, timeout=120)
         assert before.headers["ETag"] != after.headers["ETag"]
         assert len(before.read()) == len(contents[0])
-        assert receiving(url, tmp_path / "got.swz", "--fingerprint", new).wait(60) == 0
+        assert receiving(url, tmp_path / "got.swz", "--fingerprint", new).wait(240) == 0
         key.write_bytes(b"nonsense")
         path.write_bytes(contents[0])
         server.reload("reload failed")
-        assert receiving(url, tmp_path / "got.swz", "--fingerprint", new).wait(60) == 0
+        assert receiving(url, tmp_path / "got.swz", "--fingerprint", new).wait(240) == 0
         assert urlopen(page, timeout=120).headers["ETag"] == after.headers["ETag"]
     assert (tmp_path / "got.swz").read_bytes() == contents[1]
 
@@ -168,7 +168,7 @@ def test_stopping_server_refuses_new_transfers_and_is_not_ready(contents: tuple[
         with pytest.raises(HTTPError, match="503"):
             urlopen(f"{server.facts['monitor']}readyz", timeout=120)
         client.kill()
-        client.wait(20)
+        client.wait(240)
 
 
 def test_stopping_server_ends_after_the_given_time(contents: tuple[bytes, bytes], tmp_path: Path):
@@ -178,9 +178,9 @@ def test_stopping_server_ends_after_the_given_time(contents: tuple[bytes, bytes]
         client = receiving(f"udp://127.0.0.1:{server.facts['port']}", tmp_path / "never.swz", "--deadline", "600s")
         server.next_event("transfer started")
         server.process.terminate()
-        assert server.process.wait(50) == 0
+        assert server.process.wait(240) == 0
         client.kill()
-        client.wait(20)
+        client.wait(240)
 
 
 @pytest.mark.parametrize("trusted", [True, False])

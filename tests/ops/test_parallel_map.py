@@ -25,7 +25,7 @@ def test_every_item_runs_once_and_results_keep_their_order(num):
 @pytest.mark.skipif(allowed_threads() < 2, reason="one processor")
 def test_work_is_shared_with_another_thread():
     both = threading.Barrier(2)
-    assert len(set(parallel_map(lambda _: (both.wait(20), threading.get_ident())[1], range(2)))) == 2
+    assert len(set(parallel_map(lambda _: (both.wait(240), threading.get_ident())[1], range(2)))) == 2
 
 
 def test_single_thread_runs_in_the_caller():
@@ -43,7 +43,7 @@ def test_the_number_of_threads_is_limited_within_its_context():
     both = threading.Barrier(2)
     try:
         with limit_threads(2):  # an explicit number precedes the default
-            assert len(set(parallel_map(lambda _: (both.wait(20), threading.get_ident())[1], range(2)))) == 2
+            assert len(set(parallel_map(lambda _: (both.wait(240), threading.get_ident())[1], range(2)))) == 2
         assert set(parallel_map(lambda _: threading.get_ident(), range(50))) == {threading.get_ident()}
     finally:
         threads._LIMIT.clear()

@@ -31,7 +31,7 @@ UPDATES = edits(BASE)
 
 
 def run(work: Coroutine[Any, Any, Any]) -> Any:
-    return asyncio.run(asyncio.wait_for(work, 30))
+    return asyncio.run(asyncio.wait_for(work, 240))
 
 
 def states() -> list[UpdateChain]:

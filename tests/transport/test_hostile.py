@@ -29,8 +29,8 @@ pytestmark = pytest.mark.slow
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 STREAM = datagram_stream(num_anchors=4000, side_bytes=20_000)
 PROGRAM = make_served_stream(STREAM)
-HOSTILE = 50_000
-"""Number of datagrams into each of the two ends, 100,000 in all."""
+HOSTILE = 20_000
+"""Number of datagrams into each of the two ends."""
 TRACED = 4000
 """Number of last datagrams during which memory must not grow."""
 

@@ -40,7 +40,7 @@ async def reason(malice: Malice) -> str:
     server = await serve("127.0.0.1", 0, configuration=settings, create_protocol=Hostile)
     try:
         port = server._transport.get_extra_info("sockname")[1]
-        receiver = await asyncio.wait_for(fetch(port, ReceiverOptions(silence_s=20.0, deadline_s=20.0)), 30)
+        receiver = await asyncio.wait_for(fetch(port, ReceiverOptions(silence_s=20.0, deadline_s=20.0)), 240)
     finally:
         server.close()
     assert receiver.finished is not None

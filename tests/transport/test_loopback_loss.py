@@ -39,7 +39,7 @@ def process(*words: str) -> Iterator[str]:
         yield started.stdout.readline()
     finally:
         started.terminate()
-        started.wait(20)
+        started.wait(120)
         started.stdout.close()
 
 

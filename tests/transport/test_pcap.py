@@ -39,7 +39,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[
         finally:
             server.close()
 
-    asyncio.run(asyncio.wait_for(work(), 30))
+    asyncio.run(asyncio.wait_for(work(), 240))
     return path, datagrams
 
 

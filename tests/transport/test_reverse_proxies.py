@@ -123,7 +123,7 @@ async def running(command: list[str], ports: Sequence[int], folder: Path) -> Asy
         yield
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(240)
 
 
 def ask(port: int, path: str, authority: Path | None, **headers: str) -> Answer:

@@ -81,7 +81,7 @@ def test_the_waiting_scene_is_replaced_by_a_newer_one(monkeypatch: pytest.Monkey
 
     def slow(splats: Splats, antialiased: bool) -> PartialUpdates:
         started.set()
-        assert go_on.wait(30)
+        assert go_on.wait(240)
         return start(splats, antialiased)
 
     def pushed(state: PartialUpdates, splats: Splats, share: float) -> PartialUpdates:
@@ -93,7 +93,7 @@ def test_the_waiting_scene_is_replaced_by_a_newer_one(monkeypatch: pytest.Monkey
     arrays = {name: values.copy() for name, values in vars(some_splats()).items()}
     with splatwire.serve_training() as server:
         server.push(**arrays)
-        assert started.wait(30)
+        assert started.wait(240)
         for number in range(3):
             arrays["means"][0, 0] = number
             server.push(**arrays)
@@ -235,7 +235,7 @@ def test_waiting_for_a_server_that_is_closed_is_an_error(monkeypatch: pytest.Mon
 
     def slow(splats: Splats, antialiased: bool) -> PartialUpdates:
         started.set()
-        assert go_on.wait(30)
+        assert go_on.wait(240)
         return start(splats, antialiased)
 
     def push() -> None:
@@ -246,16 +246,16 @@ def test_waiting_for_a_server_that_is_closed_is_an_error(monkeypatch: pytest.Mon
     monkeypatch.setattr(PartialUpdates, "start", staticmethod(slow))
     with splatwire.serve_training() as server:
         server.push(**vars(some_splats()))
-        assert started.wait(30)
+        assert started.wait(240)
         waiting = threading.Thread(target=push)
         waiting.start()
         while server._waiting is None:
             time.sleep(0.01)
         closing = threading.Thread(target=server.close)
         closing.start()
-        waiting.join(30)
+        waiting.join(240)
         go_on.set()
-        closing.join(30)
+        closing.join(240)
     assert raised == ["push: the server was closed before the Gaussians were encoded"]
 
 

@@ -43,7 +43,7 @@ OTHER = datagram_stream(num_anchors=500, seed=9, side_bytes=3000)
 
 
 def run(work: Coroutine[Any, Any, Any]) -> Any:
-    return asyncio.run(asyncio.wait_for(work, 30))
+    return asyncio.run(asyncio.wait_for(work, 240))
 
 
 def served(*streams: SceneStream, limits: ServerLimits | None = None) -> UdpServer:

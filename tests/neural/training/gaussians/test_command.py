@@ -172,7 +172,7 @@ def test_a_follower_of_a_training_ends_with_the_last_state(folder: Path, tmp_pat
                 time.sleep(0.05)
         else:
             asyncio.run(receive_until_the_end(int(line.split(":")[-1].split("/")[0])))
-        assert process.wait(60) == 0
+        assert process.wait(240) == 0
     finally:
         process.kill()
         process.communicate()
