@@ -8,20 +8,22 @@ import urllib.request
 
 import pytest
 
-from explicit import ball_of_gaussians
-from splatwire.io.formats import write_splats
+from explicit import ball_of_gaussians, encode_splats
+from splatwire.bitstream import PRESETS, write_stream
 
 pytest.importorskip("jwt", reason="PyJWT is not installed")
 pytest.importorskip("aioquic", reason="aioquic is not installed")
 
 
-@pytest.fixture
-def folder(run, tmp_path):
-    write_splats([ball_of_gaussians()], tmp_path / "cloud.ply")
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two streams and a key."""
+    folder = tmp_path_factory.mktemp("access")
+    stream = encode_splats(ball_of_gaussians(), PRESETS["datagram"])
     for name in ("room", "garden"):
-        assert run("encode", tmp_path / "cloud.ply", "-o", tmp_path / f"{name}.swz", "--preset", "datagram").status == 0
-    (tmp_path / "key").write_text("ab" * 32)
-    return tmp_path
+        write_stream(stream, folder / f"{name}.swz")
+    (folder / "key").write_text("ab" * 32)
+    return folder
 
 
 @pytest.mark.slow

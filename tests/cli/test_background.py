@@ -11,6 +11,7 @@ from PIL import Image
 from scenes import tiny_cameras, tiny_scene
 from splatwire.anchors.scene_file import save_scene
 from splatwire.data import load_cameras, save_cameras
+from splatwire.evaluation.study import InProcess
 from splatwire.render import iterate_views
 from splatwire.types.background import WHITE
 
@@ -115,8 +116,9 @@ def test_reference_and_decoded_renders_share_one_background(run, white, stream):
     assert min(own, grey) > 40
 
 
-def test_protocol_composes_photos_on_the_background(run, white, stream, tmp_path):
-    path, words = tmp_path / "mine.toml", ("--workers", 1, "--views", 1, "-o", tmp_path / "out", "--json")
+def test_protocol_composes_photos_on_the_background(run, white, stream, tmp_path, monkeypatch):
+    monkeypatch.setattr("splatwire.cli._run_study.create_engine", lambda *_: InProcess())
+    path, words = tmp_path / "mine.toml", ("--views", 1, "-o", tmp_path / "out", "--json")
     path.write_text(PROTOCOL.format(folder=white))
     first = run("study", path, *words)
     assert first.status == 0, first.err

@@ -5,6 +5,8 @@ import json
 
 import pytest
 
+from splatwire.evaluation.study import InProcess
+
 pytestmark = pytest.mark.slow
 
 PROTOCOL = """
@@ -50,10 +52,11 @@ def test_protocol_runs_once_and_reuses_its_records(run, journey, tmp_path):
 
 
 @pytest.mark.needs_torch
-def test_renderer_option_overrides_the_protocol(run, journey, tmp_path):
+def test_renderer_option_overrides_the_protocol(run, journey, tmp_path, monkeypatch):
     """The option also applies when it names the default, because the protocol may name another renderer."""
+    monkeypatch.setattr("splatwire.cli._run_study.create_engine", lambda *_: InProcess())
     text = PROTOCOL.replace("seeds = [1, 2]", 'seeds = [1]\nrenderer = "reference"')
-    words = (_protocol(tmp_path, journey, text), "-o", tmp_path / "out", "--views", 1, "--workers", 1, "--json")
+    words = (_protocol(tmp_path, journey, text), "-o", tmp_path / "out", "--views", 1, "--json")
     for number, more in enumerate(((), ("--renderer", "cpu"))):
         assert run("study", *words, *more).json["num_computed"] == 1, number
     records = (tmp_path / "out" / "records.csv").read_text().splitlines()

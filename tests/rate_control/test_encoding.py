@@ -102,7 +102,7 @@ def test_pruning_takes_fewer_bytes_at_equal_psnr(bundled):
 @pytest.mark.parametrize("effort", ["fast", "default"])
 def test_bytes_and_quality_grow_with_the_quality_number(effort):
     scene = shell()
-    found = [encoded(scene, effort, quality=quality_of(float(number))) for number in (0, 40, 60, 85, 100)]
+    found = [encoded(scene, effort, quality=quality_of(float(number))) for number in (0, 60, 100)]
     sizes, psnrs = [each.stream.num_bytes for each in found], [each.psnr for each in found]
     assert sizes == sorted(sizes)
     assert psnrs == sorted(psnrs)

@@ -323,6 +323,7 @@ def test_official_anchors_are_exact_multiples_of_steps(name):
     assert scene.coding.config.grid.rows(3) == tuple(np.diff(decoded["hash_xyz_offsets"]))
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_largest_official_model_is_read_completely():
     if not (DATA / "bonsai_30k").exists():

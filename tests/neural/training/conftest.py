@@ -17,11 +17,9 @@ from splatwire.render.render import render_scene
 NUM_VIEWS = 8
 
 
-@pytest.fixture(scope="session")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+def photographed(folder: Path, width: int, height: int) -> Dataset:
     """Photos of a scene of 200 anchors, and its anchors as sparse points."""
-    folder = tmp_path_factory.mktemp("photos")
-    scene, cameras = tiny_scene(num_anchors=200), tiny_cameras(NUM_VIEWS, 48, 32)
+    scene, cameras = tiny_scene(num_anchors=200), tiny_cameras(NUM_VIEWS, width, height)
     paths = []
     for name, image in zip(cameras.names, render_scene(scene, cameras), strict=True):
         path: Path = folder / f"{name}.png"
@@ -29,6 +27,12 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
         paths.append(path)
     points = SparsePoints(scene.anchors.positions, np.random.default_rng(0).random((200, 3), np.float32))
     return Dataset(cameras, tuple(paths), points)
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Photos of 48 x 32 pixels and sparse points."""
+    return photographed(tmp_path_factory.mktemp("photos"), 48, 32)
 
 
 @pytest.fixture(scope="session")

@@ -8,43 +8,30 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
+import numba
 import pytest
 
-pytestmark = pytest.mark.slow
+from splatwire.neural.training import _grid_kernels, _loss_kernels
+from splatwire.ops import adam
 
 SCRIPT = """
 import hashlib
 import numpy as np
-import torch
-from splatwire.neural.training._grid_kernels import interpolate, scatter
-from splatwire.neural.training.adam import adam_update
-from splatwire.neural.training.losses import photometric_loss, prepare_photo
-from splatwire.neural.training.state import Moments
+from splatwire.ops.adam import update
 
-torch.set_num_threads(1)
-draw = torch.Generator().manual_seed(3)
-photo, image = (torch.rand(37, 53, 3, generator=draw) for _ in range(2))
-image.requires_grad_()
-loss, error = photometric_loss(image, prepare_photo(photo), 0.2)
-loss.backward()
-value, moments = torch.rand(50_001, generator=draw), Moments(torch.zeros(50_001), torch.zeros(50_001))
-for _ in range(3):
-    adam_update([(value, torch.rand(50_001, generator=draw) - 0.5, moments, 1e-3)])
 rng = np.random.default_rng(3)
-table, index = rng.random((320, 4), dtype=np.float32), np.arange(90)
-rows = [rng.integers(0, 64, (levels, 90, corners)).astype(np.int32) for levels, corners in ((3, 8), (2, 4))]
-for level in range(5):  # each level has rows of its own, as in a hash grid: levels are summed side by side
-    rows[level // 3][level % 3] += 64 * level
-weights = [rng.random(r.shape, dtype=np.float32) for r in rows]
-out, gradient = np.zeros((90, 20), np.float32), np.zeros_like(table)
-interpolate(table, rows[0], weights[0], rows[1], weights[1], index, out)
-scatter(out, rows[0], weights[0], rows[1], weights[1], index, gradient)
-found = [loss.detach().numpy(), error.numpy(), image.grad.numpy(), value.numpy(), out, gradient]
-print([hashlib.sha256(part.tobytes()).hexdigest()[:12] for part in found])
+value, first, second = rng.random(50_001, np.float32), np.zeros(50_001, np.float32), np.zeros(50_001, np.float32)
+for step in range(1, 4):
+    gradient = rng.random(50_001, np.float32) - np.float32(0.5)
+    update(value, gradient, first, second, 1e-3 / (1 - 0.9**step), (1 - 0.999**step) ** 0.5, 0.9, 0.999, 1e-15)
+print([hashlib.sha256(part.tobytes()).hexdigest()[:12] for part in (value, first, second)])
 """
+"""Adam stands for all kernels of the training, which take long to compile."""
 
 
+@pytest.mark.slow
 def test_compiled_kernels_are_bit_identical(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     answers = [
@@ -54,3 +41,12 @@ def test_compiled_kernels_are_bit_identical(tmp_path: Path) -> None:
     assert [answer.stderr for answer in answers] == ["", ""]
     assert answers[0].stdout == answers[1].stdout
     assert any(tmp_path.rglob("*.nbc")), "nothing was compiled"
+
+
+@pytest.mark.parametrize("module", [_grid_kernels, _loss_kernels, adam], ids=lambda module: module.__name__)
+def test_no_kernel_of_the_training_has_fast_math(module: ModuleType) -> None:
+    kernels = {
+        name: value for name, value in vars(module).items() if isinstance(value, numba.core.registry.CPUDispatcher)
+    }
+    assert len(kernels) > 1
+    assert [name for name, kernel in kernels.items() if kernel.targetoptions.get("fastmath")] == []

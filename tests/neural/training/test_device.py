@@ -10,6 +10,7 @@ import torch
 
 import fake_gsplat
 from fake_device import DEVICE, FakeDeviceTensor, fake_device
+from neural.training.conftest import photographed
 from scenes import SMALL_CAUSAL
 from splatwire.data import Dataset
 from splatwire.neural.model.tensors import to_tensors
@@ -26,6 +27,12 @@ from splatwire.neural.training.step import StepReport, TrainingStep
 from splatwire.ops.arrays import to_arrays
 
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Photos of a quarter of the usual pixels, because the fake gsplat is slow."""
+    return photographed(tmp_path_factory.mktemp("photos"), 24, 16)
 
 
 @pytest.fixture

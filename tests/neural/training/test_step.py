@@ -1,11 +1,15 @@
 """The gradient of the whole loss with respect to the parameters, against finite differences."""
 
 import dataclasses
+import functools
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 import torch
 
 from splatwire.data import Dataset
+from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.neural.training.config import LossTraining, TrainConfig
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.losses import prepare_photo
@@ -30,12 +34,28 @@ def _still(config: TrainConfig) -> object:
     return dataclasses.replace(config.rates, **dict.fromkeys(vars(config.rates), tiny))
 
 
-def _trained(dataset: Dataset, config: TrainConfig, iterations: int) -> TrainState:
-    state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
-    photo = prepare_photo(torch.from_numpy(dataset.image(1)))
-    for _ in range(iterations):
-        step(state, 1, photo)
-    return state
+def _lossy(config: TrainConfig) -> TrainConfig:
+    """Every iteration after growth loses packets."""
+    return dataclasses.replace(config, losses=LossTraining(("bernoulli:0.3",), share=1.0))
+
+
+@pytest.fixture(scope="module")
+def checkpoint(
+    dataset: Dataset, config: TrainConfig, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[int, bool], Path]:
+    """Function that trains once for a number of iterations, with or without packet losses, and returns a checkpoint."""
+
+    @functools.cache
+    def trained(iterations: int, lossy: bool) -> Path:
+        path, recipe = tmp_path_factory.mktemp("trained") / "run.checkpoint", _lossy(config) if lossy else config
+        state, step = initial_state(dataset, recipe), TrainingStep(recipe, dataset.cameras)
+        photo = prepare_photo(torch.from_numpy(dataset.image(1)))
+        for _ in range(iterations):
+            step(state, 1, photo)
+        save_checkpoint(state, recipe, path)
+        return path
+
+    return trained
 
 
 PICTURE = [("heads.color.output.bias", i) for i in (10, 25, 40)] + [("heads.color.hidden.weight", 40)]
@@ -50,12 +70,9 @@ RATE = [(name, 40) for name in ("features", "log_scalings", "offsets", "prior.hi
     ("name", "iterations", "rate"), [(*c, 0.004) for c in [*PICTURE, LOSSY]] + [(*c, 100.0) for c in RATE]
 )
 def test_step_gradient_equals_the_directional_derivative(
-    name: str, iterations: int, rate: float, dataset: Dataset, config: TrainConfig
+    name: str, iterations: int, rate: float, dataset: Dataset, checkpoint: Callable[[int, bool], Path]
 ) -> None:
-    if (name, iterations) == LOSSY:  # every iteration after growth loses packets, including this one
-        losses = LossTraining(("bernoulli:0.3",), share=1.0)
-        config = dataclasses.replace(config, losses=losses)
-    state = _trained(dataset, config, iterations)
+    state, config = load_checkpoint(checkpoint(iterations, (name, iterations) == LOSSY))
     config = dataclasses.replace(config, weights=dataclasses.replace(config.weights, rate=rate))
     luck = state.generator.get_state()
     rng = torch.Generator().manual_seed(iterations)

@@ -77,6 +77,7 @@ def test_held_out_views_improve(dataset: Dataset, with_points: bool) -> None:
     assert result.state.num_gaussians == 400
 
 
+@pytest.mark.slow
 def test_a_geo_referenced_training_equals_a_local_one(
     dataset: Dataset, uninterrupted: GaussianResult, tmp_path: Path
 ) -> None:
@@ -115,12 +116,14 @@ def test_trained_gaussians_are_encoded_without_loss(uninterrupted: GaussianResul
     assert encode_scene(open_scene(tmp_path / "a.ply")).num_bytes == encode_scene(scene).num_bytes
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_gaussians(dataset: Dataset, uninterrupted: GaussianResult) -> None:
     assert same(uninterrupted.scene, train_gaussians(dataset, None, CONFIG).scene)
     other = train_gaussians(dataset, None, dataclasses.replace(CONFIG, seed=1))
     assert not same(uninterrupted.scene, other.scene)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop", [7, 30, 65])
 def test_resumed_training_equals_an_uninterrupted_one(
     dataset: Dataset, uninterrupted: GaussianResult, stop: int, tmp_path: Path
@@ -144,6 +147,7 @@ def test_resumed_training_equals_an_uninterrupted_one(
     assert same(resumed.scene, uninterrupted.scene)
 
 
+@pytest.mark.slow
 def test_losses_change_the_fine_tuning_only(dataset: Dataset, uninterrupted: GaussianResult) -> None:
     lossy = train_gaussians(dataset, None, dataclasses.replace(CONFIG, loss="bernoulli:0.4"))
     assert not same(lossy.scene, uninterrupted.scene)
