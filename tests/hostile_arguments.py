@@ -80,8 +80,8 @@ SYNONYMS = {
     "listener": "at least 2 views",
 }  # fmt: skip
 """Words by which messages name a parameter."""
-SECONDS = 120
-"""Time limit of a call."""
+SECONDS = 600
+"""Time limit of a call. The first ones compile kernels, which takes minutes on a busy machine."""
 
 
 def hostile() -> dict[str, Any]:

@@ -36,11 +36,11 @@ def test_a_private_scene_is_served_with_a_token_over_http_and_quic(run, folder):
         try:
             ready = json.loads(server.stdout.readline())
             page = ready["page"]
-            with urllib.request.urlopen(f"{page}private/room.swz?token={token}", timeout=240) as answer:
+            with urllib.request.urlopen(f"{page}private/room.swz?token={token}", timeout=600) as answer:
                 assert answer.status == 200
                 assert len(answer.read()) > 1000
             with pytest.raises(urllib.error.HTTPError, match="401"):
-                urllib.request.urlopen(f"{page}private/room.swz", timeout=240)
+                urllib.request.urlopen(f"{page}private/room.swz", timeout=600)
             url = f"quic://127.0.0.1:{ready['port']}"
             trust = ("--fingerprint", ready["fingerprint"])
             assert run("receive", f"{url}/garden", "-o", folder / "seen.swz", *trust).status == 0

@@ -47,7 +47,7 @@ def test_systemd_accepts_the_unit(tmp_path: Path):
     unit = tmp_path / "splatwire.service"
     unit.write_text(UNIT.replace("/opt/splatwire/bin/splatwire", shutil.which("true") or "/bin/true"))
     words = ["systemd-analyze", "verify", "--man=no", str(unit)]
-    found = subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
+    found = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     assert (found.returncode, [line for line in found.stderr.splitlines() if unit.name in line]) == (0, [])
 
 

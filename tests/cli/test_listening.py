@@ -63,7 +63,7 @@ def test_downloads_over_http_are_counted():
         try:
             async with PageServer(PageContent({"scene": program}, None, "127.0.0.1")) as page:
                 opened = RunningServer(server, {}, page)
-                await asyncio.to_thread(lambda: urlopen(f"{page.url}streams/scene.swz", timeout=120).read())
+                await asyncio.to_thread(lambda: urlopen(f"{page.url}streams/scene.swz", timeout=600).read())
                 return opened
         finally:
             server.close()
@@ -234,7 +234,7 @@ main(["live", sys.argv[1], "--port", "0"])
 def test_ctrl_c_ends_live_despite_a_hanging_encoder(tmp_path):
     """The interpreter waits for threads of an executor, forever if one hangs in a read or a kernel."""
     words = [sys.executable, "-c", STUCK, str(tmp_path)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 1
     assert "did not end within 0.3 s" in done.stderr
     assert "0 frames, 0 skipped, 0 dropped" in done.stderr
@@ -260,7 +260,7 @@ main(["live", sys.argv[1], "--port", "0"])
 def run_script(script: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     """Runs a Python script, with a folder as its argument, and returns its exit status and output."""
     words = [sys.executable, "-c", script, str(folder)]
-    return subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
+    return subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
 
 
 def test_ctrl_c_ends_live_while_kernels_are_compiled(tmp_path):

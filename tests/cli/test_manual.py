@@ -40,7 +40,7 @@ def test_no_line_of_the_manual_has_frames_or_wrong_control_characters(page):
 @pytest.mark.skipif(GROFF is None, reason="groff is not installed")
 def test_groff_formats_the_manual_without_warnings(page):
     command = [GROFF, "-man", "-Tascii", "-ww", "-P-cbou"]
-    done = subprocess.run(command, input=page.encode("ascii"), capture_output=True, timeout=120)
+    done = subprocess.run(command, input=page.encode("ascii"), capture_output=True, timeout=600)
     assert done.returncode == 0
     assert done.stderr == b""
     text = done.stdout.decode()
@@ -61,7 +61,7 @@ echo
 completed splatwire serve --tok
 """
     done = subprocess.run(
-        [str(BASH), "--norc", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120
+        [str(BASH), "--norc", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=600
     )
     verbs, options = done.stdout.split("\n\n")
     assert {"demo", "decode"} == set(verbs.split()), done.stderr

@@ -65,7 +65,7 @@ def serving(*words: object) -> Iterator[Served]:
     finally:
         if process.poll() is None:
             process.kill()
-        process.communicate(timeout=120)
+        process.communicate(timeout=600)
 
 
 def receiving(url: str, target: Path, *words: str) -> subprocess.Popen[bytes]:
@@ -127,9 +127,9 @@ def test_hangup_reloads_the_certificate_and_the_streams_of_the_page(contents: tu
         assert server.facts["fingerprint"] == old
         new = renew()
         path.write_bytes(contents[1])
-        before = urlopen(page, timeout=120)
+        before = urlopen(page, timeout=600)
         server.reload()
-        after = urlopen(page, timeout=120)
+        after = urlopen(page, timeout=600)
         assert before.headers["ETag"] != after.headers["ETag"]
         assert len(before.read()) == len(contents[0])
         assert receiving(url, tmp_path / "got.swz", "--fingerprint", new).wait(240) == 0
@@ -137,7 +137,7 @@ def test_hangup_reloads_the_certificate_and_the_streams_of_the_page(contents: tu
         path.write_bytes(contents[0])
         server.reload("reload failed")
         assert receiving(url, tmp_path / "got.swz", "--fingerprint", new).wait(240) == 0
-        assert urlopen(page, timeout=120).headers["ETag"] == after.headers["ETag"]
+        assert urlopen(page, timeout=600).headers["ETag"] == after.headers["ETag"]
     assert (tmp_path / "got.swz").read_bytes() == contents[1]
 
 
@@ -166,7 +166,7 @@ def test_stopping_server_refuses_new_transfers_and_is_not_ready(contents: tuple[
         assert receiving(url, tmp_path / "late.swz").wait(120) == 2
         assert server.next_event("transfer refused")["reason"] == "the server stopped"
         with pytest.raises(HTTPError, match="503"):
-            urlopen(f"{server.facts['monitor']}readyz", timeout=120)
+            urlopen(f"{server.facts['monitor']}readyz", timeout=600)
         client.kill()
         client.wait(240)
 
@@ -190,6 +190,6 @@ def test_visitors_behind_a_trusted_proxy_are_logged_by_their_address(contents, t
     path.write_bytes(contents[0])
     with serving(path, "--page", 0, "--proxy", "127.0.0.1" if trusted else "192.0.2.1") as server:
         request = Request(f"{server.facts['page']}streams.json", headers={"X-Forwarded-For": "203.0.113.9"})
-        assert urlopen(request, timeout=120).status == 200
+        assert urlopen(request, timeout=600).status == 200
         found = server.next_event("response")
         assert (found["client"], found["path"]) == ("203.0.113.9" if trusted else "127.0.0.1", "/streams.json")

@@ -72,7 +72,7 @@ def test_address_space_that_is_too_small_for_libraries_is_one_error_line(words, 
     """Without the check, LLVM aborts the process, or OpenBLAS waits for threads without end."""
     words = [str(journey / "tiny.swz") if word == "FILE" else word for word in words]
     done = subprocess.run(
-        [sys.executable, "-m", "splatwire", *words], capture_output=True, text=True, timeout=120, check=False,
+        [sys.executable, "-m", "splatwire", *words], capture_output=True, text=True, timeout=600, check=False,
         cwd=tmp_path, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (256_000_000, 256_000_000)),
     )  # fmt: skip
     assert done.returncode == 2
@@ -85,7 +85,7 @@ def test_file_size_limit_is_one_error_line_and_leaves_no_file(journey, tmp_path)
     """The system sets the limit; Python raises an error instead of receiving the signal."""
     words = [sys.executable, "-m", "splatwire", "transmit", str(journey / "tiny.swz"), "-o", str(tmp_path / "a.swz")]
     done = subprocess.run(
-        [*words, "--loss", "none"], capture_output=True, text=True, timeout=120, check=False,
+        [*words, "--loss", "none"], capture_output=True, text=True, timeout=600, check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024)),
     )  # fmt: skip
     assert done.returncode == 2
@@ -100,7 +100,7 @@ def test_file_size_limit_leaves_no_truncated_compiled_module(tmp_path):
     cached = {"PYTHONPYCACHEPREFIX": str(tmp_path), "PYTHONDONTWRITEBYTECODE": ""}
     done = subprocess.run(
         [sys.executable, "-m", "splatwire", "inspect", str(tmp_path / "absent.swz")], capture_output=True, text=True,
-        timeout=120, check=False, env={**os.environ, **cached},
+        timeout=600, check=False, env={**os.environ, **cached},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
     )  # fmt: skip
     assert "no such file" in done.stderr
@@ -112,7 +112,7 @@ def test_full_standard_output_is_one_error_line():
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "splatwire", "--version"], stdout=full, stderr=subprocess.PIPE, text=True,
-            timeout=240, check=False,
+            timeout=600, check=False,
         )  # fmt: skip
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()

@@ -309,7 +309,7 @@ def test_live_frames_are_received_as_files(folder, tmp_path, how):
 
 def until(fact):
     """Waits until a condition is met."""
-    end = time.monotonic() + 100
+    end = time.monotonic() + 600
     while not fact():
         assert time.monotonic() < end
         time.sleep(0.02)

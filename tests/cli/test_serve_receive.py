@@ -243,10 +243,10 @@ def test_serve_and_receive_work_over_quic(stream_file: Path, tmp_path: Path, cap
             "self-signed certificate. Trust it with --fingerprint (which the server prints when it starts)"
             in capsys.readouterr().err
         )
-        with urlopen(facts["page"], timeout=120) as page:
+        with urlopen(facts["page"], timeout=600) as page:
             content = page.read()
         assert b'<splat-wire src="/streams/tiny.swz?' in content
-        with urlopen(facts["page"] + "streams/tiny.swz", timeout=120) as file:
+        with urlopen(facts["page"] + "streams/tiny.swz", timeout=600) as file:
             assert sorted(file.read()) == sorted(stream_file.read_bytes()), "the same packets in another order"
         assert b'rel="icon" href="data:,"' in content, "else browsers ask for /favicon.ico, which is not there"
     identity = self_signed()
@@ -269,12 +269,12 @@ def test_serve_ends_despite_slow_readers_and_prints_its_summary_only():
         with contextlib.ExitStack() as stack:
             for request in (f"GET /streams/{name}.swz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", "GET / HTTP/1.1\r\n"):
                 for _ in range(50):
-                    client = stack.enter_context(socket.create_connection((page.hostname, page.port), timeout=240))
+                    client = stack.enter_context(socket.create_connection((page.hostname, page.port), timeout=600))
                     client.sendall(request.encode())
                     if request.endswith("\r\n\r\n"):
                         assert client.recv(8) == b"HTTP/1.1"  # the request is being answered
             server.terminate()
-            _, summary = server.communicate(timeout=240)
+            _, summary = server.communicate(timeout=600)
     finally:
         server.kill()
         server.communicate()
@@ -426,12 +426,12 @@ def test_monitored_server_reports_its_transfers_in_metrics_and_log(stream_file: 
         )
         try:
             facts = json.loads(server.stdout.readline())
-            assert urlopen(f"{facts['monitor']}readyz", timeout=120).read() == b"ready\n"
+            assert urlopen(f"{facts['monitor']}readyz", timeout=600).read() == b"ready\n"
             assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(tmp_path / "got.swz")) == 0
-            metrics = urlopen(f"{facts['monitor']}metrics", timeout=120).read().decode()
+            metrics = urlopen(f"{facts['monitor']}metrics", timeout=600).read().decode()
         finally:
             server.terminate()
-            server.communicate(timeout=120)
+            server.communicate(timeout=600)
     assert "splatwire_transfers_started_total 1.0" in metrics.splitlines()
     events = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     assert [event["event"] for event in events] == ["transfer started", "transfer ended", "stopped"]
@@ -475,7 +475,7 @@ def test_signals_have_their_handlers_again_after_a_transfer():
         stop = asyncio.get_running_loop().create_future()
         with canceling_on_signals(stop) as received:
             signal.raise_signal(signal.SIGTERM)
-            await asyncio.wait([stop], timeout=60)
+            await asyncio.wait([stop], timeout=600)
         assert (received, stop.cancelled()) == ([signal.SIGTERM], True)
 
     outside = signal.signal(signal.SIGTERM, own)

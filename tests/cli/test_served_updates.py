@@ -304,7 +304,7 @@ def test_view_offers_the_updates_that_it_receives(tmp_path: Path) -> None:
         assert ' updates=""' in urlopen(page["url"]).read().decode()
         write_stream(update, tmp_path / "updates" / "1.swz")
         file = f"{page['url']}streams/{update_name(manifest_digest(base.manifest))}.swz"
-        end = time.monotonic() + 120
+        end = time.monotonic() + 600
         while time.monotonic() < end:
             try:
                 found = stream_from_bytes(urlopen(file).read())[0]

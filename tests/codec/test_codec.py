@@ -188,7 +188,7 @@ def test_fresh_process_decodes_the_same_integers(
             digest.update(tensor.tobytes())
     command = [sys.executable, "-W", "ignore", "-c", FRESH, str(path), str(GOLDEN_CAUSAL)]
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=240, env={**os.environ, **environment}, check=False
+        command, capture_output=True, text=True, timeout=600, env={**os.environ, **environment}, check=False
     )
     assert done.stdout.strip() == digest.hexdigest(), done.stderr
 

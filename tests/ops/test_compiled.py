@@ -337,7 +337,7 @@ def test_unreadable_cache_index_counts_as_empty(tmp_path, monkeypatch):
     words = [sys.executable, "-c", "import old_kernels; print(old_kernels.doubled(3))"]
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": f"{tmp_path}:{SOURCE}"}
     for _ in range(2):
-        done = subprocess.run(words, env=env, capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run(words, env=env, capture_output=True, text=True, timeout=600, check=False)
         assert done.stdout == "6\n", done.stderr
         (index,) = (tmp_path / "cache").rglob("*.nbi")
         content = index.read_bytes()

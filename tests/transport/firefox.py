@@ -33,7 +33,7 @@ class Firefox(Page):
         end = time.monotonic() + seconds
         while True:
             try:
-                self._socket = socket.create_connection(("127.0.0.1", port), timeout=120)
+                self._socket = socket.create_connection(("127.0.0.1", port), timeout=600)
                 break
             except OSError:
                 assert time.monotonic() < end, "Firefox did not start"

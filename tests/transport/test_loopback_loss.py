@@ -59,7 +59,7 @@ def crossed(stream: Path, target: Path, *, quic: bool, burst: int, words: tuple[
             command = ["receive", f"{scheme}://127.0.0.1:{port.strip()}", "-o", str(target), "--json", *words]
             pinned = ["--fingerprint", facts["fingerprint"]] if quic else []
             done = subprocess.run(
-                [sys.executable, "-m", "splatwire", *command, *pinned], capture_output=True, text=True, timeout=120,
+                [sys.executable, "-m", "splatwire", *command, *pinned], capture_output=True, text=True, timeout=600,
                 check=False,
             )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -27,7 +27,7 @@ HEAD = "GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n{}\r\n"
 
 def get(url: str, **headers: str) -> tuple[int, str]:
     try:
-        with urlopen(Request(url, headers=headers), timeout=120) as answer:
+        with urlopen(Request(url, headers=headers), timeout=600) as answer:
             return answer.status, answer.read().decode("latin-1")
     except HTTPError as error:
         return error.code, error.read().decode("latin-1")

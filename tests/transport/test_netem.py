@@ -25,7 +25,7 @@ pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 
 
 def tool(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def test_serve_and_receive_work_over_netem(namespace: str, netem: str, tmp_path:
     with serving(namespace, tmp_path / "scene.swz") as port:
         words = ["ip", "netns", "exec", namespace, sys.executable, "-m", "splatwire", "receive"]
         command = [*words, f"udp://127.0.0.1:{port}", "-o", str(target), "--json"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False, env=dict(os.environ))
+        done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, env=dict(os.environ))
     assert done.returncode == 0, done.stderr
     facts = json.loads(done.stdout)
     assert facts["finished"] == "complete"

@@ -67,7 +67,7 @@ def test_public_tools_read_the_capture(capture, tool):
         pytest.skip(f"{tool} is not installed")
     path, datagrams = capture
     words = {"tcpdump": ["-nvvr", str(path)], "tshark": ["-r", str(path), "-o", "udp.check_checksum:TRUE", "-V"]}[tool]
-    read = subprocess.run([tool, *words], capture_output=True, text=True, timeout=240, check=True).stdout
+    read = subprocess.run([tool, *words], capture_output=True, text=True, timeout=600, check=True).stdout
     found = {"tcpdump": "udp sum ok", "tshark": "Checksum Status: Good"}[tool]
     assert read.count(found) >= len(datagrams)
     assert "bad udp" not in read

@@ -97,7 +97,7 @@ async def connected(port: int, alpn: str) -> Client:
     return client
 
 
-async def until(true: Callable[[], Any], seconds: float = 15.0) -> None:
+async def until(true: Callable[[], Any], seconds: float = 240.0) -> None:
     end = asyncio.get_running_loop().time() + seconds
     while not true():
         assert asyncio.get_running_loop().time() < end, "no answer arrived"

@@ -32,12 +32,12 @@ def test_view_serves_a_page_until_a_signal(stream, how):
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             ready = json.loads(process.stdout.readline())
-            with urllib.request.urlopen(ready["url"], timeout=120) as answer:
+            with urllib.request.urlopen(ready["url"], timeout=600) as answer:
                 assert "<splat-wire" in answer.read().decode()
-            with urllib.request.urlopen(ready["url"] + "streams/tiny.swz", timeout=120) as answer:
+            with urllib.request.urlopen(ready["url"] + "streams/tiny.swz", timeout=600) as answer:
                 assert stream_from_bytes(answer.read())[0].manifest.codec == CAUSAL
             process.send_signal(how)
-            rest, problems = process.communicate(timeout=240)
+            rest, problems = process.communicate(timeout=600)
         finally:
             process.kill()
     assert process.returncode == 0, problems

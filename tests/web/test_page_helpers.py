@@ -87,7 +87,7 @@ def test_helpers_are_one_fewer_than_cores_and_end_with_the_element_or_its_stream
 
 def wait_for_threads(page: Browser, expected: int) -> None:
     """Waits for a number of threads, because browsers end them late."""
-    end = time.monotonic() + 60
+    end = time.monotonic() + 600
     while threads(page) != expected:
         assert time.monotonic() < end, f"{threads(page)} threads instead of {expected}"
         time.sleep(0.1)

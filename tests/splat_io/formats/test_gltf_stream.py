@@ -104,7 +104,7 @@ def test_khronos_validator_reports_unknown_attribute_names_only(packed: Path) ->
     if reason := lacking():
         pytest.skip(reason)
     words = ["node", "--input-type=module", "-e", VALIDATE, str(packed)]
-    done = subprocess.run(words, cwd=WEB, capture_output=True, text=True, timeout=240)
+    done = subprocess.run(words, cwd=WEB, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     errors = [m for m in json.loads(done.stdout)["messages"] if m["severity"] == 0]
     assert {m["code"] for m in errors} <= {"MESH_PRIMITIVE_INVALID_ATTRIBUTE"}

@@ -31,7 +31,7 @@ def _convert(source: Path, target: Path, *options: str) -> None:
     if shutil.which("node") is None or modules is None or not program.is_file():
         pytest.skip("needs node, and SPLATWIRE_NODE_MODULES with @playcanvas/splat-transform")
     command = ["node", str(program), "-q", "-w", "-g", "cpu", *options, str(source), str(target)]
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    subprocess.run(command, check=True, capture_output=True, timeout=600)
 
 
 def _directions(splats: Splats) -> np.ndarray:
