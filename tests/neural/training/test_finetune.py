@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from scenes import tiny_causal_scene, tiny_scene
-from splatwire.anchors.appearance import Scene
 from splatwire.anchors.scene_file import load_scene, save_scene
 from splatwire.cli.main import main
 from splatwire.data import Dataset
@@ -21,13 +20,13 @@ from splatwire.neural.training.finetune import fine_tuning, state_of_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.losses import prepare_photo
 from splatwire.neural.training.step import TrainingStep
-from splatwire.types import Linear, Mlp
+from splatwire.types import AnchorScene, Linear, Mlp
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def finished(dataset: Dataset, config: TrainConfig) -> Scene:
+def finished(dataset: Dataset, config: TrainConfig) -> AnchorScene:
     """A trained scene."""
     state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
     photo = prepare_photo(torch.from_numpy(dataset.image(1)))
@@ -36,7 +35,7 @@ def finished(dataset: Dataset, config: TrainConfig) -> Scene:
     return export_scene(state, config)
 
 
-def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, finished: Scene) -> None:
+def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, finished: AnchorScene) -> None:
     recipe = fine_tuning(create_config(iterations=30, losses=("bernoulli:0.2",)), finished)
     assert (recipe.milestones.iterations, recipe.losses.models) == (30, ("bernoulli:0.2",))
     again = export_scene(state_of_scene(finished, dataset, recipe), recipe)
@@ -51,7 +50,9 @@ def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, finished: Sce
     assert np.array_equal(finished.heads.color.hidden.bias, again.heads.color.hidden.bias)
 
 
-def test_finetuning_keeps_anchors_and_improves_pictures(dataset: Dataset, config: TrainConfig, finished: Scene) -> None:
+def test_finetuning_keeps_anchors_and_improves_pictures(
+    dataset: Dataset, config: TrainConfig, finished: AnchorScene
+) -> None:
     recipe = fine_tuning(config, finished)
     state, step = state_of_scene(finished, dataset, recipe), TrainingStep(recipe, dataset.cameras)
     photo = prepare_photo(torch.from_numpy(dataset.image(2)))
@@ -74,7 +75,7 @@ def test_other_networks_are_refused(dataset: Dataset) -> None:
 
 
 def test_finetune_command_runs(
-    finished: Scene, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    finished: AnchorScene, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     start, output = tmp_path / "start.scene", tmp_path / "out.scene"
     save_scene(dataclasses.replace(finished, background=(0.0, 0.5, 0.0)), start)
