@@ -136,7 +136,7 @@ class PacketPlan:
     def packet_index_of(self) -> np.ndarray:
         """Returns the packet of each element as `block * packetization.lanes + index_in_block`, int32 (N).
 
-        Elements are in plan order. If each attribute has separate packets, these packets have the same number.
+        Elements are in plan order. Packets that differ only in their attribute (`PacketId.part`) have the same number.
 
         Raises:
             InvalidValueError: With the grouping `hashed`, whose packets depend on the sizes of the coded elements.

@@ -14,10 +14,12 @@ def send_sequence(stream: SceneStream, send_order: str) -> list[Packet]:
 
     Args:
         stream: The stream, complete or not.
-        send_order: `interleaved`: the first packet of every block, then the second packet of every block, and so on; in
-            a sequence, for each tier (keyframe or motion of a group) in turn. `block`: all packets of block 0, then of
-            block 1, and so on. `tiers`: the most important tier first, interleaved within a tier; for levels of detail,
-            the same as `block`.
+        send_order: One of these names:
+
+            * `interleaved`: the first packet of every block, then the second packet of every block, and so on. A
+              sequence is interleaved within the keyframe Gaussians and within the motion of each group of pictures.
+            * `block`: all packets of block 0, then of block 1, and so on.
+            * `tiers`: the most important tier first, and interleaved within a tier. For levels of detail, as `block`.
 
     Raises:
         UnknownNameError: If the order is unknown.

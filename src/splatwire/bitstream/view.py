@@ -66,8 +66,8 @@ class Cut(CheckedFields):
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
     """Returns the screen-space error of each tile, pixels, float64 (B).
 
-    It is the error of a picture in which the next coarser tile is drawn instead of the tile. The error is infinite for
-    tiles of the coarsest level of detail, and reduced for tiles outside the picture.
+    The screen-space error of a tile is the error of a picture that shows the next coarser tile in its place. Tiles of
+    the coarsest level of detail have an infinite error. The errors of tiles outside the picture are reduced.
 
     Args:
         tiles: All tiles of the scene.

@@ -48,7 +48,7 @@ def refiner(steps: int) -> Callable[..., Scene]:
         steps: Number of training steps.
 
     Raises:
-        InvalidValueError: If this number of steps is not possible.
+        InvalidValueError: If the number of steps is negative.
     """
     from splatwire.neural.training import refine  # imports torch
 

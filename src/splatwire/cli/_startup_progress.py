@@ -40,10 +40,10 @@ class StartupProgress(logging.Handler):
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints a warning, or the progress of the compilation of kernels in this or another process.
+        """Prints a log record about the compilation of kernels: its progress or a warning.
 
         Args:
-            record: Log record of a compilation or of a warning.
+            record: Log record of a compiled kernel, of waiting for the compilation in another process, or of a warning.
         """
         if record.levelno > logging.INFO:
             print(f"splatwire: {record.getMessage()}", file=sys.stderr)
