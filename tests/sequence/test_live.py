@@ -3,6 +3,7 @@
 import dataclasses
 import gc
 import itertools
+import random
 import tracemalloc
 from pathlib import Path
 
@@ -27,10 +28,10 @@ from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import Receiver, ServerLimits
 from splatwire.transport.protocol.layout import parity_groups
-from splatwire.transport.protocol.live_packager import PROTECTION, LivePackager
-from splatwire.transport.protocol.messages import ParityRange, Welcome
+from splatwire.transport.protocol.live_packager import PROTECTION, LivePackager, LiveSnapshot
+from splatwire.transport.protocol.messages import ParityRange, Request, Welcome
 from splatwire.transport.protocol.sender import Server
-from splatwire.transport.protocol.wire import DATA, PARITY, decode, encode, message_kind
+from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY, decode, encode, message_kind
 
 pytestmark = pytest.mark.slow
 
@@ -153,6 +154,47 @@ def _held() -> tracemalloc.Snapshot:
     gc.collect()
     ours = str(Path(splatwire.__file__).parent / "*")
     return tracemalloc.take_snapshot().filter_traces([tracemalloc.Filter(True, ours)])
+
+
+class CountedPackets(tuple):
+    """Packets that count how many of them are read one after the other."""
+
+    num_read = 0
+
+    def __iter__(self):
+        CountedPackets.num_read += len(self)
+        return super().__iter__()
+
+    def __getitem__(self, index):
+        if isinstance(index, slice):
+            return CountedPackets(super().__getitem__(index))
+        CountedPackets.num_read += 1
+        return super().__getitem__(index)
+
+
+def packets_read_by_an_update(num_clients: int) -> int:
+    """Number of packets that a server reads for the next group of a live stream of 1,000 packets."""
+    snapshots = [
+        LiveSnapshot(
+            STREAM_ID, 256, bytes(32), 256, ((bytes(256),),), CountedPackets([bytes(100)] * count), 1150, 0,
+            (ParityRange(0, 0, 0),), (), ((INIT_SYMBOL, 0, 0), *((DATA, 0, number) for number in range(count))),
+            is_live=True, persistent=bytes([1] * count), newest=count - 10,
+        )
+        for count in (1000, 1010)
+    ]  # fmt: skip
+    limits = ServerLimits(per_network=num_clients)
+    server = Server({"live": snapshots[0]}, secret=bytes(16), random=random.Random(1).randbytes, limits=limits)
+    for client in range(num_clients):
+        server.receive(("192.0.2.1", client), encode(Request(client, bytes(16), "live")), 0.0, reliable=True)
+    assert server.num_transfers == num_clients
+    CountedPackets.num_read = 0
+    server.update("live", snapshots[1])
+    return CountedPackets.num_read
+
+
+def test_packets_of_a_group_are_read_once_for_all_clients():
+    first, more = packets_read_by_an_update(1), packets_read_by_an_update(20)
+    assert more - first <= 19 * 10  # the new packets for each client
 
 
 def test_slow_path_drops_motion_packets_and_no_keyframe_packets():

@@ -7,8 +7,8 @@ import numpy as np
 
 from splatwire.bitstream.view import Viewpoint, cut_of
 from splatwire.transport.protocol.messages import View
-from splatwire.transport.protocol.served_stream import ServedStream
-from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY
+from splatwire.transport.protocol.served_stream import SendSchedule, ServedStream
+from splatwire.transport.protocol.wire import DATA
 
 Item = tuple[int, int, int]
 """Datagram to send, as three integers. The first is its kind: `INIT_SYMBOL`, `DATA` or `PARITY`. The others
@@ -193,12 +193,12 @@ class SendQueue:
                 if another stream replaces the previous stream; the whole queue is then replaced.
         """
         self._stream = stream
-        source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams
-        init_items = [item for item in source if item[0] == INIT_SYMBOL]
-        remaining = [
-            item for item in self._schedule.datagrams[self._next :] if num_known and stream.is_still_useful(*item)
-        ]
-        new = [] if num_known == len(stream.packets) else [
-            item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= num_known)
-        ]  # fmt: skip
-        self._schedule, self._next = stream.schedule_of((welcome, *init_items, welcome, *remaining, welcome, *new)), 0
+        added = stream.added_datagrams(num_known, reliable=reliable)
+        remaining = stream.still_useful(self._schedule.datagrams[self._next :]) if num_known else []
+        datagrams = (welcome, *added.init_segment, welcome, *remaining, welcome, *added.packets)
+        if stream.tiles is None:
+            end = 1 + len(added.init_segment) if added.init_segment else 0
+            self._schedule = SendSchedule(datagrams, end, 0)
+        else:
+            self._schedule = stream.schedule_of(datagrams)
+        self._next = 0

@@ -72,6 +72,18 @@ class SendSchedule(NamedTuple):
     opening_end: int
 
 
+class AddedDatagrams(NamedTuple):
+    """Datagrams that a new state of a live stream adds to the queue of a client, as in `SendSchedule.datagrams`.
+
+    Attributes:
+        init_segment: Symbols of the new init segment.
+        packets: New packets, and repair symbols.
+    """
+
+    init_segment: tuple[tuple[int, int, int], ...]
+    packets: tuple[tuple[int, int, int], ...]
+
+
 @dataclass(frozen=True, eq=False)
 class ServedStream:
     """Stream prepared for sending; immutable, and shared by all clients.
@@ -194,17 +206,45 @@ class ServedStream:
         """Returns True if the packet with a given index in sending order may be retransmitted."""
         return index < self.num_retransmittable
 
-    def is_still_useful(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a datagram that was queued in an earlier state of a live stream is still useful.
+    def still_useful(self, items: Sequence[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
+        """Returns those of the datagrams queued in an earlier state of a live stream that are still useful.
 
         Args:
-            kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).
-            group: For a repair symbol, index of its parity group; ignored for a packet.
-            symbol: For a packet, index in sending order; for a repair symbol, index in its parity group.
+            items: Datagrams as in `SendSchedule.datagrams`. Only packets and repair symbols can be useful.
         """
-        if kind == PARITY:
-            return group < len(self.parity) and symbol < len(self.parity[group])
-        return kind == DATA and self.may_retransmit(symbol)
+        allowed, count, repair = self._retransmittable_flags, len(self.packets), [*map(len, self.parity)]
+        return [
+            item
+            for item in items
+            if (item[0] == DATA and item[2] < count and allowed[item[2]])
+            or (item[0] == PARITY and item[1] < len(repair) and item[2] < repair[item[1]])
+        ]
+
+    @functools.cached_property
+    def _retransmittable_flags(self) -> bytes:
+        """For each packet 1 if it may be retransmitted, else 0."""
+        return bytes(map(self.may_retransmit, range(len(self.packets))))
+
+    @functools.cached_property
+    def _added_datagrams(self) -> dict[tuple[bool, int], "AddedDatagrams"]:
+        return {}
+
+    def added_datagrams(self, num_known: int, *, reliable: bool) -> "AddedDatagrams":
+        """Returns the datagrams that this state of a live stream adds to a queue; computed once for all clients.
+
+        Args:
+            num_known: Number of packets of the state that the client has; 0 for none.
+            reliable: True if the init segment is sent on a reliable (QUIC) stream.
+        """
+        key = reliable, num_known
+        if key not in self._added_datagrams:
+            source = (self.reliable_schedule if reliable else self.send_schedule).datagrams
+            init_items = tuple(item for item in source if item[0] == INIT_SYMBOL)
+            new = () if num_known == len(self.packets) else tuple(
+                item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= num_known)
+            )  # fmt: skip
+            self._added_datagrams[key] = AddedDatagrams(init_items, new)
+        return self._added_datagrams[key]
 
     @property
     def viewable(self) -> bool:
@@ -216,6 +256,10 @@ class ServedStream:
 
         Keys: `init_segment`, `init_protection`, `packets`, `packet_protection`. Headers of UDP and IP do not count.
         """
+        return dict(self._sizes)
+
+    @functools.cached_property
+    def _sizes(self) -> dict[str, int]:
         source_blocks = SourceBlocks(self.init_segment_bytes, self.symbol_bytes)
         per_symbol, source = self.symbol_bytes + INIT_SYMBOL_OVERHEAD, source_blocks.num_symbols
         repair = sum(1 for kind, _, _ in self.schedule if kind == INIT_SYMBOL) - source
@@ -223,9 +267,23 @@ class ServedStream:
         return {
             "init_segment": source * per_symbol,
             "init_protection": repair * per_symbol,
-            "packets": sum(DATA_OVERHEAD + len(packet) for packet in self.packets[self.num_bundled :]),
+            "packets": self._bytes_from(self.num_bundled),
             "packet_protection": parity,
         }
+
+    def _bytes_from(self, first: int) -> int:
+        """Returns the bytes to send for all packets from index `first` in sending order on."""
+        return sum(DATA_OVERHEAD + len(packet) for packet in self.packets[first:])
+
+    def num_added_bytes(self, num_known: int) -> int:
+        """Returns the bytes to send to a client with an earlier state of a live stream, protection included.
+
+        Args:
+            num_known: Number of packets of the state that the client has; 0 for none.
+        """
+        sizes = self._sizes
+        packets = sizes["packets"] if num_known <= self.num_bundled else self._bytes_from(num_known)
+        return sum(sizes.values()) - sizes["packets"] + packets
 
 
 @checked

@@ -177,10 +177,7 @@ class ServerTransfer:
         Args:
             num_known: Number of packets of the stream before the growth.
         """
-        known_bytes = sum(
-            DATA_OVERHEAD + len(packet) for packet in self.stream.packets[self.stream.num_bundled : num_known]
-        )
-        self._max_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
+        self._max_bytes += int(self._limits.max_sent_ratio * self.stream.num_added_bytes(num_known))
 
     def exclude_known(self, message: Have) -> None:
         """Records which packets the client already has. These are not sent, and the client's byte limit is lowered."""
