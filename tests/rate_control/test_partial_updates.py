@@ -53,6 +53,18 @@ NEXT = {
 }
 
 
+@pytest.mark.parametrize(
+    ("change", "restarts"), [(trained, False), (lambda splats: joined(*[splats] * 3), True)], ids=["update", "restart"]
+)
+def test_all_states_have_the_origin_background_and_antialiasing_of_the_first(change, restarts: bool) -> None:
+    origin, background = (442_000.0, 5_443_000.0, 120.0), (1.0, 0.5, 0.0)
+    state = PartialUpdates.start(some_splats(), True, origin, background)
+    states = [state, state.pushed(change(some_splats()), 1.0)]
+    assert (states[1].num_pushed == 0) == restarts
+    for scene in (decode_stream(state.chain.scene).scene for state in states):
+        assert (scene.origin, scene.background, scene.antialiased) == (origin, background, True)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("change", NEXT.values(), ids=NEXT)
 @pytest.mark.parametrize("share", [0.25, 1.0])

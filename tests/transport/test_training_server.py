@@ -327,7 +327,8 @@ def test_closing_ends_the_threads_and_refuses_more() -> None:
 @pytest.mark.parametrize(("options", "message"), [
     ({"share": 0.0}, "share: expected a number above 0, at most 1"), ({"share": float("nan")}, "share: expected"),
     ({"port": 70_000}, "port: expected"),
-    ({"page": -1}, "page: expected"), ({"host": "192.0.2.1"}, "listen"),
+    ({"page": -1}, "page: expected"), ({"origin": (0.0, 0.0, 1e13)}, "origin"),
+    ({"background": (2.0, 0.0, 0.0)}, "background"), ({"host": "192.0.2.1"}, "listen"),
 ])  # fmt: skip
 def test_wrong_settings_are_one_error(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidValueError, match=message), splatwire.serve_training(**options):

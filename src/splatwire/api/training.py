@@ -24,6 +24,8 @@ from splatwire.transport.http.content import PageContent
 from splatwire.transport.protocol.preview import stream_preview
 from splatwire.transport.running_server import DRAIN_INTERVAL_S, RunningServer
 from splatwire.transport.udp import UdpServer
+from splatwire.types.background import BLACK, Background, check_background
+from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -42,6 +44,8 @@ class _Settings:
     page: int | None
     share: float
     antialiased: bool
+    origin: Origin
+    background: Background
     protection: Protection
     limits: ServerLimits
 
@@ -120,7 +124,7 @@ class TrainingServer:
         busy, only the Gaussians of the latest call wait; those of earlier calls are dropped.
 
         Args:
-            means: World coordinates of the centres, (G, 3).
+            means: Coordinates of the centres relative to the origin of the server, world units, (G, 3).
             quats: Rotations, quaternions (w, x, y, z) of any length, (G, 4).
             scales: Standard deviations along the axes, not their logarithms, world units, (G, 3).
             opacities: Opacities in (0, 1), not logits, (G,).
@@ -250,7 +254,8 @@ class TrainingServer:
             State to pass to the next call.
         """
         if state is None:
-            after = PartialUpdates.start(splats, self._settings.antialiased)
+            settings = self._settings
+            after = PartialUpdates.start(splats, settings.antialiased, settings.origin, settings.background)
         else:
             after = state.pushed(splats, share)
         if state is None or after.chain is not state.chain:
@@ -347,6 +352,8 @@ def serve_training(
     page: int | None = None,
     share: float = SHARE,
     antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+    background: Background = BLACK,
     protection: Protection | None = None,
     limits: ServerLimits | None = None,
 ) -> Iterator[TrainingServer]:
@@ -361,6 +368,8 @@ def serve_training(
             None for plain UDP without a page.
         share: Maximum share of the Gaussians that each `push` after the first one sends, above 0, at most 1.
         antialiased: True if the trainer renders antialiased (Mip-Splatting).
+        origin: World coordinates (x, y, z) that the pushed positions are relative to, within 1e12.
+        background: Colour of the background, RGB, each 0 to 1.
         protection: Amount of redundancy; None for the default.
         limits: Limits on the transfers of clients; None for the defaults.
 
@@ -382,7 +391,10 @@ def serve_training(
     for name, number in (("port", port), ("page", page or 0)):
         if not 0 <= number < 1 << 16:
             raise InvalidValueError(f"{name}: expected a port from 0 to 65535, not {shown(number)}")
-    settings = _Settings(host, port, page, share, antialiased, protection or Protection(), limits or ServerLimits())
+    settings = _Settings(
+        host, port, page, share, antialiased, check_origin(origin), check_background(background),
+        protection or Protection(), limits or ServerLimits(),
+    )  # fmt: skip
     server = TrainingServer(settings)
     try:
         yield server

@@ -10,6 +10,8 @@ from splatwire.cli._listening import check_port
 from splatwire.cli.train import Train
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.types import SplatScene
+from splatwire.types.background import Background
+from splatwire.types.origin import Origin
 
 PUSH_S = 1.0
 """Minimum interval between two states that are sent, seconds."""
@@ -88,11 +90,13 @@ def check_serving(command: Train) -> None:
 
 
 @contextmanager
-def served_training(command: Train) -> Iterator[ServedTraining]:
+def served_training(command: Train, origin: Origin, background: Background) -> Iterator[ServedTraining]:
     """Opens the server of a training, if requested, and prints how to watch.
 
     Args:
         command: Options of `splatwire train`.
+        origin: World coordinates that the trained positions are relative to.
+        background: Colour of the background.
 
     Raises:
         InvalidValueError: If a port cannot be bound.
@@ -100,7 +104,9 @@ def served_training(command: Train) -> Iterator[ServedTraining]:
     if command.serve is None:
         yield ServedTraining(None)
         return
-    with serve_training(host=command.host, port=command.serve, page=command.page) as server:
+    with serve_training(
+        host=command.host, port=command.serve, page=command.page, origin=origin, background=background
+    ) as server:
         if "page" in server.facts:
             print(f"watch it: {server.facts['page']}", file=sys.stderr, flush=True)
         else:

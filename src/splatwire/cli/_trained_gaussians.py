@@ -90,7 +90,7 @@ def run_gaussians(command: Train, device: str, device_name: str) -> None:
         state, config, train, test = _initial_training(command, device_name)
         save_gaussian_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint at once
     options = RunOptions(checkpoint, command.checkpoint_interval)
-    with served_training(command) as served:
+    with served_training(command, state.origin, config.background) as served:
         with training_display(
             preview_writer(command.preview), "fine-tuning with the rounding of the codec"
         ) as listener:

@@ -17,6 +17,8 @@ from splatwire.ops.knn import NeighborTree
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.picture_changes import picture_changes
 from splatwire.types.anchors import MIN_SIZE
+from splatwire.types.background import BLACK, Background
+from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
 
@@ -71,6 +73,8 @@ class PartialUpdates:
         size_at_first: Size of the scene when the whole scene was sent, world units.
         num_pushed: Number of scenes pushed since the whole scene was sent.
         antialiased: True if the scene was trained with an antialiased renderer.
+        origin: World coordinates that the Gaussians' positions are relative to.
+        background: Colour of the background.
     """
 
     # Sizes are from `_scene_size`.
@@ -85,14 +89,20 @@ class PartialUpdates:
     size_at_first: float
     num_pushed: int = 0
     antialiased: bool = False
+    origin: Origin = NO_ORIGIN
+    background: Background = BLACK
 
     @staticmethod
-    def start(splats: Splats, antialiased: bool = False) -> "PartialUpdates":
+    def start(
+        splats: Splats, antialiased: bool = False, origin: Origin = NO_ORIGIN, background: Background = BLACK
+    ) -> "PartialUpdates":
         """Encodes all Gaussians of a scene as the first stream, the base of later updates.
 
         Args:
             splats: The Gaussians.
             antialiased: True if the Gaussians were trained with an antialiased renderer.
+            origin: World coordinates that the positions are relative to.
+            background: Colour of the background.
 
         Returns:
             The sender, with the first stream in `chain`.
@@ -100,12 +110,19 @@ class PartialUpdates:
         Raises:
             InvalidValueError: If no Gaussian can be drawn, or values are too large.
         """
-        stream = encode_scene(SplatScene(splats, antialiased=antialiased), PRESETS["datagram"])
+        scene = SplatScene(splats, background=background, antialiased=antialiased, origin=origin)
+        stream = encode_scene(scene, PRESETS["datagram"])
         known = SplatScene(splats).drawable.copy()
         size = _scene_size(splats.select(known))
         chain, coarse = UpdateChain(stream, stream), np.zeros(len(known), bool)
         finest, count = int(decode_stream(stream).scene.coding.precision_classes.max()), int(known.sum())
-        return PartialUpdates(chain, finest, splats, splats, known, coarse, count, size, antialiased=antialiased)
+        return PartialUpdates(
+            chain, finest, splats, splats, known, coarse, count, size,
+            antialiased=antialiased, origin=origin, background=background,
+        )  # fmt: skip
+
+    def _restarted(self, splats: Splats) -> "PartialUpdates":
+        return PartialUpdates.start(splats, self.antialiased, self.origin, self.background)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
         """Encodes the largest changes of the Gaussians as an update, and leaves smaller changes for later calls.
@@ -135,7 +152,7 @@ class PartialUpdates:
             raise InvalidValueError("no Gaussian can be drawn")
         ratios = drawable.sum() / self.num_at_first, _scene_size(splats.select(drawable)) / self.size_at_first
         if splats.degree != self.newest.degree or any(not 1 / MAX_GROWTH <= ratio <= MAX_GROWTH for ratio in ratios):
-            return PartialUpdates.start(splats, self.antialiased)
+            return self._restarted(splats)
         held, known, coarse = self._receiver_versions(splats)
         known &= drawable
         most = max(1, round(share * count))
@@ -153,11 +170,13 @@ class PartialUpdates:
         known[chosen], coarse[chosen] = True, in_motion
         classes = np.where(coarse[known], COARSE_CLASS, 0).astype(np.int8)
         try:
-            sent = SplatScene(mixed.select(known), antialiased=self.antialiased)
+            sent = SplatScene(
+                mixed.select(known), background=self.background, antialiased=self.antialiased, origin=self.origin
+            )
             chain = self.chain.edited(sent, self.finest, classes)
         except InvalidValueError as error:
             LOG.warning("update: %s; the whole scene is sent again", error)
-            return PartialUpdates.start(splats, self.antialiased)
+            return self._restarted(splats)
         count = self.num_pushed + 1
         return replace(self, chain=chain, newest=splats, held=mixed, known=known, coarse=coarse, num_pushed=count)
 

@@ -18,8 +18,9 @@ from splatwire.api.following import follow
 from splatwire.api.network import receive
 from splatwire.api.training import serve_training
 from splatwire.bitstream import stream_from_bytes
-from splatwire.cli._served_training import ServedTraining
+from splatwire.cli._served_training import ServedTraining, served_training
 from splatwire.cli.main import main
+from splatwire.cli.train import Train
 from splatwire.codec import decode_stream, encode_scene, encode_update
 from splatwire.codec.update.apply import describe_update
 from splatwire.io import open_scene
@@ -211,3 +212,16 @@ def test_an_unexpected_error_of_the_encoder_does_not_end_the_training(
         served.iterated(lambda: scene)
         served.finish(scene)
     assert capsys.readouterr().err.count("not served: MemoryError('no memory for the blocks')") == 1
+
+
+def test_served_scene_has_the_origin_and_background_of_the_training(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+    monkeypatch.setattr("splatwire.api.training.REQUEST_S", 0.0)
+    origin, background = (442_000.0, 5_443_000.0, 120.0), (1.0, 1.0, 1.0)
+    with served_training(Train("photos", "scene.ply", serve=0), origin, background) as served:
+        url = capsys.readouterr().err.split()[-1]
+        served.finish(SplatScene(ball_of_gaussians(), background=background, origin=origin))
+        received = decode_stream(asyncio.run(receive(url))).scene
+    assert (received.origin, received.background) == (origin, background)
