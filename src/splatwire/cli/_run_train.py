@@ -114,7 +114,7 @@ def _continued_training(
         command: Options of `splatwire train`.
         scene: The finished scene.
         model: Name of the scene's model.
-        details: End of the printed message, such as the training device.
+        details: Text to append to the line that announces the training, such as the device.
 
     Returns:
         Initial state, configuration, training photos, and test photos. The last is None if there are no test photos.

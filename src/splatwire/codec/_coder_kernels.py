@@ -104,7 +104,7 @@ def new_coder(decoding, data, words, models, statistics, tables):
     Args:
         decoding: True for a decoder.
         data: Bytes of the packet, or the output buffer, uint8.
-        words: The bytes of the packet as the decoder reads them, from `words_of`.
+        words: The bytes of the packet as overlapping integers, from `words_of`, for decoding.
         models: Initial adaptive bit models, int64 (contexts, 2).
         statistics: The two counters `bit_counts` and `residual_statistics` of `Coder`.
         tables: The seven tables `scale_indices`, `distributions`, `bounds`, `guesses`, `inverse_scales`, `widths` and

@@ -206,14 +206,14 @@ def child(root: Path, name: str, source: Path) -> Path:
 
 
 def _existing(root: Path, parts: Sequence[str]) -> Path:
-    """Returns a path below a folder, with the names of existing files and folders as the file system has them.
+    """Returns the path of a file below a folder, in the spelling of the file system.
 
-    Names may differ in their Unicode normal form: archives and disks of macOS store `é` as two characters, other
-    programs as one.
+    A dataset and the file system may spell one name in different Unicode normal forms: archives and disks of macOS
+    store `é` as two characters, other programs as one. Names without such a counterpart are returned unchanged.
 
     Args:
         root: The folder.
-        parts: Names of the folders and of the file below it.
+        parts: Names of the subfolders and of the file, as the dataset spells them.
     """
     path = root
     for part in parts:

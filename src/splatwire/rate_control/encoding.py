@@ -316,8 +316,8 @@ class _Plan:
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
         """Returns a copy of this plan with a precision of each attribute that suits fine-tuning.
 
-        The precision of this plan is the best one without fine-tuning. For fine-tuning, half of its difference from the
-        precision of `quality` is used.
+        This precision is the mean of two: that of this plan, which is the best one without fine-tuning, and that of
+        `quality`.
 
         Args:
             quality: Quality setting at which the precision of this plan was measured.

@@ -36,13 +36,13 @@ class RenderHints(CheckedFields):
 class Coverage(CheckedFields):
     """Strength with which the concealer `grow` enlarges received elements next to lost ones.
 
-    Each class of scenes has its own strength. Let r be the received share of an element's neighbours, and `exponent`
-    the parameter of the concealer. The element's size is multiplied by `r ** -(exponent * size)`. Its opacity o becomes
-    `1 - (1 - o) ** (r ** -(exponent * opacity))`.
+    Each class of scenes has its own strength. Let r be the share of an element's neighbours that were received, e the
+    parameter `exponent` of the concealer, and a and b the two attributes of this class. The size of the element is
+    multiplied by `r ** -(e * a)`. Its opacity o becomes `1 - (1 - o) ** (r ** -(e * b))`.
 
     Attributes:
-        size: Strength for sizes; 0 leaves them unchanged.
-        opacity: Strength for opacities; 0 leaves them unchanged.
+        size: Strength a for sizes; 0 leaves them unchanged.
+        opacity: Strength b for opacities; 0 leaves them unchanged.
     """
 
     size: float

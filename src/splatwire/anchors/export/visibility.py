@@ -92,7 +92,10 @@ def visible_areas(
 
 
 def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients) -> Float[np.ndarray, "G"]:
-    """Returns the sum of each Gaussian's blending weights over all pixels of a view, square pixels.
+    """Returns the sum of each Gaussian's blending weights over all pixels of a view, as an area in square pixels.
+
+    The image is linear in the colours of the Gaussians, so this sum is the gradient of the summed image with respect to
+    the Gaussian's colour.
 
     Args:
         gaussians: The Gaussians.
