@@ -26,6 +26,8 @@ from collections.abc import Iterable
 
 MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 """Exceptions that Python raises when code parses plain data (JSON, tensors of a file) of an unexpected form."""
+ACCESS_ADVICE = " (`ls -ld` shows its owner and mode, `chmod` and `chown` change them)"
+"""End of messages about files and folders that this user may not access."""
 
 
 def shown(value: object) -> str:

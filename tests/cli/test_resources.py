@@ -5,10 +5,11 @@ import os
 import resource
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from splatwire.cli._resources import resource_problem
+from splatwire.cli._resources import file_problem, resource_problem
 
 
 def raised(error: BaseException, cause: BaseException | None = None) -> BaseException:
@@ -118,3 +119,48 @@ def test_full_standard_output_is_one_error_line():
     (line,) = done.stderr.splitlines()
     assert line.startswith("splatwire: error: ")
     assert "No space left on device" in line
+
+
+def test_errors_about_files_begin_with_the_path_and_have_no_number():
+    denied = PermissionError(errno.EACCES, "Permission denied", "a/b.ply")
+    assert file_problem(denied).startswith("a/b.ply: Permission denied (`ls -ld` shows")
+    assert file_problem(IsADirectoryError(errno.EISDIR, "Is a directory", b"a/b")) == "a/b: Is a directory"
+    assert file_problem(OSError("no number")) == "no number"
+
+
+DENIED = {
+    "render": ("secret.ply", "-o", "out"),
+    "encode": ("secret.ply", "-o", "a.swz"),
+    "decode": ("secret.swz", "-o", "a.ply"),
+    "export": ("spz", "secret.ply", "-o", "a.spz"),
+    "import": ("splats", "secret.ply", "-o", "a.ply"),
+    "train": ("secret", "-o", "a.scene"),
+    "inspect": ("secret.ply",),
+    "view": ("secret.swz",),
+}
+
+
+@pytest.mark.parametrize("verb", DENIED)
+def test_a_file_without_permission_is_named_with_the_way(verb, run, tmp_path, monkeypatch):
+    """Access is denied by a patch, because tests may run as root."""
+    (tmp_path / "secret").mkdir()
+    for name in ("secret.ply", "secret.swz", "secret/transforms.json"):
+        (tmp_path / name).write_bytes(b"ply")
+
+    def denied(of):
+        def method(path, *rest, **more):
+            if any(part.startswith("secret") for part in path.parts):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+            return of(path, *rest, **more)
+
+        return method
+
+    for name in ("open", "iterdir"):
+        monkeypatch.setattr(Path, name, denied(getattr(Path, name)))
+    monkeypatch.chdir(tmp_path)
+    outcome = run(verb, *DENIED[verb])
+    assert outcome.status == 2
+    (line,) = outcome.err.strip().splitlines()
+    assert "secret" in line.split(": ")[2]
+    assert "Permission denied" in line
+    assert "Errno" not in line

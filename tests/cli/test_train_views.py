@@ -35,17 +35,12 @@ def views_of(folder: Path):
     return _run_train._datasets(Train(str(folder), "a.scene"), TrainConfig())
 
 
-def test_rounded_cameras_in_map_coordinates_give_a_warning(tmp_path, caplog):
+def test_cameras_in_map_coordinates_keep_their_origin(tmp_path, caplog):
     train, test = views_of(nerfstudio(tmp_path / "utm", UTM))
-    assert train.cameras.origin == test.cameras.origin == NO_ORIGIN
-    assert np.abs(train.cameras.centers - np.array(UTM)).max() < 1.6
-    (warning,) = caplog.messages
-    assert "positions are rounded to float32, here steps of 0.5: train explicit Gaussians" in warning
-    assert "or subtract this point" in warning
-
-
-def test_cameras_around_0_give_no_warning(tmp_path, caplog):
-    views_of(nerfstudio(tmp_path / "local", (0, 0, 0)))
+    assert train.cameras.origin == test.cameras.origin != NO_ORIGIN
+    local, _ = views_of(nerfstudio(tmp_path / "local", (0, 0, 0)))
+    centers = train.cameras.centers + (np.array(train.cameras.origin) - UTM)
+    assert centers == pytest.approx(local.cameras.centers, abs=1e-6)
     assert not caplog.messages
 
 

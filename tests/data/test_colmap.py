@@ -1,4 +1,5 @@
 import os
+import re
 import shutil
 import struct
 import unicodedata
@@ -10,9 +11,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from splatwire.data import dataset_layout, open_dataset
-from splatwire.data._checks import child, make_cameras, pinhole
+from splatwire.data._checks import child
 from splatwire.data.colmap import find_reconstruction, read_points, read_views
-from splatwire.data.rounding import without_origin
 from splatwire.errors import DatasetError
 
 
@@ -236,21 +236,7 @@ def test_map_coordinates_are_relative_to_one_origin(capture):
         assert np.abs(cameras.viewmats[view] - local[number]).max() < 1e-5
 
 
-def test_rounding_of_map_coordinates_gives_a_warning_in_training(capture, caplog):
-    viewmats = np.repeat(np.eye(4)[None], 4, axis=0)
-    viewmats[:, :3, 3] = [-451234, -5411876, -118]
-    names, Ks = ["a", "b", "c", "d"], np.repeat(pinhole(30.0, 30.0, 20.0, 12.0)[None], 4, axis=0)
-    there = make_cameras(capture.root, names, viewmats, Ks, 40, 24)
-    assert without_origin(capture.root, there).origin == (0, 0, 0)
-    assert "cameras are around (451234 5411876 118)" in caplog.text
-    assert "steps of 0.5: train explicit Gaussians" in caplog.text
-    caplog.clear()
-    near = make_cameras(capture.root, names, np.repeat(np.eye(4)[None], 4, axis=0), Ks, 40, 24)
-    without_origin(capture.root, near)
-    assert not caplog.messages
-
-
-@pytest.mark.parametrize("parent", ["sparse", "colmap/sparse"])
+@pytest.mark.parametrize("parent", ["sparse", "colmap/sparse", "."])
 def test_the_reconstruction_with_the_lowest_number_is_read(capture, caplog, parent):
     capture.write_images()
     folder = capture.write_binary()
@@ -260,6 +246,17 @@ def test_the_reconstruction_with_the_lowest_number_is_read(capture, caplog, pare
     assert find_reconstruction(capture.root) == capture.root / parent / "2"
     assert open_dataset(capture.root).num_views == 2
     assert "reconstructions beside it are not read: 10" in caplog.text
+
+
+def test_photos_may_be_beside_the_numbered_reconstruction(capture):
+    capture.write_images()
+    shutil.copytree(capture.write_binary(), capture.root / "0")
+    shutil.rmtree(capture.root / "sparse")
+    (capture.root / "images").rename(capture.root.parent / "photos")
+    shutil.copytree(capture.root.parent / "photos", capture.root, dirs_exist_ok=True)
+    assert open_dataset(capture.root, split="all").num_views == 12
+    with pytest.raises(DatasetError, match=rf"{re.escape(str(capture.root))} looks like a dataset \(layout: colmap\)"):
+        open_dataset(capture.root / "0")
 
 
 def test_a_folder_for_reconstructions_without_one_is_not_called_a_dataset(capture):

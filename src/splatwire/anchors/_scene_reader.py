@@ -14,6 +14,7 @@ from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersi
 from splatwire.files.kinds import PARTIAL, SCENE, TENSORS, file_kind, is_not
 from splatwire.types.background import BLACK, Background, check_background
 from splatwire.types.networks import Linear, Mlp
+from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 
 _TYPES = {np.float32: "F32", np.bool_: "BOOL", np.uint8: "U8"}
 MAX_WIDTH = 4096
@@ -126,6 +127,17 @@ class SceneReader:
         """
         try:
             return check_background(self.header.get("background", BLACK))
+        except InvalidValueError as error:
+            raise self.error(str(error)) from None
+
+    def origin(self) -> Origin:
+        """Reads the origin of a geo-referenced scene; (0, 0, 0) if the file contains none.
+
+        Raises:
+            BitstreamError: If the value is not an origin.
+        """
+        try:
+            return check_origin(self.header.get("origin", NO_ORIGIN))
         except InvalidValueError as error:
             raise self.error(str(error)) from None
 

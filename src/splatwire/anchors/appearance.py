@@ -89,7 +89,7 @@ def _(scene: SplatScene, cameras: Cameras, view: int) -> Gaussians:
 
 @gaussians_of_view.register
 def _(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
-    return drawn_gaussians(scene, cameras, view)
+    return drawn_gaussians(scene, cameras.relative_to(scene.origin), view)
 
 
 @singledispatch
@@ -114,7 +114,7 @@ def _(scene: SplatScene, cameras: Cameras, view: int) -> SpawnedGaussians:
 
 @spawned_gaussians.register
 def _(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    return drawn_with_anchors(replace(scene, hints=None), cameras, view)
+    return drawn_with_anchors(replace(scene, hints=None), cameras.relative_to(scene.origin), view)
 
 
 @singledispatch
@@ -136,6 +136,11 @@ def origin_of(scene: Scene) -> Origin:
 
 @origin_of.register
 def _(scene: SplatScene) -> Origin:
+    return scene.origin
+
+
+@origin_of.register
+def _(scene: AnchorScene) -> Origin:
     return scene.origin
 
 

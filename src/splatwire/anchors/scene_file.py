@@ -1,7 +1,8 @@
 """Files of anchor scenes: one safetensors file per scene, validated strictly and written atomically.
 
 The only metadata entry, `splatwire`, is a JSON object: format, version, kind, voxel size as a hexadecimal float,
-configuration, slopes of the leaky ReLUs, and background. The signs of the hash grid are packed into bits.
+configuration, slopes of the leaky ReLUs, background, origin and metadata. The signs of the hash grid are packed into
+bits.
 """
 
 from pathlib import Path
@@ -18,6 +19,7 @@ from splatwire.types.anchor_scene import AnchorScene, GaussianHeads
 from splatwire.types.background import BLACK
 from splatwire.types.metadata import NO_METADATA, metadata_from_json, metadata_to_json
 from splatwire.types.networks import Mlp
+from splatwire.types.origin import NO_ORIGIN
 from splatwire.types.prior import AttributePrior, Prior
 from splatwire.types.received_scene import PredictedPositions, ReceivedScene, TierSizes
 from splatwire.types.scene import RenderHints, Scene
@@ -185,6 +187,7 @@ def _header(scene: AnchorScene, kind: str) -> dict[str, Any]:
         "negative_slopes": {name: network.negative_slope for name, network in _networks(scene).items()},
         "hints": scene.hints is not None,
         **({} if scene.background == BLACK else {"background": list(scene.background)}),
+        **({} if scene.origin == NO_ORIGIN else {"origin": list(scene.origin)}),
         **({} if scene.metadata == NO_METADATA else {"metadata": metadata_to_json(scene.metadata)}),
     }
 
@@ -230,7 +233,7 @@ def _read_scene(reader: SceneReader) -> AnchorScene:
         opacity_gain = reader.tensor("hints.opacity_gain", (count,)) if reader.has("hints.opacity_gain") else None
         hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out, opacity_gain)
     metadata = metadata_from_json(reader.header.get("metadata"))
-    return AnchorScene(anchors, heads, coding, hints, reader.background(), metadata)
+    return AnchorScene(anchors, heads, coding, hints, reader.background(), reader.origin(), metadata)
 
 
 def _read_anchors(reader: SceneReader, layout: AnchorLayout) -> Anchors:

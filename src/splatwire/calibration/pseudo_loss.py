@@ -65,6 +65,7 @@ def calibration_data(
         raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
     if len(members.starts) < 3:
         raise InvalidValueError("calibration needs a stream of at least two packets")
+    cameras = None if cameras is None else cameras.relative_to(complete.scene.origin)
     return CalibrationData(to_arrays(complete), members, cameras)
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from splatwire.anchors.appearance import metadata_of, scene_of
+from splatwire.anchors.appearance import metadata_of, origin_of, scene_of
 from splatwire.anchors.tensor_file import tensor_bytes
 from splatwire.files.kinds import trained_ply
 from splatwire.io import read_scene_file
@@ -27,6 +27,7 @@ def describe_scene(path: Path) -> tuple[dict[str, Any], SceneMetadata]:
         "kind": "scene" if scene_file.loaded is scene else "partial scene",
         "num_gaussians": scene.num_gaussians,
         "digest": scene_digest(scene.elements),
+        "origin": list(origin_of(scene)),
         "num_lost": scene_file.num_lost,
         "decoded": scene_file.loss_mask is not None,
     }

@@ -1,8 +1,11 @@
-"""One-line messages for errors caused by exhausted system resources, with advice."""
+"""One-line messages for errors of the operating system (exhausted resources, missing permissions), with advice."""
 
 import errno
+import os
 import resource
 from collections.abc import Iterator
+
+from splatwire.errors import ACCESS_ADVICE
 
 _ADVICE = {
     errno.EFBIG: "File too large: the size of files is limited here (`ulimit -f`)",
@@ -50,6 +53,14 @@ def resource_problem(error: BaseException) -> str | None:
         if description is not None:
             return description + (_address_space_hint() if _MEMORY in description else "")
     return None
+
+
+def file_problem(error: OSError) -> str:
+    """Returns an error message with the path first, without the error number, and with advice if access was denied."""
+    if error.filename is None or not error.strerror:
+        return str(error)
+    where = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else str(error.filename)
+    return f"{where}: {error.strerror}{ACCESS_ADVICE if isinstance(error, PermissionError) else ''}"
 
 
 def address_space_warning() -> str:

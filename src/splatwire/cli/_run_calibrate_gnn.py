@@ -26,7 +26,6 @@ from splatwire.paper.gnn.quantise import check_bits
 from splatwire.paper.gnn.section import SECTION, write_section
 from splatwire.paper.gnn.weights import PRECISIONS, save_weights
 from splatwire.types import Prior
-from splatwire.types.origin import NO_ORIGIN
 
 _RENDER_WIDTH = 200
 _DEVICES = ("cpu", "cuda")
@@ -103,7 +102,7 @@ def _config(command: CalibrateGnn) -> CalibrationConfig:
 def _data(command: CalibrateGnn, show: Reporter) -> tuple[SceneStream, CalibrationData]:
     cameras, background = None, chosen_background(command.background)
     if command.cameras is not None:
-        cameras = load_cameras(command.cameras).relative_to(NO_ORIGIN)  # anchors have no origin
+        cameras = load_cameras(command.cameras)
         cameras = cameras.scaled(min(1.0, (command.render_width or _RENDER_WIDTH) / cameras.width))
     stream = complete_stream(command.source, show)
     if Prior not in schema_named(stream.manifest.codec).provides:

@@ -168,7 +168,7 @@ def _config(command: Train) -> TrainConfig:
 
 
 def _datasets(command: Train, config: TrainConfig) -> tuple[Dataset, Dataset | None]:
-    return training_data(command, config.test_views, config.background, keep_origin=False)
+    return training_data(command, config.test_views, config.background)
 
 
 def _report(command: Train, result: TrainResult, config: TrainConfig) -> None:

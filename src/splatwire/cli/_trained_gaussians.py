@@ -85,7 +85,7 @@ def run_gaussians(command: Train, device: str, device_name: str) -> None:
     if command.resume:
         state, config = load_gaussian_checkpoint(checkpoint)
         check_same_recipe(changed_options(command), _config(command), config, GAUSSIAN_RECIPE)
-        train, test = training_data(command, config.test_views, config.background, keep_origin=True)
+        train, test = training_data(command, config.test_views, config.background)
     else:
         state, config, train, test = _initial_training(command, device_name)
         save_gaussian_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint at once
@@ -138,7 +138,7 @@ def _initial_training(
     """
     config = _config(command)
     start = None if command.init is None else open_scene(command.init)
-    train, test = training_data(command, config.test_views, config.background, keep_origin=True)
+    train, test = training_data(command, config.test_views, config.background)
     if start is not None:
         train = dataclasses.replace(train, points=points_of(start))
     chosen = " (chosen by the data)" if command.preset == "auto" else ""

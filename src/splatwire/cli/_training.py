@@ -22,7 +22,6 @@ from splatwire.cli._signals import first_interrupt
 from splatwire.cli._terminal import printable_streams
 from splatwire.cli.train import Train
 from splatwire.data import Dataset, dataset_layout, open_dataset
-from splatwire.data.rounding import without_origin
 from splatwire.errors import InvalidValueError, NoViewsError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.neural.training import Listener, Progress, QualityReport
@@ -51,7 +50,7 @@ def preset_of(command: Train) -> str:
 
 
 def training_data(
-    command: Train, test_views: str, background: tuple[float, float, float], *, keep_origin: bool
+    command: Train, test_views: str, background: tuple[float, float, float]
 ) -> tuple[Dataset, Dataset | None]:
     """Opens the training and test views of the dataset; prints a message if there are no test views.
 
@@ -59,8 +58,6 @@ def training_data(
         command: Options of `splatwire train`.
         test_views: Rule that selects the test views.
         background: RGB behind transparent parts of photos.
-        keep_origin: True to keep the origin of the cameras. False to convert cameras to world coordinates, with a
-            warning if float32 rounds these coordinates noticeably.
     """
 
     def opened(split: str) -> Dataset:
@@ -74,8 +71,6 @@ def training_data(
         )
 
     train = opened("train")
-    if not keep_origin:
-        train = replace(train, cameras=without_origin(Path(command.data), train.cameras))
     try:
         test = opened("test")
     except NoViewsError as error:

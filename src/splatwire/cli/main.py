@@ -17,7 +17,7 @@ from typing import Any
 
 import splatwire
 from splatwire.cli._input_warnings import DAMAGED, input_warnings
-from splatwire.cli._resources import address_space_warning, resource_problem
+from splatwire.cli._resources import address_space_warning, file_problem, resource_problem
 from splatwire.cli._signals import SignalErrors, StoppedError, status_of
 from splatwire.cli._startup_progress import startup_messages
 from splatwire.cli._terminal import discard_stderr, one_line, print_failure, printable_streams
@@ -202,7 +202,7 @@ def _run(arguments: list[str]) -> int:
         if problem := resource_problem(error):
             return _print_error(problem)
         if isinstance(error, OSError):
-            return _print_error(str(error))
+            return _print_error(file_problem(error))
         if isinstance(error, ModuleNotFoundError) and (how := how_to_install(error.name)):
             return _print_error(how)
         raise

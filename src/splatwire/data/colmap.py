@@ -76,10 +76,12 @@ def find_reconstruction(root: Path) -> Path | None:
     for name in ("sparse/0", "sparse", "colmap/sparse/0"):
         if _has(root / name, "images"):
             return root / name
-    for name in ("sparse", "colmap/sparse"):
+    if _has(root, "images") and _has(root, "cameras"):  # layout of RealityScan exports
+        return root
+    for name in ("sparse", "colmap/sparse", ""):  # the last one for `colmap mapper --output_path ROOT`
         if numbered := [folder for folder in _numbered_folders(root / name) if _has(folder, "images")]:
             return numbered[0]
-    return root if _has(root, "images") and _has(root, "cameras") else None  # layout of RealityScan exports
+    return None
 
 
 def _numbered_folders(folder: Path) -> list[Path]:
@@ -98,8 +100,10 @@ def warn_of_other_reconstructions(folder: Path) -> None:
     others = [other.name for other in _numbered_folders(folder.parent) if other != folder and _has(other, "images")]
     if others:
         LOG.warning(
-            "%s: reconstructions beside it are not read: %s; their photos are not used", folder, ", ".join(others[:8])
-        )
+            "%s: reconstructions beside it are not read: %s; their photos are not used. COLMAP's `model_merger` joins "
+            "models; of several, the one in sparse/0 is read first",
+            folder, ", ".join(others[:8]),
+        )  # fmt: skip
 
 
 def _has(folder: Path, table: str) -> bool:

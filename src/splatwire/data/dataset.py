@@ -127,8 +127,8 @@ def open_dataset(
 
     Photos are loaded on demand. Four layouts are supported:
 
-    * COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as in Mip-NeRF 360, Tanks & Temples and Deep
-      Blending.
+    * COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`, `0`) and `images`, as in Mip-NeRF 360, Tanks & Temples and
+      Deep Blending. Of several numbered reconstructions, the lowest number is read, with a warning.
     * BungeeNeRF: `poses_enu.json` and `images`.
     * Blender: `transforms_train.json` and `transforms_test.json`.
     * nerfstudio: one `transforms.json`, optionally with masks, points and splits.
@@ -160,7 +160,7 @@ def open_dataset(
     views: Sequence[ColmapView | TransformsView]
     if (folder := find_reconstruction(path)) is not None:
         warn_of_other_reconstructions(folder)
-        beside = folder == path and images is None and not (path / "images").is_dir()
+        beside = path in (folder, folder.parent) and images is None and not (path / "images").is_dir()
         views, image_paths = _colmap_views(folder, path if beside else path / (images or "images"), split, chosen)
         cloud, source = None, folder
     else:
@@ -295,8 +295,8 @@ def _transforms_views(
         _warn_of_copies(whole, views, [view.image_path for view in views], split, chosen_for("test"))
         return chosen_for(split), whole, transforms.points
     why = (
-        "it has neither a COLMAP reconstruction (images.bin or images.txt in sparse/0, sparse or colmap/sparse/0) nor "
-        "poses_enu.json, transforms_train.json, transforms_test.json or transforms.json"
+        "it has neither a COLMAP reconstruction (images.bin or images.txt in sparse/0, sparse, colmap/sparse/0 or 0) "
+        "nor poses_enu.json, transforms_train.json, transforms_test.json or transforms.json"
     )
     kind, hint = file_kind(path), _dataset_nearby(path)
     if kind == DATASET:
@@ -318,8 +318,9 @@ def _dataset_nearby(path: Path) -> str:
 def _has_photos(folder: Path) -> bool:
     """True if a dataset folder contains photos in the folder that its layout prescribes."""
     layout = dataset_layout(folder)
-    if layout == "colmap" and find_reconstruction(folder) == folder:
-        return file_kind(folder) == PHOTOS
+    beside = layout == "colmap" and find_reconstruction(folder) in (folder, *folder.glob("[0-9]*"))
+    if beside and file_kind(folder) == PHOTOS:
+        return True
     return layout is not None and ((folder / "images").is_dir() or layout in ("blender", "nerfstudio"))
 
 

@@ -16,6 +16,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
+from splatwire.errors import ACCESS_ADVICE
 from splatwire.files.opened import OpenedFile
 from splatwire.files.scene_formats import FORMATS, FileFormat
 
@@ -301,8 +302,26 @@ def is_not(path: Path, wanted: str, why: str = "") -> str:
     kind = file_kind(path)
     if kind == NOTHING:
         return f"{path}: {NOTHING}"
+    if kind == UNREADABLE and (reason := _access_problem(path)):
+        return f"{path}: cannot be read: {reason}"
     verb = "is" if kind in _CERTAIN else "looks like"
     return f"{path}: not {wanted}{f' ({why})' if why else ''}; it {verb} {kind}"
+
+
+def _access_problem(path: Path) -> str:
+    """Returns the reason why a file or folder cannot be opened, with advice; empty if it can."""
+    try:
+        if path.is_dir():
+            next(path.iterdir(), None)
+        else:
+            path.open("rb").close()
+    except PermissionError as error:
+        return f"{error.strerror}{ACCESS_ADVICE}"
+    except OSError as error:
+        return error.strerror or str(error)
+    except ValueError:  # a path with a zero byte
+        return ""
+    return ""
 
 
 def model_nearby(path: Path, *kinds: Kind) -> str:

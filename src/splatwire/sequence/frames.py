@@ -15,7 +15,18 @@ import numpy as np
 from splatwire.arguments import checked
 from splatwire.bitstream.limits import MAX_FRAMES
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.files.kinds import FOURDGS, SEQUENCE_FILES, SPLAT4D, SPLATV, STREAMS, USD, Kind, file_kind, opened
+from splatwire.files.kinds import (
+    FOURDGS,
+    SEQUENCE_FILES,
+    SPLAT4D,
+    SPLATV,
+    STREAMS,
+    USD,
+    Kind,
+    file_kind,
+    is_not,
+    opened,
+)
 from splatwire.files.names import path_of
 from splatwire.io.formats import format_of, read_all_rows, read_splatv
 from splatwire.io.formats.content import FileContent
@@ -156,7 +167,7 @@ def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
     endings = {path.suffix.lower() for path in frame_paths if path.is_file()}
     for path in files:
         if path.is_file() and path.suffix.lower() in endings and not is_frame(path):
-            raise DatasetError(f"{path} is no frame, as other {path.suffix} files there are: {file_kind(path)}")
+            raise DatasetError(is_not(path, f"a frame, as other {path.suffix} files there are"))
     _warn_of_gaps(source, [path.name for path in frame_paths])
     return frame_paths
 

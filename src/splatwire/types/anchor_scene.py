@@ -14,6 +14,7 @@ from splatwire.types.background import BLACK, Background, check_background
 from splatwire.types.causal_coding import CausalCoding
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.networks import Mlp
+from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.types.scene import Coverage, RenderHints
 from splatwire.types.shapes import check_hints
 from splatwire.types.validity import ElementValidity, validity_of_anchors
@@ -105,6 +106,7 @@ class AnchorScene:
         coding: Parameters of the codec, specific to its schema (`hacpp` or `causal`).
         hints: Factors on size and opacity, and hidden anchors, set by loss concealment; None without concealment.
         background: RGB of the background that the scene was trained with.
+        origin: World coordinates of the point that positions are relative to.
         metadata: Title, author, license, and the initial view.
     """
 
@@ -117,12 +119,14 @@ class AnchorScene:
     coding: HacppCoding | CausalCoding
     hints: RenderHints | None = None
     background: Background = BLACK
+    origin: Origin = NO_ORIGIN
     metadata: SceneMetadata = NO_METADATA
 
     __repr__ = summary_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "background", check_background(self.background))
+        object.__setattr__(self, "origin", check_origin(self.origin))
         check_fields(self)
         check_hints(self.hints, self.num_elements)
 

@@ -3,6 +3,7 @@
 import json
 import random
 
+import numpy as np
 import pytest
 
 from mutations import HOSTILE, attack, mutated_bytes
@@ -41,4 +42,12 @@ def test_voxel_size_larger_than_the_scene_is_refused(model):
     (model.root / "bitstreams" / "xyz_gpcc.npz").unlink()
     (model.root / "cfg_args").write_text("Namespace(voxel_size=1e6)")
     with pytest.raises(DatasetError, match=r"not whole multiples.*voxel size comes from .*cfg_args"):
+        import_hacpp(model.root)
+
+
+def test_a_model_in_map_coordinates_is_refused_with_the_way(model):
+    model.positions = (model.positions + np.array([451234.0, 5411876.0, 118.0])).astype(np.float32)
+    model.write()
+    message = r"anchors are around \(45123\d\S*, 5.41188e\+06, 11\S+\).*steps of 0.5 for voxels of .*train again"
+    with pytest.raises(DatasetError, match=message):
         import_hacpp(model.root)

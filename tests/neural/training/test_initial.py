@@ -97,9 +97,12 @@ def test_points_of_a_world_scene_keep_its_origin(tmp_path: Path) -> None:
     assert np.abs(relative - splats.means[splats.opacities > 1 / 255]).max() < 1e-4
 
 
-def test_anchors_start_in_world_coordinates(dataset: Dataset, config: TrainConfig) -> None:
+def test_anchors_start_relative_to_the_origin_of_the_cameras(dataset: Dataset, config: TrainConfig) -> None:
     assert dataset.points is not None
-    origin = (16.0, -8.0, 4.0)
-    cameras, points = dataset.cameras.relative_to(origin), dataset.points.relative_to(origin)
-    moved = initial_state(dataclasses.replace(dataset, cameras=cameras, points=points), config)
-    assert torch.equal(moved.voxels, initial_state(dataset, config).voxels)
+    cameras = dataclasses.replace(dataset.cameras, origin=UTM)
+    points = dataclasses.replace(dataset.points, origin=UTM).relative_to((UTM[0] - 16, UTM[1] + 8, UTM[2]))
+    state = initial_state(dataclasses.replace(dataset, cameras=cameras, points=points), config)
+    local = initial_state(dataset, config)
+    assert state.origin == UTM
+    assert torch.equal(state.voxels, local.voxels)
+    assert all(torch.equal(state.parameters[name], value) for name, value in local.parameters.items())

@@ -6,6 +6,7 @@ import pytest
 import torch
 from PIL import Image
 
+from splat_io.formats.test_origin import UTM
 from splatwire.anchors.scene_file import load_scene, save_scene
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.data import Dataset
@@ -21,9 +22,11 @@ from splatwire.neural.training import (
 )
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.finetune import fine_tuning, state_of_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.quality import assess_scene
 from splatwire.neural.training.step import TrainingStep
+from splatwire.types.scene_digest import scene_digest
 
 pytestmark = pytest.mark.slow
 
@@ -165,3 +168,38 @@ def test_preview_shows_photo_and_render(dataset: Dataset, config: TrainConfig) -
     assert tuple(report.preview.shape) == (height, 2 * width, 3)
     photo = np.asarray(Image.open(dataset.image_paths[0]), dtype=np.float32) / 255
     assert np.abs(report.preview[:, :width] - photo).max() < 1e-6
+
+
+def test_a_geo_referenced_training_equals_a_local_one(
+    dataset: Dataset, config: TrainConfig, straight: TrainResult, tmp_path: Path
+) -> None:
+    assert dataset.points is not None
+    cameras = dataclasses.replace(dataset.cameras, origin=UTM)
+    points = dataclasses.replace(dataset.points, origin=UTM)
+    there = dataclasses.replace(dataset, cameras=cameras, points=points)
+    interval = config.milestones.iterations // 2 + 1
+    result = train_scene(there, there, config, options=RunOptions(tmp_path / "a.checkpoint", interval))
+    assert result.scene.origin == result.state.origin == UTM
+    assert scene_digest(result.scene.anchors) == scene_digest(straight.scene.anchors)
+    assert result.test is not None
+    expected = assess_scene(export_scene(straight.state, config), dataset, dataset.num_views, 0).psnr
+    assert result.test.psnr == pytest.approx(expected, abs=1e-3)
+    state, config = load_checkpoint(tmp_path / "a.checkpoint")
+    assert state.origin == UTM
+    moved = dataclasses.replace(there, cameras=cameras.relative_to((UTM[0] + 2, UTM[1], UTM[2] - 1)))
+    resumed = train_scene(moved, None, config, state=state)
+    assert resumed.scene.origin == UTM
+    assert assess_scene(resumed.scene, moved, 4, 0).psnr == pytest.approx(result.test.psnr, abs=0.3)
+
+
+def test_fine_tuning_keeps_the_origin_of_the_scene(
+    dataset: Dataset, config: TrainConfig, straight: TrainResult
+) -> None:
+    scene = dataclasses.replace(straight.scene, origin=UTM)
+    cameras = dataclasses.replace(dataset.cameras, origin=UTM).relative_to((UTM[0] + 2, UTM[1], UTM[2] - 1))
+    there = dataclasses.replace(dataset, cameras=cameras, points=None)
+    short = fine_tuning(dataclasses.replace(config, milestones=config.milestones.scaled(4)), scene)
+    result = train_scene(there, None, short, state=state_of_scene(scene, there, short))
+    assert result.scene.origin == UTM
+    before = assess_scene(straight.scene, dataset, 4, 0).psnr
+    assert assess_scene(result.scene, there, 4, 0).psnr > before - 1

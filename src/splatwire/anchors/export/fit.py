@@ -13,7 +13,6 @@ from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions, sh_functions
 from splatwire.ops.threads import one_blas_thread
 from splatwire.types import AnchorScene, Cameras, Scene
-from splatwire.types.origin import NO_ORIGIN
 from splatwire.types.splats import Splats
 
 MAX_VIEWS = 128
@@ -50,14 +49,15 @@ def fit_splats(
         progress: Called with the name of the current task and its completed fraction.
 
     Yields:
-        Gaussians in the order of anchors and offsets, without those that are invisible or almost transparent.
+        Gaussians in the order of anchors and offsets, without those that are invisible or almost transparent. Positions
+        are relative to the origin of the scene.
 
     Raises:
         InvalidValueError: If the degree is not supported, or nothing is visible in any view.
     """
     assert isinstance(scene, AnchorScene)
     num_functions(degree)
-    cameras = cameras.relative_to(NO_ORIGIN)
+    cameras = cameras.relative_to(scene.origin)
     if cameras.num_views < 1:
         raise InvalidValueError("a fit needs at least one view")
     if cameras.num_views > MAX_VIEWS:

@@ -19,9 +19,11 @@ from splatwire.bitstream import (
     spread_packetization,
     tier_order,
 )
+from splatwire.bitstream.origin import ORIGIN
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.geometry import anchor_order
+from splatwire.codec.metadata import SECTION as METADATA
 from splatwire.codec.metadata import metadata_sections
 from splatwire.codec.schema import CHUNK, CodedPackets, Options, Prepared, SymbolRows
 from splatwire.codec.threads import ordered_map
@@ -72,7 +74,9 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest
     tier_of = np.zeros(len(index), np.uint8) if options.tiers is None else np.asarray(options.tiers)[index]
     scene = scene.select(index)
     plan = _plan(scene, packetization, tier_of)
-    sections = {**BACKGROUND.sections(scene.background), **metadata_sections(scene.metadata)}
+    sections = {
+        **BACKGROUND.sections(scene.background), **ORIGIN.sections(scene.origin), **metadata_sections(scene.metadata),
+    }  # fmt: skip
     if plan.tiers:
         sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
         sections[TIER_SIZES] = encode_tier_sizes(scene.anchors, tier_of, len(plan.tiers))
@@ -97,13 +101,12 @@ def prepare_anchor_repack(
 
     Raises:
         InvalidValueError: If the order of the anchors changes, and the stream has sections that depend on this order.
-            All sections depend on the order, except the background and those in `section_names`.
+            All sections depend on the order, except background, origin, metadata and those in `section_names`.
     """
-    # With any section except `section_names` and the background, the order of the anchors must not change.
     sections = sections_of(stream)
     tier_of = read_tiers(sections, stream.manifest)
     if packetization.order != stream.manifest.packetization.order:
-        if kept := sorted(set(sections) - {BACKGROUND.name, *section_names}):
+        if kept := sorted(set(sections) - {BACKGROUND.name, ORIGIN.name, METADATA, *section_names}):
             order = stream.manifest.packetization.order
             raise InvalidValueError(f"'{kept[0]}' of this stream is for anchors in {order} order")
         scene = scene_in_order(scene, packetization.order)

@@ -36,7 +36,8 @@ def anchors_on_grid(
         The anchors, and the voxel size in world units.
 
     Raises:
-        DatasetError: If no anchor can be rendered, or the positions are not multiples of the voxel size.
+        DatasetError: If no anchor can be rendered, the positions are not multiples of the voxel size, or they are too
+            far from 0 for float32.
     """
     anchors = Anchors(
         positions=vertices.select(["x", "y", "z"]),
@@ -51,9 +52,33 @@ def anchors_on_grid(
     try:
         positions = voxel_positions(voxel_indices(anchors.positions, voxel_size), voxel_size)
     except InvalidValueError as error:
+        _check_not_far(anchors.positions, voxel_size, vertices.path)
         origin = f"the voxel size comes from {source}" if source else "the voxel size was inferred"
         raise DatasetError(f"{vertices.path}: {error} ({origin})") from error
     return replace(anchors, positions=positions), voxel_size
+
+
+def _check_not_far(positions: np.ndarray, voxel_size: float, path: Path) -> None:
+    """Checks that float32 distinguishes neighbouring voxels at the positions of anchors.
+
+    Args:
+        positions: World coordinates, float32 (N, 3).
+        voxel_size: World units per voxel.
+        path: Path of the file, for messages.
+
+    Raises:
+        DatasetError: If the step of float32 at the median position exceeds a quarter of the voxel size, as in map
+            coordinates (UTM, ECEF).
+    """
+    middle = np.median(positions, axis=0)
+    step = float(np.spacing(np.abs(middle).max()))
+    if step > voxel_size / 4:
+        raise DatasetError(
+            f"{path}: the anchors are around ({', '.join(f'{value:.6g}' for value in middle.tolist())}), where the "
+            f"program that trained the model rounded positions to float32, here steps of {step:.2g} for voxels of "
+            f"{voxel_size:.2g}: subtract a point near them from cameras and points and train again, or use `splatwire "
+            "train`, which keeps an origin"
+        )
 
 
 def drawable_anchors(anchors: Anchors, path: Path) -> Anchors:

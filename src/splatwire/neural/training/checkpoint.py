@@ -20,6 +20,7 @@ from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.initial import parameter_shapes
 from splatwire.neural.training.state import GrowthStatistics, Moments, Steering, TrainState
+from splatwire.types.origin import NO_ORIGIN, check_origin
 
 FORMAT = "splatwire-checkpoint"
 VERSION = 5
@@ -55,6 +56,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "voxel_size": state.voxel_size.hex(),
         "camera_extent": state.camera_extent.hex(),
         "queue": state.queue,
+        "origin": state.origin,
         "steering": _steering_to_list(state.steering),
         "steps": {name: moments.steps for name, moments in state.moments.items()},
         "means": sorted(state.means),
@@ -122,6 +124,7 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
         camera_extent=float.fromhex(header["camera_extent"]),
         generator=generator,
         queue=[int(view) for view in header["queue"]],
+        origin=check_origin(header.get("origin", NO_ORIGIN)),  # earlier releases trained in world coordinates
         steering=_steering(header["steering"]),
         means={name: checked_tensor(tensors, f"mean.{name}", shapes[name]) for name in header["means"]},
     )

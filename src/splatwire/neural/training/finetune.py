@@ -105,6 +105,7 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
         bounds_max=bounds_max,
         camera_extent=camera_extent(dataset.cameras),
         generator=torch.Generator().manual_seed(config.seed),
+        origin=scene.origin,
     )
 
 

@@ -1,6 +1,5 @@
 """Initial state of a training: anchors at the dataset's sparse points, random network weights."""
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -27,7 +26,6 @@ from splatwire.ops.arrays import to_numpy
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types import Cameras
 from splatwire.types.causal_coding import NUM_SIZES, CausalConfig
-from splatwire.types.origin import NO_ORIGIN
 from splatwire.types.scene import Scene
 
 FIRST_STEPS = (0.5, 0.05, 0.1, 0.2)
@@ -50,7 +48,7 @@ _BOUNDS_MARGIN = 0.2
 def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
     """Creates the state of a training before the first iteration.
 
-    The state is in world coordinates, also if the cameras of the dataset are relative to another origin.
+    Anchors are relative to the origin of the dataset's cameras.
 
     Args:
         dataset: Training views. The points of the dataset become anchors; without points, anchors are random.
@@ -60,7 +58,6 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
         DatasetError: If the cameras or points are unusable; the message states the reason.
     """
     generator = torch.Generator().manual_seed(config.seed)
-    dataset = dataclasses.replace(dataset, cameras=dataset.cameras.relative_to(NO_ORIGIN))
     check_cameras(dataset)
     points, _ = initial_points(dataset, config.random_points, generator)
     voxel_size = config.voxel_size or _derived_voxel_size(points)
@@ -81,6 +78,7 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
         bounds_max=bounds_max,
         camera_extent=camera_extent(dataset.cameras),
         generator=generator,
+        origin=dataset.cameras.origin,
     )
 
 

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from splatwire.neural.training.config import LossWeights
 from splatwire.types import GaussianHeads, Linear, Mlp
+from splatwire.types.origin import NO_ORIGIN, Origin
 
 ANCHOR_PARAMETERS = ("features", "log_scalings", "offsets", "mask_logits")
 """Names of the trained tensors that have one row per anchor."""
@@ -130,6 +131,7 @@ class TrainState:
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.
         queue: Indices of the training views not yet used in the current round over all views.
+        origin: World coordinates that the anchors are relative to.
         steering: State of the size controller.
         means: Running means of the trained tensors by name; empty until averaging starts.
         networks: The networks made of the tensors of `parameters`.
@@ -150,6 +152,7 @@ class TrainState:
     camera_extent: float
     generator: torch.Generator
     queue: list[int] = field(default_factory=list)
+    origin: Origin = NO_ORIGIN
     steering: Steering = Steering()
     means: dict[str, Tensor] = field(default_factory=dict)
     networks: "Networks" = field(init=False, repr=False)
@@ -177,7 +180,7 @@ class TrainState:
 
     @property
     def positions(self) -> Float[Tensor, "N 3"]:
-        """World coordinates of the anchors."""
+        """Positions of the anchors relative to the origin, world units."""
         return (self.voxels.double() * self.voxel_size).float()  # as `voxel_positions`, on the device of the voxels
 
     @property

@@ -23,7 +23,6 @@ from splatwire.neural.training.size import steer
 from splatwire.neural.training.state import TrainState, move_state
 from splatwire.neural.training.step import StepReport, TrainingStep
 from splatwire.types import AnchorScene, Cameras
-from splatwire.types.origin import NO_ORIGIN
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +81,8 @@ def train_scene(
     photos = loop.read_photos()
     if state is None:
         state = initial_state(train, config)
-    model = _AnchorTraining(move_state(state, torch_device), config, train.cameras.relative_to(NO_ORIGIN), kernels)
+    cameras = train.cameras.relative_to(state.origin)
+    model = _AnchorTraining(move_state(state, torch_device), config, cameras, kernels)
     stopped = loop.run(model, photos)
     state, report = model.state, None
     if test is not None and not stopped:

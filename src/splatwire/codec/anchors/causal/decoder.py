@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from splatwire.bitstream import Manifest
+from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.anchors.causal.context import (
     VALUE_BITS,
     CodingContext,
@@ -176,6 +177,7 @@ class CausalDecoder(AnchorDecoder):
             heads,
             self._coding(),
             background=BACKGROUND.read(info.sections),
+            origin=ORIGIN.read(info.sections),
             metadata=read_metadata(info.sections),
         )
         sections = concealer_sections(info.sections)

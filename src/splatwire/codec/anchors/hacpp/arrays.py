@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.anchors.hacpp.atomic import Symbols
 from splatwire.codec.anchors.hacpp.coding_params import (
     CodingContext,
@@ -125,6 +126,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
         heads,
         HacppCoding(model, info.voxel_size, info.config),
         background=background,
+        origin=ORIGIN.read(info.sections),
         metadata=read_metadata(info.sections),
     )
     loss_mask = LossMask(arrays.received)
