@@ -20,24 +20,22 @@ from aioquic.quic.configuration import QuicConfiguration
 from aioquic.quic.connection import QuicConnection
 from aioquic.quic.packet import QuicProtocolVersion, encode_quic_retry, pull_quic_header
 
+from splatwire.transport.lanes import TOKEN_PREFIX, TURN_DATAGRAMS, LaneClass
+from splatwire.transport.protocol import response_budget
+from splatwire.transport.protocol.response_budget import MAX_RESPONSES
 from splatwire.transport.quic import address_validation
 from splatwire.transport.quic import client as client_module
 from splatwire.transport.quic import server as server_module
 from splatwire.transport.quic.address_validation import (
     HANDSHAKE_WINDOW_S,
-    MAX_NETWORK_RESPONSES,
-    MAX_RESPONSES,
     TOKEN_LIFETIME_S,
-    TOKEN_PREFIX,
-    WINDOW_S,
     HandshakeBudget,
     Initial,
-    ResponseBudget,
     RetryTokens,
     parse_initial,
 )
 from splatwire.transport.quic.common import ALPN, MAX_PROBE_INTERVAL_S, configuration, limit_backoff
-from splatwire.transport.quic.server import READ_BATCH, RETRY_HANDSHAKES
+from splatwire.transport.quic.server import RETRY_HANDSHAKES
 from transport.test_quic import IDENTITY, OTHER, fetch, run, serving
 
 VERSIONS = (QuicProtocolVersion.VERSION_1, QuicProtocolVersion.VERSION_2)
@@ -115,18 +113,6 @@ def test_random_datagrams_are_no_initial_packets_or_parse_within_bounds():
             assert bytes(data).find(initial.token) >= 0
 
 
-def test_one_network_takes_half_of_the_responses_and_many_take_them_all():
-    budget = ResponseBudget()
-    assert sum(budget.take(HERE, 0.0) for _ in range(2 * MAX_RESPONSES)) == MAX_RESPONSES // 2
-    assert budget.take(("198.51.100.7", 1), 0.0)
-    networks = [(f"2001:db8:{n:x}::1", 1, 0, 0) for n in range(2 * MAX_RESPONSES)]
-    assert sum(budget.take(address, 0.0) for address in networks) == MAX_RESPONSES // 2 - 1
-    assert not budget.take(("198.51.100.8", 1), 0.0)
-    assert len(budget._counts) <= MAX_RESPONSES
-    assert budget.take(("198.51.100.8", 1), WINDOW_S)
-    assert MAX_NETWORK_RESPONSES > 1
-
-
 def test_handshakes_of_a_network_are_limited(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(address_validation, "MAX_COUNTED_NETWORKS", 100)
     budget = HandshakeBudget()
@@ -168,17 +154,36 @@ def test_a_flood_of_initial_packets_reaches_no_cryptography(monkeypatch, caplog)
     run(work())
 
 
+def test_initial_packets_beyond_the_budget_of_responses_are_dropped_without_parsing(monkeypatch):
+    parsed = []
+    monkeypatch.setattr(server_module, "parse_initial", lambda data: (parsed.append(data), parse_initial(data))[1])
+    monkeypatch.setattr(server_module, "RETRY_HANDSHAKES", 0)
+    monkeypatch.setattr(response_budget, "WINDOW_S", 1000.0)
+
+    async def work() -> None:
+        rng = random.Random(3)
+        async with serving() as server:
+            for n in range(4 * MAX_RESPONSES):
+                server._endpoint.datagram_received(forged(rng, rng.randbytes(n % 40)), ("192.0.2.7", 1024 + n))
+            assert (len(parsed), server.num_dropped) == (MAX_RESPONSES // 2, 7 * MAX_RESPONSES // 2)
+            assert (await fetch(server.port, ReceiverOptions(name="other"))).stream() == OTHER
+            server._endpoint.datagram_received(forged(rng, TOKEN_PREFIX + rng.randbytes(28)), ("192.0.2.7", 1024))
+            assert len(parsed) > MAX_RESPONSES // 2 + 2  # packets with a token are verified
+
+    run(work())
+
+
 def test_many_datagrams_are_read_in_one_turn_of_the_event_loop(monkeypatch):
     async def work() -> None:
         async with serving() as server:
             seen = []
             monkeypatch.setattr(server._endpoint, "datagram_received", lambda data, address: seen.append(data))
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-                for n in range(READ_BATCH // 2):
+                for n in range(TURN_DATAGRAMS[LaneClass.KNOWN]):
                     sender.sendto(bytes([n]), ("127.0.0.1", server.port))
             for _ in range(3):
                 await asyncio.sleep(0)
-            assert len(seen) == READ_BATCH // 2
+            assert len(seen) == TURN_DATAGRAMS[LaneClass.KNOWN]
 
     run(work())
 

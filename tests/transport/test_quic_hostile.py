@@ -1,10 +1,12 @@
 """Hostile QUIC clients end only their own connection."""
 
 import asyncio
+import gc
 import logging
 import random
 import socket
 import ssl
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -379,3 +381,24 @@ def test_frames_are_reassembled_from_any_chunks():
     assert found == frames
     with pytest.raises(BitstreamError, match="1201 bytes"):
         reader.feed((1201).to_bytes(2, "little"))
+
+
+@pytest.mark.parametrize("alpn", [ALPN, "h3"])
+def test_ended_connections_free_their_memory_without_the_garbage_collector(alpn: str) -> None:
+    async def work() -> None:
+        async with serving() as server:
+            clients = [await connected(server.port, alpn) for _ in range(5)]
+            await until(lambda: len(server.connections) == 5)
+            states = [weakref.ref(connection.quic) for connection in server.connections]
+            others = [weakref.ref(connection) for connection in server.connections]
+            await close_client(*clients)
+            await until(lambda: not server._endpoint._protocols)
+            await asyncio.sleep(0.05)
+            assert [state() for state in (*states, *others)] == [None] * 10
+
+    gc.collect()
+    gc.disable()
+    try:
+        run(work())
+    finally:
+        gc.enable()

@@ -5,7 +5,7 @@ import errno
 import random
 import socket
 from collections.abc import Coroutine
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
@@ -24,12 +24,12 @@ from splatwire.transport import (
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
+from splatwire.transport.lanes import bound_socket
 from splatwire.transport.protocol.messages import Hello
 from splatwire.transport.protocol.wire import encode
 from splatwire.transport.udp import (
     MAX_PENDING_RESPONSES,
     UdpServer,
-    bound_socket,
     connected_socket,
     receive_udp,
     resolve,
@@ -129,31 +129,33 @@ def test_unreachable_server_is_reported_at_once():
     run(work())
 
 
-def test_responses_that_the_socket_does_not_accept_are_bounded():
+def test_responses_that_the_socket_does_not_accept_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """A slow uplink accepts fewer responses than there are requests in a flood."""
 
-    class Blocked:
+    class Blocked(socket.socket):
         def __init__(self) -> None:
+            super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
             self.hellos = [encode(Hello(nonce, "")) for nonce in range(2 * MAX_PENDING_RESPONSES)]
 
-        def recvfrom(self, size: int) -> tuple[bytes, tuple[str, int]]:
+        def recvfrom(self, *_: int) -> tuple[bytes, tuple[str, int]]:
             if not self.hellos:
                 raise BlockingIOError
-            return self.hellos.pop(), ("127.0.0.1", 9)
+            return self.hellos.pop(), ("127.0.0.1", len(self.hellos))
 
-        def sendto(self, data: bytes, address: object) -> int:
+        def sendto(self, *_: object) -> int:
             raise BlockingIOError
 
     async def work() -> None:
         server, blocked = served(OTHER), Blocked()
+        monkeypatch.setattr(server._responses, "take", lambda address, now: True)
         real = server._socket
-        server._socket = cast(socket.socket, blocked)
-        asyncio.get_running_loop().remove_reader(real)
+        server._socket = blocked
         server._blocked = True
         while blocked.hellos:
-            server._readable()
+            server._readable(blocked, 64)
         assert len(server._backlog) == MAX_PENDING_RESPONSES
         server._socket = real
+        blocked.close()
         server.close()
 
     run(work())
@@ -162,26 +164,28 @@ def test_responses_that_the_socket_does_not_accept_are_bounded():
 def test_flood_of_requests_does_not_stop_transfers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each time the socket is read, a request waits, so that responses are never all sent before the next turn."""
 
-    class Flooded:
+    class Flooded(socket.socket):
         def __init__(self) -> None:
+            super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
             self.sent = list[bytes]()
 
-        def recvfrom(self, size: int) -> tuple[bytes, tuple[str, int]]:
+        def recvfrom(self, *_: int) -> tuple[bytes, tuple[str, int]]:
             return encode(Hello(1, "")), ("127.0.0.1", 9)
 
-        def sendto(self, data: bytes, address: object) -> int:
+        def sendto(self, data: bytes, *_: object) -> int:  # type: ignore[override]
             self.sent.append(data)
             return len(data)
 
     async def work() -> None:
         server, flooded = served(OTHER), Flooded()
         real = server._socket
-        server._socket = cast(socket.socket, flooded)
+        server._socket = flooded
         monkeypatch.setattr(server.core, "poll", lambda now, count: [(("127.0.0.1", 8), b"packet")])
         for _ in range(3):
-            server._readable()
+            server._readable(flooded, 64)
         assert flooded.sent.count(b"packet") == 3
         server._socket = real
+        flooded.close()
         server.close()
 
     run(work())

@@ -81,7 +81,9 @@ class _ServerCollector(Collector):
         if page is not None:
             sent.add_metric(["http"], page.bytes_sent)
         yield sent
-        if not isinstance(server, UdpServer):
+        if isinstance(server, UdpServer):
+            yield _counter("udp_hellos_dropped", "First datagrams over UDP that were dropped.", server.num_dropped)
+        else:
             yield _gauge("quic_connections", "Open QUIC connections.", len(server.connections))
             yield _counter("quic_connections_refused", "QUIC connections that were refused.", server.num_refused)
             yield _counter("quic_connections_malformed", "QUIC connections with invalid input.", server.num_malformed)

@@ -3,29 +3,40 @@
 import abc
 import asyncio
 import errno
+import logging
 import os
 import socket
 from collections import deque
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
 from splatwire.errors import UnknownHostError
-from splatwire.transport.address import Address, cannot_listen
+from splatwire.transport.address import Address
+from splatwire.transport.event_log import RepeatedEvent
+from splatwire.transport.lanes import SOCKET_BUFFER, UDP_CLASSES, Instruction, LaneSockets
 from splatwire.transport.pcap import Endpoint
 from splatwire.transport.protocol.events import Event, Interrupted
 from splatwire.transport.protocol.receiver import Receiver
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
+from splatwire.transport.protocol.response_budget import ResponseBudget
 from splatwire.transport.protocol.sender import Server
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.server_limits import ServerLimits
+from splatwire.transport.protocol.wire import HELLO, TO_SERVER, message_kind
 
-SOCKET_BUFFER = 4 << 20
+LOG = logging.getLogger(__name__)
 BATCH = 256
-"""Maximum number of datagrams read or written in one turn of the event loop; timers run between turns."""
+"""Maximum number of datagrams sent, or read by a client, in one turn of the event loop; timers run between turns."""
 MAX_DATAGRAM_READ = 2048
+EVENT_INTERVAL_S = 10.0
+"""Minimum interval of log lines about the same event, such as dropped connection attempts, seconds."""
+MIN_DROPPED = 100
+"""Minimum number of dropped connection attempts for a log line."""
 MAX_PENDING_RESPONSES = 1024
 """Maximum number of datagrams that wait while the socket accepts none; further responses to clients are dropped."""
+FROM_KNOWN = TO_SERVER - {HELLO}
+"""Kinds of messages of clients that have a token or a transfer. All others count as connection attempts."""
 NO_ROUTE_ERRORS = (errno.EADDRNOTAVAIL, errno.EHOSTUNREACH, errno.ENETDOWN, errno.ENETUNREACH)
 """Error codes of connecting and sending if this machine has no route to the server, or no address.
 
@@ -45,21 +56,26 @@ class SocketServer(abc.ABC):
         core: Server without sockets, which decides what is sent and when.
         host: Address to listen on.
         port: UDP port; 0 selects a free port.
+        classes: Program that classifies received datagrams, as in `LaneSockets`.
 
     Attributes:
         bytes_sent: Bytes of all UDP datagrams that were sent.
+        num_dropped: Number of datagrams dropped without a response, because clients sent too many first datagrams.
 
     Raises:
         InvalidValueError: If the address cannot be bound.
     """
 
-    def __init__(self, core: Server, host: str, port: int) -> None:
+    def __init__(self, core: Server, host: str, port: int, classes: Sequence[Instruction]) -> None:
         self.core = core
-        self._socket = bound_socket(host, port)
-        self._port = int(self._socket.getsockname()[1])
+        self._lanes = LaneSockets(host, port, classes)
+        self._socket = self._lanes.sockets[0]
+        self._port = self._lanes.port
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
-        self.bytes_sent = 0
+        self.bytes_sent = self.num_dropped = 0
+        dropped = "connection attempts dropped"
+        self._dropped_event = RepeatedEvent(LOG, dropped, interval_s=EVENT_INTERVAL_S, min_count=MIN_DROPPED)
 
     @property
     def port(self) -> int:
@@ -75,6 +91,15 @@ class SocketServer(abc.ABC):
         """
         self.core.update(name, stream)
         self.pump()
+
+    def drop(self, now: float) -> None:
+        """Counts a dropped connection attempt. A warning is logged once many attempts were dropped.
+
+        Args:
+            now: Time, seconds.
+        """
+        self.num_dropped += 1
+        self._dropped_event.record(now)
 
     @abc.abstractmethod
     def pump(self) -> None:
@@ -110,27 +135,33 @@ class UdpServer(SocketServer):
     def __init__(
         self, streams: Mapping[str, ServedStream], host: str, port: int, *, limits: ServerLimits | None = None
     ) -> None:
-        super().__init__(Server(streams, secret=os.urandom(32), random=os.urandom, limits=limits), host, port)
+        core = Server(streams, secret=os.urandom(32), random=os.urandom, limits=limits)
+        super().__init__(core, host, port, UDP_CLASSES)
         self._backlog: deque[tuple[Hashable, bytes]] = deque()
         self._blocked = False
-        self._loop.add_reader(self._socket, self._readable)
+        self._responses = ResponseBudget()
+        self._lanes.add_readers(self._loop, self._readable)
 
     def close(self) -> None:
         """Stops the server by closing its socket, which cuts off running transfers."""
-        self._loop.remove_reader(self._socket)
+        self._lanes.remove_readers(self._loop)
         self._loop.remove_writer(self._socket)
         self._cancel_timer()
-        self._socket.close()
+        self._lanes.close()
 
-    def _readable(self) -> None:
-        for _ in range(BATCH):
+    def _readable(self, lane: socket.socket, max_datagrams: int) -> None:
+        for _ in range(max_datagrams):
             try:
-                data, address = self._socket.recvfrom(MAX_DATAGRAM_READ)
+                data, address = lane.recvfrom(MAX_DATAGRAM_READ)
             except BlockingIOError:
                 break
             except OSError:  # ICMP error of an earlier datagram, e.g. port unreachable
                 continue
-            answer = self.core.receive(address, data, self._loop.time())
+            now = self._loop.time()
+            if message_kind(data) not in FROM_KNOWN and not self._responses.take(address, now):
+                self.drop(now)
+                continue
+            answer = self.core.receive(address, data, now)
             if answer is not None and len(self._backlog) < MAX_PENDING_RESPONSES:
                 self._backlog.append((address, answer))
         self.pump()
@@ -336,27 +367,3 @@ class _Client:
 def new_nonce() -> int:
     """Returns a random 64-bit number that identifies a connection attempt."""
     return int.from_bytes(os.urandom(8), "little")
-
-
-def bound_socket(host: str, port: int) -> socket.socket:
-    """Returns a non-blocking UDP socket with large buffers, bound to an address and port.
-
-    Raises:
-        InvalidValueError: If the address cannot be bound.
-    """
-    try:
-        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
-        family, kind, protocol, _, target = addresses[0]
-        server = socket.socket(family, kind, protocol)
-    except (OSError, UnicodeError) as error:
-        raise cannot_listen("UDP", host, port, error) from error
-    try:
-        server.setblocking(False)
-        for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-            with suppress(OSError):
-                server.setsockopt(socket.SOL_SOCKET, option, SOCKET_BUFFER)
-        server.bind(target)
-    except OSError as error:
-        server.close()
-        raise cannot_listen("UDP", host, port, error) from error
-    return server

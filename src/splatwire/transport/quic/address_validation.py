@@ -6,34 +6,26 @@ Each check costs microseconds, so that a flood of forged Initial packets takes l
 import hashlib
 import hmac
 import os
-import socket
 from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
+from splatwire.transport.lanes import TOKEN_PREFIX
+from splatwire.transport.protocol.response_budget import network_key
+
 MIN_INITIAL_BYTES = 1200
 """Minimum UDP payload of a client's Initial packet, bytes (RFC 9000, 14.1)."""
 MAX_CONNECTION_ID_BYTES = 20
+MAX_TOKEN_OFFSET = 64
+"""Upper bound on the end of `TOKEN_PREFIX` in an Initial packet, after the longest connection ids, bytes."""
 TOKEN_LIFETIME_S = 30.0
 """Maximum age of a Retry token, seconds. Clients return it at once."""
-WINDOW_S = 0.1
-"""Period over which responses to unvalidated addresses are counted, seconds."""
-MAX_RESPONSES = 4000
-"""Maximum number of responses to unvalidated addresses per window. A response takes about 5 µs, so that a flood takes
-at most a fifth of a core.
-"""
-MAX_NETWORK_RESPONSES = 10
-"""Maximum number of these responses to one network, once half of `MAX_RESPONSES` is used."""
 HANDSHAKE_WINDOW_S = 10.0
 """Period over which handshakes of one network are counted, seconds."""
 MAX_COUNTED_NETWORKS = 4096
 """Maximum number of networks whose handshakes are counted; all counts are dropped beyond it."""
-TOKEN_PREFIX = b"SWRT"
-"""First bytes of each token. Tokens without them are of other servers: a browser returns a token to whatever server it
-finds at an address later (RFC 9000, 8.1.3), and these tokens must not keep it away.
-"""
 _STAMP_BYTES, _MAC_BYTES, _TICKS = 4, 16, 100.0
 _LONG_INITIAL = {1: (0xC0, 0xF0), 0x6B3343CF: (0xD0, 0xC0)}
 """First byte of Initial and Retry packets by QUIC version (1 and 2), without the low 4 bits."""
@@ -186,54 +178,6 @@ class RetryTokens:
 def _with_size(data: bytes) -> bytes:
     """Returns `data` with its length in front, as one byte."""
     return bytes([len(data) & 0xFF]) + data
-
-
-def network_key(address: Any) -> Hashable:
-    """Returns a key for the network of a client: the IPv4 address, or the bytes of the /64 prefix of IPv6.
-
-    This function is faster than `network_of`, which also returns wider prefixes.
-
-    Args:
-        address: Socket address of the client.
-    """
-    host: str = address[0]
-    if ":" not in host:
-        return host
-    try:
-        return socket.inet_pton(socket.AF_INET6, host.partition("%")[0])[:8]
-    except OSError:
-        return host
-
-
-class ResponseBudget:
-    """Limit on the responses to unvalidated addresses within `WINDOW_S`.
-
-    The total number of responses is limited. After half of this number, the responses to each network are limited, too.
-    """
-
-    def __init__(self) -> None:
-        self._until, self._num = 0.0, 0
-        self._counts: dict[Hashable, int] = {}
-
-    def take(self, address: Any, now: float) -> bool:
-        """Counts a response to a client, and returns True if it may be sent.
-
-        Args:
-            address: Socket address of the client.
-            now: Time, seconds.
-        """
-        if now >= self._until:
-            self._until, self._num = now + WINDOW_S, 0
-            self._counts.clear()
-        if self._num >= MAX_RESPONSES:
-            return False
-        # The first half is for everybody, so that a forged address does not exclude its owner.
-        network = network_key(address)
-        count = self._counts.get(network, 0)
-        if 2 * self._num >= MAX_RESPONSES and count >= MAX_NETWORK_RESPONSES:
-            return False
-        self._num, self._counts[network] = self._num + 1, count + 1
-        return True
 
 
 class HandshakeBudget:

@@ -15,14 +15,16 @@ from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
 
 from splatwire.transport.event_log import RepeatedEvent
+from splatwire.transport.lanes import QUIC_CLASSES, TOKEN_PREFIX, LaneSockets
 from splatwire.transport.protocol.admission import Network, choose_eviction, network_of
+from splatwire.transport.protocol.response_budget import ResponseBudget
 from splatwire.transport.protocol.sender import Server
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.server_limits import ServerLimits
 from splatwire.transport.protocol.wire import MAX_DATAGRAM, message_kind, refuse_other_transport
 from splatwire.transport.quic.address_validation import (
+    MAX_TOKEN_OFFSET,
     HandshakeBudget,
-    ResponseBudget,
     RetryTokens,
     is_unknown_version,
     parse_initial,
@@ -41,13 +43,11 @@ from splatwire.transport.quic.common import (
     limit_backoff,
 )
 from splatwire.transport.quic.sessions import NativeSession, Session, WebTransportSessions
-from splatwire.transport.udp import MAX_DATAGRAM_READ, SocketServer
+from splatwire.transport.udp import EVENT_INTERVAL_S, MAX_DATAGRAM_READ, SocketServer
 
 LOG = logging.getLogger(__name__)
 BATCH = 64
 """Maximum number of datagrams passed to QUIC before the socket is read again."""
-READ_BATCH = 256
-"""Maximum number of datagrams read in one turn of the event loop; timers run between turns."""
 MAX_UNSENT = 1024
 """Maximum number of datagrams that wait while the socket accepts none; further ones are lost, as on the path."""
 SPARE = 16
@@ -60,10 +60,8 @@ MAX_HANDSHAKES_FACTOR = 4
 """Number of handshakes that a network may start within `HANDSHAKE_WINDOW_S`, as a multiple of
 `QuicLimits.per_network`, plus `SPARE`.
 """
-EVENT_INTERVAL_S = 10.0
-"""Minimum interval of log lines about dropped connection attempts or malformed connections, seconds."""
-MIN_DROPPED, MIN_MALFORMED = 100, 10
-"""Minimum numbers of dropped connection attempts, and of malformed connections, for a log line."""
+MIN_MALFORMED = 10
+"""Minimum number of malformed connections for a log line."""
 FULL_REASON = "the server is full, or your network has its share of it"
 REQUEST_TIMEOUT_S = 10.0
 """Time after which a connection without a request is closed, seconds."""
@@ -91,13 +89,11 @@ class QuicServer(SocketServer):
     ) -> None:  # fmt: skip
         limits = limits or ServerLimits()
         core = Server(streams, secret=os.urandom(32), random=os.urandom, limits=limits, on_failure=self._end_failed)
-        super().__init__(core, host, port)
+        super().__init__(core, host, port, QUIC_CLASSES)
         self.limits = quic_limits or QuicLimits()
         self.num_refused = 0
         self.num_malformed = 0
-        self.num_dropped = 0
-        dropped, malformed = "connection attempts dropped", "malformed connections ended"
-        self.dropped_event = RepeatedEvent(LOG, dropped, interval_s=EVENT_INTERVAL_S, min_count=MIN_DROPPED)
+        malformed = "malformed connections ended"
         self.malformed_event = RepeatedEvent(LOG, malformed, interval_s=EVENT_INTERVAL_S, min_count=MIN_MALFORMED)
         self.connections: dict[_Connection, None] = {}  # the oldest first
         self.networks: Counter[Network] = Counter()
@@ -110,7 +106,7 @@ class QuicServer(SocketServer):
     async def start(self) -> "QuicServer":
         """Starts to listen for connections and returns this server."""
         self._endpoint = _LimitedEndpoint(self, self._configuration)
-        self._endpoint.connection_made(_SocketTransport(self._socket, self._endpoint, self._on_sent))
+        self._endpoint.connection_made(_SocketTransport(self._lanes, self._endpoint, self._on_sent))
         return self
 
     def load_identity(self) -> None:
@@ -137,7 +133,7 @@ class QuicServer(SocketServer):
     def close(self) -> None:
         """Closes all connections and stops the server."""
         self._cancel_timer()
-        (self._endpoint or self._socket).close()
+        (self._endpoint or self._lanes).close()
 
     def _on_sent(self, num_bytes: int) -> None:
         """Counts the bytes of a UDP datagram that was sent."""
@@ -280,14 +276,18 @@ class _LimitedEndpoint(AioquicServer):
         come first, because these datagrams may be a flood with forged addresses.
         """
         owner, now = self._owner, self._loop.time()
+        is_busy = len(owner.handshaking) >= RETRY_HANDSHAKES
+        if is_busy and TOKEN_PREFIX not in data[:MAX_TOKEN_OFFSET] and not self._responses.has_room(addr, now):
+            owner.drop(now)
+            return False
         initial = parse_initial(data)
         if initial is None:  # aioquic answers unknown versions with a list of its versions
             return is_unknown_version(data) and self._responses.take(addr, now)
         has_token = initial.has_retry_token
         if has_token and not self._tokens.is_valid(initial, addr, now):
-            self._dropped(now)
+            owner.drop(now)
             return False
-        if not has_token and len(owner.handshaking) >= RETRY_HANDSHAKES:
+        if not has_token and is_busy:
             self._send_retry(initial, addr, now)
             return False
         self._network = network_of(addr)
@@ -301,7 +301,7 @@ class _LimitedEndpoint(AioquicServer):
                 owner.num_refused += 1
                 return False
         if not self._handshakes.take(addr, MAX_HANDSHAKES_FACTOR * owner.limits.per_network + SPARE, now):
-            self._dropped(now)
+            owner.drop(now)
             return False
         owner.load_identity()
         self._retry = self._tokens if has_token else None
@@ -319,12 +319,7 @@ class _LimitedEndpoint(AioquicServer):
         if self._responses.take(addr, now):
             self._transport.sendto(self._tokens.retry_packet(initial, addr, now), addr)
         else:
-            self._dropped(now)
-
-    def _dropped(self, now: float) -> None:
-        """Counts a dropped connection attempt. A warning is logged once many attempts were dropped."""
-        self._owner.num_dropped += 1
-        self._owner.dropped_event.record(now)
+            self._owner.drop(now)
 
     def error_received(self, exc: Exception) -> None:
         """Ignores an ICMP error, such as "port unreachable"."""
@@ -336,23 +331,21 @@ class _SocketTransport:
     asyncio's own transport reads one datagram in each turn of the event loop, which is too slow for a flood.
 
     Args:
-        server_socket: Bound socket.
+        lanes: Bound sockets.
         protocol: Object that gets the received datagrams.
         on_sent: Called with the size of each sent datagram, bytes.
     """
 
-    def __init__(
-        self, server_socket: socket.socket, protocol: asyncio.DatagramProtocol, on_sent: Callable[[int], None]
-    ) -> None:
-        self._socket, self._protocol, self._on_sent = server_socket, protocol, on_sent
+    def __init__(self, lanes: LaneSockets, protocol: asyncio.DatagramProtocol, on_sent: Callable[[int], None]) -> None:
+        self._lanes, self._socket, self._protocol, self._on_sent = lanes, lanes.sockets[0], protocol, on_sent
         self._loop = asyncio.get_running_loop()
         self._unsent: deque[tuple[bytes, Any]] = deque()
-        self._loop.add_reader(server_socket, self._readable)
+        lanes.add_readers(self._loop, self._readable)
 
-    def _readable(self) -> None:
-        for _ in range(READ_BATCH):
+    def _readable(self, lane: socket.socket, max_datagrams: int) -> None:
+        for _ in range(max_datagrams):
             try:
-                data, address = self._socket.recvfrom(MAX_DATAGRAM_READ)
+                data, address = lane.recvfrom(MAX_DATAGRAM_READ)
             except OSError:  # nothing is left, an ICMP error of an earlier datagram, or closed meanwhile
                 return
             self._protocol.datagram_received(data, address)
@@ -387,9 +380,9 @@ class _SocketTransport:
     def close(self) -> None:
         """Closes the socket; waiting datagrams are lost."""
         if self._socket.fileno() >= 0:
-            self._loop.remove_reader(self._socket)
+            self._lanes.remove_readers(self._loop)
             self._loop.remove_writer(self._socket)
-            self._socket.close()
+            self._lanes.close()
 
 
 class _Connection(QuicConnectionProtocol):
@@ -432,6 +425,7 @@ class _Connection(QuicConnectionProtocol):
                     (self.owner.connection_to_evict(self.network, self) or self).end(FULL, FULL_REASON)
             case events.ConnectionTerminated():
                 self._ended()
+                self._loop.call_soon(self._release)  # aioquic still uses its objects in this turn
             case _ if self._sessions is not None and not self._over:
                 self._sessions.event(event)
 
@@ -475,6 +469,20 @@ class _Connection(QuicConnectionProtocol):
         self.owner.leave(self)
         if self._sessions is not None:
             self._sessions.end()
+
+    def _release(self) -> None:
+        """Frees the memory of a connection that is over.
+
+        Objects of aioquic refer to each other. Their memory would otherwise wait for the garbage collector, which runs
+        rarely in a process with many objects: a flood of handshakes then takes tens of megabytes.
+        """
+        if self._timer is not None:
+            self._timer.cancel()
+        vars(self.quic).clear()
+        self._sessions = None
+        # Handlers of aioquic's server, bound to this object.
+        self._connection_id_issued_handler = self._connection_id_retired_handler = lambda _: None
+        self._connection_terminated_handler = lambda: None
 
     def _impatient(self) -> None:
         if self._sessions is None or not self._sessions.has_request:
