@@ -56,7 +56,7 @@ def frame_by_frame(files: list[Path], cameras: Cameras) -> list[tuple[float, flo
             scene = drawn(frame)
             packets = packetization_named("datagram", "gaussians", scene.num_elements)
             stream = encode_scene(
-                scene, packets, quality=quality, classes=scene_precision_classes(scene, None, recompute=True)
+                scene, packets, quality=quality, class_offsets=scene_precision_classes(scene, None, recompute=True)
             )
             shown = pictures(decode_stream(stream).scene, cameras)
             points.append((frame_psnr(shown, pictures(scene, cameras)), stream.num_bytes))

@@ -79,7 +79,7 @@ def measured(path: Path, options: argparse.Namespace) -> dict[str, object]:
     tuning = Tuning(options.iterations, options.views, loss=loss, seed=options.seed)
 
     def encode(some: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
-        return encode_scene(some, packetization, classes=classes, quality=quality)
+        return encode_scene(some, packetization, class_offsets=classes, quality=quality)
 
     def controlled(target: Target, effort: Effort) -> tuple[EncodedScene, dict[str, float]]:
         started = time.process_time()

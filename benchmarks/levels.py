@@ -50,9 +50,9 @@ def measured(path: str, rates: list[float]) -> dict[str, object]:
     cameras, classes = surrounding_cameras(scene, VIEWS), scene_precision_classes(scene, None)
     truth = render_scene(scene, cameras)
     began = time.perf_counter()
-    plain = encode_scene(scene, classes=classes)
+    plain = encode_scene(scene, class_offsets=classes)
     plain_seconds, began = time.perf_counter() - began, time.perf_counter()
-    stream = encode_levels(scene, classes=classes)
+    stream = encode_levels(scene, class_offsets=classes)
     seconds = time.perf_counter() - began
     tiles, received = tiles_of(stream), decode_stream(stream)
     level_of = received[Levels].lod_level
@@ -112,7 +112,7 @@ def against_sog(path: str) -> dict[str, object]:
     wanted = quality(SplatScene(joined(sog.leaves[0])))
     found = []
     for level, count in DIALS:
-        stream = encode_levels(flat, classes=classes, quality=Quality(level, classes=count))
+        stream = encode_levels(flat, class_offsets=classes, quality=Quality(level, classes=count))
         shown = decode_stream(stream).scene
         found.append({"level": level, "classes": count, "bytes": stream.num_bytes, "psnr": quality(shown)})
     enough = min((one for one in found if one["psnr"] >= wanted), key=lambda one: one["bytes"], default=None)

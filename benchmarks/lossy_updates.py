@@ -110,7 +110,7 @@ def curve(seconds: list[float], before: float, after: float) -> list[float]:
 
 def edits(scene: SplatScene) -> list[dict[str, object]]:
     """Rows of all edits."""
-    stream = encode_scene(scene, PRESETS["datagram"], classes=scene_precision_classes(scene))
+    stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_precision_classes(scene))
     base, rows = decode_stream(stream).scene, []
     precision = base.coding.precision_classes.astype(np.int64) - int(base.coding.precision_classes.max())
     centre = int(np.random.default_rng(0).integers(scene.num_elements))
@@ -120,7 +120,7 @@ def edits(scene: SplatScene) -> list[dict[str, object]]:
         kept = np.setdiff1d(np.arange(base.num_elements), chosen) if edit == "deleted" else np.arange(base.num_elements)
         after = edited(base, chosen, radius, edit).select(kept)
         began = time.process_time()
-        update = encode_update(stream, after, classes=precision[kept])
+        update = encode_update(stream, after, class_offsets=precision[kept])
         encoded = time.process_time()
         changed = apply_update(stream, update)
         applied = time.process_time()

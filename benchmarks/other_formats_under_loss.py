@@ -172,7 +172,7 @@ def explicit(source: Path, options: argparse.Namespace) -> dict[str, object]:
             gauge = Gauge(SplatScene(read_splats(path)), cameras)
             formats[kind] = lost_file(path, kind, gauge, options.seeds, folder)
         packets = packetization_named("datagram", "gaussians", splats.num_gaussians)
-        stream = encode_scene(scene, packets, classes=scene_precision_classes(scene))
+        stream = encode_scene(scene, packets, class_offsets=scene_precision_classes(scene))
         gauge = Gauge(decode_stream(stream).scene, cameras)
         formats["swz"] = lost_stream(stream, gauge, options.seeds, folder)
     return {"gaussians": splats.num_gaussians, "nothing": round(gauge.nothing, 2), "formats": formats}

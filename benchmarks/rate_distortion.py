@@ -135,7 +135,9 @@ class Bench:
     def streams(self) -> list[SceneStream]:
         """The scene as a stream without tiers, and with tiers and a preview."""
         classes = scene_precision_classes(self.scene)
-        both = [encode_scene(self.scene, PRESETS["datagram"], tiers=t, classes=classes) for t in (None, self.tiers)]
+        both = [
+            encode_scene(self.scene, PRESETS["datagram"], tiers=t, class_offsets=classes) for t in (None, self.tiers)
+        ]
         return [both[0], self.with_preview(both[1])]
 
     def with_preview(self, stream: SceneStream) -> SceneStream:

@@ -229,7 +229,7 @@ def frame_by_frame(frames: list[Frame], cameras, quality: str) -> tuple[float, f
         scene = SplatScene(frame.splats.select(frame.drawn))
         packets = packetization_named("datagram", "gaussians", scene.num_elements)
         stream = encode_scene(
-            scene, packets, quality=quality, classes=scene_precision_classes(scene, None, recompute=True)
+            scene, packets, quality=quality, class_offsets=scene_precision_classes(scene, None, recompute=True)
         )
         shown = np.stack(list(iterate_views(decode_stream(stream).scene, cameras)))
         points.append((frame_psnr(shown, np.stack(list(iterate_views(scene, cameras)))), stream.num_bytes))

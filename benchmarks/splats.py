@@ -63,7 +63,7 @@ def coded(
 ) -> tuple[SceneStream, dict]:
     clock = time.process_time if threads == 1 else time.perf_counter
     before, started = settled_mib(), clock()
-    stream = encode_scene(SplatScene(splats), PRESETS[preset], classes=classes, quality=quality, threads=threads)
+    stream = encode_scene(SplatScene(splats), PRESETS[preset], class_offsets=classes, quality=quality, threads=threads)
     encoding, encode_peak = clock() - started, peak_mib() - before
     before, started = settled_mib(), clock()
     decoded = decode_stream(stream, threads=threads).scene.splats

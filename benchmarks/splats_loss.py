@@ -50,7 +50,7 @@ WHOLE = Packetization(block_size=(1 << 16) - 1, lanes=1, grouping="contiguous")
 
 def conceal_scene(path: Path, options: argparse.Namespace) -> dict[str, object]:
     scene = open_scene(path)
-    stream = encode_scene(scene, PRESETS["datagram"], classes=scene_precision_classes(scene))
+    stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_precision_classes(scene))
     cameras = surrounding_cameras(scene, options.views, options.width)
     truth, loss = list(iterate_views(scene, cameras)), parse_loss("bernoulli:0.2", "datagram")
 
@@ -86,7 +86,7 @@ def quick_row(scene: Scene, psnr_of: Callable[[SceneStream], float]) -> dict[str
     """
     for _ in range(2):
         marks = [time.process_time()]
-        stream = encode_scene(scene, PRESETS["datagram"], classes=scene_precision_classes(scene), threads=1)
+        stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_precision_classes(scene), threads=1)
         marks.append(time.process_time())
         richer = with_quick_sketch(stream, None, lambda task, share: None)
         marks.append(time.process_time())
@@ -98,7 +98,9 @@ def quick_row(scene: Scene, psnr_of: Callable[[SceneStream], float]) -> dict[str
 
 
 @njit(error_model="numpy")
-def _encode_joined(tables, stream, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics):  # type: ignore[no-untyped-def]
+def _encode_joined(
+    tables, step_parameters, models, statistics, box_bits, block_means, source, sizes, buffer, rows, harmonics
+):  # type: ignore[no-untyped-def]
     begin, coder = 0, new_coder(
         ENCODING, buffer, np.empty(0, np.int64), models, statistics, tables
     )  # fmt: skip
@@ -107,7 +109,7 @@ def _encode_joined(tables, stream, models, statistics, box_bits, defaults, sourc
         end = begin + size
         order = begin + np.argsort(source[2][begin:end], kind="mergesort")
         kernels._code_packet(
-            coder, stream, box_bits, defaults, source, order, rows[begin:end], harmonics[begin:end],
+            coder, step_parameters, box_bits, block_means, source, order, rows[begin:end], harmonics[begin:end],
             kernels.new_scratch(size),
         )  # fmt: skip
         begin = end
@@ -123,8 +125,8 @@ def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) ->
         sizes = np.array([p.num_elements for p in stream.packets if p.id.block == block])
         rows, harmonics = empty_rows(int(sizes.sum()), info.num_harmonics)
         total += _encode_joined(
-            info.kernel_tables, info.kernel_stream(), info.models(), empty_statistics(), int(info.boxes.bits[block]),
-            info.block_defaults[block], source.arranged(block, info), sizes,
+            info.kernel_tables, info.step_parameters(), info.models(), empty_statistics(), int(info.boxes.bits[block]),
+            info.block_means[block], source.block_source(block, info), sizes,
             np.zeros(700 * len(rows), np.uint8), rows, harmonics,
         )  # fmt: skip
     return int(total) + stream.num_bytes - sum(packet.num_bytes for packet in stream.packets)
@@ -133,11 +135,11 @@ def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) ->
 def packets_of(path: Path, _: argparse.Namespace) -> dict[str, object]:
     scene = open_scene(path)
     classes = scene_precision_classes(scene)
-    whole = encode_scene(scene, WHOLE, classes=classes)
+    whole = encode_scene(scene, WHOLE, class_offsets=classes)
     near = whole.num_bytes - HEADER_BYTES * len(whole.packets)
     found: dict[str, object] = {"gaussians": scene.num_elements, "one stream of neighbours": near}
     for name, preset in (("pak", "paper"), ("datagrams", "datagram")):
-        stream = encode_scene(scene, PRESETS[preset], classes=classes)
+        stream = encode_scene(scene, PRESETS[preset], class_offsets=classes)
         joined = joined_bytes(scene, stream, classes)
         found[name] = {
             "bytes": stream.num_bytes, "over one stream of the same symbols": stream.num_bytes / joined - 1,

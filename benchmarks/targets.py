@@ -33,7 +33,7 @@ REPEATS = 2
 
 
 def encode(some: SplatScene, classes: np.ndarray, quality: object) -> SceneStream:
-    return encode_scene(some, classes=classes, quality=quality, threads=1)
+    return encode_scene(some, class_offsets=classes, quality=quality, threads=1)
 
 
 def controlled(scene: SplatScene, target: Target, effort: Effort) -> tuple[EncodedScene, float]:

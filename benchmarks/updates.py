@@ -21,7 +21,7 @@ import numpy as np
 
 from splatwire.bitstream import HEADER_BYTES, PRESETS, SceneStream
 from splatwire.codec import apply_update, decode_stream, encode_scene, encode_update
-from splatwire.codec.gaussians.attributes import to_sources, transformed
+from splatwire.codec.gaussians.attributes import to_sources, transform_harmonics
 from splatwire.codec.gaussians.blocks import block_codes, choose_cell_shift, to_lattice
 from splatwire.codec.gaussians.decoder import open_side_info
 from splatwire.codec.gaussians.encoder import encode_block
@@ -70,7 +70,7 @@ def packet_bytes(stream: SceneStream, info: SideInfo, scene: SplatScene, n: int,
     positions, s = everything[np.searchsorted(members, left)], to_sources(some, info.size_log)
     source = BlockSource(
         np.int64(cell_shift), np.int64(1), block_codes(positions, bits), positions,
-        scene.coding.precision_classes[left].astype(np.int64), s.logs, s.axes, s.colours, transformed(some,
+        scene.coding.precision_classes[left].astype(np.int64), s.logs, s.axes, s.colours, transform_harmonics(some,
         info.transform),
     )  # fmt: skip
     return encode_block(source, info, block, np.array([len(left)]), 0).payloads[0]
@@ -96,7 +96,7 @@ def measured(stream: SceneStream, edit: str, centre: int) -> dict[str, int]:
     precision = scene.coding.precision_classes.astype(np.int64) - int(scene.coding.precision_classes.max())
     if edit == "deleted":
         after, precision = after.select(~gone), precision[~gone]
-    update = encode_update(stream, after, classes=precision)
+    update = encode_update(stream, after, class_offsets=precision)
     assert describe_update(stream, update)["num_removed"] == len(chosen)
     assert apply_update(stream, update).manifest.num_elements == after.num_elements
     new_bytes = sum(packet.num_bytes for packet in update.packets)
@@ -117,7 +117,7 @@ def main() -> None:
         classes = scene_precision_classes(scene)
         centres = np.random.default_rng(0).integers(scene.num_elements, size=CENTRES)
         for name, packetization in PACKETIZATIONS.items():
-            stream = encode_scene(scene, packetization, classes=classes)
+            stream = encode_scene(scene, packetization, class_offsets=classes)
             for edit in ("deleted", "moved", "recoloured"):
                 found = [measured(stream, edit, int(centre)) for centre in centres]
                 totals = {"changed": len(stream.packets), "replaced": stream.num_bytes, "listed": stream.num_bytes}

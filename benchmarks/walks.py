@@ -227,7 +227,7 @@ def measured(path: str, side: int) -> dict[str, object]:
     one = SplatScene(read_splats(Path(path)))
     classes = scene_precision_classes(one, None)
     scene = SplatScene(copied(one.splats, side))
-    stream = encode_levels(scene, classes=None if classes is None else np.tile(classes, side * side))
+    stream = encode_levels(scene, class_offsets=None if classes is None else np.tile(classes, side * side))
     datagrams = repack(stream, PRESETS["datagram"])  # as servers send it over UDP and QUIC
     sog = streamed_sog(scene.splats)
     facts: dict[str, Any] = {

@@ -113,7 +113,7 @@ def written(source: Path, folder: Path) -> dict[str, Path]:
             write_splats([splats], files[kind])
     scene, files["swz"] = SplatScene(splats), folder / f"{source.stem}.swz"
     packets = packetization_named("datagram", "gaussians", splats.num_gaussians)
-    write_stream(encode_scene(scene, packets, classes=scene_precision_classes(scene)), files["swz"])
+    write_stream(encode_scene(scene, packets, class_offsets=scene_precision_classes(scene)), files["swz"])
     return files
 
 

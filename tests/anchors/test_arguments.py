@@ -65,7 +65,7 @@ WORKS = {
     "names of cameras in a list": "Cameras(viewmat, cameras.Ks, 32, 24, ['a']).names == ('a',)",
     "the path of Gaussians as text": "read_splats(str(path.parent / 'y.ply')).num_gaussians == n",
     "tiers in a list": "splatwire.encode_scene(scene, tiers=[0, 1] * (n // 2)) is not None",
-    "classes of any whole numbers": "splatwire.encode_scene(scene, classes=np.full(n, -3)) is not None",
+    "classes of any whole numbers": "splatwire.encode_scene(scene, class_offsets=np.full(n, -3)) is not None",
     "explicit Gaussians to save": "splatwire.save_scene(splats, path.parent / 'x.ply') is None",
     "a background in a list": "SplatScene(splats, background=[1, 0.5, 0]).background == (1.0, 0.5, 0.0)",
 }
@@ -196,7 +196,7 @@ FAILS = {
         for tiers in ("np.full(n, -1)", "np.full(n, np.nan)", "[[0], [0, 1]]", "[0, 1]", "np.full(n, 8)", "[None] * n")
     },
     **{
-        f"splatwire.encode_scene(scene, classes={classes})": r"classes: expected an array \(300,\) of whole numbers"
+        f"splatwire.encode_scene(scene, class_offsets={classes})": r"class_offsets: expected an array \(300,\) of whole"
         for classes in ("np.full(n, np.nan)", "np.full(n, 10**9)", "[0.5] * n", "3 * [1]")
     },
     **{

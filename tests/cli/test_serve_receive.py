@@ -28,7 +28,7 @@ from splatwire.cli import _run_receive
 from splatwire.cli._run_receive import parse_seconds
 from splatwire.cli.main import main
 from splatwire.codec import decode_stream, encode_scene, with_section
-from splatwire.codec.preview import Preview, PreviewFrame, preview_scene, write_preview
+from splatwire.codec.preview import Preview, PreviewQuantisation, preview_scene, write_preview
 from splatwire.concealment import conceal
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
@@ -83,7 +83,7 @@ def test_receive_reports_when_only_the_preview_arrived(
     stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     """The server is too slow for any packet, so the preview is written as a scene."""
-    frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
+    frame = PreviewQuantisation.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
     levels = np.random.default_rng(0).integers(0, 16, (20, 10))
     preview = write_preview(Preview(frame, (0, 51, 102), levels))
     for name, content in (("good.swz", preview), ("bad.swz", preview[:-1])):

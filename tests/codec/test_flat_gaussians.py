@@ -42,7 +42,7 @@ def decoded(splats: Splats, quality: str) -> Splats:
     """Decoded Gaussians in the order of `splats`."""
     scene = SplatScene(splats)
     found = decode_stream(
-        encode_scene(scene, quality=quality, classes=scene_precision_classes(scene, recompute=True))
+        encode_scene(scene, quality=quality, class_offsets=scene_precision_classes(scene, recompute=True))
     ).scene.splats
     return found.select(cdist(splats.means, found.means).argmin(axis=1))
 

@@ -74,9 +74,9 @@ def test_undrawable_gaussians_are_left_out(caplog: pytest.LogCaptureFixture) -> 
     kept = np.ones(200, np.bool_)
     kept[3:9] = False
     tiers, classes = (np.arange(200) % 2).astype(np.uint8), np.arange(200) % 3 - 2
-    expected = encode_scene(SplatScene(whole.select(kept)), SMALL, tiers=tiers[kept], classes=classes[kept])
+    expected = encode_scene(SplatScene(whole.select(kept)), SMALL, tiers=tiers[kept], class_offsets=classes[kept])
     with caplog.at_level(logging.INFO, "splatwire"):
-        found = encode_scene(broken, SMALL, tiers=tiers, classes=classes)
+        found = encode_scene(broken, SMALL, tiers=tiers, class_offsets=classes)
     assert stream_to_bytes(found) == stream_to_bytes(expected)
     assert [r.getMessage() for r in caplog.records] == [
         "encoding: 2 of 200 Gaussians draw nothing and are left out",

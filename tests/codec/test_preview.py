@@ -15,7 +15,7 @@ from splatwire.codec.preview import (
     MAX_PREVIEW_BYTES,
     SIZES,
     Preview,
-    PreviewFrame,
+    PreviewQuantisation,
     gaussians_within,
     preview_gaussians,
     preview_scene,
@@ -27,7 +27,7 @@ from splatwire.render.cpu import render_cpu
 from splatwire.types import Gaussians
 
 MAX_LEVELS = np.array([(1 << bits) - 1 for bits in BITS])
-FRAME = PreviewFrame.fitting((0.1, -2.0, 3.0), 1.7, (-1.0, -0.5, 0.0, -5.0), (1.0, 0.7, 2.0, 0.5))
+FRAME = PreviewQuantisation.fitting((0.1, -2.0, 3.0), 1.7, (-1.0, -0.5, 0.0, -5.0), (1.0, 0.7, 2.0, 0.5))
 
 
 def preview_of(count: int, seed: int = 0) -> Preview:
@@ -146,7 +146,7 @@ def test_preview_of_explicit_gaussians_renders_like_the_gaussians() -> None:
 def test_preview_with_extreme_values_renders() -> None:
     rng = np.random.default_rng(0)
     for spread in (2.0**-20, 1.0, 2.0**20):
-        frame = PreviewFrame(
+        frame = PreviewQuantisation(
             (2.0**20, -(2.0**20), 0.0),
             spread,
             (*[-MAX_DISTANCE_ASINH] * 3, SIZES[0]),
@@ -161,6 +161,6 @@ def test_oversized_preview_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="fit its bits"):
         Preview(FRAME, (0, 0, 0), np.full((1, 10), 256))
     with pytest.raises(InvalidValueError, match="spread"):
-        PreviewFrame.fitting((0.0,) * 3, 0.0, (0.0,) * 4, (0.0,) * 4)
+        PreviewQuantisation.fitting((0.0,) * 3, 0.0, (0.0,) * 4, (0.0,) * 4)
     assert gaussians_within(0) == gaussians_within(60) == 0
     assert gaussians_within(10**6) == MAX_GAUSSIANS == 133

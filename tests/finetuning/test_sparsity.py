@@ -56,7 +56,7 @@ def test_fine_tuning_saves_the_bytes_of_harmonics(monkeypatch: pytest.MonkeyPatc
     pictures, sizes, errors = own_pictures(source, fitting_cameras(source, 8, 32)), [], []
     for weight in (0.0, sparsity.WEIGHT):
         monkeypatch.setattr(sparsity, "WEIGHT", weight)
-        tuned = tuned_gaussians(source, pictures, options, classes=classes).rounded
+        tuned = tuned_gaussians(source, pictures, options, class_offsets=classes).rounded
         sizes.append(encode_scene(tuned).num_bytes)
         errors.append(np.square(render_scene(tuned, pictures.cameras) - pictures.images / 255).mean())
     assert sizes[1] < 0.96 * sizes[0]

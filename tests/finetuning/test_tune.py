@@ -109,7 +109,7 @@ def test_gaussians_have_finer_classes_if_fitted_views_see_them() -> None:
 def test_given_precision_classes_stay() -> None:
     scene, options = shell(100), FineTuning(iterations=3)
     classes = (-np.arange(100) % 6).astype(np.int8)
-    found = tuned_gaussians(scene, own_pictures(scene, fitting_cameras(scene, 2, 16)), options, classes=classes)
+    found = tuned_gaussians(scene, own_pictures(scene, fitting_cameras(scene, 2, 16)), options, class_offsets=classes)
     assert (
         found.coding.precision_classes == coding_for(scene.splats, options.quality, classes).precision_classes
     ).all()
@@ -119,7 +119,7 @@ def test_steps_are_proportional_to_quantisation_steps() -> None:
     source = shell(100)
     start = _darker(source)
     classes, pictures = (-np.arange(100) % 6).astype(np.int8), own_pictures(source, fitting_cameras(source, 2, 48))
-    found = tuned_gaussians(start, pictures, FineTuning(iterations=1, rate=0.1), classes=classes)
+    found = tuned_gaussians(start, pictures, FineTuning(iterations=1, rate=0.1), class_offsets=classes)
     moved = np.abs(found.scene.splats.sh - start.splats.sh)[:, 0, 0]
     changed = moved > 0  # the others are hidden
     assert changed.sum() > 50

@@ -41,7 +41,7 @@ def make(name: str) -> dict:
         rng.normal(size=(count, (degree + 1) ** 2, 3)) * 0.2,
     )
     splats = Splats(*(a.astype(np.float32) for a in arrays))
-    stream = encode_splats(splats, packetization, classes=rng.integers(-5, 1, count), quality=quality)
+    stream = encode_splats(splats, packetization, class_offsets=rng.integers(-5, 1, count), quality=quality)
     rows, harmonics = integers(stream)
     decoded = decode_splats(stream)[0]
     return {

@@ -166,7 +166,7 @@ def ordered(stream: SceneStream) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("quality", ["small", "default", "near-lossless"])
 def test_decoded_gaussians_encode_to_the_same_integers(degree: int, quality: str) -> None:
     scene, classes = gaussians(degree)
-    first = encode_scene(scene, PACKETIZATIONS["few"], classes=classes, quality=quality)
+    first = encode_scene(scene, PACKETIZATIONS["few"], class_offsets=classes, quality=quality)
     again = encode_scene(decode_stream(first).scene, PACKETIZATIONS["few"])
     assert digest(again) == digest(first)
     assert np.array_equal(ordered(again)[1], ordered(first)[1])
@@ -178,7 +178,7 @@ def test_decoded_gaussians_encode_to_the_same_integers(degree: int, quality: str
 def test_decoded_gaussians_are_a_fixed_point_through_a_ply(degree: int, tmp_path: Path) -> None:
     """The received and all Gaussians; a changed row of the file has no recorded rounding."""
     scene, classes = gaussians(degree)
-    first, path = encode_scene(scene, PACKETIZATIONS["few"], classes=classes), tmp_path / "decoded.ply"
+    first, path = encode_scene(scene, PACKETIZATIONS["few"], class_offsets=classes), tmp_path / "decoded.ply"
     save_scene_as(decode_stream(first), path)
     assert digest(encode_scene(open_scene(path), PACKETIZATIONS["few"])) == digest(first)
     some = decode_stream(first.with_packets(first.packets[::2]))
@@ -219,10 +219,10 @@ def test_mutated_rounding_records_of_a_ply_are_read_or_refused(tmp_path: Path) -
 @pytest.mark.parametrize("packets", PACKETIZATIONS)
 def test_gaussians_are_equal_under_every_packetization(packets: str) -> None:
     scene, classes = gaussians(2)
-    first = encode_scene(scene, PACKETIZATIONS["few"], classes=classes)
+    first = encode_scene(scene, PACKETIZATIONS["few"], class_offsets=classes)
     decoded, tiers = decode_stream(first).scene, (np.arange(400) % 3 > 0).astype(np.uint8)
     for other in (
-        encode_scene(scene, PACKETIZATIONS[packets], classes=classes),
+        encode_scene(scene, PACKETIZATIONS[packets], class_offsets=classes),
         encode_scene(decoded, PACKETIZATIONS[packets]),
         encode_scene(decoded, PACKETIZATIONS[packets], tiers=tiers),
         repack(first, PACKETIZATIONS[packets]),
@@ -235,7 +235,7 @@ def test_gaussians_are_equal_under_every_packetization(packets: str) -> None:
 
 def test_part_of_decoded_gaussians_keeps_its_integers() -> None:
     scene, classes = gaussians(1)
-    decoded = decode_stream(encode_scene(scene, PACKETIZATIONS["few"], classes=classes)).scene
+    decoded = decode_stream(encode_scene(scene, PACKETIZATIONS["few"], class_offsets=classes)).scene
     part = decoded.select(np.arange(400) % 4 > 0)
     found = ordered(encode_scene(part, PRESETS["datagram"]))[0]
     assert isinstance(part, SplatScene)
@@ -257,7 +257,7 @@ def test_positions_near_float_resolution_are_stable(seed: int) -> None:
 
 def test_repacked_gaussians_keep_their_copies() -> None:
     scene, classes = gaussians(1)
-    first = encode_scene(scene, PACKETIZATIONS["few"], classes=classes)
+    first = encode_scene(scene, PACKETIZATIONS["few"], class_offsets=classes)
     decoded = decode_stream(first).scene
     assert isinstance(decoded, SplatScene)
     info = open_side_info(first.manifest, first.side_info)

@@ -123,9 +123,11 @@ def test_precision_classes_may_be_given_as_a_function():
     opacities = splats.opacities.copy()
     opacities[::7] = 0  # invisible Gaussians have a class as well and are left out
     scene, classes = SplatScene(replace(splats, opacities=opacities)), (-(np.arange(900) % 4)).astype(np.int8)
-    known, found = encode_levels(scene, classes=classes), encode_levels(scene, classes=lambda: classes)
+    known, found = encode_levels(scene, class_offsets=classes), encode_levels(scene, class_offsets=lambda: classes)
     assert (
-        stream_to_bytes(known) == stream_to_bytes(found) != stream_to_bytes(encode_levels(scene, classes=lambda: None))
+        stream_to_bytes(known)
+        == stream_to_bytes(found)
+        != stream_to_bytes(encode_levels(scene, class_offsets=lambda: None))
     )
 
 

@@ -4,7 +4,7 @@ import pytest
 from scenes import tiny_cameras, tiny_scene
 from splatwire.bitstream import PRESETS
 from splatwire.codec import decode_stream, encode_scene, with_section
-from splatwire.codec.preview import Preview, PreviewFrame, preview_gaussians, write_preview
+from splatwire.codec.preview import Preview, PreviewQuantisation, preview_gaussians, write_preview
 from splatwire.concealment import conceal
 from splatwire.errors import InvalidValueError
 from splatwire.planning.distortion import BLANK_PSNR
@@ -77,7 +77,7 @@ def test_incremental_pictures_equal_concealing_from_scratch(complete: ReceivedSc
 
 def test_stream_variant_with_a_preview_has_its_quality_as_worst_case() -> None:
     scene, cameras = tiny_scene(), tiny_cameras()
-    frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
+    frame = PreviewQuantisation.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
     section = write_preview(Preview(frame, (0, 51, 102), np.random.default_rng(0).integers(0, 16, (20, 10))))
     stream = with_section(encode_scene(scene, PRESETS["datagram"]), "preview", section)
     shown, background = preview_gaussians(section)

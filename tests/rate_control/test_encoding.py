@@ -41,7 +41,7 @@ def shell(count: int = 1500, degree: int = 0) -> SplatScene:
 
 
 def encode_plainly(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
-    return encode_scene(some, classes=classes, quality=quality)
+    return encode_scene(some, class_offsets=classes, quality=quality)
 
 
 def encoded(scene: SplatScene, effort: str = "default", **target: object) -> EncodedScene:
@@ -244,7 +244,7 @@ def test_splatwire_encode_takes_targets():
         {"tuning": Tuning(), "quality": 40},
         {"quality": 101},
         {"options": splatwire.GaussianOptions(quality="small"), "quality": 40},
-        {"options": splatwire.GaussianOptions(classes=np.zeros(1500, np.int8)), "size": 1000},
+        {"options": splatwire.GaussianOptions(class_offsets=np.zeros(1500, np.int8)), "size": 1000},
         {"options": splatwire.SequenceOptions(), "size": 1000},
     ],
 )

@@ -30,7 +30,7 @@ AT = Quality(7.5)
 
 
 def encode_plainly(some: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
-    return encode_scene(some, classes=classes, quality=quality)
+    return encode_scene(some, class_offsets=classes, quality=quality)
 
 
 def views(scene: SplatScene) -> Cameras:

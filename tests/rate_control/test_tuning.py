@@ -40,7 +40,7 @@ def encoded(
     **target: object,
 ) -> EncodedScene:
     def encode(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
-        return encode_scene(some, packetization, classes=classes, quality=quality)
+        return encode_scene(some, packetization, class_offsets=classes, quality=quality)
 
     return encode_controlled(scene, Target(**target), encode, effort=effort, tuning=tuning)
 
@@ -109,7 +109,7 @@ def test_fine_tuning_keeps_precision_classes():
 
     def encode(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
         calls.append((some, classes))
-        return encode_scene(some, classes=classes, quality=quality)
+        return encode_scene(some, class_offsets=classes, quality=quality)
 
     found = encode_controlled(
         shell(200), Target(quality=quality_of("small")), encode, effort="best", tuning=replace(FEW, iterations=30)

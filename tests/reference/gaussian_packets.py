@@ -28,7 +28,6 @@ from splatwire.codec.gaussians.layout import (
     NARROW_WEIGHT,
     NUM_MAGNITUDE_CONTEXTS,
     NUM_NEIGHBOURS,
-    SCALE_UNIT,
     SLOT_BITS,
     STEP_BITS,
     STEP_COLOUR,
@@ -85,7 +84,7 @@ class ReferencePacket(ReferenceBits):
         self.running = self.shift = 0
         self.absolute = info.max_position_shift >= 0
         self.box_bits = int(info.boxes.bits[block])
-        self.defaults = [int(v) for v in info.block_defaults[block]]
+        self.block_means = [int(v) for v in info.block_means[block]]
         self.flatness_table = flatness_table().tolist()
 
     def decode(self) -> list[Gaussian]:
@@ -122,7 +121,7 @@ class ReferencePacket(ReferenceBits):
         g.level, self.running = self.level(near), 16
         opacity = self.value(0, STEP_OPACITY, near, g.level, lambda n: n.logs[0], (0, 0, 0, 0), 0, BITS)
         opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
-        mean = self.mean(near, lambda n: n.logs[1], self.defaults[1])[0]
+        mean = self.mean(near, lambda n: n.logs[1], self.block_means[1])[0]
         shape = (0 if self.absolute else 2 * mean - (2 << BITS), 0, 0, opacity)
         s0 = self.value(1, STEP_SCALE0, near, g.level, lambda n: n.logs[1], shape, 1, BITS - 1)
         s0 = min(max(s0, -MAX_LOG), MAX_LOG)
@@ -153,22 +152,22 @@ class ReferencePacket(ReferenceBits):
         return g
 
     def value(
-        self, stream: int, step: np.integer[Any], near: list[tuple[Gaussian, int]], level: int,
+        self, kind: int, step: np.integer[Any], near: list[tuple[Gaussian, int]], level: int,
         of: Callable[[Gaussian], int], shape: tuple[int, int, int, int], default: int, most: int,
     ) -> int:  # fmt: skip
         """Decodes a value that is predicted by the mean of its neighbours."""
-        mean, deviation = self.mean(near, of, self.defaults[default])
+        mean, deviation = self.mean(near, of, self.block_means[default])
         shift = min(max(BITS - self.exponent(step, level, shape), 0), most)
-        return self.coded(stream, spread(len(near), deviation, shift), mean, shift)
+        return self.coded(kind, spread(len(near), deviation, shift), mean, shift)
 
-    def coded(self, stream: int, context: int, mean: int, shift: int) -> int:
+    def coded(self, kind: int, context: int, mean: int, shift: int) -> int:
         """Decodes a value with the expectation `mean`, as a multiple of the step or as whole steps from the mean."""
         self.shift = shift
         if not self.absolute:
-            return mean + (self.residual(stream, context, shift, 0) << shift)
+            return mean + (self.residual(kind, context, shift, 0) << shift)
         eighths = (8 * mean + ((1 << shift) >> 1)) >> shift
         near = (eighths + 4) >> 3
-        return (near + self.residual(stream, context, shift, eighths - 8 * near)) << shift
+        return (near + self.residual(kind, context, shift, eighths - 8 * near)) << shift
 
     def axis(self, near: list[tuple[Gaussian, int]], primary: int, shift: int) -> list[int]:
         """Decodes the primary axis of the Gaussian."""
@@ -210,7 +209,7 @@ class ReferencePacket(ReferenceBits):
         """Decodes luma and chroma."""
         shift = min(max(BITS - self.exponent(STEP_COLOUR, g.level, (0, 0, 0, 0)), 0), BITS - 2)
         for c in range(3):
-            mean, deviation = self.mean(near, lambda n, c=c: n.colour[c], self.defaults[4 + c])  # type: ignore[misc]
+            mean, deviation = self.mean(near, lambda n, c=c: n.colour[c], self.block_means[4 + c])  # type: ignore[misc]
             value = self.coded(5 + c, spread(len(near), deviation, shift), mean, shift)
             g.colour.append(min(max(value, -MAX_COLOUR), MAX_COLOUR))
 
@@ -270,10 +269,10 @@ class ReferencePacket(ReferenceBits):
         sums += (int(self.info.base_exponents[which]) + level * 2**STEP_BITS) * 2**BITS
         return (sums + 2 ** (BITS + STEP_BITS - 1)) >> (BITS + STEP_BITS)
 
-    def residual(self, stream: int, context: int, shift: int, eighths: int) -> int:
+    def residual(self, kind: int, context: int, shift: int, eighths: int) -> int:
         """A residual in steps; its context, except for the first two, is the size of earlier residuals."""
-        second = shift if stream < 2 else min(self.running.bit_length(), NUM_MAGNITUDE_CONTEXTS - 1)
-        scale = int(self.info.scales[stream, context, second]) * SCALE_UNIT
+        second = shift if kind < 2 else min(self.running.bit_length(), NUM_MAGNITUDE_CONTEXTS - 1)
+        scale = int(self.info.scale_indices[kind, context, second])
         mean = eighths << (MEAN_BITS - 3)
         mixture = ReferenceMixture(mean, scale, mean, min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1), NARROW_WEIGHT)
         q = min(max(decode_mixture(self.coder, mixture), -MAX_RESIDUAL), MAX_RESIDUAL)

@@ -123,7 +123,7 @@ def test_classes_do_not_depend_on_the_unit_of_length(factor: float) -> None:
     assert len(np.unique(wanted)) > 2
     assert np.array_equal(precision_classes(_resized(splats, factor))[:200], wanted)
     measured, expected = (measure_gaussians(SplatScene(some)) for some in (_resized(splats, factor), splats))
-    assert np.array_equal(measured.classes[:200], expected.classes[:200])
+    assert np.array_equal(measured.class_offsets[:200], expected.class_offsets[:200])
     np.testing.assert_allclose(measured.removal, expected.removal, rtol=1e-4, atol=1e-12)
 
 
@@ -157,7 +157,7 @@ def test_ends_of_a_long_scene_are_measured_as_well() -> None:
     long = SplatScene(Splats(**{name: np.concatenate([vars(body)[name], vars(end)[name]]) for name in vars(body)}))
     measured = measure_gaussians(long)
     around = measure_gaussians(long, surrounding_cameras(long, MEASURED_VIEWS, SIZE))
-    gain = measured.classes.astype(np.int64) - around.classes
+    gain = measured.class_offsets.astype(np.int64) - around.class_offsets
     assert gain[200:].mean() > gain[:200].mean() + 0.5
     assert np.median(measured.removal[200:] / around.removal[200:]) > 2
 

@@ -13,7 +13,7 @@ from splatwire.bitstream import Packetization, SceneStream, stream_to_bytes
 from splatwire.bitstream.packet import make_packet
 from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality
-from splatwire.codec.preview import MAX_LEVELS, Preview, PreviewFrame, write_preview
+from splatwire.codec.preview import MAX_LEVELS, Preview, PreviewQuantisation, write_preview
 from splatwire.lod import encode_levels
 from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.types import SplatScene
@@ -121,7 +121,7 @@ def test_removed_elements_release_all_resources(stream: SceneStream) -> None:
 def test_previews_of_small_scenes_are_drawn(stream: SceneStream) -> None:
     """An element without an answer and a thumbnail paint the Gaussians of the preview, not only the background."""
     levels = np.random.default_rng(1).integers(0, 1 + np.array(MAX_LEVELS), (90, len(MAX_LEVELS)))
-    frame = PreviewFrame.fitting((1e-3, 0.0, 0.0), 1e-3, [-1.2, -1.2, -1.2, -2.5], [1.2, 1.2, 1.2, -1.0])
+    frame = PreviewQuantisation.fitting((1e-3, 0.0, 0.0), 1e-3, [-1.2, -1.2, -1.2, -2.5], [1.2, 1.2, 1.2, -1.0])
     data = base64.b64encode(write_preview(Preview(frame, (0, 0, 0), levels))).decode()
     colours = """(canvas) => canvas?.width > 1 && new Set(canvas.getContext("2d").getImageData(
         0, 0, canvas.width, canvas.height).data).size"""

@@ -14,7 +14,7 @@ from scenes import tiny_cameras, tiny_causal_scene
 from splatwire.bitstream import Packetization, stream_to_bytes
 from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality
-from splatwire.codec.preview import MAX_LEVELS, Preview, PreviewFrame, write_preview
+from splatwire.codec.preview import MAX_LEVELS, Preview, PreviewQuantisation, write_preview
 from splatwire.lod import encode_levels
 from splatwire.types import SplatScene
 from transport.chromium import Browser, executable, isolated_page
@@ -169,7 +169,7 @@ def test_preview_and_poster_with_a_viewpoint_show_and_keep_that_viewpoint(stream
     """The messages of the worker wait until the preview was examined, so that no state depends on time."""
     dot = "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw=="
     rows = np.random.default_rng(1).integers(0, 1 + np.array(MAX_LEVELS), (90, len(MAX_LEVELS)))
-    frame = PreviewFrame.fitting((0.0, 0.0, 0.0), 1.0, [-1.2, -1.2, -1.2, -2.5], [1.2, 1.2, 1.2, -1.0])
+    frame = PreviewQuantisation.fitting((0.0, 0.0, 0.0), 1.0, [-1.2, -1.2, -1.2, -2.5], [1.2, 1.2, 1.2, -1.0])
     preview = base64.b64encode(write_preview(Preview(frame, (0, 0, 0), rows))).decode()
     first, second = ([x, 0.5, 4.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0] for x in (2.0, -2.0))
     words = [" ".join(map(str, view)) for view in (first, second)]

@@ -18,7 +18,7 @@ from scenes import tiny_causal_scene
 from splatwire.bitstream import Packetization, SceneStream, read_stream, stream_from_bytes
 from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality
-from splatwire.codec.preview import Preview, PreviewFrame, write_preview
+from splatwire.codec.preview import Preview, PreviewQuantisation, write_preview
 from splatwire.types.splats import Splats
 from web.node import WEB, answers, lacking, write
 from web.sketched import with_copies, with_sketch
@@ -85,7 +85,7 @@ def anchors() -> dict[str, SceneStream]:
 
 
 def preview() -> bytes:
-    frame = PreviewFrame.fitting((1.0, -2.0, 3.0), 0.7, (-1.0, -1.5, -2.0, -5.0), (1.0, 1.5, 2.0, 1.0))
+    frame = PreviewQuantisation.fitting((1.0, -2.0, 3.0), 0.7, (-1.0, -1.5, -2.0, -5.0), (1.0, 1.5, 2.0, 1.0))
     rng = np.random.default_rng(0)
     levels = np.stack([rng.integers(0, 1 << bits, 20) for bits in (8, 8, 8, 5, 5, 5, 5, 5, 5, 4)], axis=1)
     return write_preview(Preview(frame, (10, 200, 30), levels.astype(np.int64)))

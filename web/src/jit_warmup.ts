@@ -5,8 +5,8 @@ import {
   NUM_CONTEXTS,
   NUM_DEVIATION_CONTEXTS,
   NUM_MAGNITUDE_CONTEXTS,
+  RESIDUAL_KINDS,
   STEPS,
-  STREAMS,
 } from "./codec/gaussians/layout.ts";
 import { FastPackets } from "./codec/gaussians/native.ts";
 import type { SideInfo } from "./codec/gaussians/side_info.ts";
@@ -39,10 +39,10 @@ const INFO: SideInfo = {
     extents: new Uint8Array(3).fill(255),
     bits: Int32Array.of(16),
   },
-  defaults: new Int32Array(7),
+  blockMeans: new Int32Array(7),
   models: new Int32Array(2 * NUM_CONTEXTS).fill(32768),
-  scales: Int32Array.from(
-    { length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS },
+  scaleIndices: Int32Array.from(
+    { length: RESIDUAL_KINDS * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS },
     (_, n) => 4 * (n % 16),
   ),
 };

@@ -122,8 +122,8 @@ test("a decoder that grows keeps its instance while its tables stay", () => {
   try {
     packets.decode(payload, 0, 20);
     for (let group = 1; group < 6; group++) {
-      const defaults = first.defaults.map((value) => value + group);
-      packets.grow({ ...first, defaults, models: first.models.slice() });
+      const blockMeans = first.blockMeans.map((value) => value + group);
+      packets.grow({ ...first, blockMeans, models: first.models.slice() });
       assertSame(
         packets.decode(payload, 0, 20),
         new PacketDecoder(packets.info).decode(payload, 0, 20),
@@ -136,7 +136,7 @@ test("a decoder that grows keeps its instance while its tables stay", () => {
     packets.grow(other);
     assertSame(packets.decode(payload, 0, 20), new PacketDecoder(other).decode(payload, 0, 20), other, 0);
     assert.equal(made, 2);
-    for (const name of ["baseExponents", "scales", "models", "transform"] as const) {
+    for (const name of ["baseExponents", "scaleIndices", "models", "transform"] as const) {
       const before = packets.info;
       packets.grow({ ...before, [name]: before[name].map((value, n) => (n ? value : value ^ 1)) });
       packets.decode(payload, 0, 20);

@@ -4,8 +4,8 @@ import {
   NUM_CONTEXTS,
   NUM_DEVIATION_CONTEXTS,
   NUM_MAGNITUDE_CONTEXTS,
+  RESIDUAL_KINDS,
   STEPS,
-  STREAMS,
 } from "../src/codec/gaussians/layout.ts";
 import type { SideInfo } from "../src/codec/gaussians/side_info.ts";
 
@@ -38,10 +38,10 @@ export function anySideInfo(random: (below: number) => number): SideInfo {
       extents: new Uint8Array(3),
       bits: Int32Array.of(boxBits),
     },
-    defaults: Int32Array.from({ length: 7 }, () => (random(1025) - 512) * 256),
+    blockMeans: Int32Array.from({ length: 7 }, () => (random(1025) - 512) * 256),
     models: Int32Array.from({ length: 2 * NUM_CONTEXTS }, () => 256 * (1 + random(255))),
-    scales: Int32Array.from(
-      { length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS },
+    scaleIndices: Int32Array.from(
+      { length: RESIDUAL_KINDS * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS },
       () => 4 * random(random(2) ? 80 : 30),
     ),
   };

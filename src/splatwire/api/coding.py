@@ -33,16 +33,17 @@ class GaussianOptions(CheckedFields):
     Attributes:
         packetization: Division into packets, or the name of a preset such as `datagram`; None for the default.
         quality: Quantisation: 0 (smallest) to 100 (finest), `small` (40), `default` (60), `near-lossless` (85), or a
-            `Quality`. None for `default`; for a decoded scene without `classes`, None keeps its quantisation steps.
+            `Quality`. None for `default`; for a decoded scene without `class_offsets`, None keeps its quantisation
+            steps.
         tiers: Importance tier of each Gaussian, 0 for the most important, whole numbers (N); None for one tier.
-        classes: Precision class (set of quantisation steps) of each Gaussian, whole numbers (N), see
-            `splatwire.render.precision`; None for the finest class.
+        class_offsets: Precision class (set of quantisation steps) of each Gaussian, whole numbers (N): 0 for the
+            finest, negative for coarser ones, see `splatwire.render.precision`; None for the finest class.
     """
 
     packetization: Packetization | str | None = None
     quality: str | int | float | Quality | None = None
     tiers: np.ndarray | None = None
-    classes: np.ndarray | None = None
+    class_offsets: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ def encode(
     """Encodes a scene, or the frames of a sequence, into independently decodable packets.
 
     With `size`, `psnr` or `effort`, the encoder chooses the precision of each Gaussian by rendering the scene;
-    `classes` and `tiers` of the options must then be None.
+    `class_offsets` and `tiers` of the options must then be None.
 
     Args:
         scene: A scene, a decoded scene without losses, explicit Gaussians, or, with `SequenceOptions`, frames.
@@ -145,7 +146,7 @@ def _encode_controlled(
     scene: SplatScene, options: GaussianOptions, size: int | str | None, psnr: float | None, effort: Effort | None,
     tuning: Tuning | None, threads: int | None, progress: Progress | None,
 ) -> SceneStream:  # fmt: skip
-    if options.classes is not None or options.tiers is not None:
+    if options.class_offsets is not None or options.tiers is not None:
         raise InvalidValueError("size, psnr and effort determine precision classes, and leave one tier")
     target = Target(
         size=parse_size(size) if isinstance(size, str) else size,
@@ -155,8 +156,10 @@ def _encode_controlled(
         else None,
     )
 
-    def encode(pruned: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
-        return encode_scene(pruned, options.packetization, quality=quality, classes=classes, threads=threads)
+    def encode(pruned: SplatScene, class_offsets: np.ndarray, quality: Quality) -> SceneStream:
+        return encode_scene(
+            pruned, options.packetization, quality=quality, class_offsets=class_offsets, threads=threads
+        )
 
     report, tuning_share, done = progress or (lambda share: None), _TUNING_SHARE if effort == "best" else 0.0, 0.0
 

@@ -15,7 +15,7 @@ from splatwire.codec.preview import (
     MAX_DISTANCE_ASINH,
     MAX_PREVIEW_BYTES,
     Preview,
-    PreviewFrame,
+    PreviewQuantisation,
     gaussians_within,
     preview_gaussians,
     write_preview,
@@ -30,7 +30,7 @@ from splatwire.types import Cameras, Gaussians
 
 _POSITION, _SIZE, _COLOR, _OPACITY = 0.02, 0.04, 0.03, 0.03
 RATES = (_POSITION, _POSITION, _POSITION, _SIZE, _SIZE, _SIZE, _COLOR, _COLOR, _COLOR, _OPACITY)
-"""Learning rates of a Gaussian's parameters, in the order of `PreviewFrame.values`."""
+"""Learning rates of a Gaussian's parameters, in the order of `PreviewQuantisation.values`."""
 BACKGROUND_RATE = 0.01
 _LOWEST = (*[-MAX_DISTANCE_ASINH] * 3, *[-6.0] * 3, 0.0, 0.0, 0.0, 1 / 32)
 _HIGHEST = (*[MAX_DISTANCE_ASINH] * 3, *[3.0] * 3, 1.0, 1.0, 1.0, 31 / 32)
@@ -133,8 +133,8 @@ def preview_for_scene(
 class _Fit:
     """Optimiser of a preview's Gaussians, by gradient descent."""
 
-    # The parameters are the ten numbers of each Gaussian (`PreviewFrame.values`), divided by their learning rates,
-    # so that the Adam optimiser needs only one learning rate.
+    # The parameters are the ten numbers of each Gaussian (`PreviewQuantisation.values`), divided by their learning
+    # rates, so that the Adam optimiser needs only one learning rate.
 
     def __init__(self, scene: Scene, pictures: References, config: PreviewConfig) -> None:
         keep_freed_memory()
@@ -177,11 +177,11 @@ class _Fit:
     def _background(self) -> Float[np.ndarray, "3"]:
         return self._behind.values * np.float32(BACKGROUND_RATE)
 
-    def _initial_gaussians(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[np.ndarray, "G 10"]]:
+    def _initial_gaussians(self, scene: Scene, count: int) -> tuple[PreviewQuantisation, Float[np.ndarray, "G 10"]]:
         """Places the initial Gaussians of the fit at randomly chosen visible elements of the scene.
 
         Returns:
-            The value ranges for quantisation; and the parameters of the Gaussians, as in `PreviewFrame.values`.
+            The value ranges for quantisation; and the parameters of the Gaussians, as in `PreviewQuantisation.values`.
         """
         # The probability of an element is proportional to its footprint in all views. Sizes follow from the
         # distances to the nearest neighbours.
@@ -193,7 +193,9 @@ class _Fit:
         positions = to_numpy(scene.positions)[chosen]
         middle = lower_median(positions)
         spread = 0.5 * float(lower_median(np.linalg.norm(to_numpy(self._pictures.cameras.centers) - middle, axis=1)))
-        frame = PreviewFrame.fitting(middle.tolist(), max(spread, 1e-3), (*_LOWEST[:3], -6.0), (*_HIGHEST[:3], 3.0))
+        frame = PreviewQuantisation.fitting(
+            middle.tolist(), max(spread, 1e-3), (*_LOWEST[:3], -6.0), (*_HIGHEST[:3], 3.0)
+        )
         values = np.full((len(positions), len(RATES)), 0.5, np.float32)
         values[:, :3] = np.arcsinh((positions - middle) / frame.spread)
         near = nearest_neighbors(positions, positions, 3)[1].max(axis=1, keepdims=True)
@@ -205,7 +207,7 @@ class _Fit:
         """Returns the Gaussians of the preview in the current state of the optimisation.
 
         Returns:
-            Parameters as in `PreviewFrame.values`, float64 (G, 10); and the Gaussians with these parameters.
+            Parameters as in `PreviewQuantisation.values`, float64 (G, 10); and the Gaussians with these parameters.
         """
         # In the last part of the fit, the parameters are rounded to the values that the preview can store.
         values = (self._raw.values * self._rates).astype(np.float64)
@@ -237,7 +239,7 @@ class _Fit:
         values = self._raw.values * self._rates
         low, high = values.min(axis=0), values.max(axis=0)
         least, most = [*low[:3].tolist(), float(low[3:6].min())], [*high[:3].tolist(), float(high[3:6].max())]
-        self.frame = PreviewFrame.fitting(self.frame.middle, self.frame.spread, least, most)
+        self.frame = PreviewQuantisation.fitting(self.frame.middle, self.frame.spread, least, most)
         self._rounded = True
 
     def _clamp(self) -> None:

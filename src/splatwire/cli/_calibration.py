@@ -99,7 +99,9 @@ def complete_stream(source: Path, show: Reporter) -> SceneStream:
     if is_stream(source):
         return read_stream(source)[0].require_static(source)
     scene = open_scene(source)
-    return encode_scene(scene, classes=scene_precision_classes(scene), progress=lambda share: show("encoding", share))
+    return encode_scene(
+        scene, class_offsets=scene_precision_classes(scene), progress=lambda share: show("encoding", share)
+    )
 
 
 def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Reporter) -> SceneStream:

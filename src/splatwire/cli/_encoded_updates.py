@@ -36,7 +36,7 @@ def encode_update_of(command: Encode, scene: Any, cameras: Cameras | None) -> No
         classes = scene_precision_classes(scene, cameras, recompute=True)
         report("choosing precision", 1.0)
         report("encoding", 0.0)
-        stream = encode_update(base, scene, classes=classes)
+        stream = encode_update(base, scene, class_offsets=classes)
         report("encoding", 1.0)
         seconds = time.perf_counter() - started
         write_stream(stream, path)

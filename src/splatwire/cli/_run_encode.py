@@ -182,9 +182,10 @@ def _encode_scene(command: Encode, source: Path) -> None:
             scene, kept_psnr = pruned.scene, pruned.psnr
         up = _up(command, scene, cameras)
 
-        def encode(kept: Any, classes: Any, quality: str | int | float | Quality | None) -> SceneStream:
+        def encode(kept: Any, class_offsets: Any, quality: str | int | float | Quality | None) -> SceneStream:
             packetization = packetization_of(command, schema.name, int(kept.drawable.sum()))
-            options: Any = {"classes": classes, "quality": quality, "progress": lambda share: report("encoding", share)}
+            options: Any = {"class_offsets": class_offsets, "quality": quality}
+            options["progress"] = lambda share: report("encoding", share)
             if levels:
                 stream = encode_levels(kept, packetization, **options)
             else:
@@ -207,9 +208,9 @@ def _encode_scene(command: Encode, source: Path) -> None:
         else:
             report("choosing precision", 0.0)
             measure = partial(scene_precision_classes, scene, cameras, recompute=command.quality is not None)
-            classes = measure if levels else measure()
+            class_offsets = measure if levels else measure()
             report("choosing precision", 1.0)
-            stream = encode(scene, classes, None if command.quality is None else quality_option(command.quality))
+            stream = encode(scene, class_offsets, None if command.quality is None else quality_option(command.quality))
         seconds = time.perf_counter() - started
         write_stream(stream, path)
         if reached is not None:

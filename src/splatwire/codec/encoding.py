@@ -38,7 +38,7 @@ def encode_scene(
     *,
     tiers: np.ndarray | None = None,
     quality: object = None,
-    classes: np.ndarray | None = None,
+    class_offsets: np.ndarray | None = None,
     network_tolerance: float | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -55,8 +55,8 @@ def encode_scene(
             gets separate packets, which can be protected separately. None for one tier.
         quality: Quantisation of explicit Gaussians: 0 to 100, `small`, `default` (also for None), `near-lossless`, or a
             `Quality` of their schema.
-        classes: Precision class of each explicit Gaussian, which selects its quantisation steps
-            (`splatwire.render.precision`); None for the finest. Not for anchors.
+        class_offsets: Precision class of each explicit Gaussian, which selects its quantisation steps: 0 for the
+            finest, negative for coarser ones (`splatwire.render.precision`); None for the finest. Not for anchors.
         network_tolerance: Tolerated error of the outputs of the context networks of anchors, caused by rounding the
             weights and relative to the predicted standard deviations; None for the default.
         threads: Number of threads, which does not affect the result; None for one per processor.
@@ -70,8 +70,8 @@ def encode_scene(
             not apply to these elements.
         UnknownNameError: If the quality is unknown.
     """
-    # If both quality and classes are None, a decoded scene is encoded to the same integers. Factors on size and opacity
-    # that a loss concealer has set are not encoded. Skipped elements are logged.
+    # If both quality and class offsets are None, a decoded scene is encoded to the same integers. Factors on size and
+    # opacity that a loss concealer has set are not encoded. Skipped elements are logged.
     scene = as_scene(scene)
     check_progress(progress)
     check_threads(threads)
@@ -84,7 +84,10 @@ def encode_scene(
         raise InvalidValueError(
             f"packetization: expected a Packetization or the name of a preset, not {shown(packetization)}"
         )
-    limits, count = {"tiers": (tiers, 0, MAX_TIERS - 1), "classes": (classes, -128, 127)}, scene.num_elements
+    limits, count = (
+        {"tiers": (tiers, 0, MAX_TIERS - 1), "class_offsets": (class_offsets, -128, 127)},
+        scene.num_elements,
+    )
     per_element = {
         name: None if values is None else array_of(values, name, (count,), "i", low, high)
         for name, (values, low, high) in limits.items()

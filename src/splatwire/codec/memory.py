@@ -82,7 +82,7 @@ def threads_within(
     return max(1, min(threads or allowed_threads(), room))
 
 
-def words_bytes(packets: Sequence[Packet]) -> int:
+def packet_reader_bytes(packets: Sequence[Packet]) -> int:
     """Returns the memory that a decoder needs for the content of the largest packet, bytes.
 
     It is eight times the size of the packet.

@@ -40,7 +40,7 @@ MAX_GAUSSIANS = (MAX_PREVIEW_BYTES - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS
 
 
 @dataclass(frozen=True)
-class PreviewFrame:
+class PreviewQuantisation:
     """Quantisation parameters of a preview: ranges of positions and sizes.
 
     A coordinate x is quantised as `asinh((x - middle) / spread)`, which is precise near the centre and coarse far away.
@@ -78,8 +78,8 @@ class PreviewFrame:
     @staticmethod
     def fitting(
         middle: Sequence[float], linear_range: float, low: Sequence[float], high: Sequence[float]
-    ) -> "PreviewFrame":
-        """Creates the quantisation parameters of a preview (`PreviewFrame`) from the ranges of the values to quantise.
+    ) -> "PreviewQuantisation":
+        """Creates the quantisation parameters of a preview from the ranges of the values to quantise.
 
         Ranges beyond the limits of the format are clipped.
 
@@ -98,7 +98,7 @@ class PreviewFrame:
             [min(max(value, a), b) for value, (a, b) in zip(_sent(values), bounds, strict=True)]
             for values in (low, high)
         )
-        return PreviewFrame(
+        return PreviewQuantisation(
             (x, y, z),
             _sent([linear_range])[0],
             (least[0], least[1], least[2], least[3]),
@@ -161,7 +161,7 @@ class Preview:
         levels: Quantised parameters: ten integers per Gaussian, of `BITS` bits, int64 (G, 10).
     """
 
-    frame: PreviewFrame
+    frame: PreviewQuantisation
     background: tuple[int, int, int]
     levels: np.ndarray
 
@@ -238,7 +238,9 @@ def read_preview(data: bytes) -> Preview:
     levels = np.stack([part @ (1 << np.arange(part.shape[1])[::-1]) for part in parts], axis=1)
     (x, y, z), spread, low, high = numbers[:3], numbers[3], numbers[4:8], numbers[8:]
     try:
-        frame = PreviewFrame((x, y, z), spread, (low[0], low[1], low[2], low[3]), (high[0], high[1], high[2], high[3]))
+        frame = PreviewQuantisation(
+            (x, y, z), spread, (low[0], low[1], low[2], low[3]), (high[0], high[1], high[2], high[3])
+        )
         return Preview(frame, (background[0], background[1], background[2]), levels)
     except InvalidValueError as error:
         raise BitstreamError(f"preview: {error}") from None

@@ -70,7 +70,7 @@ class Options:
     packetization: Packetization | None = None
     tiers: np.ndarray | None = None
     quality: Any = None
-    classes: np.ndarray | None = None
+    class_offsets: np.ndarray | None = None
     network_tolerance: float | None = None
     threads: int | None = None
 

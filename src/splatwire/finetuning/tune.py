@@ -111,7 +111,7 @@ def tuned_gaussians(
     pictures: Pictures,
     options: FineTuning = FineTuning(),  # noqa: B008 - frozen
     progress: Callable[[Progress], None] | None = None,
-    classes: Int8[np.ndarray, "N"] | None = None,
+    class_offsets: Int8[np.ndarray, "N"] | None = None,
 ) -> TunedGaussians:
     """Optimises Gaussians so that renderings of the decoded Gaussians match given pictures.
 
@@ -127,7 +127,7 @@ def tuned_gaussians(
         pictures: The pictures and their cameras, relative to the origin of the scene.
         options: The options.
         progress: Called after each iteration.
-        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+        class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
             negative for coarser ones; None to measure the classes.
 
     Returns:
@@ -147,10 +147,10 @@ def tuned_gaussians(
         raise InvalidValueError("fine-tuning: the cameras have another origin than the scene")
     keep_freed_memory()
     rng = np.random.Generator(np.random.PCG64(options.seed))
-    if classes is None:
-        classes = precision_classes(scene.splats, _classed_cameras(pictures.cameras, options.seed))
+    if class_offsets is None:
+        class_offsets = precision_classes(scene.splats, _classed_cameras(pictures.cameras, options.seed))
     latents, views = Latents.of(scene.splats), _shuffled(pictures.cameras.num_views, rng)
-    coding, offsets, division = coding_for(latents.splats(), options.quality, classes), None, None
+    coding, offsets, division = coding_for(latents.splats(), options.quality, class_offsets), None, None
     optimizer = _Adam(_step_sizes(coding))
     divided = options.refresh * max(1, options.iterations // (_DIVISIONS * options.refresh))
     scales = dict[tuple[int, bool], float]()

@@ -26,7 +26,7 @@ WALKED = Quality(level=7.0, classes=4)
 scene, other Gaussians are visible. Compared with the quality `default`, on walks through scenes of four copies of
 `truck`: 6 % fewer bytes, 4 dB more; of four copies of `playbot`: 14 % fewer bytes, between 4 dB less and 1.6 dB more.
 """
-Classes = np.ndarray | Callable[[], np.ndarray | None] | None
+ClassOffsets = np.ndarray | Callable[[], np.ndarray | None] | None
 """Precision classes, or a function that returns them."""
 BUILDING = 0.2
 """Fraction of the progress reported when the levels are built, before encoding."""
@@ -38,7 +38,7 @@ def encode_levels(
     packetization: Packetization | None = None,
     *,
     quality: str | int | float | Quality | None = None,
-    classes: Classes = None,
+    class_offsets: ClassOffsets = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> SceneStream:
@@ -48,7 +48,7 @@ def encode_levels(
         scene: Gaussians; invisible and invalid ones are removed, which is logged.
         packetization: Division of the Gaussians of a tile into packets; None for the preset `paper`.
         quality: Quantisation quality, see `splatwire.codec.encode_scene`; None for a default.
-        classes: Precision classes of the scene's Gaussians (see `encode_scene`), or a function that returns them.
+        class_offsets: Precision classes of the scene's Gaussians (see `encode_scene`), or a function that returns them.
         threads: Number of threads; None for one per processor.
         progress: Called with the completed fraction, 0 to 1.
 
@@ -66,34 +66,34 @@ def encode_levels(
     report = progress or (lambda share: None)
     with one_blas_thread(), ThreadPoolExecutor(1) as beside:
         building = beside.submit(build_levels, scene, packetization.block_size, lambda share: report(BUILDING * share))
-        class_array = classes() if callable(classes) else classes
-        if class_array is not None:
-            class_array = array_of(class_array, "classes", (len(rows.kept),), "i", -128, 127)
+        offsets = class_offsets() if callable(class_offsets) else class_offsets
+        if offsets is not None:
+            offsets = array_of(offsets, "class_offsets", (len(rows.kept),), "i", -128, 127)
         built = building.result()
-    if class_array is not None and not rows.complete:
-        class_array = class_array[rows.kept]
-    if quality is None and class_array is not None and not scene.splats.degree:
+    if offsets is not None and not rows.complete:
+        offsets = offsets[rows.kept]
+    if quality is None and offsets is not None and not scene.splats.degree:
         quality = WALKED
     stream = encode_scene(
-        built.scene, packetization, quality=quality, classes=_precision_classes(built, class_array, quality),
+        built.scene, packetization, quality=quality, class_offsets=_class_offsets(built, offsets, quality),
         threads=threads, progress=lambda share: report(BUILDING + (1 - BUILDING) * share),
     )  # fmt: skip
     return with_tile_index(stream, built.errors)
 
 
-def _precision_classes(
-    built: BuiltLevels, classes: np.ndarray | None, quality: str | int | float | Quality | None
+def _class_offsets(
+    built: BuiltLevels, class_offsets: np.ndarray | None, quality: str | int | float | Quality | None
 ) -> np.ndarray:
     """Chooses the precision class (set of quantisation steps) of each Gaussian in all levels of detail.
 
     Args:
         built: The levels of detail.
-        classes: Precision classes of the original Gaussians; None for class 0, the finest.
+        class_offsets: Precision classes of the original Gaussians; None for class 0, the finest.
         quality: Quantisation quality; None for the default.
     """
     chosen = quality_of("default" if quality is None else quality).num_classes(built.scene.splats.degree)
     # In coarser levels, copies of finer Gaussians get a more precise class than merged Gaussians.
     merged = max(COARSEST_CLASS, 1 - chosen)
     result = np.where(built.is_copy, np.int8(merged + 1), np.int8(merged))
-    result[-len(built.order) :] = 0 if classes is None else classes[built.order]
+    result[-len(built.order) :] = 0 if class_offsets is None else class_offsets[built.order]
     return result

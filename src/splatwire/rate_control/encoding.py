@@ -203,9 +203,9 @@ def _prune_and_tune(
     packetization = start.stream.manifest.packetization
 
     def tune(share: float) -> float:
-        pruned, classes = plan.pruned(share, tuned)
-        scene = tuned_to_pictures(pruned, classes, pictures, start.quality, packetization, tuning, progress)
-        tuned.append(replace(plan, classes=classes, curve=None, scene=scene))
+        pruned, class_offsets = plan.pruned(share, tuned)
+        scene = tuned_to_pictures(pruned, class_offsets, pictures, start.quality, packetization, tuning, progress)
+        tuned.append(replace(plan, class_offsets=class_offsets, curve=None, scene=scene))
         encoded = tuned[-1].encoded(start.quality, encode)
         return math.log(encoded.stream.num_bytes) if target.psnr is None else encoded.psnr
 
@@ -250,7 +250,7 @@ class _Plan:
         views: Views for measuring the effect of removing each Gaussian.
         search: Pictures of the source with which streams are compared during the search for a quantisation level.
         held_out: Pictures of the source for the reported PSNR.
-        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 or more for the finest steps,
+        class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 or more for the finest,
             negative for coarser ones.
         curve: Image error as a function of the share of Gaussians kept; None without pruning.
         scene: The Gaussians to prune and encode: those of `source`, or fine-tuned ones.
@@ -261,7 +261,7 @@ class _Plan:
     views: RemovalViews
     search: SourcePictures
     held_out: SourcePictures
-    classes: np.ndarray
+    class_offsets: np.ndarray
     curve: PruningCurve | None
     scene: SplatScene
     precision: tuple[float, ...]
@@ -284,8 +284,8 @@ class _Plan:
         search, held_out = SourcePictures(source, views.search), SourcePictures(source, views.held_out)
         progress("measuring Gaussians", 0.0)
         if effort == "fast":
-            classes = precision_classes(source.splats, views.measured)
-            return cls(source, RemovalViews(()), search, held_out, classes, None, source, quality.precision)
+            class_offsets = precision_classes(source.splats, views.measured)
+            return cls(source, RemovalViews(()), search, held_out, class_offsets, None, source, quality.precision)
         removals = RemovalViews.of(source, views.measured)
         measured = removals.complete(source)
         progress("measuring Gaussians", 1.0)
@@ -297,13 +297,13 @@ class _Plan:
         choose = measured_colour_precision if source.splats.degree else measured_precision
         precision = choose(
             source.select(kept),
-            measured.classes[kept],
+            measured.class_offsets[kept],
             quality,
             views.search,
             encode,
             lambda share: progress("choosing precision", share),
         )
-        return cls(source, removals, search, held_out, measured.classes, curve, source, precision)
+        return cls(source, removals, search, held_out, measured.class_offsets, curve, source, precision)
 
     def quality(self, quality_level: float) -> Quality:
         """Returns the quality setting with a given quantisation level and this plan's precision of each attribute.
@@ -353,12 +353,12 @@ class _Plan:
         kept = self.curve.kept(share)
         larger = [each for each in tuned if each.scene.num_elements > len(kept)]
         if not larger:
-            return self.source.select(kept), self.classes[kept]
+            return self.source.select(kept), self.class_offsets[kept]
         before = min(larger, key=lambda each: each.scene.num_elements)
         # Fine-tuning has changed the effect of each Gaussian.
         removal = self.views.removal(before.scene)
         best = np.sort(np.argsort(-removal, kind="stable")[: len(kept)])
-        return before.scene.select(best), before.classes[best]
+        return before.scene.select(best), before.class_offsets[best]
 
     def trimmed(self, encoded: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
         """Removes fine-tuned Gaussians to save bytes, if the stream exceeds the wanted PSNR.
@@ -377,7 +377,7 @@ class _Plan:
 
         def reached(share: float) -> float:
             kept = np.sort(order[: max(round(share * count), 1)])
-            stream = encode(self.scene.select(kept), self.classes[kept], encoded.quality)
+            stream = encode(self.scene.select(kept), self.class_offsets[kept], encoded.quality)
             tried.append(EncodedScene(stream, encoded.quality, encoded.kept * len(kept) / count, self.held_out, True))
             return tried[-1].psnr
 
@@ -442,13 +442,13 @@ class _Plan:
         """
         # A plan without a `curve` keeps all Gaussians.
         if self.curve is None:
-            scene, classes = self.scene, self.classes
+            scene, class_offsets = self.scene, self.class_offsets
         else:
             kept = self.curve.kept(self.curve.best_share(quality.level) if share is None else share)
-            scene, classes = self.scene.select(kept), self.classes[kept]
+            scene, class_offsets = self.scene.select(kept), self.class_offsets[kept]
         share = scene.num_elements / self.source.num_elements
         tuned = self.scene is not self.source
-        return EncodedScene(encode(scene, classes, quality), quality, share, self.held_out, tuned)
+        return EncodedScene(encode(scene, class_offsets, quality), quality, share, self.held_out, tuned)
 
 
 class _Trials:

@@ -47,7 +47,7 @@ _MIN_ERROR = 1e-12
 
 def measured_precision(
     scene: SplatScene,
-    classes: Int8[np.ndarray, "N"],
+    class_offsets: Int8[np.ndarray, "N"],
     quality: Quality,
     cameras: Cameras,
     encode: Callable[[SplatScene, np.ndarray, Quality], SceneStream],
@@ -57,7 +57,7 @@ def measured_precision(
 
     Args:
         scene: The Gaussians.
-        classes: Precision class of each Gaussian.
+        class_offsets: Precision class of each Gaussian.
         quality: Quality setting at which attributes are measured.
         cameras: Views for measuring errors.
         encode: Function that encodes a scene.
@@ -72,17 +72,17 @@ def measured_precision(
     # each attribute is proportional to its bytes per octave. The sum of the errors stays the same.
     latents, precision = Latents.of(scene.splats), np.array(quality.precision)
     exact = latents.splats()
-    offsets = Offsets.between(exact, round_splats(exact, coding_for(exact, quality, classes)))
+    offsets = Offsets.between(exact, round_splats(exact, coding_for(exact, quality, class_offsets)))
     names = [name for name in _GROUPS if getattr(offsets, name).size]
     groups = [[STEPS.index(step) for step in _GROUPS[name]] for name in names]
     pictures = SourcePictures(replace(scene, splats=exact), cameras)
     rows = _sample(scene)
-    subset, some_classes = scene.select(rows), classes[rows]
+    subset, some_offsets = scene.select(rows), class_offsets[rows]
 
     def size(group: list[int], octaves: float) -> int:
         changed = precision.copy()
         changed[group] += octaves
-        return encode(subset, some_classes, replace(quality, precision=tuple(changed.tolist()))).num_bytes
+        return encode(subset, some_offsets, replace(quality, precision=tuple(changed.tolist()))).num_bytes
 
     errors, rates = np.empty((len(names), cameras.num_views)), np.empty(len(names))
     for index, (name, group) in enumerate(zip(names, groups, strict=True)):
@@ -100,7 +100,7 @@ def measured_precision(
 
 def measured_colour_precision(
     scene: SplatScene,
-    classes: Int8[np.ndarray, "N"],
+    class_offsets: Int8[np.ndarray, "N"],
     quality: Quality,
     cameras: Cameras,
     encode: Callable[[SplatScene, np.ndarray, Quality], SceneStream],
@@ -114,12 +114,12 @@ def measured_colour_precision(
     # Whole octaves are tried. PSNR is converted to bytes with the ratio that finer steps of all attributes have.
     # Coarser colours are not tried: with them, a scene of degree 3 took 2 to 28 % more bytes.
     pictures, rows = SourcePictures(scene, cameras), _sample(scene)
-    subset, some_classes, base = scene.select(rows), classes[rows], STEPS.index("colour")
+    subset, some_offsets, base = scene.select(rows), class_offsets[rows], STEPS.index("colour")
 
     def outcome(tried: Quality) -> tuple[float, float]:
-        rounded = round_splats(scene.splats, coding_for(scene.splats, tried, classes))
+        rounded = round_splats(scene.splats, coding_for(scene.splats, tried, class_offsets))
         decibels = pictures.psnr(replace(scene, splats=rounded, coding=None, hints=None))
-        size = encode(subset, some_classes, tried).num_bytes
+        size = encode(subset, some_offsets, tried).num_bytes
         return math.log(size), float(np.minimum(decibels, _MAX_DB).mean())
 
     def changed(octaves: int) -> Quality:

@@ -95,7 +95,7 @@ def fitted_pictures(
 
 def tuned_to_pictures(
     pruned: SplatScene,
-    classes: Int8[np.ndarray, "N"],
+    class_offsets: Int8[np.ndarray, "N"],
     pictures: Pictures,
     quality: Quality,
     packetization: Packetization,
@@ -106,7 +106,7 @@ def tuned_to_pictures(
 
     Args:
         pruned: The Gaussians to fine-tune.
-        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 or more for the finest steps,
+        class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 or more for the finest,
             negative for coarser ones.
         pictures: Pictures of the complete scene.
         quality: Quality setting, which determines the quantisation steps.
@@ -122,7 +122,7 @@ def tuned_to_pictures(
     def report(state: Progress) -> None:
         progress("fine-tuning", state.iteration / state.iterations)
 
-    return tuned_gaussians(pruned, pictures, options, report, classes).scene
+    return tuned_gaussians(pruned, pictures, options, report, class_offsets).scene
 
 
 def fitted_cameras(scene: SplatScene, cameras: Cameras | None, tuning: Tuning) -> Cameras:

@@ -137,14 +137,14 @@ class MeasuredGaussians:
     """Measurements of Gaussians for an encoder: precision classes, and picture errors after removal.
 
     Attributes:
-        classes: Precision class of each Gaussian, which selects its quantisation steps.
+        class_offsets: Precision class of each Gaussian, which selects its quantisation steps.
         removal: Estimated mean squared error of the pictures if the Gaussian is removed.
     """
 
     # A Gaussian with nearly the colour of what is behind it is assumed to have a minimum contrast
     # (`_HIDDEN_CONTRAST`).
 
-    classes: Int8[np.ndarray, "N"]
+    class_offsets: Int8[np.ndarray, "N"]
     removal: Float64[np.ndarray, "N"]
 
 
@@ -188,7 +188,7 @@ def measure_gaussians(
         if frame is not None:
             more = _sensitivities(splats, frame, 1, seed)
             sensitivities = {name: sensitivities[name] + FRAMING_WEIGHT * more[name] for name in sensitivities}
-        measured.classes[members] = _classes(splats, sensitivities)
+        measured.class_offsets[members] = _classes(splats, sensitivities)
         measured.removal[members] = _removal(sensitivities)
         if close is not None:
             measured.removal[members] += CLOSEUP_WEIGHT * _removal(_sensitivities(splats, close, 1, seed))

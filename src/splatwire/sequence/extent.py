@@ -10,7 +10,7 @@ from splatwire.types.splats import Splats
 SAMPLES = 6000
 FAINT = 0.1
 """Opacity below which Gaussians do not count for the extent."""
-NEARLY_ALL, REACH = 0.998, 5.0
+NEARLY_ALL, MAX_DISTANCE_OCTAVES = 0.998, 5.0
 """Fraction of Gaussians inside the sphere of a frame, and its maximum radius in median distances from the centre."""
 
 
@@ -55,4 +55,4 @@ def sphere_around(positions: np.ndarray) -> BoundingSphere:
     middle = lower_median(positions)
     away = np.linalg.norm(positions - middle, axis=1)
     last = np.sort(away)[int(np.ceil(NEARLY_ALL * len(away))) - 1]
-    return BoundingSphere(middle.astype(np.float64), min(float(last), REACH * float(lower_median(away))))
+    return BoundingSphere(middle.astype(np.float64), min(float(last), MAX_DISTANCE_OCTAVES * float(lower_median(away))))

@@ -13,7 +13,7 @@ from reference.gaussian_packets import ReferencePacket
 from splatwire.bitstream import HEADER_BYTES, PRESETS, Packetization, SceneStream, assign_packets, make_packet
 from splatwire.bitstream.limits import FREE_ELEMENTS, MAX_BLOCK_SIZE
 from splatwire.bitstream.packet import Packet
-from splatwire.codec.gaussians.attributes import scene_log, to_sources
+from splatwire.codec.gaussians.attributes import log2_scene_size, to_sources
 from splatwire.codec.gaussians.decoder import decode_packets, open_side_info
 from splatwire.codec.gaussians.quality import QUALITIES, Quality, quality_of
 from splatwire.codec.gaussians.side_info import read_side_info, write_side_info
@@ -90,8 +90,8 @@ def test_finer_quality_has_smaller_error_and_more_bytes() -> None:
 
 def test_coarser_precision_classes_cost_fewer_bytes() -> None:
     splats = some_splats()
-    coarse = encode_splats(splats, SMALL, classes=np.full(500, -3))
-    assert coarse.num_bytes < 0.8 * encode_splats(splats, SMALL, classes=np.zeros(500, int)).num_bytes
+    coarse = encode_splats(splats, SMALL, class_offsets=np.full(500, -3))
+    assert coarse.num_bytes < 0.8 * encode_splats(splats, SMALL, class_offsets=np.zeros(500, int)).num_bytes
 
 
 def test_packets_decode_to_the_same_integers_alone_and_together(stream: SceneStream) -> None:
@@ -229,7 +229,7 @@ def test_unencodable_gaussians_are_refused() -> None:
     with pytest.raises(InvalidValueError):
         encode_splats(splats, PRESETS["hacpp"])
     with pytest.raises(InvalidValueError):
-        encode_splats(splats, SMALL, classes=np.zeros(19))
+        encode_splats(splats, SMALL, class_offsets=np.zeros(19))
     with pytest.raises(InvalidValueError):
         Quality(classes=9)
     with pytest.raises(UnknownNameError):
@@ -252,9 +252,9 @@ def test_few_gaussians_and_equal_positions_are_encoded(count: int) -> None:
 
 def test_axes_are_sorted_by_scale() -> None:
     splats = some_splats(40)
-    sources = to_sources(splats, scene_log(splats))
+    sources = to_sources(splats, log2_scene_size(splats))
     assert (np.diff(sources.logs[:, 1:], axis=1) <= 0).all()
-    scales = 2.0 ** (sources.logs[:, 1:] / 4096 + scene_log(splats))
+    scales = 2.0 ** (sources.logs[:, 1:] / 4096 + log2_scene_size(splats))
     rebuilt = np.einsum("nij,nj,nkj->nik", sources.axes, scales**2, sources.axes)
     np.testing.assert_allclose(rebuilt, covariances(splats), rtol=1e-2, atol=1e-6)
 

@@ -99,11 +99,11 @@ def rebuilt(stream: SceneStream, side_info: bytes, packets: list) -> SceneStream
 def changed_fields(stream: SceneStream, rng: np.random.Generator) -> bytes:
     """Side information with some changed numbers."""
     info = read_side_info(stream.side_info, stream.manifest.plan.num_blocks)
-    names = ("base_exponents", "transform", "defaults", "zero_probabilities", "scales")
+    names = ("base_exponents", "transform", "block_means", "zero_probabilities", "scale_indices")
     arrays = {name: getattr(info, name).copy() for name in names}
     arrays |= {name: getattr(info.boxes, name).copy() for name in ("shifts", "origins", "extents")}
     ranges = {"transform": (-128, 127), **dict.fromkeys(("zero_probabilities", "shifts", "extents"), (0, 255))}
-    ranges |= dict.fromkeys(("defaults", "scales"), (-(2**31), 2**31))
+    ranges |= dict.fromkeys(("block_means", "scale_indices"), (-(2**31), 2**31))
     numbers = {"size_log": info.size_log, "lattice_bits": info.lattice_bits}
     for _ in range(rng.integers(1, 4)):
         name = rng.choice([*arrays, *numbers])

@@ -10,8 +10,8 @@ from close import assert_close, unit
 from random_numbers import Numbers
 from splatwire.bitstream import PRESETS
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.gaussians.attributes import scene_log
-from splatwire.codec.gaussians.outliers import REACH, within_reach
+from splatwire.codec.gaussians.attributes import log2_scene_size
+from splatwire.codec.gaussians.outliers import MAX_DISTANCE_OCTAVES, pull_in_outliers
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.render.precision import scene_precision_classes
 from splatwire.types import SplatScene
@@ -38,7 +38,7 @@ def cloud() -> Splats:
 def errors(splats: Splats) -> tuple[dict[str, float], int]:
     """Root mean squared error of all Gaussians except one, by attribute; and bytes of the stream."""
     scene = SplatScene(splats)
-    stream = encode_scene(scene, PRESETS["paper"], classes=scene_precision_classes(scene))
+    stream = encode_scene(scene, PRESETS["paper"], class_offsets=scene_precision_classes(scene))
     found = decode_stream(stream).scene.splats
     there = splats.select(np.arange(COUNT) != ODD)
     nearest = cdist(there.means.astype(np.float64), found.means.astype(np.float64)).argmin(axis=1)
@@ -100,15 +100,15 @@ def test_outlier_does_not_degrade_other_gaussians(
 def test_relocated_outlier_keeps_its_angular_position_and_size() -> None:
     splats = cloud()
     splats.means[ODD], splats.scales[ODD] = np.array([3e5, -6e5, 2e5]), np.array([1e3, 2e3, 3e3])
-    size_log = scene_log(splats)
-    near = within_reach(splats, size_log)
-    assert float(np.abs(near.means).max()) <= 2.0 ** (REACH + size_log) * 1.0001
+    size_log = log2_scene_size(splats)
+    near = pull_in_outliers(splats, size_log)
+    assert float(np.abs(near.means).max()) <= 2.0 ** (MAX_DISTANCE_OCTAVES + size_log) * 1.0001
     middle = np.median(splats.means, axis=0)
     before, after = splats.means[ODD] - middle, near.means[ODD] - middle
     assert_close(after / np.linalg.norm(after), before / np.linalg.norm(before), atol=1e-5, rtol=0)
     assert_close(near.scales[ODD] / np.linalg.norm(after), splats.scales[ODD] / np.linalg.norm(before))
     decoded = decode_stream(encode_scene(SplatScene(splats))).scene.splats
-    assert within_reach(decoded, size_log) is decoded
+    assert pull_in_outliers(decoded, size_log) is decoded
     others = np.arange(COUNT) != ODD
     for name, values in vars(splats).items():
         assert np.array_equal(getattr(near, name)[others], values[others])
@@ -116,7 +116,7 @@ def test_relocated_outlier_keeps_its_angular_position_and_size() -> None:
 
 def test_scene_far_from_the_origin_is_not_relocated() -> None:
     splats = dataclasses.replace(cloud(), means=cloud().means + np.float32(4e4))
-    assert within_reach(splats, scene_log(splats)) is splats
+    assert pull_in_outliers(splats, log2_scene_size(splats)) is splats
     decoded = decode_stream(encode_scene(SplatScene(splats))).scene.splats
     middles = (some.means.mean(axis=0, dtype=np.float64) for some in (decoded, splats))
     assert_close(*middles, atol=0.02, rtol=0)

@@ -28,7 +28,7 @@ def test_rounded_gaussians_equal_decoded_gaussians(degree: int, quality: str) ->
     scene = shell(700, degree)
     classes = np.random.Generator(np.random.PCG64(1)).integers(-5, 1, 700).astype(np.int8)
     rounded = round_splats(scene.splats, coding_for(scene.splats, QUALITIES[quality], classes))
-    decoded = decode_stream(encode_scene(scene, quality=quality, classes=classes)).scene.splats
+    decoded = decode_stream(encode_scene(scene, quality=quality, class_offsets=classes)).scene.splats
     assert (_sorted(rounded) == _sorted(decoded)).all()
 
 

@@ -17,12 +17,12 @@ from reference.gaussian_sources import (
 )
 from splatwire.bitstream import PRESETS, PacketPlan
 from splatwire.codec.gaussians import _source_kernels as kernels
-from splatwire.codec.gaussians.attributes import LUMA_CHROMA, to_harmonics, to_sources, transformed
+from splatwire.codec.gaussians.attributes import LUMA_CHROMA, to_harmonics, to_sources, transform_harmonics
 from splatwire.codec.gaussians.blocks import block_codes, to_lattice
 from splatwire.codec.gaussians.encoder import fit_side_info
 from splatwire.codec.gaussians.layout import MAX_COLOUR, STEP_HARMONICS
 from splatwire.codec.gaussians.quality import QUALITIES, Quality
-from splatwire.codec.gaussians.side_info import DEFAULT_SHIFT
+from splatwire.codec.gaussians.side_info import MEAN_SHIFT
 from splatwire.codec.gaussians.source_scene import SourceScene
 from splatwire.ops.morton import morton_encode
 from splatwire.ops.prefetch import prefetch
@@ -133,8 +133,9 @@ def test_summaries_of_blocks_equal_their_reference(layout: Callable[[Splats], Sp
         members, (ends, means) = scene.order[scene.members(block)], scene.summary(block)
         places = to_lattice(scene.centres[members].astype(np.float64), scene.lattice_bits, scene.size_log)
         np.testing.assert_array_equal(ends, [places.min(axis=0), places.max(axis=0)])
-        expected = reference_means(scene.splats.select(members), scene.size_log) / (1 << DEFAULT_SHIFT)
-        assert np.abs(means - expected).max() <= 0.5 + 1e-3
+        expected = reference_means(scene.splats.select(members), scene.size_log)
+        assert np.abs(means - expected).max() <= (0.5 + 1e-3) * (1 << MEAN_SHIFT)
+        assert not (means % (1 << MEAN_SHIFT)).any()
 
 
 @pytest.mark.parametrize("layout", [lambda splats: splats, read_only], ids=["rows", "columns"])
@@ -145,7 +146,7 @@ def test_arranged_gaussians_equal_their_reference(level: float, layout: Callable
     quality = Quality(level=level)
     scene = scene_of(layout(splats), quality)
     info = fit_side_info(scene, {}, None, None, 1)
-    found = scene.arranged(0, info)
+    found = scene.block_source(0, info)
     positions = to_lattice(scene.centres.astype(np.float64), scene.lattice_bits, scene.size_log)[scene.order]
     positions -= info.boxes.corners[0]
     bits = int(info.boxes.bits[0])
@@ -154,12 +155,12 @@ def test_arranged_gaussians_equal_their_reference(level: float, layout: Callable
     np.testing.assert_array_equal(found.positions, positions[by])
     np.testing.assert_array_equal(found.codes, codes[by])
     members = scene.order[by]
-    np.testing.assert_array_equal(found.classes, scene.classes[members])
+    np.testing.assert_array_equal(found.precision_classes, scene.precision_classes[members])
     expected = to_sources(scene.splats.select(members), scene.size_log)
     for name, values in vars(expected).items():
         np.testing.assert_array_equal(getattr(found, name), values)
-    harmonics = transformed(scene.splats.select(members), info.transform)
-    exponents = (info.base_exponents[STEP_HARMONICS] + 64 * found.classes + 32) >> 6
+    harmonics = transform_harmonics(scene.splats.select(members), info.transform)
+    exponents = (info.base_exponents[STEP_HARMONICS] + 64 * found.precision_classes + 32) >> 6
     shifts = np.clip(12 - exponents, 0, 10)[:, None]
     rounded = [(values + ((1 << shifts) >> 1)) >> shifts for values in (harmonics.astype(np.int64), found.harmonics)]
     assert np.abs(rounded[0] - rounded[1]).max() <= 1

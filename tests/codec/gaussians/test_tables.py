@@ -9,7 +9,7 @@ from splatwire.codec.gaussians.layout import (
     MAX_COMPANDED,
     MEAN_FRACTION_BITS,
     NARROW_WEIGHT,
-    SCALE_UNIT,
+    SCALE_INDEX_STEP,
     WIDE_SCALE_OFFSET,
 )
 from splatwire.entropy.tables import INVERSE_BITS, NUM_SCALES, inverse_scale_table
@@ -29,7 +29,7 @@ def test_flatness_inverts_companding() -> None:
 
 
 def test_expected_magnitudes_are_those_of_the_mixtures() -> None:
-    sigmas = 2.0**INVERSE_BITS / inverse_scale_table()[np.arange(0, NUM_SCALES, SCALE_UNIT)]
+    sigmas = 2.0**INVERSE_BITS / inverse_scale_table()[np.arange(0, NUM_SCALES, SCALE_INDEX_STEP)]
     share, ratio = NARROW_WEIGHT / 65536, 2.0 ** (WIDE_SCALE_OFFSET / 16)
     expected = [share * _magnitude(s) + (1 - share) * _magnitude(s * ratio) for s in sigmas.tolist()]
     np.testing.assert_allclose(fit._EXPECTED_MAGNITUDES, expected, rtol=1e-12)

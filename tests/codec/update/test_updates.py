@@ -74,7 +74,7 @@ EDITS = {
 
 @pytest.fixture(scope="module", params=["fixed", "datagram"])
 def base(request: pytest.FixtureRequest) -> SceneStream:
-    return encode_splats(some_splats(), SMALL if request.param == "fixed" else DATAGRAM, classes=CLASSES)
+    return encode_splats(some_splats(), SMALL if request.param == "fixed" else DATAGRAM, class_offsets=CLASSES)
 
 
 def sorted_rows(splats: Splats) -> np.ndarray:
@@ -92,7 +92,7 @@ def classes_of(edit: str) -> np.ndarray:
 def test_changed_streams_decode_to_the_edited_scene_in_the_old_steps(base: SceneStream, edit: str) -> None:
     change, num_removed, num_new = EDITS[edit]
     after, classes = change(some_splats()), classes_of(edit)
-    update = encode_update(base, SplatScene(after), classes=classes)
+    update = encode_update(base, SplatScene(after), class_offsets=classes)
     result = apply_update(base, update)
     coding = decode_stream(base).scene.coding
     levels = (classes - CLASSES.min()).astype(np.uint8) + np.uint8(int(coding.precision_classes.max()) + CLASSES.min())
@@ -105,7 +105,7 @@ def test_changed_streams_decode_to_the_edited_scene_in_the_old_steps(base: Scene
 
 @pytest.mark.parametrize("edit", EDITS)
 def test_applying_gives_the_bytes_that_the_encoder_promised(base: SceneStream, edit: str) -> None:
-    update = encode_update(base, EDITS[edit][0](some_splats()), classes=classes_of(edit))
+    update = encode_update(base, EDITS[edit][0](some_splats()), class_offsets=classes_of(edit))
     received = stream_from_bytes(stream_to_bytes(update))[0]
     first, second = (apply_update(base, one, threads=threads) for one, threads in ((update, 1), (received, 2)))
     assert stream_to_bytes(first) == stream_to_bytes(second)
@@ -118,15 +118,16 @@ def test_edits_of_the_decoded_scene_and_of_its_source_remove_the_same_gaussians(
     scene = decode_stream(base).scene
     decoded = scene.splats.select(find_unchanged(scene.splats, scene.coding, some_splats()))
     updates = [
-        encode_update(base, EDITS[edit][0](splats), classes=classes_of(edit)) for splats in (some_splats(), decoded)
+        encode_update(base, EDITS[edit][0](splats), class_offsets=classes_of(edit))
+        for splats in (some_splats(), decoded)
     ]
     np.testing.assert_array_equal(*(decode_removed(update, base) for update in updates))
     assert updates[0].manifest.num_elements == updates[1].manifest.num_elements
 
 
 def test_updates_follow_each_other(base: SceneStream) -> None:
-    first = apply_update(base, encode_update(base, moved(some_splats()), classes=CLASSES))
-    second = encode_update(first, some_splats(), classes=CLASSES)
+    first = apply_update(base, encode_update(base, moved(some_splats()), class_offsets=CLASSES))
+    second = encode_update(first, some_splats(), class_offsets=CLASSES)
     assert describe_update(first, second) == {"num_kept": 460, "num_removed": 40, "num_new": 40}
     back = decode_stream(apply_update(first, second)).scene.splats
     np.testing.assert_array_equal(sorted_rows(back), sorted_rows(decode_stream(base).scene.splats))

@@ -66,7 +66,7 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest
     Raises:
         InvalidValueError: If the scene cannot be encoded, or an option does not apply to anchors.
     """
-    if options.quality is not None or options.classes is not None:
+    if options.quality is not None or options.class_offsets is not None:
         raise InvalidValueError("qualities and classes of precision are for explicit Gaussians: anchors have own steps")
     packetization = options.packetization
     index = coding_order(scene, "morton" if packetization is None else packetization.order)

@@ -130,35 +130,35 @@ def code_logs(coder, row, source, base_exponents, precision_class, neighbours, c
     s0 = elongation = companded = opacity = np.int64(0)
     residual_magnitude = np.int64(16)
     # A loop, because numba would compile a copy of the entropy coder for each call.
-    for stream in range(4):
-        mean, value, area = neighbours.means[stream], source[stream], np.int64(0)
+    for kind in range(4):
+        mean, value, area = neighbours.means[kind], source[kind], np.int64(0)
         low, high, most = np.int64(0), np.int64(MAX_LOG), np.int64(BITS - 1)
-        if stream == RESIDUAL_OPACITY:
+        if kind == RESIDUAL_OPACITY:
             value = value + 1 if value == MAX_OPACITY else value
             low, high, most = np.int64(MIN_OPACITY), np.int64(MAX_OPACITY), np.int64(BITS)
-        elif stream == RESIDUAL_SCALE0:
+        elif kind == RESIDUAL_SCALE0:
             area = ZERO if absolute else 2 * mean - (2 << BITS)
             low = np.int64(-MAX_LOG)
-        elif stream == RESIDUAL_SCALE1:
+        elif kind == RESIDUAL_SCALE1:
             area, value = 2 * s0 - (2 << BITS), s0 - value
         else:
             area = 2 * s0 - elongation
             value = ZERO if coder.decoding else compand_flatness(max(s0 - elongation - value, 0), flatness_table)
         # The quantisation step of each value depends on the values decoded before.
-        shift = step_shift(base_exponents, stream, precision_class, area, elongation, ZERO, opacity, most)
-        deviation_class = deviation_context(count, neighbours.deviations[stream], shift)
-        magnitude_index = shift if stream < RESIDUAL_SCALE1 else magnitude_context(residual_magnitude)
-        value, steps = code_value(coder, stream, deviation_class, magnitude_index, mean, value, shift, absolute)
+        shift = step_shift(base_exponents, kind, precision_class, area, elongation, ZERO, opacity, most)
+        deviation_class = deviation_context(count, neighbours.deviations[kind], shift)
+        magnitude_index = shift if kind < RESIDUAL_SCALE1 else magnitude_context(residual_magnitude)
+        value, steps = code_value(coder, kind, deviation_class, magnitude_index, mean, value, shift, absolute)
         residual_magnitude = update_magnitude(residual_magnitude, steps)
-        if stream == RESIDUAL_SCALE2:
+        if kind == RESIDUAL_SCALE2:
             high = np.int64((MAX_COMPANDED >> shift) << shift if absolute else MAX_COMPANDED)
         value = min(max(value, low), high)
-        row[OPACITY + stream] = value
-        if stream == RESIDUAL_OPACITY:
+        row[OPACITY + kind] = value
+        if kind == RESIDUAL_OPACITY:
             opacity = value
-        elif stream == RESIDUAL_SCALE0:
+        elif kind == RESIDUAL_SCALE0:
             s0 = value
-        elif stream == RESIDUAL_SCALE1:
+        elif kind == RESIDUAL_SCALE1:
             elongation = value
         else:
             companded = value

@@ -29,7 +29,7 @@ coordinate of the padding before the first Gaussian, so that its distance is abo
 NONE = np.int32(0x7FFFFFFF)
 _AGE_BITS, _AGES = np.int32(6), np.int64(WINDOW - 1)
 LUMA_VALUE, CLASS_VALUE = np.int64(4), np.int64(7)
-"""Columns of luma and class in `Neighbours.values`. Opacity and scales are columns 0 to 3, as in `layout.STREAMS`."""
+"""Columns of luma and class in `Neighbours.values`. Columns 0 to 3 are opacity and scales, as in `RESIDUAL_KINDS`."""
 PREDICTED = 8
 OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 """Number of bits of each integer below 256."""
@@ -206,7 +206,7 @@ def _find_wide(neighbours, i):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def predict(neighbours, count, defaults):
+def predict(neighbours, count, block_means):
     """Predicts the attributes of a Gaussian as weighted means over the neighbours that `find_neighbours` found.
 
     The means are written to `neighbours.means`. The mean deviations of the neighbours from the means are written to
@@ -215,7 +215,7 @@ def predict(neighbours, count, defaults):
     Args:
         neighbours: Working arrays of the packet (`Neighbours`), with the neighbours of the Gaussian.
         count: Number of neighbours.
-        defaults: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
+        block_means: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
 
     Returns:
         Context of the entropy coder for the Gaussian's precision class. The context is 0 without neighbours. With
@@ -230,7 +230,7 @@ def predict(neighbours, count, defaults):
     )
     if count == 0:
         for c in range(PREDICTED - 1):
-            means[c], deviations[c] = defaults[c], 0
+            means[c], deviations[c] = block_means[c], 0
         return np.int64(0)
     total = a = b = c = d = e = f = g = class_sum = 0.0
     for m in range(count):

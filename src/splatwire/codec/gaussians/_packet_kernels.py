@@ -44,7 +44,7 @@ ASSUMED_GAUSSIAN_BYTES = 20
 """Assumed number of bytes per Gaussian in the first attempt of a block, which serves only to measure the actual size.
 """
 CODES_FIELD, CLASSES_FIELD = 2, 4
-"""Indices of `codes` and `classes` among the fields of a `BlockSource`."""
+"""Indices of `codes` and `precision_classes` among the fields of a `BlockSource`."""
 BASE_WEIGHT = np.int64(2)
 """Estimated coded size of a Gaussian of precision class 0; that of class c is larger by c in the same unit."""
 SPARE_BYTES = 64
@@ -73,7 +73,7 @@ def _deinterleave_codes(codes, cells, narrow):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def slot_of(code, bits):
+def spread_key(code, bits):
     """Returns the sort key that spreads a block's Gaussians over its packets: the reversed low bits of a Morton code.
 
     Gaussians with consecutive keys are far apart, so that a lost packet leaves no large hole.
@@ -110,7 +110,7 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
     first, last = np.int64(1 << size), np.int64(0)
     if not coder.decoding:
         for i in range(len(codes)):
-            slots[i] = slot_of(codes[i], size)
+            slots[i] = spread_key(codes[i], size)
             codes[i] >>= size
             first, last = min(first, slots[i]), max(last, slots[i])
     first = code_raw(coder, first, size)
@@ -118,7 +118,7 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
     code_cells(coder, codes, bits - size, stack)
     for i in range(len(codes)):
         slot = code_below(coder, slots[i] - first, count) if interleaved else 0
-        codes[i] = (codes[i] << size) | slot_of((first + slot) & ((1 << size) - 1), size)
+        codes[i] = (codes[i] << size) | spread_key((first + slot) & ((1 << size) - 1), size)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -203,21 +203,21 @@ def spin_angle(row, axes, primary):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)  # one copy for each direction, without branches on it
 @no_type_check
-def _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, harmonics, scratch):
+def _code_packet(coder, step_parameters, box_bits, block_means, source, order, rows, harmonics, scratch):
     """Encodes or decodes one packet of n Gaussians.
 
     Args:
         coder: Entropy coder.
-        stream_params: Parameters of the stream, from `SideInfo.kernel_stream`.
+        step_parameters: Parameters of the quantisation steps, from `SideInfo.step_parameters`.
         box_bits: Number of bits of a coordinate within the block's bounding box.
-        defaults: Mean opacity, scales and colour of the block, int64 (7).
+        block_means: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, as fields of a `BlockSource`; ignored by a decoder.
         order: Indices of the packet's Gaussians in `source`, int64 (n); ignored by a decoder.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         scratch: Working arrays from `new_scratch`.
     """
-    base_exponents, lattice_bits, max_position_shift, flatness_table = stream_params
+    base_exponents, lattice_bits, max_position_shift, flatness_table = step_parameters
     absolute = max_position_shift >= 0
     cell_shift, interleaved, codes, positions, classes, logs, axes, colours, source_harmonics = source
     neighbours, packed, stack, axis, other = scratch
@@ -233,7 +233,7 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, 
         j = 0 if coder.decoding else order[i]
         row = rows[i]
         count = find_neighbours(neighbours, i, box_bits - cell_shift)
-        row[CLASS] = precision_class = code_class(coder, predict(neighbours, count, defaults), classes[j])
+        row[CLASS] = precision_class = code_class(coder, predict(neighbours, count, block_means), classes[j])
         s0, elongation, flatness, opacity, residual_magnitude = code_logs(
             coder, row, logs[j], base_exponents, precision_class, neighbours, count, flatness_table, absolute
         )  # fmt: skip
@@ -282,30 +282,30 @@ def new_scratch(n):
 @njit(error_model="numpy")
 @no_type_check
 def _encode_packet(
-    tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer, rows, harmonics
+    tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer, rows, harmonics
 ):
     coder = new_coder(ENCODING, buffer, np.empty(0, np.int64), models.copy(), statistics, tables)
     encoder_start(coder.state)
     # Sorted by the codes of the cells; Gaussians of equal codes keep their order.
     order = begin + np.argsort(source[CODES_FIELD][begin : begin + len(rows)], kind="mergesort")
-    _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, harmonics, new_scratch(len(rows)))
+    _code_packet(coder, step_parameters, box_bits, block_means, source, order, rows, harmonics, new_scratch(len(rows)))
     return encoder_finish(buffer, coder.state)
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_fixed(
-    tables, stream_params, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics, ends
+    tables, step_parameters, models, statistics, box_bits, block_means, source, sizes, buffer, rows, harmonics, ends
 ):
     """Encodes a block of n Gaussians in packets with given numbers of Gaussians.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
-        stream_params: Parameters of the stream, from `SideInfo.kernel_stream`.
+        step_parameters: Parameters of the quantisation steps, from `SideInfo.step_parameters`.
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
-        defaults: Mean opacity, scales and colour of the block, int64 (7).
+        block_means: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, as fields of a `BlockSource`.
         sizes: Number of Gaussians in each packet, int64 (packets).
         buffer: Output: the payloads one after another, uint8.
@@ -317,7 +317,7 @@ def encode_fixed(
     for p in range(len(sizes)):
         end = begin + sizes[p]
         at += _encode_packet(
-            tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer[at:],
+            tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer[at:],
             rows[begin:end], harmonics[begin:end],
         )  # fmt: skip
         ends[p] = at
@@ -328,11 +328,11 @@ def encode_fixed(
 @no_type_check
 def encode_limited(
     tables,
-    stream_params,
+    step_parameters,
     models,
     statistics,
     box_bits,
-    defaults,
+    block_means,
     source,
     max_bytes,
     buffer,
@@ -345,11 +345,11 @@ def encode_limited(
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
-        stream_params: Parameters of the stream, from `SideInfo.kernel_stream`.
+        step_parameters: Parameters of the quantisation steps, from `SideInfo.step_parameters`.
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
-        defaults: Mean opacity, scales and colour of the block, int64 (7).
+        block_means: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, as fields of a `BlockSource`.
         max_bytes: Maximum size of a packet's payload, bytes.
         buffer: Output: the payloads one after another, uint8.
@@ -373,7 +373,7 @@ def encode_limited(
         )
         while high - low > 1:
             length = _encode_packet(
-                tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer[at:],
+                tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer[at:],
                 rows[begin : begin + n], harmonics[begin : begin + n],
             )  # fmt: skip
             tries, last = tries + 1, n
@@ -383,16 +383,16 @@ def encode_limited(
                     break
             else:
                 high = n
-            weight = _weight(precision_classes[begin : begin + n]) * aim // max(length, 1)
+            weight = _relative_size(precision_classes[begin : begin + n]) * aim // max(length, 1)
             n = min(max(_count_within(precision_classes[begin:], weight), low + 1), high - 1)
         if last != low:
             length = _encode_packet(
-                tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer[at:],
+                tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer[at:],
                 rows[begin : begin + low], harmonics[begin : begin + low],
             )  # fmt: skip
         at += length
         sizes[packets], ends[packets] = low, at
-        used += _weight(precision_classes[begin : begin + low])
+        used += _relative_size(precision_classes[begin : begin + low])
         begin += low
         packets += 1
     return packets
@@ -400,7 +400,7 @@ def encode_limited(
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _weight(precision_classes):
+def _relative_size(precision_classes):
     """Estimates the total coded size of n Gaussians, in an arbitrary unit.
 
     Only sizes of Gaussians of the same block can be compared.
@@ -423,7 +423,7 @@ def _count_within(precision_classes, weight):
 
     Args:
         precision_classes: Precision class of each Gaussian, int64 (n).
-        weight: Maximum total size, in the unit of `_weight`.
+        weight: Maximum total size, in the unit of `_relative_size`.
     """
     count, total = 0, np.int64(0)
     while count < len(precision_classes):
@@ -436,18 +436,18 @@ def _count_within(precision_classes, weight):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def decode_packets(tables, stream_params, models, data, ends, starts, box_bits, defaults, rows, harmonics):
+def decode_packets(tables, step_parameters, models, data, ends, starts, box_bits, block_means, rows, harmonics):
     """Decodes P packets with n Gaussians in total to integers.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
-        stream_params: Parameters of the stream, from `SideInfo.kernel_stream`.
+        step_parameters: Parameters of the quantisation steps, from `SideInfo.step_parameters`.
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         data: Payloads of P packets, one after another, uint8.
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the Gaussians `starts[p]` to `starts[p + 1]` (exclusive).
         box_bits: Number of bits of a coordinate within the bounding box of each packet's block, int64 (P).
-        defaults: Mean opacity, scales and colour of each packet's block, int64 (P, 7).
+        block_means: Mean opacity, scales and colour of each packet's block, int64 (P, 7).
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
     """
@@ -461,9 +461,9 @@ def decode_packets(tables, stream_params, models, data, ends, starts, box_bits, 
         decoder_start(payload, ZERO, len(payload), coder.state)
         _code_packet(
             coder,
-            stream_params,
+            step_parameters,
             box_bits[p],
-            defaults[p],
+            block_means[p],
             source,
             one,
             rows[begin:end],

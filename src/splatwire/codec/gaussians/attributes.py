@@ -55,7 +55,7 @@ def scene_middle(splats: Splats) -> np.ndarray:
     return np.array(middle)
 
 
-def scene_log(splats: Splats) -> int:
+def log2_scene_size(splats: Splats) -> int:
     """Returns log2 of a scene's size, rounded down. The size is the median distance of Gaussians from the centre."""
     means, middle, squares = splats.means, scene_middle(splats), large_empty((splats.num_gaussians,), np.float64)
 
@@ -74,7 +74,7 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
 
     Args:
         splats: The Gaussians.
-        size_log: log2 of the scene's size in world units, from `scene_log`.
+        size_log: log2 of the scene's size in world units, from `log2_scene_size`.
     """
     axes = np.empty((splats.num_gaussians, 3, 3))
     sources.write_axes(kernel_array(splats.scales), kernel_array(splats.quats), axes)
@@ -148,7 +148,7 @@ def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.rint(axes * TRANSFORM_UNIT).astype(np.int64)
 
 
-def transformed(splats: Splats, transform: np.ndarray) -> np.ndarray:
+def transform_harmonics(splats: Splats, transform: np.ndarray) -> np.ndarray:
     """Applies the decorrelating transform to spherical harmonics above degree 0; returns the integers to be coded.
 
     Args:

@@ -63,7 +63,7 @@ def chunks(values: np.ndarray) -> Iterator[np.ndarray]:
         yield values[begin : begin + ROWS]
 
 
-def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
+def float64_chunks(values: np.ndarray) -> Iterator[np.ndarray]:
     """Yields consecutive slices of an array, `ROWS` entries of the first axis each, converted to float64."""
     return (piece.astype(np.float64) for piece in chunks(values))
 
@@ -208,11 +208,11 @@ def to_lattice(means: np.ndarray, lattice_bits: int, size_log: int) -> np.ndarra
         InvalidValueError: If a position exceeds the range of the lattice.
     """
     scaled = np.floor(np.ldexp(means, lattice_bits - size_log))
-    check_reach(np.abs(scaled).max(initial=0))
+    check_lattice_range(np.abs(scaled).max(initial=0))
     return scaled.astype(np.int64)
 
 
-def check_reach(max_coordinate: float) -> None:
+def check_lattice_range(max_coordinate: float) -> None:
     """Raises an error if a position exceeds the range of the lattice.
 
     Args:

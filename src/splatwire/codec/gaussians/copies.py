@@ -83,7 +83,7 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
     return Copies(indices, splats, growth)
 
 
-def copies_level(info: SideInfo, num_gaussians: int) -> int:
+def copies_precision_class(info: SideInfo, num_gaussians: int) -> int:
     """Returns the precision class (set of quantisation steps) of a stream's redundant copies of Gaussians.
 
     Args:
@@ -123,9 +123,9 @@ def _parse_section(
     count = reader.unsigned()
     if not 1 <= count <= min(num_gaussians, MAX_COPIES):
         raise BitstreamError(f"section '{SECTION}': {count} copies of {num_gaussians} Gaussians are impossible")
-    boxes, defaults = read_blocks(reader.blob(), 1)
+    boxes, block_means = read_blocks(reader.blob(), 1)
     indices = _read_indices(reader, count, num_gaussians)
-    copies_info = replace(info, boxes=boxes, defaults=defaults)
+    copies_info = replace(info, boxes=boxes, block_means=block_means)
     return boxes, indices, (size, opacity, trust), _decode(copies_info, count, reader.rest())
 
 
@@ -164,7 +164,7 @@ def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.
     rows, harmonics = empty_rows(count, info.num_harmonics)
     data, ends = np.frombuffer(payload, dtype=np.uint8).copy(), np.array([0, len(payload)], dtype=np.int64)
     kernels.decode_packets(
-        info.kernel_tables, info.kernel_stream(), info.models(), data, ends, np.array([0, count], dtype=np.int64),
-        info.boxes.bits, info.block_defaults, rows, harmonics,
+        info.kernel_tables, info.step_parameters(), info.models(), data, ends, np.array([0, count], dtype=np.int64),
+        info.boxes.bits, info.block_means, rows, harmonics,
     )  # fmt: skip
     return rows, harmonics

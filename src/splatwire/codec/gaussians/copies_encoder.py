@@ -8,7 +8,7 @@ from splatwire.codec.gaussians.blocks import block_codes, make_boxes, to_lattice
 from splatwire.codec.gaussians.copies import write_head, write_indices
 from splatwire.codec.gaussians.encoder import encode_block
 from splatwire.codec.gaussians.layout import MAX_CLASSES
-from splatwire.codec.gaussians.side_info import SideInfo, write_blocks
+from splatwire.codec.gaussians.side_info import MAX_MEAN, SideInfo, write_blocks
 from splatwire.codec.gaussians.source_scene import SourceScene
 from splatwire.errors import InvalidValueError
 from splatwire.types.splats import Splats
@@ -46,7 +46,7 @@ def write_copies(
         splats, splats.means, rows, np.array([0, count]), classes, info.size_log, info.lattice_bits,
         info.base_exponents, info.max_position_shift, True,
     )  # fmt: skip
-    copies_info = replace(info, boxes=boxes, defaults=np.clip([scene.summary(0)[1]], -511, 511))
-    payload = encode_block(scene.arranged(0, copies_info), copies_info, 0, np.array([count]), 0).payloads[0]
-    head = write_head(growth, count, write_blocks(boxes, copies_info.defaults))
+    copies_info = replace(info, boxes=boxes, block_means=np.clip([scene.summary(0)[1]], -MAX_MEAN, MAX_MEAN))
+    payload = encode_block(scene.block_source(0, copies_info), copies_info, 0, np.array([count]), 0).payloads[0]
+    head = write_head(growth, count, write_blocks(boxes, copies_info.block_means))
     return head + write_indices(indices, splats.num_gaussians) + payload

@@ -28,7 +28,7 @@ from splatwire.codec.gaussians.layout import (
     SCALE2,
 )
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info
-from splatwire.codec.memory import words_bytes
+from splatwire.codec.memory import packet_reader_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import PacketBatch, SymbolRows
@@ -74,7 +74,7 @@ class GaussianDecoder:
         # Integers of several pending blocks, floats of `SLICE_GAUSSIANS` Gaussians, and words of the largest packet.
         spans = (span for span in self._plan.spans if span.num_elements)
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
-        return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
+        return largest * (4 * self.row_bytes + 64) + (4 << 20) + packet_reader_bytes(packets)
 
     def allocate(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates the arrays of the scene, and marks all Gaussians as not received.
@@ -203,9 +203,9 @@ def decode_packets(
     # Any bytes decode without an error.
     rows, harmonics = empty_rows(int(starts[-1]), info.num_harmonics)
     boxes = np.full(len(payloads), info.boxes.bits[block])
-    defaults = np.repeat(info.block_defaults[block : block + 1], len(payloads), axis=0)
+    means = np.repeat(info.block_means[block : block + 1], len(payloads), axis=0)
     kernels.decode_packets(
-        info.kernel_tables, info.kernel_stream(), info.models(), data, ends, starts, boxes, defaults, rows, harmonics
+        info.kernel_tables, info.step_parameters(), info.models(), data, ends, starts, boxes, means, rows, harmonics
     )
     return rows, harmonics
 
@@ -274,11 +274,11 @@ def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, l
     Returns:
         Integers of the lost Gaussians, int64 (lost, columns).
     """
-    rows, defaults = empty_rows(len(lost), 0)[0], info.block_defaults[block]
-    rows[:, SCALE0] = np.clip(defaults[1], -MAX_LOG, MAX_LOG)
-    rows[:, SCALE1] = np.clip(defaults[2], 0, MAX_LOG)
-    rows[:, SCALE2] = np.clip(defaults[3], 0, MAX_COMPANDED)
-    rows[:, LUMA : LUMA + 3] = np.clip(defaults[4:], -MAX_COLOUR, MAX_COLOUR)
+    rows, block_means = empty_rows(len(lost), 0)[0], info.block_means[block]
+    rows[:, SCALE0] = np.clip(block_means[1], -MAX_LOG, MAX_LOG)
+    rows[:, SCALE1] = np.clip(block_means[2], 0, MAX_LOG)
+    rows[:, SCALE2] = np.clip(block_means[3], 0, MAX_COMPANDED)
+    rows[:, LUMA : LUMA + 3] = np.clip(block_means[4:], -MAX_COLOUR, MAX_COLOUR)
     rows[:, AXIS + 2] = 1 << DIRECTION_BITS
     if len(received_positions):
         rows[:, POSITION : POSITION + 3] = received_positions[

@@ -13,10 +13,15 @@ from splatwire.codec.background import BACKGROUND
 from splatwire.codec.gaussians import _packet_kernels as kernels
 from splatwire.codec.gaussians.attributes import fit_transform, to_harmonics
 from splatwire.codec.gaussians.blocks import make_boxes
-from splatwire.codec.gaussians.fit import empty_statistics, first_scales, fit_scales, fit_zero_probabilities
+from splatwire.codec.gaussians.fit import (
+    empty_statistics,
+    fit_scale_indices,
+    fit_zero_probabilities,
+    initial_scale_indices,
+)
 from splatwire.codec.gaussians.layout import COLUMNS, NUM_CONTEXTS
 from splatwire.codec.gaussians.quality import quality_of
-from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.codec.gaussians.side_info import MAX_MEAN, SideInfo, read_side_info, write_side_info
 from splatwire.codec.gaussians.source_scene import BlockSource, SourceScene
 from splatwire.codec.metadata import metadata_sections
 from splatwire.codec.schema import CodedPackets, Options, Prepared
@@ -66,12 +71,12 @@ def prepare_splats(
         )
     if options.network_tolerance is not None:
         raise InvalidValueError("network_tolerance is for anchors: explicit Gaussians have no networks")
-    coding = scene.coding if options.quality is None and options.classes is None else None
+    coding = scene.coding if options.quality is None and options.class_offsets is None else None
     shapes = count_tiers(options.tiers, packetization) if options.tiers is not None else ()
     plan = PacketPlan(packetization, splats.num_gaussians, shapes)
     quality = quality_of("default" if options.quality is None else options.quality)
     tiers = options.tiers if shapes else None
-    source = SourceScene.of(splats, plan, options.classes, tiers, quality, coding, sorted_already=sorted_already)
+    source = SourceScene.of(splats, plan, options.class_offsets, tiers, quality, coding, sorted_already=sorted_already)
     sections = {**({} if template is None else template.sections), **BACKGROUND.sections(scene.background)}
     sections |= {**antialiasing_sections(scene.antialiased), **ORIGIN.sections(scene.origin)}
     sections |= metadata_sections(scene.metadata)
@@ -117,11 +122,11 @@ def fit_side_info(
         scene.max_position_shift,
         transform,
         boxes,
-        np.clip(means, -511, 511),
+        np.clip(means, -MAX_MEAN, MAX_MEAN),
     )
     if template is not None:
-        return SideInfo(*fields, template.zero_probabilities, template.scales, sections)
-    unfitted, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
+        return SideInfo(*fields, template.zero_probabilities, template.scale_indices, sections)
+    unfitted, (bits, residuals) = SideInfo(*fields, zero, initial_scale_indices()), empty_statistics()
 
     blocks = scene.sample_blocks()
     packets_per_block = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, MIN_FITTED, MAX_FITTED) / len(blocks)
@@ -133,13 +138,13 @@ def fit_side_info(
         sampled_packets = np.unique(np.linspace(0, parts - 1, min(parts, int(np.ceil(packets_per_block)))).astype(int))
         sample = np.concatenate([np.arange(edges[part], edges[part + 1]) for part in sampled_packets])
         return encode_block(
-            scene.arranged(block, unfitted, sample), unfitted, block, np.diff(edges)[sampled_packets], 0
+            scene.block_source(block, unfitted, sample), unfitted, block, np.diff(edges)[sampled_packets], 0
         ).statistics
 
     for some_bits, some_residuals in ordered_map(count, blocks, threads):
         bits += some_bits
         residuals += some_residuals
-    return SideInfo(*fields, fit_zero_probabilities(bits), fit_scales(residuals), sections)
+    return SideInfo(*fields, fit_zero_probabilities(bits), fit_scale_indices(residuals), sections)
 
 
 def scene_transform(scene: SourceScene) -> np.ndarray:
@@ -185,15 +190,23 @@ def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndar
     count, width = len(source.codes), info.num_harmonics
     rows, harmonics = np.empty((count, COLUMNS), np.int64), np.empty((count, width), np.int32)
     buffer = np.empty(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SPARE_BYTES, dtype=np.uint8)
-    statistics, defaults = empty_statistics(), info.block_defaults[block]
-    stream = (info.kernel_tables, info.kernel_stream(), info.models(), statistics, bits, defaults, tuple(source))
+    statistics, block_means = empty_statistics(), info.block_means[block]
+    arguments = (
+        info.kernel_tables,
+        info.step_parameters(),
+        info.models(),
+        statistics,
+        bits,
+        block_means,
+        tuple(source),
+    )
     if max_bytes:
         sizes, ends = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        used = kernels.encode_limited(*stream, max_bytes, buffer, rows, harmonics, sizes, ends)
+        used = kernels.encode_limited(*arguments, max_bytes, buffer, rows, harmonics, sizes, ends)
         sizes, ends = sizes[:used], ends[:used]
     else:
         ends = np.zeros(len(sizes), dtype=np.int64)
-        kernels.encode_fixed(*stream, sizes, buffer, rows, harmonics, ends)
+        kernels.encode_fixed(*arguments, sizes, buffer, rows, harmonics, ends)
     begins = np.concatenate([[0], ends])
     payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(begins)]
     return CodedBlock(sizes, payloads, rows, harmonics, statistics)
@@ -223,11 +236,11 @@ class GaussianEncoder:
         Args:
             block: Index of the block.
         """
-        source = self._scene.arranged(block, self._info)
+        source = self._scene.block_source(block, self._info)
         coded = encode_block(source, self._info, block, self._sizes[block], self._max_payload_bytes)
         return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))
 
-    def ranked(self, block: int, counts: np.ndarray) -> np.ndarray:
+    def coding_order(self, block: int, counts: np.ndarray) -> np.ndarray:
         """Sorts a block's Gaussians into coding order.
 
         Args:
@@ -237,7 +250,7 @@ class GaussianEncoder:
         Returns:
             Entry i is the index in the scene of the i-th Gaussian in coding order, int64 (n).
         """
-        return self._scene.ranked(block, self._info, counts)
+        return self._scene.coding_order(block, self._info, counts)
 
 
 def _fixed_sizes(plan: PacketPlan) -> list[np.ndarray]:

@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import NUM_CONTEXTS, NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS, STREAMS
+from splatwire.codec.gaussians.layout import (
+    NUM_CONTEXTS,
+    NUM_DEVIATION_CONTEXTS,
+    NUM_MAGNITUDE_CONTEXTS,
+    RESIDUAL_KINDS,
+    SCALE_INDEX_STEP,
+)
 
 _TRUST = 4.0
 """Number of residuals at which a context's measured mean has the same weight as the estimate of
@@ -25,9 +31,9 @@ _EXPECTED_MAGNITUDES = np.array([
     3878.949932218942, 4514.178666763507, 5224.069666778736, 6477.846386805633, 7757.899864437884,
     8997.008870563379, 10448.139333557472, 12955.692773611267, 15423.443778108649, 17994.017741126758,
 ])  # fmt: skip
-"""Expected magnitude of a residual, in quantisation steps, for each `SCALE_UNIT`-th entry of the entropy coder's scale
-table. It is averaged over predictions uniform within half a step, and increases with the entry. Computing the values
-from the entries' mixture distributions needs `scipy.special`, and its import takes 0.3 s; a test recomputes them.
+"""Expected magnitude of a residual, in quantisation steps, for each `SCALE_INDEX_STEP`-th entry of the entropy coder's
+scale table. It is averaged over predictions uniform within half a step, and increases with the entry. Computing it from
+the entries' mixture distributions needs `scipy.special`, and its import takes 0.3 s; a test recomputes the values.
 """
 
 
@@ -39,7 +45,7 @@ def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
         the residuals in each context, int64 (A, B, C, 2). A context of a residual has three indices, see `Coder`.
     """
     return np.zeros((NUM_CONTEXTS, 2), np.int64), np.zeros(
-        (len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS, 2), np.int64
+        (len(RESIDUAL_KINDS), NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS, 2), np.int64
     )
 
 
@@ -56,7 +62,7 @@ def fit_zero_probabilities(counts: np.ndarray) -> np.ndarray:
     return np.clip(np.rint(share * 256), 1, 255).astype(np.int64)
 
 
-def fit_scales(residuals: np.ndarray) -> np.ndarray:
+def fit_scale_indices(residuals: np.ndarray) -> np.ndarray:
     """Fits the standard deviation of the residual distribution in each context to the mean magnitude of residuals.
 
     Args:
@@ -64,8 +70,8 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
             indices.
 
     Returns:
-        One integer for each context, int64 (A, B, C). The integer, multiplied by `SCALE_UNIT`, is the index of the
-        context's standard deviation in the coder's table.
+        Index of each context's standard deviation in the coder's table, int64 (A, B, C), a multiple of
+        `SCALE_INDEX_STEP`.
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
     mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)
@@ -75,7 +81,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
     for second in range(NUM_MAGNITUDE_CONTEXTS):
         unused = number[:, :, second] == 0
         scales[:, :, second][unused] = scales[:, :, second - 1][unused] if second else 0
-    return scales.astype(np.int64)
+    return scales.astype(np.int64) * SCALE_INDEX_STEP
 
 
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
@@ -97,11 +103,13 @@ def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
     return rows[:, :, None] * columns[:, None]
 
 
-def first_scales() -> np.ndarray:
+def initial_scale_indices() -> np.ndarray:
     """Returns the same initial standard deviation for all residual contexts, for use before statistics exist.
 
     Returns:
-        Initial standard deviation of each context, int64 (A, B, C). The axes are the three indices of a context (see
-        `Coder`). Each number, multiplied by `SCALE_UNIT`, is an index into the coder's table of standard deviations.
+        Index of the initial standard deviation of each context in the coder's table, int64 (A, B, C). The axes are the
+        three indices of a context (see `Coder`).
     """
-    return np.full((len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS), 24, dtype=np.int64)
+    return np.full(
+        (len(RESIDUAL_KINDS), NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS), 24 * SCALE_INDEX_STEP, dtype=np.int64
+    )

@@ -9,7 +9,7 @@ DIRECTION_BITS = 14
 STEP_BITS = 6
 """Fractional bits of the base-2 exponents of quantisation steps, in the side information and in `COEFFICIENTS`."""
 
-# Column, stream and step indices are numpy integers, because numba compiles a function once per literal argument.
+# Column, kind and step indices are numpy integers, because numba compiles a function once per literal argument.
 POSITION, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = np.array(
     [0, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14]
 )
@@ -20,8 +20,8 @@ ratio of the second to the third scale; primary axis (3) and its index (0 for th
 smallest); rotation about the primary axis (number of bits, value); Y Co Cg (3).
 """
 
-STREAMS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
-"""Names of the streams of prediction residuals; each stream has separate context tables."""
+RESIDUAL_KINDS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
+"""Kinds of prediction residuals; each kind has separate context tables."""
 RESIDUAL_OPACITY, RESIDUAL_SCALE0, RESIDUAL_SCALE1, RESIDUAL_SCALE2, RESIDUAL_DIRECTION, RESIDUAL_LUMA = np.arange(6)
 NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS = 12, 16
 """Number of contexts of a residual: by the deviation of the neighbours from their mean
@@ -99,8 +99,8 @@ Laplacian.
 """
 NARROW_WEIGHT = 45875
 """Weight of the narrower normal in the mixture, out of 2**16."""
-SCALE_UNIT = 4
-"""Unit of the scales in the side information: one unit is this number of entries of the scale table."""
+SCALE_INDEX_STEP = 4
+"""Distance of the indices of standard deviations that the side information can express."""
 
 MEAN_FRACTION_BITS = np.int64(3)
 """Number of fractional bits of a predicted mean in quantisation steps: means are rounded to eighths of a step."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatwire.codec.gaussians.attributes import scene_middle
-from splatwire.codec.gaussians.blocks import chunks, pieces
+from splatwire.codec.gaussians.blocks import chunks, float64_chunks
 from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LATTICE_BITS
 from splatwire.ops.threads import parallel_map
 from splatwire.types.splats import Splats
@@ -16,7 +16,7 @@ MAX_COORDINATE_BITS = MAX_LATTICE_BITS - 2
 """Maximum number of bits of a coordinate: integer bits for the farthest Gaussian, and fractional bits for the finest
 quantisation step.
 """
-REACH = 12
+MAX_DISTANCE_OCTAVES = 12
 """Largest coded distance, in octaves of the scene's size. Cells of a packet's grid have `MAX_CELL_BITS` bits per axis;
 the remaining bits resolve nearby Gaussians, and `choose_cell_shift` needs this number of bits for some hundreds
 of Gaussians.
@@ -28,7 +28,7 @@ step.
 """
 
 
-def within_reach(splats: Splats, size_log: int) -> Splats:
+def pull_in_outliers(splats: Splats, size_log: int) -> Splats:
     """Moves very distant Gaussians (outliers) closer to the centre of the scene, and logs a warning.
 
     The scales of a moved Gaussian are reduced by the same factor as its distance from the centre.
@@ -40,7 +40,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
     Returns:
         All Gaussians in the order of `splats`; `splats` itself if none was moved.
     """
-    reach = 2.0 ** (REACH + size_log)
+    reach = 2.0 ** (MAX_DISTANCE_OCTAVES + size_log)
     means = splats.means
     farthest = max(float(np.abs(piece).max()) for piece in chunks(means))
     if farthest <= reach:
@@ -48,7 +48,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
     middle = scene_middle(splats)
     reach = max(reach, 4 * float(np.abs(middle).max()))  # a scene far from the origin is not moved
     reach_left = reach - float(np.abs(middle).max())
-    distance = np.concatenate([np.abs(piece - middle).max(axis=1) for piece in pieces(means)])
+    distance = np.concatenate([np.abs(piece - middle).max(axis=1) for piece in float64_chunks(means)])
     far = np.flatnonzero(distance > _SLACK * reach_left)
     if not len(far):
         return splats

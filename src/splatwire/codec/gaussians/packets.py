@@ -39,7 +39,7 @@ def divide_into_packets(scene: SplatScene, packetization: Packetization) -> Pack
     packet, sizes, keys, total = np.zeros(scene.num_elements, np.int64), list[int](), list[tuple[int, int]](), 0
     for block in encoder.batches():
         coded = encoder.encode(block)
-        members = encoder.ranked(block, coded.counts)
+        members = encoder.coding_order(block, coded.counts)
         packet[members] = total + np.repeat(np.arange(len(coded.counts)), coded.counts)
         sizes += [len(payload) + HEADER_BYTES for payload in coded.payloads]
         keys += [(index_in_block, block) for index_in_block in range(len(coded.counts))]

@@ -4,7 +4,7 @@ import numpy as np
 
 from splatwire.bitstream import PRESETS, PacketPlan
 from splatwire.codec.gaussians import _rounding_kernels as kernels
-from splatwire.codec.gaussians.attributes import empty_rows, to_sources, to_splats, transformed
+from splatwire.codec.gaussians.attributes import empty_rows, to_sources, to_splats, transform_harmonics
 from splatwire.codec.gaussians.blocks import to_lattice
 from splatwire.codec.gaussians.encoder import scene_transform
 from splatwire.codec.gaussians.quality import Quality
@@ -17,18 +17,18 @@ from splatwire.types.splats import Splats
 _PIECE = 1 << 13
 
 
-def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> SplatCoding:
+def coding_for(splats: Splats, quality: Quality, class_offsets: np.ndarray | None) -> SplatCoding:
     """Returns the quantisation parameters that the encoder would choose for Gaussians.
 
     Args:
         splats: The Gaussians, at least one.
         quality: Quality setting.
-        classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
+        class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
             negative for coarser ones; None for the finest steps.
     """
     plan = PacketPlan(PRESETS["paper"], splats.num_gaussians)
-    source = SourceScene.of(splats, plan, classes, None, quality)
-    transform, precision_classes = scene_transform(source), np.array(source.classes)
+    source = SourceScene.of(splats, plan, class_offsets, None, quality)
+    transform, precision_classes = scene_transform(source), np.array(source.precision_classes)
     return SplatCoding(
         source.size_log,
         source.lattice_bits,
@@ -61,7 +61,7 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
         end = min(begin + _PIECE, splats.num_gaussians)
         part = splats.slice_range(begin, end)
         sources, (rows, harmonics) = to_sources(part, coding.size_log), empty_rows(end - begin, width)
-        harmonics[:] = transformed(part, coding.transform)
+        harmonics[:] = transform_harmonics(part, coding.transform)
         positions = to_lattice(part.means.astype(np.float64), coding.lattice_bits, coding.size_log)
         kernels.round_rows(
             positions, sources.logs, sources.axes, sources.colours,

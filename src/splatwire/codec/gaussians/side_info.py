@@ -19,11 +19,11 @@ from splatwire.codec.gaussians.layout import (
     NUM_CONTEXTS,
     NUM_DEVIATION_CONTEXTS,
     NUM_MAGNITUDE_CONTEXTS,
-    SCALE_UNIT,
+    RESIDUAL_KINDS,
+    SCALE_INDEX_STEP,
     STEP_BITS,
     STEP_HARMONICS,
     STEPS,
-    STREAMS,
     TRANSFORM_UNIT,
 )
 from splatwire.codec.gaussians.tables import flatness_table
@@ -35,14 +35,16 @@ from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.types import SplatCoding
 
 VERSION = 3
-RELATIVE = 2
-"""Version of streams in which decoded integers depend on the division into packets: each integer is the prediction from
-neighbours in the same packet plus a multiple of the quantisation step.
+RELATIVE_VERSION = 2
+"""Format version of streams in which decoded integers depend on the division into packets: each integer is the
+prediction from neighbours in the same packet plus a multiple of the quantisation step.
 """
-NUM_DEFAULTS = 7
-DEFAULT_SHIFT = BITS - 4
-"""log2 of the unit of the mean attributes of blocks, in fixed point with `BITS` fractional bits; this unit is 1/16."""
-TABLE_SHAPE = (len(STREAMS), NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS)
+NUM_BLOCK_MEANS = 7
+MEAN_SHIFT = BITS - 4
+"""log2 of the step of the mean attributes of blocks, in fixed point with `BITS` fractional bits; this step is 1/16."""
+MAX_MEAN = 511 << MEAN_SHIFT
+"""Largest magnitude of a mean attribute of a block that an encoder writes."""
+TABLE_SHAPE = (len(RESIDUAL_KINDS), NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +63,12 @@ class SideInfo:
         transform: int64 (K, K), decorrelating transform of the spherical harmonics, one axis per row, with denominator
             `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
-        defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
+        block_means: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (`BITS` fractional
+            bits), multiples of `1 << MEAN_SHIFT`.
         zero_probabilities: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of
             2**8.
-        scales: int64 (A, B, C), one integer for each context of residuals. A context has three indices (see `Coder`).
-            The integer, multiplied by `SCALE_UNIT`, is the index of the standard deviation in the coder's table.
+        scale_indices: int64 (A, B, C), index of the standard deviation of residuals in the coder's table, for each
+            context, a multiple of `SCALE_INDEX_STEP`. A context has three indices (see `Coder`).
         sections: Named sections, content by name.
     """
 
@@ -76,9 +79,9 @@ class SideInfo:
     max_position_shift: int
     transform: np.ndarray
     boxes: Boxes
-    defaults: np.ndarray
+    block_means: np.ndarray
     zero_probabilities: np.ndarray
-    scales: np.ndarray
+    scale_indices: np.ndarray
     sections: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
@@ -89,9 +92,9 @@ class SideInfo:
     @property
     def kernel_tables(self) -> tuple[np.ndarray, ...]:
         """Tables of the entropy coder, in the order in which compiled kernels take them as arguments."""
-        return (*_residual_tables(self.scales.tobytes()), *tables())
+        return (*_residual_tables(self.scale_indices.tobytes()), *tables())
 
-    def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
+    def step_parameters(self) -> tuple[np.ndarray, int, int, np.ndarray]:
         """Returns the parameters that compiled kernels need to compute quantisation steps.
 
         Returns:
@@ -126,26 +129,21 @@ class SideInfo:
         steps = 2.0 ** np.clip(BITS - exponents, 0, BITS - 2)
         return inverse, (np.maximum(steps / 2, 1.0) - 0.5001) / longest
 
-    @functools.cached_property
-    def block_defaults(self) -> np.ndarray:
-        """Means of opacity, scales and colour of each block, int64 (B, 7), in fixed point (`BITS` fractional bits)."""
-        return self.defaults << DEFAULT_SHIFT
-
 
 @functools.lru_cache(maxsize=8)  # of megabytes each, and a stream may have thousands
-def _residual_tables(scales: bytes) -> tuple[np.ndarray, ...]:
+def _residual_tables(scale_indices: bytes) -> tuple[np.ndarray, ...]:
     """Computes the probability tables of residuals.
 
     Args:
-        scales: Standard deviations of the residuals (`SideInfo.scales`), an int64 array converted to bytes.
+        scale_indices: `SideInfo.scale_indices`, an int64 array converted to bytes.
     """
-    return tuple(residual_distributions(np.frombuffer(scales, np.int64) * SCALE_UNIT, *tables()))
+    return tuple(residual_distributions(np.frombuffer(scale_indices, np.int64), *tables()))
 
 
 def write_side_info(info: SideInfo) -> bytes:
     """Serialises the side information of a stream of Gaussians."""
     writer = ByteWriter()
-    for part in (write_header(info), write_blocks(info.boxes, info.defaults), _write_contexts(info)):
+    for part in (write_header(info), write_blocks(info.boxes, info.block_means), _write_contexts(info)):
         writer.blob(part)
     return writer.bytes() + write_sections(info.sections)
 
@@ -165,8 +163,8 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
     header, blocks, contexts = (reader.blob() for _ in SCHEMAS[GAUSSIANS].sections)
     sections = read_sections(reader.rest())
     fields = read_header(header)
-    boxes, defaults = read_blocks(blocks, num_blocks)
-    return SideInfo(*fields, boxes, defaults, *_read_contexts(contexts, fields[0]), sections)
+    boxes, block_means = read_blocks(blocks, num_blocks)
+    return SideInfo(*fields, boxes, block_means, *_read_contexts(contexts, fields[0]), sections)
 
 
 def write_header(parameters: SideInfo | SplatCoding) -> bytes:
@@ -176,7 +174,7 @@ def write_header(parameters: SideInfo | SplatCoding) -> bytes:
         parameters: Object with these parameters as attributes.
     """
     writer = ByteWriter()
-    writer.u8(RELATIVE if parameters.max_position_shift < 0 else VERSION)
+    writer.u8(RELATIVE_VERSION if parameters.max_position_shift < 0 else VERSION)
     writer.u8(math.isqrt(len(parameters.transform) + 1) - 1)
     writer.signed(parameters.size_log)
     writer.signed(parameters.lattice_bits)
@@ -200,13 +198,13 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
     """
     reader = ByteReader(data, "side information header")
     version = reader.u8()
-    if version not in (RELATIVE, VERSION):
+    if version not in (RELATIVE_VERSION, VERSION):
         raise UnsupportedVersionError(
-            f"side information has version {version}, this release reads versions {RELATIVE} and {VERSION}"
+            f"side information has version {version}, this release reads versions {RELATIVE_VERSION} and {VERSION}"
         )
     degree, size_log, lattice_bits = reader.u8(), reader.signed(), reader.signed()
     base_exponents = np.array([reader.signed() for _ in STEPS], dtype=np.int64)
-    max_position_shift = -1 if version == RELATIVE else reader.u8()
+    max_position_shift = -1 if version == RELATIVE_VERSION else reader.u8()
     transform = reader.rest()
     if degree > MAX_DEGREE or abs(size_log) > MAX_SIZE_LOG or not 0 <= lattice_bits <= MAX_LATTICE_BITS:
         raise BitstreamError(
@@ -229,13 +227,12 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
     )
 
 
-def write_blocks(boxes: Boxes, defaults: np.ndarray) -> bytes:
+def write_blocks(boxes: Boxes, block_means: np.ndarray) -> bytes:
     """Serialises the bounding boxes and mean attributes of the blocks of a stream.
 
     Args:
         boxes: Bounding boxes of the B blocks.
-        defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point with 4 fractional
-            bits.
+        block_means: int64 (B, 7), means of opacity, scales and colour of each block (see `SideInfo.block_means`).
     """
     writer = ByteWriter()
     for shift, origin, extent in zip(boxes.shifts, boxes.origins, boxes.extents, strict=True):
@@ -244,8 +241,8 @@ def write_blocks(boxes: Boxes, defaults: np.ndarray) -> bytes:
             writer.signed(value)
         for value in extent.tolist():
             writer.u8(value)
-    for column in defaults.T:
-        write_integers(writer, column)
+    for column in block_means.T:
+        write_integers(writer, column >> MEAN_SHIFT)
     return writer.bytes()
 
 
@@ -257,7 +254,8 @@ def read_blocks(data: bytes, num_blocks: int) -> tuple[Boxes, np.ndarray]:
         num_blocks: Number of blocks, B.
 
     Returns:
-        The boxes, and the means of opacity, scales and colour of each block, int64 (B, 7), in 16ths.
+        The boxes, and the means of opacity, scales and colour of each block, int64 (B, 7) (see
+        `SideInfo.block_means`).
 
     Raises:
         BitstreamError: If the bytes are damaged or do not match the number of blocks.
@@ -272,9 +270,9 @@ def read_blocks(data: bytes, num_blocks: int) -> tuple[Boxes, np.ndarray]:
         corners[block] = [*(reader.signed() for _ in range(3)), *(reader.u8() for _ in range(3))]
     if shifts.max(initial=0) > MAX_LATTICE_BITS - BOX_BITS or _far(shifts, corners[:, :3]):
         raise BitstreamError("side information: a block's box is impossible")
-    defaults = np.stack([read_integers(reader, num_blocks) for _ in range(NUM_DEFAULTS)], axis=1)
+    block_means = np.stack([read_integers(reader, num_blocks) for _ in range(NUM_BLOCK_MEANS)], axis=1)
     reader.finish()
-    return Boxes(shifts, corners[:, :3], corners[:, 3:]), np.clip(defaults, -1 << 9, 1 << 9)
+    return Boxes(shifts, corners[:, :3], corners[:, 3:]), np.clip(block_means, -1 << 9, 1 << 9) << MEAN_SHIFT
 
 
 def _far(shifts: np.ndarray, origins: np.ndarray) -> bool:
@@ -287,8 +285,8 @@ def _num_contexts(degree: int) -> int:
 
 def _write_contexts(info: SideInfo) -> bytes:
     """Serialises the initial probability tables of the entropy coder."""
-    # A probability is one byte. A difference of scales is a flag, and the number itself if it is not 0.
-    writer, steps = ByteWriter(), np.diff(info.scales, axis=2, prepend=0)
+    # A probability is one byte. A difference of indices is a flag, and the number itself if it is not 0.
+    writer, steps = ByteWriter(), np.diff(info.scale_indices // SCALE_INDEX_STEP, axis=2, prepend=0)
     writer.blob(bytes(info.zero_probabilities[: _num_contexts(info.degree)].astype(np.uint8)))
     changed = (steps != 0).ravel()
     writer.blob(encode_bits(changed.astype(np.uint8), _change_contexts(), fresh_models(2)))
@@ -307,8 +305,8 @@ def _read_contexts(data: bytes, degree: int) -> tuple[np.ndarray, np.ndarray]:
     steps = np.zeros(changed.shape, dtype=np.int64)
     steps[changed] = read_integers(reader, int(changed.sum()))
     reader.finish()
-    scales = np.cumsum(steps.reshape(TABLE_SHAPE), axis=2)
-    return np.clip(zero, 1, 255), np.clip(scales, 0, NUM_SCALES // SCALE_UNIT - 1)
+    scale_indices = np.cumsum(steps.reshape(TABLE_SHAPE), axis=2)
+    return np.clip(zero, 1, 255), np.clip(scale_indices, 0, NUM_SCALES // SCALE_INDEX_STEP - 1) * SCALE_INDEX_STEP
 
 
 def _change_contexts() -> np.ndarray:

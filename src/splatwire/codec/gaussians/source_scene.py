@@ -10,12 +10,12 @@ import numpy as np
 from splatwire.bitstream import PacketPlan
 from splatwire.codec.gaussians import _gaussian_kernels as kernels
 from splatwire.codec.gaussians import _source_kernels as sources
-from splatwire.codec.gaussians.attributes import GREY, LUMA_CHROMA, kernel_array, scene_log, to_logs
+from splatwire.codec.gaussians.attributes import GREY, LUMA_CHROMA, kernel_array, log2_scene_size, to_logs
 from splatwire.codec.gaussians.blocks import (
     ROWS,
     block_sizes,
     check_codes,
-    check_reach,
+    check_lattice_range,
     choose_cell_shift,
     chunks,
     gaussian_order,
@@ -31,9 +31,9 @@ from splatwire.codec.gaussians.layout import (
     STEP_SCALE0,
     STEP_SCALE2,
 )
-from splatwire.codec.gaussians.outliers import MAX_COORDINATE_BITS, log_clipped_colours, within_reach
+from splatwire.codec.gaussians.outliers import MAX_COORDINATE_BITS, log_clipped_colours, pull_in_outliers
 from splatwire.codec.gaussians.quality import Quality
-from splatwire.codec.gaussians.side_info import DEFAULT_SHIFT, SideInfo
+from splatwire.codec.gaussians.side_info import MEAN_SHIFT, SideInfo
 from splatwire.codec.gaussians.tables import flatness_table
 from splatwire.errors import InvalidValueError
 from splatwire.files.mmap_array import large_empty
@@ -67,18 +67,18 @@ class BlockSource(NamedTuple):
         codes: int64 (n), Morton codes of the positions, from `block_codes`.
         positions: int64 (n, 3), positions relative to the corner of the block's bounding box, in spacings of the
             position lattice.
-        classes: int64 (n), precision classes, which select the quantisation steps; 0 is the coarsest.
+        precision_classes: int64 (n), which select the quantisation steps; 0 is the coarsest.
         logs: int64 (n, 4), fixed-point logarithms of opacity and scales.
         axes: float64 (n, 3, 3), principal axes.
         colours: int64 (n, 3), base colours as Y Co Cg in fixed point.
-        harmonics: int32 (n, harmonics), transformed and rounded spherical harmonics, from `transformed`.
+        harmonics: int32 (n, harmonics), transformed and rounded spherical harmonics, from `transform_harmonics`.
     """
 
     cell_shift: np.int64
     interleaved: np.int64
     codes: np.ndarray
     positions: np.ndarray
-    classes: np.ndarray
+    precision_classes: np.ndarray
     logs: np.ndarray
     axes: np.ndarray
     colours: np.ndarray
@@ -94,7 +94,7 @@ class SourceScene:
         centres: float32 (N, 3), positions as a decoder obtains them, in input order.
         order: uint32 (N), indices in `splats` of the Gaussians of block 0, then of block 1, and so on.
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
-        classes: uint8 (N), precision classes in input order, which select the quantisation steps; 0 is the coarsest.
+        precision_classes: uint8 (N), in input order, which select the quantisation steps; 0 is the coarsest.
         size_log: log2 of the scene's size in world units.
         lattice_bits: Resolution of positions. Positions are on a lattice whose spacing is `2 ** (size_log -
             lattice_bits)` world units.
@@ -108,7 +108,7 @@ class SourceScene:
     centres: np.ndarray
     order: np.ndarray
     edges: np.ndarray
-    classes: np.ndarray
+    precision_classes: np.ndarray
     size_log: int
     lattice_bits: int
     base_exponents: np.ndarray
@@ -119,7 +119,7 @@ class SourceScene:
     def of(
         splats: Splats,
         plan: PacketPlan,
-        classes: np.ndarray | None,
+        class_offsets: np.ndarray | None,
         tiers: np.ndarray | None,
         quality: Quality,
         coding: SplatCoding | None = None,
@@ -132,8 +132,8 @@ class SourceScene:
         Args:
             splats: The Gaussians.
             plan: Packet plan with the number of Gaussians in each block.
-            classes: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
-                negative for coarser ones. None for the finest steps for all. Ignored if `coding` is given.
+            class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest,
+                negative for coarser ones. None for the finest for all. Ignored if `coding` is given.
             tiers: Importance tier of each Gaussian, 0 for the most important; None to treat all as equally important.
             quality: Quality setting; ignored if `coding` is given.
             coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.
@@ -142,23 +142,26 @@ class SourceScene:
         """
         if coding is not None:
             size_log, lattice_bits, max_position_shift = coding.size_log, coding.lattice_bits, coding.max_position_shift
-            base_exponents, coded = np.array(coding.base_exponents), coding.precision_classes
+            base_exponents, precision_classes = np.array(coding.base_exponents), coding.precision_classes
         else:
-            size_log = scene_log(splats)
-            splats = within_reach(splats, size_log)
+            size_log = log2_scene_size(splats)
+            splats = pull_in_outliers(splats, size_log)
             log_clipped_colours(splats)
             base_exponents = _step_exponents(splats, quality, size_log)
             finest_class = quality.num_classes(splats.degree) - 1
-            coded = raise_flat(
+            precision_classes = refine_flat_classes(
                 splats,
-                coded_classes(classes, splats.num_gaussians, finest_class),
+                to_precision_classes(class_offsets, splats.num_gaussians, finest_class),
                 finest_class,
                 base_exponents,
                 size_log,
             )
-            lattice_bits = min(_choose_lattice_bits(splats, coded, base_exponents, size_log), max_lattice_bits)
+            chosen_bits = _choose_lattice_bits(splats, precision_classes, base_exponents, size_log)
+            lattice_bits = min(chosen_bits, max_lattice_bits)
             max_position_shift = typical_cell_shift(splats.means, lattice_bits, size_log)
-        centres = _quantised_positions(splats, coded, base_exponents, size_log, lattice_bits, max_position_shift)
+        centres = _quantised_positions(
+            splats, precision_classes, base_exponents, size_log, lattice_bits, max_position_shift
+        )
         order = _input_order(len(centres)) if sorted_already else gaussian_order(centres, tiers)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
@@ -166,7 +169,7 @@ class SourceScene:
             centres,
             order,
             edges,
-            coded,
+            precision_classes,
             size_log,
             lattice_bits,
             base_exponents,
@@ -204,7 +207,7 @@ class SourceScene:
         Args:
             indices: Ranks of the Gaussians, as a range or an array of indices into the attribute `order`.
         """
-        return self.classes[self.order[indices]].astype(np.int64)
+        return self.precision_classes[self.order[indices]].astype(np.int64)
 
     def summary(self, block: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns the bounding box and the mean attributes of a block's Gaussians.
@@ -214,19 +217,19 @@ class SourceScene:
 
         Returns:
             Smallest and largest coordinates in lattice spacings, int64 (2, 3); and means of the seven coded quantities
-            (see `summarise_block`), int64 (7), 4 fractional bits.
+            (see `summarise_block`), int64 (7), multiples of `1 << MEAN_SHIFT`.
         """
         members = self.order[self.members(block)]
         scene, indices = self._kernel_splats(members)
         ends, means = np.empty((2, 3), np.int64), np.empty(7)
         centres = self.centres if indices is members else self.centres.take(members, axis=0)
-        check_reach(
+        check_lattice_range(
             sources.summarise_block(
                 indices, centres, scene.scales, scene.opacities, scene.sh, self._steps_per_unit, self.size_log,
                 LUMA_CHROMA * DC, GREY, np.empty((2, 4), np.int64), ends, means,
             )
         )  # fmt: skip
-        return ends, np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
+        return ends, np.rint(means / (1 << MEAN_SHIFT)).astype(np.int64) << MEAN_SHIFT
 
     @property
     def _steps_per_unit(self) -> float:
@@ -255,7 +258,7 @@ class SourceScene:
         arrays = (*vars(self.splats).values(), self.centres)
         return all(a.dtype == np.float32 and a.flags.c_contiguous and a.flags.writeable for a in arrays)
 
-    def _arranged_positions(self, block: int, info: SideInfo) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
+    def _block_positions(self, block: int, info: SideInfo) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
         """Returns the positions of a block's n Gaussians as integers, and the order of the Gaussians in packets.
 
         Args:
@@ -277,12 +280,12 @@ class SourceScene:
         max_coordinate, used_bits = sources.write_block_positions(
             members, centres, self._steps_per_unit, info.boxes.corners[block], dropped, positions, codes
         )
-        check_reach(max_coordinate)
+        check_lattice_range(max_coordinate)
         check_codes(used_bits, bits)
         cell_shift = choose_cell_shift(positions, bits)
         return positions, codes, cell_shift, sources.sort_cells(codes, 3 * (cell_shift - dropped), self.contiguous)
 
-    def ranked(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
+    def coding_order(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
         """Sorts a block's Gaussians into coding order.
 
         Args:
@@ -293,12 +296,12 @@ class SourceScene:
         Returns:
             Entry i is the index in `splats` of the i-th Gaussian in coding order, int64 (n).
         """
-        _, codes, _, order = self._arranged_positions(block, info)
+        _, codes, _, order = self._block_positions(block, info)
         # Within a packet Gaussians are sorted along the curve, as in the kernels.
         packet = np.repeat(np.arange(len(sizes)), sizes)
         return self.order[self.members(block).start + order[np.lexsort((codes[order], packet))]].astype(np.int64)
 
-    def arranged(self, block: int, info: SideInfo, selection: slice | np.ndarray = slice(None)) -> BlockSource:
+    def block_source(self, block: int, info: SideInfo, selection: slice | np.ndarray = slice(None)) -> BlockSource:
         """Returns a block's Gaussians as input of the encoding kernels, in the order in which packets are filled.
 
         If quantisation makes all harmonics of a Gaussian 0, the result contains 0 in place of its transformed
@@ -311,11 +314,11 @@ class SourceScene:
             selection: Gaussians to return, as a range or as indices in the order in which packets are filled; all by
                 default.
         """
-        positions, codes, cell_shift, order = self._arranged_positions(block, info)
+        positions, codes, cell_shift, order = self._block_positions(block, info)
         order = order[selection]
         members = self.order[self.members(block)].take(order)
         scene, indices = self._kernel_splats(members)
-        classes, count = self.classes.take(members).astype(np.int64), len(order)
+        classes, count = self.precision_classes.take(members).astype(np.int64), len(order)
         logs, axes, colours = np.empty((count, 4), np.int64), np.empty((count, 3, 3)), np.empty((count, 3), np.int64)
         harmonics = np.empty((count, info.num_harmonics), np.int32)
         inverse, zero_thresholds = info.harmonics_inverse
@@ -336,11 +339,11 @@ def _input_order(count: int) -> np.ndarray:
     return order
 
 
-def coded_classes(classes: np.ndarray | None, count: int, finest_class: int) -> np.ndarray:
+def to_precision_classes(class_offsets: np.ndarray | None, count: int, finest_class: int) -> np.ndarray:
     """Converts precision classes from the numbering of encoder options to that of the bitstream.
 
     Args:
-        classes: Precision class of each Gaussian, which selects its quantisation steps, (N): 0 for the finest steps,
+        class_offsets: Precision class of each Gaussian, which selects its quantisation steps, (N): 0 for the finest,
             negative for coarser ones. None for the finest steps for all Gaussians.
         count: Number of Gaussians, N.
         finest_class: Number of the finest precision class in the bitstream, where 0 is the coarsest.
@@ -351,24 +354,24 @@ def coded_classes(classes: np.ndarray | None, count: int, finest_class: int) -> 
     Raises:
         InvalidValueError: If the number of classes differs from the number of Gaussians.
     """
-    if classes is None:
+    if class_offsets is None:
         return np.broadcast_to(np.uint8(finest_class), count)
-    if np.shape(classes) != (count,):
-        raise InvalidValueError(f"{np.shape(classes)} classes of precision for {count} Gaussians")
-    coded = large_empty((count,), np.uint8)
-    for output, piece in zip(chunks(coded), chunks(np.asarray(classes)), strict=True):
+    if np.shape(class_offsets) != (count,):
+        raise InvalidValueError(f"{np.shape(class_offsets)} classes of precision for {count} Gaussians")
+    precision_classes = large_empty((count,), np.uint8)
+    for output, piece in zip(chunks(precision_classes), chunks(np.asarray(class_offsets)), strict=True):
         output[:] = np.clip(piece, -finest_class, 0) + finest_class
-    return coded
+    return precision_classes
 
 
-def raise_flat(
-    splats: Splats, classes: np.ndarray, finest_class: int, base_exponents: np.ndarray, size_log: int
+def refine_flat_classes(
+    splats: Splats, precision_classes: np.ndarray, finest_class: int, base_exponents: np.ndarray, size_log: int
 ) -> np.ndarray:
     """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
     Args:
         splats: The N Gaussians.
-        classes: uint8 (N), precision classes from `coded_classes`.
+        precision_classes: uint8 (N), from `to_precision_classes`.
         finest_class: The finest precision class; 0 is the coarsest.
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         size_log: log2 of the scene's size in world units.
@@ -380,16 +383,16 @@ def raise_flat(
     # classes, at most 0.4 %.
     flat = np.concatenate([np.flatnonzero(_is_flat(piece)) + n * ROWS for n, piece in enumerate(chunks(splats.scales))])
     if not len(flat):
-        return classes
+        return precision_classes
     logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
     opacity, s0, log_ratio = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
     predictors = np.stack([2 * s0 - log_ratio, log_ratio, np.zeros(len(flat)), opacity])
     exponents = (COEFFICIENTS[STEP_SCALE2] @ predictors + base_exponents[STEP_SCALE2]) / (1 << STEP_BITS)
     # The margin covers the rounding of the exponent and of its inputs.
     min_class = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
-    raised = classes.copy()
-    raised[flat] = np.maximum(classes[flat], np.clip(min_class, 0, finest_class)).astype(np.uint8)
-    return raised
+    refined = precision_classes.copy()
+    refined[flat] = np.maximum(precision_classes[flat], np.clip(min_class, 0, finest_class)).astype(np.uint8)
+    return refined
 
 
 def _is_flat(scales: np.ndarray) -> np.ndarray:
@@ -451,7 +454,7 @@ def _quantised_positions(
             shifts,
         )
         output[:] = piece.means
-        check_reach(
+        check_lattice_range(
             sources.snap_to_cells(
                 output, shifts, 2.0 ** (lattice_bits - size_log), 2.0 ** (size_log - lattice_bits - 1)
             )

@@ -13,7 +13,7 @@ from splatwire.codec.gaussians.attributes import empty_rows as empty_keyframes
 from splatwire.codec.gaussians.attributes import update_digest as digest_keyframes
 from splatwire.codec.gaussians.decoder import blank_splats, decode_packets, store_block
 from splatwire.codec.gaussians.layout import COLUMNS
-from splatwire.codec.memory import check_memory, words_bytes
+from splatwire.codec.memory import check_memory, packet_reader_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import PacketBatch, SymbolRows
@@ -73,7 +73,7 @@ class TracksDecoder:
         """Returns the memory that each decoding thread needs in addition to the scene, bytes."""
         # Integers of several pending blocks, and words of the largest packet.
         largest = max((span.block_size for span in self._plan.spans if span.num_elements), default=0)
-        return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
+        return largest * (4 * self.row_bytes + 64) + (4 << 20) + packet_reader_bytes(packets)
 
     def allocate(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates the arrays for the keyframe Gaussians of all tracks, and marks all as not received.

@@ -15,7 +15,7 @@ from splatwire.codec.gaussians.encoder import encode_block, fit_side_info
 from splatwire.codec.gaussians.layout import STEP_BITS
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_blocks, write_side_info
-from splatwire.codec.gaussians.source_scene import SourceScene, coded_classes
+from splatwire.codec.gaussians.source_scene import SourceScene, to_precision_classes
 from splatwire.codec.sequence.layout import MAX_COORD, MAX_SPACING
 from splatwire.codec.sequence.side_info import Shot, spacing_of
 from splatwire.codec.sequence.steps import motion_shifts
@@ -114,9 +114,9 @@ class KeyframeEncoder:
             joined = Boxes(
                 *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "origins", "extents"))
             )
-            info = replace(infos[0], boxes=joined, defaults=np.concatenate([i.defaults for i in infos]))
+            info = replace(infos[0], boxes=joined, block_means=np.concatenate([i.block_means for i in infos]))
             shots.append(Shot(first_group, block, info, self._spacing_to_first(unit_info)))
-            block += len(info.defaults)
+            block += len(info.block_means)
         return tuple(shots)
 
     @property
@@ -180,7 +180,7 @@ class KeyframeEncoder:
         coded = self._coded(shared)
         if cut:
             fresh = self._fitted(splats, class_offsets, plan, coding, None)
-            boxes = len(write_blocks(shared.info.boxes, shared.info.defaults))
+            boxes = len(write_blocks(shared.info.boxes, shared.info.block_means))
             if _num_bytes(self._coded(fresh)) + len(write_side_info(fresh.info)) < _num_bytes(coded) + boxes:
                 return self._begin_shot(fresh, group)
         self._infos[-1][1].append(shared.info)
@@ -209,7 +209,7 @@ class KeyframeEncoder:
         self._infos.append((group, [fitted.info]))
         keep = self._motion_unit_infos and spacing_of(fitted.info, self.motion_unit_info) in KEPT_UNITS
         self._motion_unit_infos.append(self.motion_unit_info if keep else fitted.info)
-        self._template, self._median_class = fitted.info, int(np.median(fitted.source.classes))
+        self._template, self._median_class = fitted.info, int(np.median(fitted.source.precision_classes))
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
@@ -262,7 +262,7 @@ class KeyframeEncoder:
         precision_classes = (
             np.full(count, median_class, np.uint8)
             if class_offsets is None
-            else coded_classes(class_offsets, count, most)
+            else to_precision_classes(class_offsets, count, most)
         )
         transform, base_exponents = info.transform, tuple(info.base_exponents.tolist())
         return SplatCoding(
@@ -279,7 +279,7 @@ class KeyframeEncoder:
         most = plan.packetization.packet_bytes - HEADER_BYTES
 
         def encode(block: int):  # type: ignore[no-untyped-def]
-            return encode_block(source.arranged(block, info), info, block, np.zeros(0, np.int64), most)
+            return encode_block(source.block_source(block, info), info, block, np.zeros(0, np.int64), most)
 
         order, rows, positions, digested, packets = [], [], [], [], []
         spacing = spacing_of(info, self.motion_unit_info)
@@ -287,7 +287,7 @@ class KeyframeEncoder:
             starts = np.cumsum(coded.sizes) - coded.sizes
             for start, count, payload in zip(starts.tolist(), coded.sizes.tolist(), coded.payloads, strict=True):
                 packets.append(make_packet(PacketId(block, start), count, payload))
-            order.append(source.ranked(block, info, coded.sizes))
+            order.append(source.coding_order(block, info, coded.sizes))
             digested.append((coded.rows, coded.harmonics))
             rows.append(coded.rows)
             positions.append(scene_positions(coded.rows, info, block, spacing))

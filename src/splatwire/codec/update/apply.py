@@ -11,7 +11,7 @@ from splatwire.bitstream.sections import sections_of, with_section
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.encoding import encode_prepared
 from splatwire.codec.gaussians.copies import SECTION as SKETCH
-from splatwire.codec.gaussians.copies import copies_level, read_copies
+from splatwire.codec.gaussians.copies import copies_precision_class, read_copies
 from splatwire.codec.gaussians.copies_encoder import write_copies
 from splatwire.codec.gaussians.decoder import open_side_info
 from splatwire.codec.gaussians.encoder import prepare_splats
@@ -162,7 +162,7 @@ def _with_copies(
     new_index = np.empty(len(decoded.means), np.int64)
     new_index[ranked_by_attributes(splats)] = ranked_by_attributes(decoded)
     stream_info = open_side_info(stream.manifest, stream.side_info)
-    level = copies_level(info, num_before)
+    level = copies_precision_class(info, num_before)
     data = write_copies(decoded, np.sort(new_index[chosen]), stream_info, precision_class=level, growth=copies.growth)
     return with_section(stream, SKETCH, data)
 

@@ -65,11 +65,11 @@ class UpdateChain:
         scene = decode_stream(source).scene
         # Each Gaussian keeps its class, also one that `self.scene` does not contain.
         finest = int(scene.coding.precision_classes.max())
-        classes = (scene.coding.precision_classes.astype(int) - finest).astype("int8")
-        change = encode_change(self.scene, scene, classes, finest=finest)
+        class_offsets = (scene.coding.precision_classes.astype(int) - finest).astype("int8")
+        change = encode_change(self.scene, scene, class_offsets, finest=finest)
         return self._with(source, change.result, change.update)
 
-    def edited(self, scene: SplatScene, finest: int, classes: np.ndarray | None = None) -> "UpdateChain":
+    def edited(self, scene: SplatScene, finest: int, class_offsets: np.ndarray | None = None) -> "UpdateChain":
         """Encodes a changed scene as an update; returns the chain with the new state.
 
         The chain itself is returned if nothing changes.
@@ -77,14 +77,14 @@ class UpdateChain:
         Args:
             scene: The changed scene.
             finest: Finest precision class (set of quantisation steps), as numbered in streams: 0 is the coarsest.
-            classes: Precision class of each Gaussian relative to `finest`, integers (M): 0, or negative for coarser
-                classes. None for `finest` for all. An unchanged Gaussian is encoded again if its class in the stream is
-                coarser than requested here.
+            class_offsets: Precision class of each Gaussian relative to `finest`, integers (M): 0, or negative for
+                coarser classes. None for `finest` for all. An unchanged Gaussian is encoded again if its class in the
+                stream is coarser than requested here.
 
         Raises:
             InvalidValueError: If an update cannot express the change, see `encode_update`.
         """
-        change = encode_change(self.scene, scene, classes, finest=finest)
+        change = encode_change(self.scene, scene, class_offsets, finest=finest)
         if manifest_digest(change.result.manifest) == manifest_digest(self.scene.manifest):
             return self
         return self._with(change.result, change.result, change.update)

@@ -16,9 +16,9 @@ from splatwire.codec.decoding import decode_stream
 from splatwire.codec.encoding import encode_prepared
 from splatwire.codec.gaussians.blocks import Boxes
 from splatwire.codec.gaussians.encoder import prepare_splats
-from splatwire.codec.gaussians.outliers import within_reach
+from splatwire.codec.gaussians.outliers import pull_in_outliers
 from splatwire.codec.gaussians.side_info import SideInfo, write_side_info
-from splatwire.codec.gaussians.source_scene import coded_classes, raise_flat
+from splatwire.codec.gaussians.source_scene import refine_flat_classes, to_precision_classes
 from splatwire.codec.schema import Options
 from splatwire.codec.update.apply import changed_stream, check_base
 from splatwire.codec.update.matching import find_unchanged
@@ -41,7 +41,7 @@ def encode_update(
     base: SceneStream,
     scene: SplatScene | ReceivedScene[SplatScene] | Splats,
     *,
-    classes: np.ndarray | None = None,
+    class_offsets: np.ndarray | None = None,
     threads: int | None = None,
 ) -> SceneStream:
     """Encodes the difference between an encoded scene and a new scene, for `apply_update`.
@@ -51,8 +51,8 @@ def encode_update(
     Args:
         base: The stream of the scene before the change, complete.
         scene: The changed scene, in the same units and coordinates.
-        classes: Precision class of each Gaussian of `scene` (its set of quantisation steps), integers (M). The finest
-            class that `base` contains is 0; coarser classes are negative. None for the finest.
+        class_offsets: Precision class of each Gaussian of `scene` (its set of quantisation steps), integers (M). The
+            finest class that `base` contains is 0; coarser classes are negative. None for the finest.
         threads: Number of threads; None for one per processor.
 
     Returns:
@@ -63,7 +63,7 @@ def encode_update(
             new scene has another kind of elements, another degree of spherical harmonics, or positions beyond the range
             of the stream's lattice.
     """
-    return encode_change(base, scene, classes, threads).update
+    return encode_change(base, scene, class_offsets, threads).update
 
 
 def _warn_of_other_metadata(scene: SplatScene, before: SplatScene) -> None:
@@ -101,7 +101,7 @@ class EncodedChange(NamedTuple):
 
 
 def encode_change(
-    base: SceneStream, scene: SplatScene | ReceivedScene[SplatScene] | Splats, classes: np.ndarray | None = None,
+    base: SceneStream, scene: SplatScene | ReceivedScene[SplatScene] | Splats, class_offsets: np.ndarray | None = None,
     threads: int | None = None, *, finest: int | None = None,
 ) -> EncodedChange:  # fmt: skip
     """Encodes the changes of a scene (see `encode_update`), and returns the update together with the changed stream.
@@ -109,18 +109,18 @@ def encode_change(
     Args:
         base: The complete stream of the scene before the changes.
         scene: The changed scene.
-        classes: Precision class of each Gaussian (its set of quantisation steps), as for `encode_update`.
+        class_offsets: Precision class of each Gaussian (its set of quantisation steps), as for `encode_update`.
         threads: Number of threads, as for `encode_update`.
-        finest: Precision class for a 0 in `classes`, as numbered in streams: 0 (the coarsest) to `MAX_CLASSES - 1`. An
-            unchanged Gaussian is encoded again if its class in the stream is coarser than requested. None for the
-            finest class of `base`; unchanged Gaussians then keep their class.
+        finest: Precision class for a 0 in `class_offsets`, as numbered in streams: 0 (the coarsest) to `MAX_CLASSES -
+            1`. An unchanged Gaussian is encoded again if its class in the stream is coarser than requested. None for
+            the finest class of `base`; unchanged Gaussians then keep their class.
     """
     info = check_base(base)
     edited = as_scene(scene)
     check_kind(edited, SplatScene, "open_scene")
     assert isinstance(edited, SplatScene)
-    if classes is not None:
-        classes = array_of(classes, "classes", (edited.num_elements,), "i", -128, 127)
+    if class_offsets is not None:
+        class_offsets = array_of(class_offsets, "class_offsets", (edited.num_elements,), "i", -128, 127)
     rows = edited.validity()
     rows.log_removed("encoding", edited.ELEMENTS)
     before = decode_stream(base, threads=threads).scene
@@ -142,16 +142,16 @@ def encode_change(
             "different from afar", marked, plain,
         )  # fmt: skip
     _warn_of_other_metadata(edited, before)
-    after = within_reach(after, coding.size_log)
+    after = pull_in_outliers(after, coding.size_log)
     least = None
     if finest is not None:
-        wanted = None if classes is None else classes[kept]
-        least = coded_classes(wanted, after.num_gaussians, finest)
+        wanted = None if class_offsets is None else class_offsets[kept]
+        least = to_precision_classes(wanted, after.num_gaussians, finest)
     match = find_unchanged(before.splats, coding, after, least)
     new_rows = np.flatnonzero(match < 0)
     removed = np.ones(before.num_elements, bool)
     removed[match[match >= 0]] = False
-    chosen = None if classes is None else classes[kept][new_rows]
+    chosen = None if class_offsets is None else class_offsets[kept][new_rows]
     most = int(coding.precision_classes.max()) if finest is None else finest
     new = _encode_new(base, info, coding, after.select(new_rows), chosen, most, threads)
     result = changed_stream(base, info, before, removed, _decoded(new), new.manifest.writer, threads)
@@ -163,8 +163,8 @@ def encode_change(
 
 
 def _encode_new(
-    base: SceneStream, info: SideInfo, coding: SplatCoding, new: Splats, classes: np.ndarray | None, finest_class: int,
-    threads: int | None,
+    base: SceneStream, info: SideInfo, coding: SplatCoding, new: Splats, class_offsets: np.ndarray | None,
+    finest_class: int, threads: int | None,
 ) -> SceneStream:  # fmt: skip
     """Encodes the new Gaussians of an update as a stream, with the quantisation steps of the old stream.
 
@@ -173,7 +173,7 @@ def _encode_new(
         info: Side information of the old stream.
         coding: Quantisation steps of the old stream.
         new: The new Gaussians.
-        classes: Precision class of each new Gaussian relative to `finest_class`: 0, or negative for coarser classes.
+        class_offsets: Precision class of each new Gaussian relative to `finest_class`: 0, or negative for coarser ones.
             None for `finest_class` for all.
         finest_class: Finest precision class (set of quantisation steps), as numbered in streams: 0 is the coarsest.
         threads: Number of threads; None for one per processor.
@@ -182,8 +182,12 @@ def _encode_new(
     info = replace(info, sections={})
     if not new.num_gaussians:
         return _without_gaussians(base, info)
-    levels = raise_flat(
-        new, coded_classes(classes, new.num_gaussians, finest_class), finest_class, info.base_exponents, coding.size_log
+    levels = refine_flat_classes(
+        new,
+        to_precision_classes(class_offsets, new.num_gaussians, finest_class),
+        finest_class,
+        info.base_exponents,
+        coding.size_log,
     )
     scene = SplatScene(new, coding=replace(coding, precision_classes=np.array(levels)))
     prepared = prepare_splats(scene, Options(packetization, threads=threads), info)
@@ -199,7 +203,7 @@ def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
     """
     none = np.zeros(0, np.int64)
     boxes = Boxes(none, none.reshape(0, 3), none.reshape(0, 3))
-    side_info = write_side_info(replace(info, boxes=boxes, defaults=none.reshape(0, 7)))
+    side_info = write_side_info(replace(info, boxes=boxes, block_means=none.reshape(0, 7)))
     return make_stream(
         packetization=base.manifest.packetization, num_elements=0, side_info=side_info, packets=(),
         symbols_digest=hashlib.sha256().hexdigest(), writer=f"splatwire {__version__}", codec=UPDATE,

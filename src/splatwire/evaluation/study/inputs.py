@@ -387,7 +387,9 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
         scene = source.scene
         started = time.perf_counter()
         classes = scene_precision_classes(scene)
-        stream = encode_scene(scene, row.packetization, classes=classes, progress=lambda share: progress(label, share))
+        stream = encode_scene(
+            scene, row.packetization, class_offsets=classes, progress=lambda share: progress(label, share)
+        )
     seconds = time.perf_counter() - started
     ordered = decode_stream(stream).scene
     store.write(path, stream_to_bytes(stream))

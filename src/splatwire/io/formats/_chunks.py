@@ -20,7 +20,7 @@ _CLASS = 8.0
 """Ratio of the largest to the smallest local scale within a sorting class."""
 
 
-def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
+def assign_chunks(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
     """Distributes Gaussians over the chunks of a compressed PLY so that few positions are rounded visibly.
 
     Positions are quantised within the extent of their chunk of 256 rows. The Gaussians of chunks with visible errors

@@ -20,7 +20,7 @@ import numpy as np
 
 from splatwire.errors import DatasetError
 from splatwire.files.atomic_write import atomic_output
-from splatwire.io.formats._chunks import CHUNK, WIDTHS, arrange, position_errors
+from splatwire.io.formats._chunks import CHUNK, WIDTHS, assign_chunks, position_errors
 from splatwire.io.formats._columns import build_splats, check_count, join
 from splatwire.io.formats._placement import warn_of_unused_comments
 from splatwire.io.formats._rotations import from_smallest_three, smallest_three
@@ -222,7 +222,7 @@ def write_compressed_ply(
 
 def _order_by_density(splats: Splats, path: Path) -> Splats:
     """Sorts Gaussians into chunks so that dense regions and distant Gaussians do not share a chunk."""
-    index, filling = arrange(splats)
+    index, filling = assign_chunks(splats)
     ordered = splats.select(index)
     if filling.any():
         LOG.info("%s: %s transparent rows keep near and far Gaussians apart", path, f"{int(filling.sum()):,}")

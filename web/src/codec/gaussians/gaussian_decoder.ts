@@ -106,9 +106,9 @@ export class GaussianDecoder implements ElementDecoder<GaussianBatch> {
     return digest.finish(blocks, pause, (packet) => this.#decode(packet));
   }
 
-  /** Decodes a packet. The next call may overwrite the result if it is `brief`. */
-  #decode({ payload, block, count }: Packet, brief = false): Decoded {
-    return this.#packets.decode(payload, block, count, brief, false);
+  /** Decodes a packet. The next call may overwrite the result if it is `mayReuse`. */
+  #decode({ payload, block, count }: Packet, mayReuse = false): Decoded {
+    return this.#packets.decode(payload, block, count, mayReuse, false);
   }
 
   copies(): Promise<Copies<GaussianBatch>> {

@@ -116,7 +116,7 @@ export const compressFast: typeof compress = (state, blocks) => {
   }
 };
 
-/** Decodes the packets of one stream: in WebAssembly if possible. Memory is only taken for the first packet. */
+/** Decodes the packets of one kind: in WebAssembly if possible. Memory is only taken for the first packet. */
 export class FastPackets implements GaussianPackets {
   #decoder: GaussianPackets | null = null;
 
@@ -129,27 +129,32 @@ export class FastPackets implements GaussianPackets {
     this.info = info;
   }
 
-  decode(payload: Uint8Array, block: number, count: number, brief = false, wide = !brief): Decoded {
+  decode(payload: Uint8Array, block: number, count: number, mayReuse = false, asRows = !mayReuse): Decoded {
     this.#decoder ??= NativePackets.of(this.info) ?? new PacketDecoder(this.info);
     try {
-      return this.#decoder.decode(payload, block, count, brief, wide);
+      return this.#decoder.decode(payload, block, count, mayReuse, asRows);
     } catch (error) {
       if (!(error instanceof WebAssembly.RuntimeError)) throw error;
       // its memory cannot grow; the plain decoder needs less at once
       this.#decoder = new PacketDecoder(this.info);
-      return this.#decoder.decode(payload, block, count, brief);
+      return this.#decoder.decode(payload, block, count, mayReuse);
     }
   }
 }
 
 function hasSameTables(one: SideInfo, other: SideInfo): boolean {
-  const [some, others] = [one, other].map((info) => [info.baseExponents, info.scales, info.models, info.transform]);
+  const [some, others] = [one, other].map((info) => [
+    info.baseExponents,
+    info.scaleIndices,
+    info.models,
+    info.transform,
+  ]);
   return some.every(
     (table, t) => table.length === others[t].length && table.every((value, n) => value === others[t][n]),
   );
 }
 
-/** Decodes the packets of one stream in WebAssembly. */
+/** Decodes the packets of one kind in WebAssembly. */
 export class NativePackets implements GaussianPackets {
   readonly #exports: Exports;
 
@@ -164,7 +169,7 @@ export class NativePackets implements GaussianPackets {
       widths: HALF_WIDTHS,
       coefficients: Int32Array.from(COEFFICIENTS.flat()),
       constants: constantTerms(info.baseExponents),
-      scales: info.scales,
+      scales: info.scaleIndices,
       initial: info.models,
       fractions: FRACTIONS,
       wholes: WHOLES,
@@ -191,24 +196,24 @@ export class NativePackets implements GaussianPackets {
     else new Float64Array(buffer, address, values.length).set(values);
   }
 
-  decode(payload: Uint8Array, block: number, count: number, brief = false, wide = !brief): Decoded {
-    const { boxes, defaults, degree, numHarmonics, latticeBits, sizeLog, maxPositionShift } = this.info,
+  decode(payload: Uint8Array, block: number, count: number, mayReuse = false, asRows = !mayReuse): Decoded {
+    const { boxes, blockMeans, degree, numHarmonics, latticeBits, sizeLog, maxPositionShift } = this.info,
       { memory, begin, decode, convert, widen } = this.#exports,
       address = begin(payload.length);
-    this.#fill("defaults", defaults.subarray(7 * block, 7 * block + 7));
+    this.#fill("defaults", blockMeans.subarray(7 * block, 7 * block + 7));
     this.#fill("corner", boxes.corners.subarray(3 * block, 3 * block + 3));
     new Uint8Array(memory.buffer, address, payload.length).set(payload);
     const at = decode(payload.length, count, numHarmonics, boxes.bits[block], latticeBits, maxPositionShift);
     const floats = convert(count, numHarmonics, 2 ** (sizeLog - latticeBits - 1), 2 ** sizeLog),
       sizes = 8 * COLUMNS * count;
-    if (wide) widen(count);
+    if (asRows) widen(count);
     const part = (begin: number, bytes: number): readonly [ArrayBuffer, number] =>
-      brief ? [memory.buffer, begin] : [memory.buffer.slice(begin, begin + bytes), 0];
+      mayReuse ? [memory.buffer, begin] : [memory.buffer.slice(begin, begin + bytes), 0];
     const [numbers, first] = part(at, sizes + 4 * numHarmonics * count),
       [values, start] = part(floats, 4 * (14 + numHarmonics) * count);
     return {
-      rows: wide ? new Float64Array(numbers, first, COLUMNS * count) : NO_ROWS,
-      integers: wide ? undefined : new Uint8Array(numbers, first, sizes),
+      rows: asRows ? new Float64Array(numbers, first, COLUMNS * count) : NO_ROWS,
+      integers: asRows ? undefined : new Uint8Array(numbers, first, sizes),
       harmonics: new Int32Array(numbers, first + sizes, numHarmonics * count),
       splats: splatsIn(count, degree, new Float32Array(values, start, (14 + numHarmonics) * count)),
     };

@@ -145,16 +145,16 @@ export class Neighbours {
   }
 
   /**
-   * Sets `means` and `deviations`, from the block's means `defaults` without neighbours. Returns the context of the
+   * Sets `means` and `deviations`, from the block's means `blockMeans` without neighbours. Returns the context of the
    * class: 0 without neighbours, otherwise 1 plus the neighbours' mean class in halves.
    */
-  predict(defaults: Int32Array): number {
+  predict(blockMeans: Int32Array): number {
     const { count, means, deviations } = this,
       indices = this.#indices,
       weights = this.#weights,
       values = this.#values;
     if (count === 0) {
-      means.set(defaults);
+      means.set(blockMeans);
       deviations.fill(0);
       return 0;
     }

@@ -71,10 +71,10 @@ const clip = (value: number, low: number, high: number): number => Math.min(Math
 /** Decodes the packets of one stream. */
 export interface GaussianPackets {
   /**
-   * Decodes the payload of a packet of `count` Gaussians. Any bytes decode to some integers. If `brief`, the next call
-   * may overwrite the result. If `wide`, the result has `rows`, not `integers`; this is the default unless `brief`.
+   * Decodes the payload of a packet of `count` Gaussians. Any bytes decode to some integers. If `mayReuse`, the next call
+   * may overwrite the result. If `asRows`, the result has `rows`, not `integers`; this is the default unless `mayReuse`.
    */
-  decode(payload: Uint8Array, block: number, count: number, brief?: boolean, wide?: boolean): Decoded;
+  decode(payload: Uint8Array, block: number, count: number, mayReuse?: boolean, asRows?: boolean): Decoded;
 }
 
 /** Decodes packets without WebAssembly. */
@@ -97,7 +97,7 @@ export class PacketDecoder implements GaussianPackets {
 
   constructor(readonly info: SideInfo) {
     this.#absolute = info.maxPositionShift >= 0;
-    this.#mixtures = Array.from({ length: MEANS * info.scales.length }, () => undefined);
+    this.#mixtures = Array.from({ length: MEANS * info.scaleIndices.length }, () => undefined);
     this.#models = new Int32Array(info.models.length);
     this.#steps = new Steps(info.baseExponents);
   }
@@ -109,14 +109,14 @@ export class PacketDecoder implements GaussianPackets {
     const rows = (this.#rows = new Float64Array(count * COLUMNS)),
       harmonics = new Int32Array(count * info.numHarmonics);
     this.#models.set(info.models);
-    const at = Math.min(Math.max(coder.raw(6), boxBits - MAX_CELL_BITS), boxBits);
+    const cellShift = Math.min(Math.max(coder.raw(6), boxBits - MAX_CELL_BITS), boxBits);
     const cells = new Int32Array(3 * count),
-      defaults = info.defaults.subarray(7 * block, 7 * block + 7);
-    decodeCells(coder, this.#models, cells, boxBits - at);
-    this.#neighbours.begin(cells, boxBits - at);
+      blockMeans = info.blockMeans.subarray(7 * block, 7 * block + 7);
+    decodeCells(coder, this.#models, cells, boxBits - cellShift);
+    this.#neighbours.begin(cells, boxBits - cellShift);
     for (let i = 0; i < count; i++) {
       this.#neighbours.find(i);
-      this.#decodeGaussian(i * COLUMNS, this.#neighbours.predict(defaults), cells, 3 * i, at, boxBits);
+      this.#decodeGaussian(i * COLUMNS, this.#neighbours.predict(blockMeans), cells, 3 * i, cellShift, boxBits);
       this.#neighbours.storeValues(rows, i);
       if (info.numHarmonics) {
         const precisionClass = rows[i * COLUMNS + CLASS],
@@ -140,7 +140,7 @@ export class PacketDecoder implements GaussianPackets {
     classContext: number,
     cells: Int32Array,
     cell: number,
-    at: number,
+    cellShift: number,
     boxBits: number,
   ): void {
     this.#residualMagnitude = 16;
@@ -179,7 +179,7 @@ export class PacketDecoder implements GaussianPackets {
       row,
       cells,
       cell,
-      at,
+      cellShift,
       Math.min(Math.max(latticeBits - finest, 0), this.#absolute ? this.info.maxPositionShift : boxBits),
     );
     const primary = (rows[row + PRIMARY] = flatness >= elongation ? 2 : 0);
@@ -206,9 +206,9 @@ export class PacketDecoder implements GaussianPackets {
     return node - 8;
   }
 
-  /** Decodes a value that is predicted by the neighbours' mean. The stream is also the index of this mean. */
+  /** Decodes a value that is predicted by the neighbours' mean. `kind` is also the index of this mean. */
   #decodePredicted(
-    stream: number,
+    kind: number,
     step: number,
     precisionClass: number,
     area: number,
@@ -218,34 +218,34 @@ export class PacketDecoder implements GaussianPackets {
   ): number {
     const { count, means, deviations } = this.#neighbours;
     const shift = clip(BITS - this.#steps.exponent(step, precisionClass, area, elongation, 0, opacity), 0, maxShift);
-    return this.#decodeValue(stream, deviationContext(count, deviations[stream], shift), means[stream], shift);
+    return this.#decodeValue(kind, deviationContext(count, deviations[kind], shift), means[kind], shift);
   }
 
   /** Decodes a value with prediction `mean`: a multiple of the step, or whole steps from the mean. */
-  #decodeValue(stream: number, spread: number, mean: number, shift: number): number {
+  #decodeValue(kind: number, deviationClass: number, mean: number, shift: number): number {
     this.#shift = shift;
-    if (!this.#absolute) return mean + this.#decodeResidual(stream, spread, shift, 0) * (1 << shift);
-    const eighths = (8 * mean + ((1 << shift) >> 1)) >> shift,
-      near = (eighths + 4) >> 3;
-    return (near + this.#decodeResidual(stream, spread, shift, eighths - 8 * near)) * (1 << shift);
+    if (!this.#absolute) return mean + this.#decodeResidual(kind, deviationClass, shift, 0) * (1 << shift);
+    const meanEighths = (8 * mean + ((1 << shift) >> 1)) >> shift,
+      near = (meanEighths + 4) >> 3;
+    return (near + this.#decodeResidual(kind, deviationClass, shift, meanEighths - 8 * near)) * (1 << shift);
   }
 
   /**
-   * Decodes a residual in steps. `mean` is in eighths. The context of the first two streams includes the step, that of
+   * Decodes a residual in steps. `mean` is in eighths. The context of the first two kinds includes the step, that of
    * others the size of earlier residuals.
    */
-  #decodeResidual(stream: number, spread: number, shift: number, mean: number): number {
+  #decodeResidual(kind: number, deviationClass: number, shift: number, mean: number): number {
     const magnitude = this.#residualMagnitude,
-      magnitudeContext = stream < 2 ? shift : Math.min(32 - Math.clz32(magnitude), NUM_MAGNITUDE_CONTEXTS - 1),
-      context = (stream * NUM_DEVIATION_CONTEXTS + spread) * NUM_MAGNITUDE_CONTEXTS + magnitudeContext;
+      magnitudeContext = kind < 2 ? shift : Math.min(32 - Math.clz32(magnitude), NUM_MAGNITUDE_CONTEXTS - 1),
+      context = (kind * NUM_DEVIATION_CONTEXTS + deviationClass) * NUM_MAGNITUDE_CONTEXTS + magnitudeContext;
     const mixture = this.#mixtures[MEANS * context + mean + 4] ?? this.#mixtureOf(context, mean);
-    const q = clip(mixture.decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
-    this.#residualMagnitude = (magnitude + 16 * Math.min(Math.abs(q), 1 << 14)) >> 1;
-    return q;
+    const residual = clip(mixture.decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
+    this.#residualMagnitude = (magnitude + 16 * Math.min(Math.abs(residual), 1 << 14)) >> 1;
+    return residual;
   }
 
   #mixtureOf(context: number, mean: number): Mixture {
-    const scale = this.info.scales[context],
+    const scale = this.info.scaleIndices[context],
       mixture = (this.#byScale[MEANS * scale + mean + 4] ??= new Mixture(
         mean * 512,
         scale,
@@ -256,16 +256,16 @@ export class PacketDecoder implements GaussianPackets {
   }
 
   /** Decodes the bits of a position between cell and step. Coordinates are in half lattice units. */
-  #decodePosition(row: number, cells: Int32Array, cell: number, at: number, shift: number): void {
-    const low = Math.min(at, shift),
-      fine = at - low,
+  #decodePosition(row: number, cells: Int32Array, cell: number, cellShift: number, shift: number): void {
+    const low = Math.min(cellShift, shift),
+      fine = cellShift - low,
       size = this.#absolute ? shift : low;
     const wider = POWER[size - low],
       unit = POWER[size + 1],
       half = POWER[size];
     for (let a = 0; a < 3; a++) {
-      const place = fine ? cells[cell + a] * POWER[fine] + this.#coder.raw(fine) : cells[cell + a];
-      this.#rows[row + POSITION + a] = Math.floor(place / wider) * unit + half;
+      const position = fine ? cells[cell + a] * POWER[fine] + this.#coder.raw(fine) : cells[cell + a];
+      this.#rows[row + POSITION + a] = Math.floor(position / wider) * unit + half;
     }
   }
 
@@ -286,13 +286,13 @@ export class PacketDecoder implements GaussianPackets {
     const norm = Math.abs(mean[0]) + Math.abs(mean[1]) + Math.abs(mean[2]),
       p = side * mean[first],
       q = side * mean[second];
-    const spread = deviationContext(near.axisCount, near.axisDeviation, shift),
+    const deviationClass = deviationContext(near.axisCount, near.axisDeviation, shift),
       isSumDifference = !this.#absolute,
       expected0 = isSumDifference ? p + q : p,
       expected1 = isSumDifference ? p - q : q;
-    const e0 = clip(this.#decodeValue(4, spread, Math.floor((expected0 * ONE) / norm), shift), -ONE, ONE),
+    const e0 = clip(this.#decodeValue(4, deviationClass, Math.floor((expected0 * ONE) / norm), shift), -ONE, ONE),
       limit = isSumDifference ? ONE : ONE - Math.abs(e0);
-    const e1 = clip(this.#decodeValue(4, spread, Math.floor((expected1 * ONE) / norm), shift), -limit, limit);
+    const e1 = clip(this.#decodeValue(4, deviationClass, Math.floor((expected1 * ONE) / norm), shift), -limit, limit);
     const x = isSumDifference ? (e0 + e1) >> 1 : e0,
       y = isSumDifference ? (e0 - e1) >> 1 : e1;
     rows[row + AXIS + first] = x;
@@ -314,8 +314,8 @@ export class PacketDecoder implements GaussianPackets {
     const { count, means, deviations } = this.#neighbours,
       shift = clip(BITS - this.#steps.exponent(STEP_COLOUR, precisionClass, 0, 0, 0, 0), 0, BITS - 2);
     for (let c = 0; c < 3; c++) {
-      const spread = deviationContext(count, deviations[LUMA_VALUE + c], shift),
-        value = this.#decodeValue(5 + c, spread, means[LUMA_VALUE + c], shift);
+      const deviationClass = deviationContext(count, deviations[LUMA_VALUE + c], shift),
+        value = this.#decodeValue(5 + c, deviationClass, means[LUMA_VALUE + c], shift);
       this.#rows[row + LUMA + c] = clip(value, -MAX_COLOUR, MAX_COLOUR);
     }
   }

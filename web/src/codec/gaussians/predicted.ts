@@ -86,7 +86,7 @@ function predictedCentre(
 }
 
 function meanSize(info: SideInfo, block: number): number {
-  const [, s0, elongation, companded] = info.defaults.subarray(7 * block, 7 * block + 7),
+  const [, s0, elongation, companded] = info.blockMeans.subarray(7 * block, 7 * block + 7),
     clip = (v: number, a: number, b: number): number => Math.min(Math.max(v, a), b);
   const first = clip(s0, -MAX_LOG, MAX_LOG),
     second = first - clip(elongation, 0, MAX_LOG);

@@ -14,16 +14,16 @@ import {
   NUM_CONTEXTS,
   NUM_DEVIATION_CONTEXTS,
   NUM_MAGNITUDE_CONTEXTS,
-  SCALE_UNIT,
+  RESIDUAL_KINDS,
+  SCALE_INDEX_STEP,
   STEP_BITS,
   STEPS,
-  STREAMS,
 } from "./layout.ts";
 
 const VERSION = 3,
-  NUM_DEFAULTS = 7;
-/** Version with integers in whole steps from the prediction by neighbours in the same packet. */
-const RELATIVE = 2;
+  NUM_BLOCK_MEANS = 7;
+/** Format version with integers in whole steps from the prediction by neighbours in the same packet. */
+const RELATIVE_VERSION = 2;
 
 export interface SideInfo {
   readonly degree: number;
@@ -43,12 +43,12 @@ export interface SideInfo {
    */
   readonly transform: Int8Array;
   readonly boxes: Boxes;
-  /** Means of each block in fixed point, shape (blocks, 7): opacity, three of scales, Y Co Cg. */
-  readonly defaults: Int32Array;
+  /** Mean attributes of each block in fixed point, shape (blocks, 7): opacity, three of scales, Y Co Cg. */
+  readonly blockMeans: Int32Array;
   /** Initial state of the adaptive models of each packet, two estimates per context. */
   readonly models: Int32Array;
-  /** Scale table entries of the narrow components of residuals, by stream, spread and second context. */
-  readonly scales: Int32Array;
+  /** Scale table entries of the narrow components of residuals, by kind, deviation class and magnitude context. */
+  readonly scaleIndices: Int32Array;
   readonly sections: Map<string, Uint8Array>;
 }
 
@@ -72,9 +72,9 @@ export function readSideInfo(bytes: Uint8Array, numBlocks: number): SideInfo {
   const sections = readSections(reader.rest());
   const fields = readHeader(header),
     { degree } = fields;
-  const { boxes, defaults } = readBlocks(blocks, numBlocks);
+  const { boxes, blockMeans } = readBlocks(blocks, numBlocks);
   const numHarmonics = 3 * ((degree + 1) ** 2 - 1);
-  return { ...fields, numHarmonics, boxes, defaults, ...readContexts(contexts, degree), sections };
+  return { ...fields, numHarmonics, boxes, blockMeans, ...readContexts(contexts, degree), sections };
 }
 
 function readHeader(
@@ -82,13 +82,15 @@ function readHeader(
 ): Pick<SideInfo, "degree" | "sizeLog" | "latticeBits" | "baseExponents" | "maxPositionShift" | "transform"> {
   const reader = new ByteReader(bytes, "side information header"),
     version = reader.u8();
-  if (version !== RELATIVE && version !== VERSION)
-    throw new BitstreamError(`side information has version ${version}, this version reads ${RELATIVE} and ${VERSION}`);
+  if (version !== RELATIVE_VERSION && version !== VERSION)
+    throw new BitstreamError(
+      `side information has version ${version}, this version reads ${RELATIVE_VERSION} and ${VERSION}`,
+    );
   const degree = reader.u8(),
     sizeLog = reader.signed(),
     latticeBits = reader.signed();
   const baseExponents = Array.from({ length: STEPS }, () => reader.signed());
-  const maxPositionShift = version === RELATIVE ? -1 : reader.u8();
+  const maxPositionShift = version === RELATIVE_VERSION ? -1 : reader.u8();
   const transform = Int8Array.from(reader.rest(), (byte) => (byte << 24) >> 24),
     side = (degree + 1) ** 2 - 1;
   if (
@@ -107,7 +109,7 @@ function readHeader(
 }
 
 /** Reads the boxes and means of blocks. */
-export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo, "boxes" | "defaults"> {
+export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo, "boxes" | "blockMeans"> {
   const reader = new ByteReader(bytes, "side information blocks");
   if (numBlocks * 7 > bytes.length)
     throw new BitstreamError(`side information: ${bytes.length} bytes cannot hold ${numBlocks} boxes`);
@@ -115,7 +117,7 @@ export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo,
     corners = new Float64Array(3 * numBlocks),
     extents = new Uint8Array(3 * numBlocks);
   const bits = new Int32Array(numBlocks),
-    defaults = new Int32Array(NUM_DEFAULTS * numBlocks);
+    blockMeans = new Int32Array(NUM_BLOCK_MEANS * numBlocks);
   for (let block = 0; block < numBlocks; block++) {
     const shift = (shifts[block] = reader.u8()),
       unit = 2 ** shift;
@@ -126,16 +128,16 @@ export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo,
       throw new BitstreamError("side information: the box of a block is out of range");
     bits[block] = shift + 32 - Math.clz32(Math.max(...extents.subarray(3 * block, 3 * block + 3)));
   }
-  for (let c = 0; c < NUM_DEFAULTS; c++) {
+  for (let c = 0; c < NUM_BLOCK_MEANS; c++) {
     readIntegers(reader, numBlocks).forEach(
-      (value, block) => (defaults[NUM_DEFAULTS * block + c] = clip(value, -512, 512) * 2 ** (BITS - 4)),
+      (value, block) => (blockMeans[NUM_BLOCK_MEANS * block + c] = clip(value, -512, 512) * 2 ** (BITS - 4)),
     );
   }
   reader.finish();
-  return { boxes: { shifts, corners, extents, bits }, defaults };
+  return { boxes: { shifts, corners, extents, bits }, blockMeans };
 }
 
-function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models" | "scales"> {
+function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models" | "scaleIndices"> {
   const reader = new ByteReader(bytes, "side information contexts"),
     zero = reader.blob();
   const expected = degree ? NUM_CONTEXTS : FIRST_HARMONIC;
@@ -147,8 +149,9 @@ function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models
   );
   const coder = new RangeDecoder(reader.blob()),
     evenModel = new Int32Array(4).fill(32768);
-  const changed = Uint8Array.from({ length: STREAMS * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS }, (_, i) =>
-    coder.bit(evenModel, i % NUM_MAGNITUDE_CONTEXTS ? 0 : 1),
+  const changed = Uint8Array.from(
+    { length: RESIDUAL_KINDS * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS },
+    (_, i) => coder.bit(evenModel, i % NUM_MAGNITUDE_CONTEXTS ? 0 : 1),
   );
   const steps = readIntegers(
     reader,
@@ -157,10 +160,10 @@ function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models
   reader.finish();
   let next = 0,
     sum = 0;
-  const scales = Int32Array.from(changed, (bit, i) => {
+  const scaleIndices = Int32Array.from(changed, (bit, i) => {
     if (i % NUM_MAGNITUDE_CONTEXTS === 0) sum = 0;
     if (bit) sum += steps[next++];
-    return clip(sum, 0, NUM_SCALES / SCALE_UNIT - 1) * SCALE_UNIT;
+    return clip(sum, 0, NUM_SCALES / SCALE_INDEX_STEP - 1) * SCALE_INDEX_STEP;
   });
-  return { models, scales };
+  return { models, scaleIndices };
 }
