@@ -18,28 +18,28 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  * interface, or of JSON. Bundles of the same build have the same short names.
  */
 const INTERNAL = `
-  addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute axisCount
-  axisDeviation baseCount baseExponents batchesOf birthGroup birthGroups bitsOf blockCount blockSize bundled
-  canRetry cancelConcealment changeMs checkConcealmentMemory closeness columnShifts completeRows concealmentBytes
-  confirmed conflicts contradicts corners damagedTiles damages datagramsLost defaultDirection densityRadius
-  deviations drawUnits drawnChildren elementDecoder elementsOf elementsPerByte endState enterHeadset expectedErrors
-  failuresAfter featureActivations firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack
-  forCamera forgetOffsets formatVersion framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies
-  groupFrames hasAnswered hasCopies hasHead hasManifestOf hasUnknownBirth headBytes headSize helpOpen identityAt
-  idleMs indexInBlock initSegment initSegmentBytes initSegmentMs isComplete isCut isKeyframe isLinear isOnlySource
-  isReceived isReordered isRetry isRetryable isSameStream isSequence isSorting isTryingWhole isVisible isWebPage
-  keptBytes keyframeBlock keyframeIndices keyframeInfo lastOffsets latticeBits leafIndex leafSize leftOut logScales
+  addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute axisCount axisDeviation
+  baseCount baseExponents batchesOf birthGroup birthGroups bitsOf blockCount blockMeans blockSize bundled canRetry
+  cancelConcealment changeMs checkConcealmentMemory closeness columnShifts completeRows concealmentBytes confirmed
+  conflicts contradicts corners damagedTiles damages datagramsLost defaultDirection densityRadius deviations drawUnits
+  drawnChildren elementDecoder elementsOf elementsPerByte endState enterHeadset expectedErrors failuresAfter
+  featureActivations firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera
+  forgetOffsets formatVersion framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames
+  hasAnswered hasCopies hasHead hasManifestOf hasUnknownBirth headBytes headSize helpOpen identityAt idleMs
+  indexInBlock initSegment initSegmentBytes initSegmentMs isComplete isCut isKeyframe isLinear isOnlySource isReceived
+  isReordered isRetry isRetryable isSameStream isSequence isSorting isTryingWhole isVisible isWebPage keptBytes
+  keyframeBlock keyframeIndices keyframeInfo lastOffsets latticeBits leafIndex leafSize leftOut logScales
   logStepRatios logSteps lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers medianRadius
   nearestFirst nearestOthers newPackets noGaussians noteChange noteFailure noteUseless numBlocks numGaussians
   numHarmonics numHidden numInitSegments numIntact numKeyframes numLowBits numNew numOffsets numPackets numReceived
   numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextLost
   onFirstUse packetBytes paintedCanvas pictureChanged planBlock planIndices playingLive pointCameraAt positionStep
   predictAxis receiveDatagrams recordWhen rejected repeatMs replaceTiles reportCamera reportPlayable requestFrame
-  requestId rowSteps setConcealers setCooperative setMessage setRow setViewpoint setVisible showNotice shownPackets
-  sideInfo sideInfoBytes sideInfoDigest sizeLog stalledFrames startWebGL stateOf stopProbabilities storeValues
-  streamId symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes tileRequest tilesBytes
-  timeline transports unsigned upRotation upperBits viewDependent viewing visibleParts voxelSize wasExtrapolated
-  welcome withdraw withoutComparison
+  requestId rowSteps scaleIndices setConcealers setCooperative setMessage setRow setViewpoint setVisible showNotice
+  shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog stalledFrames startWebGL stateOf stopProbabilities
+  storeValues streamId symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes tileRequest
+  tilesBytes timeline transports unsigned upRotation upperBits viewDependent viewing visibleParts voxelSize
+  wasExtrapolated welcome withdraw withoutComparison
 `
   .trim()
   .split(/\s+/);

@@ -71,8 +71,9 @@ const clip = (value: number, low: number, high: number): number => Math.min(Math
 /** Decodes the packets of one stream. */
 export interface GaussianPackets {
   /**
-   * Decodes the payload of a packet of `count` Gaussians. Any bytes decode to some integers. If `mayReuse`, the next call
-   * may overwrite the result. If `asRows`, the result has `rows`, not `integers`; this is the default unless `mayReuse`.
+   * Decodes the payload of a packet of `count` Gaussians. Any bytes decode to some integers. If `mayReuse`, the next
+   * call may overwrite the result. If `asRows`, the result has `rows`, not `integers`; this is the default unless
+   * `mayReuse`.
    */
   decode(payload: Uint8Array, block: number, count: number, mayReuse?: boolean, asRows?: boolean): Decoded;
 }
