@@ -81,16 +81,17 @@ def test_error_keeps_the_old_file_only(tmp_path, problem):
     assert not hidden(tmp_path)
 
 
-def test_errors_name_the_target_not_the_hidden_folder(tmp_path, monkeypatch):
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+def test_errors_name_the_target_not_the_hidden_folder(tmp_path, monkeypatch, error):
     (tmp_path / "a").mkdir()
     with pytest.raises(IsADirectoryError, match=f"'{tmp_path}/a'$"):
         atomic_write(tmp_path / "a", b"")
 
     def full(descriptor):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        raise OSError(error, os.strerror(error))
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match=f"No space left.*'{tmp_path}/b'$"):
+    with pytest.raises(OSError, match=f"{os.strerror(error)}.*'{tmp_path}/b'$"):
         atomic_write(tmp_path / "b", b"")
     assert not hidden(tmp_path)
 

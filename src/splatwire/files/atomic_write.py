@@ -28,7 +28,7 @@ _WORKSPACE = re.compile(r"\.splatwire-[0-9a-f]{12}\.part")
 """Name pattern of hidden folders created by `_workspace`."""
 _NEW, _OLD = "new", "old"
 _UNFINISHED = re.compile(rf"{_WORKSPACE.pattern}[/\\]{_NEW}[/\\]")
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
