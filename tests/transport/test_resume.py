@@ -3,7 +3,8 @@
 import heapq
 import logging
 import random
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,10 +17,11 @@ from splatwire.transport.protocol import nack
 from splatwire.transport.protocol import transfer as transfer_module
 from splatwire.transport.protocol.events import Finished, Interrupted, Resumed
 from splatwire.transport.protocol.gap_tracker import MAX_GAPS, GapTracker
-from splatwire.transport.protocol.messages import Data, End, Feedback, ParityRange, Welcome
+from splatwire.transport.protocol.known_packets import KnownPackets
+from splatwire.transport.protocol.messages import Data, End, Feedback, Have, ParityRange, Welcome
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.transfer import ServerTransfer
-from splatwire.transport.protocol.wire import SMALL_MTU, decode, encode
+from splatwire.transport.protocol.wire import DATA, PARITY, SMALL_MTU, decode, encode, message_kind
 from transport.network import SECRET, Link, bernoulli, datagram_stream, transfer
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -164,6 +166,45 @@ def test_transfer_restarts_with_a_server_of_another_stream(program, stream):
     assert receiver.finished == Finished("complete", True)
     assert receiver.stream() == stream
     assert Resumed(False) in path.events
+
+
+def test_resumed_transfer_gets_repair_symbols_of_the_packets_that_it_lacks():
+    """Without retransmission, they replace packets that were lost before and after the restart."""
+    program, rng = make_served_stream(STREAM, Protection(tier_repair=(0.6,))), random.Random(1)
+    sent: list[list[tuple[int, bytes]]] = [[]]
+
+    def lossy(server: Server) -> Server:
+        poll = server.poll
+
+        def lossy_poll(now: float) -> list[tuple[Hashable, bytes]]:
+            datagrams = poll(now)
+            sent[-1] += [(message_kind(data), data) for _, data in datagrams]
+            return [one for one in datagrams if message_kind(one[1]) not in (DATA, PARITY) or rng.random() >= 0.2]
+
+        server.poll = lossy_poll
+        return server
+
+    path = Path(lossy(serving(program)))
+    begins = lambda: setattr(path, "server", lossy(serving(program, seed=1))) or sent.append([])  # noqa: E731
+    path.plan = [(0.6, lambda: setattr(path, "server", None)), (1.6, begins)]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions(nack=False)))
+    assert Resumed(True) in path.events
+    assert receiver.stream() == STREAM
+    kinds_sent = Counter(kind for kind, _ in sent[-1])
+    assert kinds_sent[DATA] < len(STREAM.packets)
+    assert 0 < kinds_sent[PARITY] <= sum(map(len, program.parity))
+
+
+def test_client_gets_no_repair_symbols_of_groups_that_it_has():
+    program = make_served_stream(STREAM, Protection(tier_repair=(0.6,)))
+    known, group = KnownPackets(), program.parity_groups[0]
+    held = bytearray(-(-len(program.packets) // 8))
+    members = [group.packet_of(number) for number in range(group.size)]
+    for index in members:
+        assert not known.has((PARITY, 0, 0), program)
+        held[index // 8] |= 1 << index % 8
+        known.add(Have(1, program.stream_id, True, 0, bytes(held)), program)
+    assert known.has((PARITY, 0, 0), program)
 
 
 def test_unreturning_server_ends_the_transfer_with_a_reason():

@@ -2,7 +2,7 @@
 
 from splatwire.transport.protocol.messages import Have
 from splatwire.transport.protocol.served_stream import ServedStream
-from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, WELCOME
+from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, PARITY, WELCOME
 
 
 class KnownPackets:
@@ -34,16 +34,26 @@ class KnownPackets:
                 size += sum(DATA_OVERHEAD + len(packet) for n in new_packets for packet in stream.packets[n : n + 1])
         return size
 
-    def has(self, kind: int, symbol: int) -> bool:
+    def has(self, item: tuple[int, int, int], stream: ServedStream) -> bool:
         """True if the server can skip a datagram, because the client has data of an earlier transfer.
 
-        This is the case for a packet that the client has. If the client has the init segment, it is also the case for
-        the symbols of the init segment and for all repair symbols.
+        This is the case for a packet that the client has, and for a repair symbol if the client has all packets of its
+        parity group. If the client has the init segment, it is also the case for the symbols of the init segment.
 
         Args:
-            kind: Kind of the datagram, such as `DATA` (packet), `INIT_SYMBOL` (init segment) or `PARITY`.
-            symbol: Index of the packet in sending order; ignored for other kinds.
+            item: The datagram as three integers, as in `SendSchedule.datagrams`.
+            stream: Stream that the server sends to the client.
         """
-        if kind != DATA:
-            return self._has_init_segment and kind != WELCOME
-        return symbol // 8 < len(self._packets) and bool(self._packets[symbol // 8] >> symbol % 8 & 1)
+        kind, group, symbol = item
+        if kind == DATA:
+            return self._has_packet(symbol)
+        if kind == PARITY:
+            if not self._packets:
+                return False
+            parity_group = stream.parity_groups[group]
+            return all(self._has_packet(parity_group.packet_of(number)) for number in range(parity_group.size))
+        return self._has_init_segment and kind != WELCOME
+
+    def _has_packet(self, index: int) -> bool:
+        """True if the client has the packet with this index in sending order."""
+        return index // 8 < len(self._packets) and bool(self._packets[index // 8] >> index % 8 & 1)

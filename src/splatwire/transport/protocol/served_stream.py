@@ -168,12 +168,13 @@ class ServedStream:
         """
         kind, group, symbol = item
         if kind == PARITY:
-            members = self._groups[group]
+            members = self.parity_groups[group]
             return members.packet_of(members.size - 1) < self.opening_packets
         return kind == INIT_SYMBOL or (kind == DATA and symbol < self.opening_packets)
 
     @functools.cached_property
-    def _groups(self) -> list[ParityGroup]:
+    def parity_groups(self) -> list[ParityGroup]:
+        """Parity groups (packets that share repair symbols), in sending order."""
         return parity_groups(self.parity_ranges)
 
     @functools.cached_property

@@ -192,7 +192,7 @@ class ServerTransfer:
             item = self._queue.pop()
             if self._queue.is_init_segment_sent:
                 self._init_segment_sent_at = now
-            if not self._known_packets.has(item[0], item[2]):
+            if not self._known_packets.has(item, self.stream):
                 return item
         return None
 
