@@ -61,8 +61,8 @@ def test_losses_keep_the_origin(files, run, tmp_path):
     assert lost.status == 0
     received = decode_stream(read_stream(tmp_path / "b.swz")[0])
     assert received.loss_mask.num_lost
-    assert received.scene.origin == conceal(received, "neighbors").origin == UTM
-    assert run("decode", tmp_path / "b.swz", "-o", tmp_path / "b.scene", "--conceal", "neighbors").status == 0
+    assert received.scene.origin == conceal(received, "idw").origin == UTM
+    assert run("decode", tmp_path / "b.swz", "-o", tmp_path / "b.scene", "--conceal", "idw").status == 0
     assert load_scene(tmp_path / "b.scene").origin == UTM
 
 
