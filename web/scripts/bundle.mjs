@@ -18,28 +18,32 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  * interface, or of JSON. Bundles of the same build have the same short names.
  */
 const INTERNAL = `
-  addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute axisCount axisDeviation
-  baseCount baseExponents batchesOf birthGroup birthGroups bitsOf blockCount blockMeans blockSize bundled canRetry
-  cancelConcealment changeMs checkConcealmentMemory closeness columnShifts completeRows concealmentBytes confirmed
-  conflicts contradicts corners damagedTiles damages datagramsLost defaultDirection densityRadius deviations drawUnits
-  drawnChildren elementDecoder elementsOf elementsPerByte endState enterHeadset expectedErrors failuresAfter
-  featureActivations firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera
-  forgetOffsets formatVersion framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames
-  hasAnswered hasCopies hasHead hasManifestOf hasUnknownBirth headBytes headSize helpOpen identityAt idleMs
-  indexInBlock initSegment initSegmentBytes initSegmentMs isComplete isCut isKeyframe isLinear isOnlySource isReceived
-  isReordered isRetry isRetryable isSameStream isSequence isSorting isTryingWhole isVisible isWebPage keptBytes
-  keyframeBlock keyframeIndices keyframeInfo lastOffsets latticeBits leafIndex leafSize leftOut logScales
-  logStepRatios logSteps lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers medianRadius
-  nearestFirst nearestOthers newPackets noGaussians noteChange noteFailure noteUseless numBlocks numGaussians
-  numHarmonics numHidden numInitSegments numIntact numKeyframes numLowBits numNew numOffsets numPackets numReceived
-  numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextLost
-  onFirstUse packetBytes paintedCanvas pictureChanged planBlock planIndices playingLive pointCameraAt positionStep
-  predictAxis receiveDatagrams recordWhen rejected repeatMs replaceTiles reportCamera reportPlayable requestFrame
-  requestId rowSteps scaleIndices setConcealers setCooperative setMessage setRow setViewpoint setVisible showNotice
-  shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog stalledFrames startWebGL stateOf stopProbabilities
-  storeValues streamId symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes tileRequest
-  tilesBytes timeline transports unsigned upRotation upperBits viewDependent viewing visibleParts voxelSize
-  wasExtrapolated welcome withdraw withoutComparison
+  addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute axisCount
+  axisDeviation baseCount baseDigest baseExponents batchSize batchesOf birthGroup birthGroups bitsOf blockCount
+  blockMeans blockSize bundled bytesOf canRetry cancelConcealment changeMs checkConcealmentMemory closeness
+  columnShifts completeRows concealmentBytes confirmed conflicts contradicts contrasts corners damagedTiles
+  damages datagramsLost defaultDirection densityRadius deviations drawMs drawUnits drawnChildren elementDecoder
+  elementsOf elementsPerByte endState enterHeadset expectedErrors extents failuresAfter featureActivations
+  firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets
+  formatVersion framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames hasAnswered
+  hasCopies hasEnded hasHead hasManifestOf hasUnknownBirth headBytes headSize helpOpen hideNotice identityAt
+  idleMs indexInBlock initSegment initSegmentBytes initSegmentMs intake isComplete isCut isFree isKeyframe
+  isLinear isLive isOnlySource isReceived isReordered isRetry isRetryable isSame isSameStream isSequence
+  isSorting isTryingWhole isVerified isVisible isWebPage isWhole keptBytes keyframeBlock keyframeIndices
+  keyframeInfo lastOffsets latticeBits leafIndex leafSize leaveOut leftOut logDeviations logScales logStepRatios
+  logSteps lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers medianRadius
+  moveBetween nearestFirst nearestOthers newPackets noGaussians noteChange noteFailure noteUseless numBlocks
+  numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLowBits numNew numOffsets
+  numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera
+  onChange onContextLost onFirstUse packetBytes packetsOf paintedCanvas partsOf pictureChanged planBlock
+  planIndices playingLive pointCameraAt polynomials positionStep predictAxis receiveDatagrams recordWhen
+  refusals rejected reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame requestId rescale
+  residuals resultDigest rowSteps scaleIndices sceneInView setConcealers setCooperative setLimits setMessage
+  setRow setViewpoint setVisible showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog
+  stalledFrames startWebGL stateOf stopProbabilities storeValues streamId symbolBytes symbolsDigest
+  symbolsMissing takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timeline transmittance
+  transports unsigned upRotation upperBits useless viewComplete viewDependent viewable viewing visibleParts
+  voxelSize waited wasExtrapolated welcome withdraw withoutComparison zeroPoints
 `
   .trim()
   .split(/\s+/);
@@ -93,13 +97,16 @@ async function receiver() {
   return smallest(made.outputFiles[0].text);
 }
 
-/** Returns a script with the same effect: 6 % fewer compressed bytes than esbuild alone. */
+/**
+ * Returns a script with the same effect: 6 % fewer compressed bytes than esbuild alone. Getters must have no side
+ * effects.
+ */
 async function smallest(script) {
   const format = { comments: /^ splatwire/ };
   return (
     await minify(script, {
       ecma: 2022,
-      compress: { passes: 2, lhs_constants: false },
+      compress: { passes: 2, lhs_constants: false, if_return: false, conditionals: false, pure_getters: true },
       mangle: { toplevel: true },
       format,
     })

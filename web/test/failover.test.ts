@@ -241,6 +241,37 @@ test("a live clip without a file waits for its session, and names both reasons",
   }
 });
 
+test("the next session of a live clip is due at its own time, although its file hangs", {
+  timeout: 20_000,
+}, async () => {
+  const server = new Server(() => new Promise<Response>(() => undefined)),
+    { opened, ...ways } = liveSessions([[0], null, null, [1]]),
+    openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, idleMs: 120_000 }),
+    { text, lost, said } = await visit(null, { session: SESSION }, { ...ways, openFile }),
+    delays = said.flatMap((one) => (one.kind === "lost" ? [one.retryMs] : []));
+  assert.deepEqual([text, opened.length], ["complete", 5]);
+  assert.deepEqual(delays, [500, 1000, 0, 500], "the file had the delay before the third retry");
+  assert.match(lost[2], /no answer to a WebTransport session; and the file did not arrive in time/);
+  assert.ok(server.asked.length === 1 && server.asked[0].signal.aborted);
+});
+
+test("the file in place of a live clip may take longer than the delay, once it has begun", async () => {
+  const slow = (): Response => {
+    let sent = 0;
+    const pull = async (controller: ReadableStreamDefaultController<Uint8Array>): Promise<void> => {
+      await new Promise((done) => setTimeout(done, sent ? 250 : 0));
+      controller.enqueue(STILL.slice(sent, (sent += Math.ceil(STILL.length / 12))));
+      if (sent >= STILL.length) controller.close();
+    };
+    return new Response(new ReadableStream<Uint8Array>({ pull }, { highWaterMark: 0 }), { status: 200 });
+  };
+  new Server(slow);
+  const { opened, ...ways } = liveSessions([[0], null, null, null, null]),
+    openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, idleMs: 10_000 }),
+    { complete } = await visit(null, { session: SESSION }, { ...ways, openFile });
+  assert.deepEqual([complete, opened.length], [true, 3]);
+});
+
 test("the backoff of a live clip begins again after packets have arrived", async () => {
   new Server(noFile);
   const { opened: _, ...ways } = liveSessions([[0], null, null, null, [1], [2]]),

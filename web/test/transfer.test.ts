@@ -7,6 +7,7 @@ import { crc32, portableCrc32 } from "../src/packets/crc32.ts";
 import { Transfer } from "../src/transport/transfer.ts";
 import {
   END,
+  INIT_SYMBOL,
   LIVE,
   MAX_FRUITLESS_ENDS,
   MAX_NACK_ATTEMPTS,
@@ -253,4 +254,60 @@ test("a byte stream is split into messages for any chunk boundaries", () => {
   for (const byte of bytes) messages.push(...reader.feed(Uint8Array.of(byte)).map((message) => [...message]));
   assert.deepEqual(messages, [[7, 8], [9]]);
   assert.throws(() => reader.feed(Uint8Array.of(0, 0)));
+});
+
+/** Message of the session, with a checksum. */
+function sealed(bytes: Uint8Array): Uint8Array {
+  const numbers = dataView(bytes);
+  numbers.setUint32(1, 2, true);
+  numbers.setUint32(bytes.length - 4, crc32(bytes.subarray(0, -4)), true);
+  return bytes;
+}
+
+test("only messages that bring something new are progress, unless nothing new exists", () => {
+  const message = (kind: number, size: number, sequence = 0): Uint8Array => {
+      const bytes = new Uint8Array(size);
+      bytes[0] = (VERSION << 4) | kind;
+      dataView(bytes).setUint32(5, sequence, true);
+      return sealed(bytes);
+    },
+    symbol = message(INIT_SYMBOL, 15 + 256 + 4);
+  for (const [flags, hasHead, mayIdle] of [
+    [0, false, false],
+    [LIVE, false, false],
+    [0, true, false],
+    [LIVE, true, true],
+  ] as const) {
+    const transfer = new Transfer("", 7n, 0),
+      isProgress = (bytes: Uint8Array): boolean => {
+        const before = transfer.progress;
+        transfer.receive(bytes, 1);
+        return transfer.progress !== before;
+      },
+      begin = welcome((_, bytes) => (bytes[69] = flags));
+    assert.ok(!isProgress(new Uint8Array(900)), "garbage");
+    assert.ok(isProgress(begin));
+    if (hasHead) transfer.head = {} as Head;
+    else assert.deepEqual([isProgress(symbol), isProgress(symbol)], [true, false]);
+    assert.deepEqual([isProgress(empty(3)), isProgress(empty(3))], [true, false]);
+    assert.equal(isProgress(message(END, 13, 1)), mayIdle);
+    assert.ok(!isProgress(begin), "a repeated welcome message");
+  }
+});
+
+test("a limited number of packets is kept until the head arrives, and the others are requested", () => {
+  const transfer = new Transfer("", 7n, 0),
+    count = 40_000;
+  transfer.receive(
+    welcome((numbers) => numbers.setUint32(59, count, true)),
+    0,
+  );
+  for (let place = 0; place < count; place++) transfer.receive(empty(place), 1);
+  assert.ok(transfer.newPackets.length < 20_000, `${transfer.newPackets.length} packets`);
+  const { length } = transfer.newPackets;
+  assert.deepEqual([transfer.counts.packets, transfer.counts.rejected], [length, count - length]);
+  transfer.head = {} as Head;
+  transfer.newPackets = [];
+  transfer.receive(empty(count - 1), 2);
+  assert.equal(transfer.counts.packets, length + 1, "a refused packet may arrive again");
 });

@@ -13,20 +13,24 @@ export interface BackoffOptions {
   readonly wait: (ms: number) => Promise<void>;
 }
 
-/** Repeats an attempt until it succeeds. Throws errors that a retry cannot resolve. */
+/**
+ * Repeats an attempt until it succeeds. Throws errors that a retry cannot resolve. `attempt` gets the delay before the
+ * next attempt, milliseconds. An error with `waited` has spent that delay already.
+ */
 export async function withBackoff<T>(
-  attempt: () => Promise<T>,
+  attempt: (nextMs: number) => Promise<T>,
   { isRetryable, progress, lost, wait }: BackoffOptions,
 ): Promise<T> {
   for (let failures = 0; ; failures++) {
-    const before = progress();
+    const before = progress(),
+      nextMs = (): number => Math.min(INITIAL_MS * 2 ** failures, MAX_MS);
     try {
-      return await attempt();
+      return await attempt(nextMs());
     } catch (error) {
       if (!isRetryable(error)) throw error;
       if (progress() > before) failures = 0;
-      const least = (error as { retryMs?: number }).retryMs ?? 0, // requested by the server
-        ms = Math.max(Math.min(INITIAL_MS * 2 ** failures, MAX_MS), least);
+      const { retryMs = 0, waited } = error as { retryMs?: number; waited?: boolean }, // requested by the server
+        ms = Math.max(waited ? 0 : nextMs(), retryMs);
       lost((error as Error).message, ms);
       await wait(ms);
     }

@@ -56,7 +56,7 @@ const TRANSPORTS: Transports = {
  */
 export function receiveAll(source: Source, receiver: Receiver, transports = TRANSPORTS): Promise<string> {
   const failover = new Failover(source, receiver, transports);
-  return withBackoff(() => failover.attempt(), {
+  return withBackoff((nextMs) => failover.attempt(nextMs), {
     isRetryable: (error) => !receiver.stopped() && failover.canRetry(error),
     progress: () => receiver.numReceived,
     lost: (reason, retryMs) => receiver.lost(reason, retryMs),
@@ -93,9 +93,10 @@ class Failover {
 
   /**
    * Makes one attempt: missing packets are received over a session or, without one, from the file. A session that
-   * breaks after delivering packets is retried, and so is the first one of a live clip that delivers none.
+   * breaks after delivering packets is retried, and so is the first one of a live clip that delivers none. The file of
+   * a live clip has `nextMs` milliseconds to arrive, after which the next session is due.
    */
-  async attempt(): Promise<string> {
+  async attempt(nextMs: number): Promise<string> {
     const { receiver } = this,
       { store, numReceived } = receiver,
       begun = this.#session !== null && !store.complete;
@@ -110,13 +111,22 @@ class Failover {
       if (this.#numEmpty < (receiver.live ? MAX_EMPTY_SESSIONS : 1)) throw broken;
       receiver.note(`${store.hasHead ? "The rest comes" : "The stream comes"} by HTTP: ${broken.message}.`);
     }
+    const due = new AbortController(),
+      timer = setTimeout(() => broken && receiver.live && due.abort(), nextMs);
+    this.#file.signal = due.signal;
     try {
       return await receiveFile(this.#file, receiver, store);
     } catch (error) {
       // the session of a live clip may return at any time
-      if (broken && receiver.live) throw new Error(`${broken.message}; and ${(error as Error).message}`);
+      if (broken && receiver.live) {
+        const waited = due.signal.aborted,
+          reason = waited ? "the file did not arrive in time" : (error as Error).message;
+        throw Object.assign(new Error(`${broken.message}; and ${reason}`), { waited });
+      }
       if (!(error instanceof HttpError && error.final)) throw error;
       return this.#withoutFile(error, begun, broken);
+    } finally {
+      clearTimeout(timer);
     }
   }
 

@@ -83,6 +83,8 @@ export class HttpFile {
   readonly damagedTiles = new Map<number, number>();
   /** True while the whole file is requested because range requests failed repeatedly. */
   isTryingWhole = false;
+  /** Aborts requests that have no signal of their own. */
+  signal: AbortSignal | undefined;
   #failures = 0;
   #withheld = 0;
   #changedAt = -Infinity;
@@ -143,7 +145,7 @@ export class HttpFile {
     first: number | null,
     end: number | null = null,
     cache: RequestCache = this.cache,
-    signal?: AbortSignal,
+    signal = this.signal,
   ): Promise<Answer> {
     const aborted = new AbortController(),
       cancel = (): void => {

@@ -47,6 +47,8 @@ export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], REFUSALS[OTHER_VE
 const MAX_EARLY_DATAGRAMS = 64;
 /** Maximum number of packets kept until the message arrives that announces them. */
 const MAX_WAITING_PACKETS = 512;
+/** Maximum number of packets kept until the head arrives. Further ones are requested again. */
+const MAX_PACKETS_BEFORE_HEAD = 16_384;
 /** Minimum time between counted `End` datagrams, milliseconds: after an outage, many may arrive at once. */
 const MIN_END_SPACING_MS = 50;
 
@@ -140,6 +142,12 @@ export class Transfer {
   /** Number of datagrams lost on the path, according to their sequence numbers. */
   get datagramsLost(): number {
     return Math.max(this.#largestSequence + 1 - this.counts.datagrams, 0);
+  }
+
+  /** Number that changes with everything new. Later datagrams count where a server may have nothing new to send. */
+  get progress(): number {
+    const mayIdle = this.head && (this.viewing || this.welcome!.isLive);
+    return this.counts.packets - (this.#initSegment?.missing ?? 0.5) + (mayIdle ? this.#largestSequence : 0);
   }
 
   /** Stream's file up to its first packet. Valid once the head arrived. */
@@ -358,6 +366,7 @@ export class Transfer {
 
   /** Accepts a packet. In a growing stream it may arrive before the message that announces it (`mayBeEarly`). */
   #acceptPacket(packetIndex: number, bytes: Uint8Array, mayBeEarly = false): void {
+    if (!this.head && this.newPackets.length >= MAX_PACKETS_BEFORE_HEAD) return void this.counts.rejected++;
     const { packets, packetBytes, streamId, isLive, order: orderDigest } = this.welcome!,
       packet = readPacket(bytes, streamId);
     if (packetIndex >= packets || bytes.length > packetBytes || !packet) {

@@ -9,7 +9,7 @@ import { MessageReader } from "./wire_messages.ts";
 
 /** Maximum time until a session is open, or the server answers a look-up, milliseconds. */
 const SESSION_TIMEOUT_MS = 4000;
-/** Time without a datagram after which a session ends, milliseconds. */
+/** Time without anything new from the server after which a session ends, milliseconds. */
 const SILENCE_TIMEOUT_MS = 10_000;
 /** Minimum interval between view updates, milliseconds. */
 const VIEW_INTERVAL_MS = 100;
@@ -115,16 +115,16 @@ export async function receiveDatagrams(
     }
   };
   send([request]);
-  let receivedAt = performance.now();
+  let progressAt = performance.now(),
+    lastProgress = NaN;
   const reader = new MessageReader();
   readAll(stream.readable, (chunk) => {
-    receivedAt = performance.now();
-    for (const bytes of reader.feed(chunk)) transfer.receive(bytes, receivedAt);
+    const now = performance.now();
+    for (const bytes of reader.feed(chunk)) transfer.receive(bytes, now);
     send(transfer.takeHaveMessages());
   }).catch(end);
   readAll(transport.datagrams.readable, (bytes) => {
-    receivedAt = performance.now();
-    transfer.receive(bytes, receivedAt);
+    transfer.receive(bytes, performance.now());
     send(transfer.takeHaveMessages());
   }).catch(end);
   const progress = new Progress(transfer, listener),
@@ -132,9 +132,11 @@ export async function receiveDatagrams(
   try {
     while (!transfer.finished) {
       await delay(FEEDBACK_MS);
-      const now = performance.now();
+      const now = performance.now(),
+        latest = transfer.progress;
+      if (latest !== lastProgress || now < transfer.waitUntil) [lastProgress, progressAt] = [latest, now];
       if (listener.stopped()) transfer.finished = "stopped";
-      else if (now - receivedAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server fell silent";
+      else if (now - progressAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server sends nothing new";
       else
         for (const bytes of transfer.welcome ? viewReporter.messages(now) : now < transfer.waitUntil ? [] : [request])
           datagrams.write(bytes).catch(() => undefined);
