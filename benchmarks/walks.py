@@ -244,7 +244,7 @@ def measured(path: str, side: int) -> dict[str, object]:
                  "ours in datagrams": StreamedWalkthrough.of(datagrams, walk, LINK),
                  "ours in datagrams, 5 % lost": StreamedWalkthrough.of(datagrams, walk, link)}  # fmt: skip
         found = {key: walk_result(score_walk(show, scene, walk, times)) for key, show in shows.items()}
-        whole = ours.time_to_complete
+        whole = ours.time_to_coarsest_level
         first = score_walk(ours, scene, walk, [whole])[0]
         pairs = list(zip(*(found[key]["moments"] for key in found), strict=True))
         facts["walks"][name] = {

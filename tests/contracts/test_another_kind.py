@@ -348,7 +348,7 @@ def test_schema_of_the_most_specific_scene_type_codes_a_scene(scene: PointScene,
     more_schemas(points_schema(name="fine", scene_type=FinePoints))
     assert schema_of(scene).name == "points"
     assert schema_of(FinePoints(scene.points)).name == schema_of(FinestPoints(scene.points)).name == "fine"
-    more_schemas(points_schema(name="none_of_them", scene_type=FinestPoints, codes=lambda scene: False))
+    more_schemas(points_schema(name="none_of_them", scene_type=FinestPoints, can_encode=lambda scene: False))
     assert schema_of(FinestPoints(scene.points)).name == "fine"
     more_schemas(points_schema(name="other_fine", scene_type=FinePoints))
     with pytest.raises(InvalidValueError, match="schemas 'fine' and 'other_fine' both code FinePoints"):

@@ -72,6 +72,8 @@ def test_deprecated_masks_warn_and_give_the_new_value():
     for owner in (received, received.loss_mask):
         with pytest.warns(DeprecationWarning, match="use fully_received"):
             assert np.array_equal(owner.known, owner.fully_received)
+    with pytest.warns(DeprecationWarning, match="use prediction"):
+        assert received.expectation is received.prediction
 
 
 def test_deprecated_mask_of_anchors_and_range_of_gaussians_warn_and_give_the_new_result():

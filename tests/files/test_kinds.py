@@ -249,7 +249,7 @@ def test_folders_above_many_others_are_searched_within_limits(tmp_path, monkeypa
     ],
 )
 def test_kinds_in_messages_are_sentences(zoo, name, words):
-    assert kinds.is_not(zoo / name, "a stream").endswith(f"{name}: not a stream{words}")
+    assert kinds.format_error(zoo / name, "a stream").endswith(f"{name}: not a stream{words}")
 
 
 @pytest.mark.parametrize("rest", range(1, 32))

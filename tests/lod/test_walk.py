@@ -79,7 +79,7 @@ def test_picture_with_all_tiles_equals_the_complete_one(stream, scene, walk):
     assert moments[1].psnr == moments[1].complete_psnr
     assert time_to_quality(moments) == 3.5
     assert time_to_quality([*moments, replace(moments[1], psnr=moments[1].psnr - 2)]) is None
-    assert journey.time_to_complete < 0.2
+    assert journey.time_to_coarsest_level < 0.2
 
 
 def test_incomplete_stream_is_refused(stream, walk):

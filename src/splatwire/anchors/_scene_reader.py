@@ -11,7 +11,7 @@ from splatwire.anchors.safetensors_file import TensorFile, open_tensor_file
 from splatwire.anchors.tensor_file import parse_header
 from splatwire.anchors.voxels import check_voxel_size, voxel_indices
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
-from splatwire.files.kinds import PARTIAL, SCENE, TENSORS, file_kind, is_not
+from splatwire.files.kinds import PARTIAL, SCENE, TENSORS, file_kind, format_error
 from splatwire.types.background import BLACK, Background, check_background
 from splatwire.types.networks import Linear, Mlp
 from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
@@ -166,7 +166,7 @@ def open_scene_file(path: Path, file_format: str, version: int, kind: str | None
         BitstreamError: If the file is not a scene file of this kind, or is damaged.
     """
     if file_kind(path) not in (SCENE, PARTIAL, TENSORS):
-        raise BitstreamError(is_not(path, "a scene file"))
+        raise BitstreamError(format_error(path, "a scene file"))
     with open_tensor_file(path) as file:
         header = _read_header(path, file.metadata, file_format, version)
         if kind is not None and header["kind"] != kind:
@@ -177,7 +177,7 @@ def open_scene_file(path: Path, file_format: str, version: int, kind: str | None
 def _read_header(path: Path, metadata: dict[str, str], file_format: str, version: int) -> dict[str, Any]:
     header = parse_header(metadata.get("splatwire"))
     if header.get("format") != file_format:
-        raise BitstreamError(is_not(path, "a scene file"))
+        raise BitstreamError(format_error(path, "a scene file"))
     if header.get("version") != version:
         raise UnsupportedVersionError(
             f"{path}: scene file version {header.get('version')!s:.20}, this release reads {version}"

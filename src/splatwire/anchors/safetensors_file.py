@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.errors import BitstreamError
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import format_error
 from splatwire.files.read_limited import open_regular
 
 _DTYPES = {
@@ -52,7 +52,7 @@ class TensorFile:
         self._path, self._file = path, file
         size = int.from_bytes(self._read(0, _SIZE_BYTES).tobytes(), "little")
         if size > self._file_bytes():
-            raise BitstreamError(is_not(path, "a safetensors file"))
+            raise BitstreamError(format_error(path, "a safetensors file"))
         if size > _MAX_HEADER_BYTES:
             raise self._error(f"its header has {size:,} bytes, at most {_MAX_HEADER_BYTES:,} are read")
         self.header_bytes = _SIZE_BYTES + size

@@ -14,7 +14,7 @@ from safetensors.numpy import save_file
 from splatwire.anchors.safetensors_file import open_tensor_file
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.files.atomic_write import atomic_output
-from splatwire.files.kinds import CHECKPOINT, SCENE_FILES, file_kind, is_not
+from splatwire.files.kinds import CHECKPOINT, SCENE_FILES, file_kind, format_error
 from splatwire.ops.arrays import to_numpy
 
 _SYSTEM_ERROR = re.compile(r"\(os error ([0-9]+)\)")
@@ -77,11 +77,11 @@ def read_tensors(path: Path, format_name: str, version: int) -> tuple[dict[str, 
         BitstreamError: If the file is absent, damaged or of another format.
     """
     if file_kind(path) not in (*SCENE_FILES, CHECKPOINT):
-        raise BitstreamError(is_not(path, f"a file of {format_name}"))
+        raise BitstreamError(format_error(path, f"a file of {format_name}"))
     with open_tensor_file(path) as file:
         header = parse_header(file.metadata.get("splatwire"))
         if header.get("format") != format_name:
-            raise BitstreamError(is_not(path, f"a file of {format_name}"))
+            raise BitstreamError(format_error(path, f"a file of {format_name}"))
         if header.get("version") != version:
             raise UnsupportedVersionError(f"{path}: version {header.get('version')!s:.20} of {format_name} is not read")
         return {name: file.tensor(name) for name in file.names}, header

@@ -67,7 +67,7 @@ MAX_CAUSAL_GROUPS = 32
 MAX_CAUSAL_FEATURES = 256
 MAX_CAUSAL_OFFSETS = 64
 MAX_CAUSAL_CONTEXT = 256
-MAX_CAUSAL_LOG_STEP, MAX_CAUSAL_CENTRE = 4 << 24, 32 << 24
+MAX_CAUSAL_LOG_STEP, MAX_CAUSAL_ZERO_POINT = 4 << 24, 32 << 24
 """Largest base-2 logarithms in a stream of schema `causal` with 24 fractional bits: of a quantisation step, and
 of the zero point of a size."""
 MAX_DEGREE = 3

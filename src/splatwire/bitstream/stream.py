@@ -27,7 +27,7 @@ from splatwire.bitstream.packet_id import PacketId
 from splatwire.bitstream.scene_stream import FILE_MAGIC, SceneStream
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, check_kind
 from splatwire.files.atomic_write import atomic_output
-from splatwire.files.kinds import NOTHING, STREAM, STREAM_GLB, STREAMS, file_kind, is_not, opened
+from splatwire.files.kinds import NOTHING, STREAM, STREAM_GLB, STREAMS, file_kind, format_error, opened
 from splatwire.files.names import path_of, real_path
 from splatwire.files.read_limited import open_regular, read_at_most, read_limited
 
@@ -71,7 +71,7 @@ def is_stream(path: Path) -> bool:
     """
     kind = file_kind(path)
     if kind == NOTHING:
-        raise BitstreamError(is_not(path, "a stream"))
+        raise BitstreamError(format_error(path, "a stream"))
     return kind in STREAMS
 
 
@@ -100,7 +100,7 @@ def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
 def _read_file(source: Path) -> tuple[SceneStream, ReadReport]:
     kind = file_kind(source)
     if kind not in (STREAM, STREAM_GLB):
-        raise BitstreamError(is_not(source, "a splatwire stream"))
+        raise BitstreamError(format_error(source, "a splatwire stream"))
     with open_regular(source, BitstreamError) as file:
         try:
             if kind == STREAM:
@@ -158,7 +158,7 @@ def _read_directory(folder: Path) -> tuple[SceneStream, ReadReport]:
     if MANIFEST_NAME not in names:
         if packet_names or SIDE_INFO_NAME in names:
             raise MissingSideInfoError(f"{folder / MANIFEST_NAME} is missing")
-        raise BitstreamError(is_not(folder, "a splatwire stream", f"it has no {MANIFEST_NAME}"))
+        raise BitstreamError(format_error(folder, "a splatwire stream", f"it has no {MANIFEST_NAME}"))
     path = folder / MANIFEST_NAME
     manifest = manifest_from_bytes(read_limited(path, MAX_MANIFEST_BYTES, BitstreamError), str(path))
     path = folder / SIDE_INFO_NAME

@@ -21,7 +21,7 @@ from splatwire.codec.update.chain import MAX_UPDATES
 from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
 from splatwire.data import load_cameras
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import format_error
 from splatwire.transport import Event, Receiver, ReceiverOptions, ServedStream
 from splatwire.transport.address import parse_url, without_token
 from splatwire.transport.http.content import PageContent
@@ -51,7 +51,7 @@ def run(command: View) -> None:
 def _read(command: View) -> SceneStream:
     with input_path(command.stream or str(ASSETS / SCENE)) as path:
         if not is_stream(path):
-            raise BitstreamError(f"{is_not(path, 'a splatwire stream')}; `splatwire encode` makes one of a scene")
+            raise BitstreamError(f"{format_error(path, 'a splatwire stream')}; `splatwire encode` makes one of a scene")
         return read_stream(path)[0].require_scene(path)
 
 

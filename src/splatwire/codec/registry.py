@@ -16,7 +16,7 @@ from splatwire.codec.schema import Schema
 from splatwire.errors import InvalidValueError, UnknownNameError, how_to_install
 
 _NAME = re.compile("[a-z][a-z0-9_]{0,31}", re.ASCII)
-_CALLED = ("codes", "prepare", "open_decoder", "update_digest", "can_repack", "remap_sections")
+_CALLED = ("can_encode", "prepare", "open_decoder", "update_digest", "can_repack", "remap_sections")
 _OWN = "splatwire."
 
 
@@ -84,7 +84,7 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
         if not isinstance(stream, Schema) and stream.scene not in type_names:
             continue
         schema = _load_codec(stream)
-        if isinstance(scene, schema.scene_type) and schema.codes(scene):
+        if isinstance(scene, schema.scene_type) and schema.can_encode(scene):
             distance = kinds.index(schema.scene_type) if schema.scene_type in kinds else len(kinds)
             fitting.setdefault(distance, []).append(schema)
     best = fitting[min(fitting)] if fitting else []

@@ -148,7 +148,7 @@ class Schema(StreamSchema):
         prepare: Function that prepares a scene for encoding. It may assume that all elements of the scene are drawable.
         open_decoder: Function that creates a decoder from manifest, side information and the number of received bytes.
         update_digest: Function that adds decoded integers to a hash (a `hashlib` object), for the digest of the stream.
-        codes: Function that returns True for the scenes of `scene_type` that the codec can encode.
+        can_encode: Function that returns True for the scenes of `scene_type` that the codec can encode.
         prepare_repack: Function that prepares a stream for a new division into packets with the same decoded integers.
             None if the codec does not support this.
         can_repack: Function that returns True for streams that can be divided into other packets.
@@ -162,7 +162,7 @@ class Schema(StreamSchema):
     prepare: Callable[[Any, Options], Prepared]
     open_decoder: Callable[[Manifest, bytes, int], Decoder]
     update_digest: Callable[[Any, SymbolRows], None]
-    codes: Callable[[Any], bool] = lambda scene: True
+    can_encode: Callable[[Any], bool] = lambda scene: True
     prepare_repack: Callable[[SceneStream, Packetization, int | None], Prepared] | None = None
     can_repack: Callable[[SceneStream], bool] = lambda stream: True
     remap_sections: Callable[[SceneStream, SceneStream], SceneStream] = lambda stream, packed: packed

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatwire.data._colmap_types import MODELS, RawCamera, RawImage
 from splatwire.errors import DatasetError
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import format_error
 from splatwire.files.read_limited import open_regular
 
 LOG = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             try:
                 line = raw.decode("utf-8-sig" if number == 1 else "utf-8").strip()
             except UnicodeDecodeError as error:
-                raise DatasetError(is_not(path, "UTF-8 text")) from error
+                raise DatasetError(format_error(path, "UTF-8 text")) from error
             if not line.startswith("#"):
                 yield number, line
 

@@ -16,7 +16,7 @@ from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole
 from splatwire.data._lens_fields import contradicting_angle, states_axes, unread_lens_fields
 from splatwire.errors import DatasetError, check_kind
 from splatwire.files.atomic_write import atomic_write
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import format_error
 from splatwire.files.names import path_of
 from splatwire.files.read_limited import read_json
 from splatwire.ops.arrays import to_numpy
@@ -81,7 +81,7 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
     if isinstance(content, list):
         return _cameras_of_3dgs(path, content)
     if not isinstance(content, dict) or not isinstance(content.get("cameras"), list):
-        raise DatasetError(is_not(path, "a cameras file", "it has no list 'cameras'"))
+        raise DatasetError(format_error(path, "a cameras file", "it has no list 'cameras'"))
     is_own_format = content.get("format") == FORMAT
     if is_own_format and content.get("version") != VERSION:
         raise DatasetError(f"{path}: cameras file version {content.get('version')!s:.20}, this release reads {VERSION}")
@@ -121,7 +121,9 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
     if not views:
         raise DatasetError(f"{path}: has no views")
     if not all(isinstance(view, dict) and {"position", "rotation", "fx", "fy"} <= set(view) for view in views):
-        raise DatasetError(is_not(path, "a cameras file", "a list must hold cameras with position, rotation, fx, fy"))
+        raise DatasetError(
+            format_error(path, "a cameras file", "a list must hold cameras with position, rotation, fx, fy")
+        )
     names = [_name_in_3dgs(path, number, view) for number, view in enumerate(views)]
     _warn_of_lenses(path, views)
     width, height = _size(path, views)

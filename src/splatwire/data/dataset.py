@@ -27,7 +27,7 @@ from splatwire.data.photos import limited_size, load_mask, load_photo, photo_siz
 from splatwire.data.point_cloud import SparsePoints, read_point_cloud
 from splatwire.data.transforms_json import Transforms, TransformsView, listed_photos, names_masks, read_transforms
 from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError, whole_number
-from splatwire.files.kinds import DATASET, PHOTOS, file_kind, folder_nearby, is_not
+from splatwire.files.kinds import DATASET, PHOTOS, file_kind, folder_nearby, format_error
 from splatwire.files.names import path_of
 from splatwire.types import Cameras
 from splatwire.types.background import BLACK, Background
@@ -155,7 +155,7 @@ def open_dataset(
     """
     path = _checked_path(path, split, max_width, test_views)
     if not path.is_dir():
-        raise DatasetError(is_not(path, "a dataset folder") + _dataset_nearby(path))
+        raise DatasetError(format_error(path, "a dataset folder") + _dataset_nearby(path))
     chosen = test_views or ("first_31" if (path / bungee.FILE).is_file() else "every_8th")
     views: Sequence[ColmapView | TransformsView]
     if (folder := find_reconstruction(path)) is not None:
@@ -303,7 +303,7 @@ def _transforms_views(
         raise DatasetError(f"{path}: not a dataset: {why}{hint}")
     if kind == PHOTOS and hint:  # no need for poses
         raise DatasetError(f"{path}: not a dataset; it looks like {PHOTOS.description}{hint}")
-    raise DatasetError(is_not(path, "a dataset", "" if kind == PHOTOS or hint else why) + hint)
+    raise DatasetError(format_error(path, "a dataset", "" if kind == PHOTOS or hint else why) + hint)
 
 
 def _dataset_nearby(path: Path) -> str:

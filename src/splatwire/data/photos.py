@@ -10,7 +10,7 @@ from PIL import Image, ImageOps
 
 from splatwire.arguments import checked
 from splatwire.errors import MALFORMED, DatasetError
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import format_error
 from splatwire.types.background import BLACK, Background
 
 _OPAQUE_MODES = ("L", "P", "RGB")
@@ -158,4 +158,5 @@ def _open(path: Path) -> Image.Image:
             f"{path}: has more than {most:,} pixels, which is the limit: scale the photo down"
         ) from error
     except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
-        raise DatasetError(is_not(path, "a readable image", str(error).split(str(path))[0].rstrip(" '"))) from error
+        why = str(error).split(str(path))[0].rstrip(" '")
+        raise DatasetError(format_error(path, "a readable image", why)) from error

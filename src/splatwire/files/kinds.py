@@ -291,7 +291,7 @@ def _iteration(folder: Path) -> int | None:
     return int(number) if is_number else None
 
 
-def is_not(path: Path, wanted: str, why: str = "") -> str:
+def format_error(path: Path, wanted: str, why: str = "") -> str:
     """Returns the error message for a file of a wrong format, with the expected and the detected format.
 
     Args:

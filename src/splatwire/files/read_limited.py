@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from splatwire.errors import SplatwireError
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import format_error
 from splatwire.files.opened import OpenedFile
 
 MAX_JSON_BYTES = 64 << 20
@@ -30,10 +30,10 @@ def open_regular(path: Path, error: type[SplatwireError]) -> BufferedReader:
         return file
     try:
         if not stat.S_ISREG(path.stat().st_mode):
-            raise error(is_not(path, "an ordinary file"))
+            raise error(format_error(path, "an ordinary file"))
         return path.open("rb")
     except FileNotFoundError as problem:
-        raise error(is_not(path, "an ordinary file")) from problem
+        raise error(format_error(path, "an ordinary file")) from problem
     except (OSError, ValueError) as problem:  # ValueError: the path contains a zero byte
         raise error(f"{path} cannot be read: {getattr(problem, 'strerror', None) or problem}") from problem
 
@@ -75,4 +75,4 @@ def read_json(path: Path, error: type[SplatwireError]) -> Any:
     try:
         return json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as problem:
-        raise error(is_not(path, "readable JSON", str(problem))) from problem
+        raise error(format_error(path, "readable JSON", str(problem))) from problem

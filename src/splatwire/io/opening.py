@@ -22,7 +22,7 @@ from splatwire.files.kinds import (
     STREAMS,
     Kind,
     file_kind,
-    is_not,
+    format_error,
     model_nearby,
     opened,
     trained_ply,
@@ -177,7 +177,7 @@ def _read(path: Path) -> SceneFile:
         return SceneFile(kind, received, received.loss_mask)
     if kind in SCENE_FILES:
         return SceneFile(kind, *load_scene_file(path))
-    raise BitstreamError(is_not(path, _EXPECTED) + model_nearby(path, MODEL_3DGS, HACPP))
+    raise BitstreamError(format_error(path, _EXPECTED) + model_nearby(path, MODEL_3DGS, HACPP))
 
 
 def _background_of(folder: Path) -> Background:

@@ -24,7 +24,7 @@ from splatwire.files.kinds import (
     USD,
     Kind,
     file_kind,
-    is_not,
+    format_error,
     opened,
 )
 from splatwire.files.names import path_of
@@ -167,7 +167,7 @@ def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
     endings = {path.suffix.lower() for path in frame_paths if path.is_file()}
     for path in files:
         if path.is_file() and path.suffix.lower() in endings and not is_frame(path):
-            raise DatasetError(is_not(path, f"a frame, as other {path.suffix} files there are"))
+            raise DatasetError(format_error(path, f"a frame, as other {path.suffix} files there are"))
     _warn_of_gaps(source, [path.name for path in frame_paths])
     return frame_paths
 

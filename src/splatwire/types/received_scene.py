@@ -178,6 +178,12 @@ class ReceivedScene(Generic[S]):
         return next((record for record in self.records if isinstance(record, Prediction)), None)
 
     @property
+    def expectation(self) -> Prediction | None:
+        """Deprecated name of `prediction`."""
+        warnings.warn("ReceivedScene.expectation is deprecated, use prediction", DeprecationWarning, stacklevel=2)
+        return self.prediction
+
+    @property
     def log_sizes(self) -> Float[np.ndarray, "N"]:
         """Expected natural logarithm of the size of each element, received or lost."""
         prediction = self.prediction

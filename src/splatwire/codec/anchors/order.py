@@ -50,17 +50,20 @@ class AnchorCoder(Protocol):
         """
 
 
-Coder = Callable[[AnchorScene, Packetization, dict[str, bytes], float | None], tuple[AnchorCoder, bytes]]
-RepackCoder = Callable[[AnchorScene, Packetization, bytes], tuple[AnchorCoder, bytes]]
+EncoderFactory = Callable[[AnchorScene, Packetization, dict[str, bytes], float | None], tuple[AnchorCoder, bytes]]
+RepackEncoderFactory = Callable[[AnchorScene, Packetization, bytes], tuple[AnchorCoder, bytes]]
 
 
-def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest_fields: Mapping[str, Any]) -> Prepared:
+def prepare_anchors(
+    scene: AnchorScene, options: Options, create_encoder: EncoderFactory, manifest_fields: Mapping[str, Any]
+) -> Prepared:
     """Prepares a scene of anchors for encoding: sorts the anchors, plans the packets and fits the side information.
 
     Args:
         scene: The scene; all of its anchors are drawable.
         options: Encoding options. Without a packetization, the result of `spread_packetization` is used.
-        coder: Function that fits the side information; returns the encoder of the anchors and the side information.
+        create_encoder: Function that fits the side information; returns the encoder of the anchors and the side
+            information.
         manifest_fields: Further fields of the manifest.
 
     Raises:
@@ -80,12 +83,12 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest
     if plan.tiers:
         sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
         sections[TIER_SIZES] = encode_tier_sizes(scene.anchors, tier_of, len(plan.tiers))
-    made, side_info = coder(scene, packetization, sections, options.network_tolerance)
-    return Prepared(AnchorEncoder(made, plan, tier_of), side_info, plan, manifest_fields)
+    encoder, side_info = create_encoder(scene, packetization, sections, options.network_tolerance)
+    return Prepared(AnchorEncoder(encoder, plan, tier_of), side_info, plan, manifest_fields)
 
 
 def prepare_anchor_repack(
-    stream: SceneStream, scene: AnchorScene, packetization: Packetization, coder: RepackCoder,
+    stream: SceneStream, scene: AnchorScene, packetization: Packetization, create_encoder: RepackEncoderFactory,
     manifest_fields: Mapping[str, Any],
     *section_names: str,
 ) -> Prepared:  # fmt: skip
@@ -95,9 +98,10 @@ def prepare_anchor_repack(
         stream: The complete stream.
         scene: The scene decoded from it.
         packetization: Parameters of the new division into packets.
-        coder: Function that returns the encoder of the anchors, and the side information of the new stream.
+        create_encoder: Function that returns the encoder of the anchors, and the side information of the new stream.
         manifest_fields: Further fields of the new manifest.
-        *section_names: Names of the sections of side information that `coder` computes again for the new stream.
+        *section_names: Names of the sections of side information that `create_encoder` computes again for the new
+        stream.
 
     Raises:
         InvalidValueError: If the order of the anchors changes, and the stream has sections that depend on this order.
@@ -111,8 +115,8 @@ def prepare_anchor_repack(
             raise InvalidValueError(f"'{kept[0]}' of this stream is for anchors in {order} order")
         scene = scene_in_order(scene, packetization.order)
     plan = _plan(scene, packetization, tier_of)
-    made, side_info = coder(scene, packetization, stream.side_info)
-    return Prepared(AnchorEncoder(made, plan, tier_of), side_info, plan, manifest_fields)
+    encoder, side_info = create_encoder(scene, packetization, stream.side_info)
+    return Prepared(AnchorEncoder(encoder, plan, tier_of), side_info, plan, manifest_fields)
 
 
 @checked
@@ -158,14 +162,14 @@ class AnchorEncoder:
     """Encodes the anchors of a scene, many packets at once.
 
     Args:
-        coder: Encoder of groups of anchors.
+        encoder: Encoder of groups of anchors.
         plan: Packet plan: assignment of elements to packets.
         tier_of: Importance tier of each anchor in coding order, uint8 (N).
     """
 
-    def __init__(self, coder: AnchorCoder, plan: PacketPlan, tier_of: np.ndarray) -> None:
+    def __init__(self, encoder: AnchorCoder, plan: PacketPlan, tier_of: np.ndarray) -> None:
         members, p = plan.all_members(), plan.packetization
-        self._coder, self._starts, self._rank_at = coder, members.starts, tier_order(tier_of)[members.indices]
+        self._encoder, self._starts, self._rank_at = encoder, members.starts, tier_order(tier_of)[members.indices]
         self._most = p.packet_bytes - HEADER_BYTES if p.hashed else None
 
     def batches(self) -> Iterator[slice]:
@@ -176,7 +180,7 @@ class AnchorEncoder:
     def encode(self, batch: slice) -> CodedPackets:
         """Encodes a slice of consecutive packets of the packet plan, as yielded by `batches`."""
         starts = self._starts[batch.start : batch.stop + 1]
-        return self._coder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._most)
+        return self._encoder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._most)
 
 
 def chunks(sizes: np.ndarray, max_anchors: int = CHUNK) -> Iterator[slice]:

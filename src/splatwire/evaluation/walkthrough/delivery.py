@@ -63,14 +63,14 @@ class Delivery:
         arrivals: Arrival time of each packet, ordered by packet id, float64 (P); infinite for packets that never
             arrived.
         sent_bytes: Bytes of all sent packets, including lost ones.
-        blocks: Index of the tile that each packet belongs to, int64 (P).
+        tile_of_packet: Index of the tile that each packet belongs to, int64 (P).
         sizes: Bytes of each packet, int64 (P).
     """
 
     head: float
     arrivals: np.ndarray
     sent_bytes: int
-    blocks: np.ndarray
+    tile_of_packet: np.ndarray
     sizes: np.ndarray
 
     def drawable(self, tiles: Tiles, seconds: float) -> np.ndarray:
@@ -80,7 +80,7 @@ class Delivery:
             tiles: The B tiles.
             seconds: Time since the request, seconds.
         """
-        return _drawable_tiles(tiles, self.blocks, self.arrivals <= seconds)
+        return _drawable_tiles(tiles, self.tile_of_packet, self.arrivals <= seconds)
 
     def bytes_at(self, seconds: float) -> int:
         """Returns the number of packet bytes received until a time."""
@@ -107,10 +107,10 @@ def deliver(
     if len(stream.packets) != stream.manifest.num_packets:
         raise InvalidValueError("packets are missing: only a complete stream can be sent in virtual time")
     tiles, packets = tiles_of(stream), sorted(stream.packets, key=lambda packet: packet.id)
-    blocks = np.array([packet.id.block for packet in packets], dtype=np.int64)
+    tile_of_packet = np.array([packet.id.block for packet in packets], dtype=np.int64)
     sizes = np.array([packet.num_bytes for packet in packets], dtype=np.int64)
     head_bytes = stream.num_bytes - int(tiles.sizes.sum())
-    sender = _Sender(tiles, blocks, sizes, link, seconds)
+    sender = _Sender(tiles, tile_of_packet, sizes, link, seconds)
     now = TRIPS_BEFORE * link.delay + 8 * head_bytes / link.rate
     head, sender.now = now + link.delay, now
     reported: float | None = None  # until the first report, the sender sends coarse levels first
@@ -121,15 +121,15 @@ def deliver(
         sender.send(until=reported + link.delay)
         if progress and heard is not None:
             progress(min(heard / seconds, 1.0))
-    return Delivery(head, sender.arrivals, sender.sent_bytes, blocks, sizes)
+    return Delivery(head, sender.arrivals, sender.sent_bytes, tile_of_packet, sizes)
 
 
 class _Sender:
     """Simulated sender of packets, which learns about losses only from the receiver's reports."""
 
-    def __init__(self, tiles: Tiles, blocks: np.ndarray, sizes: np.ndarray, link: Link, seconds: float) -> None:
-        self._tiles, self._blocks, self._sizes, self._link = tiles, blocks, sizes, link
-        self._first = np.searchsorted(blocks, np.arange(tiles.num_tiles + 1))
+    def __init__(self, tiles: Tiles, tile_of_packet: np.ndarray, sizes: np.ndarray, link: Link, seconds: float) -> None:
+        self._tiles, self._tile_of_packet, self._sizes, self._link = tiles, tile_of_packet, sizes, link
+        self._first = np.searchsorted(tile_of_packet, np.arange(tiles.num_tiles + 1))
         datagrams = -(-sizes // DATAGRAM_BYTES)
         most = int(seconds * link.rate / 8 // max(int(sizes.min()), 1)) + 2
         fates = link.loss.received(most * int(datagrams.max()), np.random.default_rng(link.seed))
@@ -153,7 +153,7 @@ class _Sender:
             lost = (self._sent <= reported) & ~(self.arrivals <= reported)
             self._sent[lost] = np.inf
         under_way = np.isfinite(self._sent)
-        missing = np.bincount(self._blocks[~under_way], minlength=self._tiles.num_tiles)
+        missing = np.bincount(self._tile_of_packet[~under_way], minlength=self._tiles.num_tiles)
         wanted = cut_of(self._tiles, missing == 0, viewpoint).wanted
         runs = (np.arange(self._first[tile], self._first[tile + 1]) for tile in wanted)
         self._queue = [int(packet) for run in runs for packet in run if not under_way[packet]]
@@ -177,7 +177,7 @@ class _Sender:
         self.now = max(self.now, until)
 
 
-def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, received: np.ndarray) -> np.ndarray:
+def _drawable_tiles(tiles: Tiles, tile_of_packet: np.ndarray, received: np.ndarray) -> np.ndarray:
     """Returns the mask of tiles that can be drawn, bool (B).
 
     A tile can be drawn once at least the share `DRAWABLE_SHARE` of its packets is received. For tiles of the coarsest
@@ -185,9 +185,9 @@ def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, received: np.ndarray) -> n
 
     Args:
         tiles: The B tiles.
-        blocks: Index of each packet's tile, int64 (P).
+        tile_of_packet: Index of each packet's tile, int64 (P).
         received: Mask of received packets, bool (P).
     """
     # One packet suffices for tiles of the coarsest level, because no other level can replace them.
-    num_received = np.bincount(blocks[received], minlength=tiles.num_tiles)
+    num_received = np.bincount(tile_of_packet[received], minlength=tiles.num_tiles)
     return np.asarray((num_received >= DRAWABLE_SHARE * tiles.packets) | ((tiles.parents < 0) & (num_received > 0)))

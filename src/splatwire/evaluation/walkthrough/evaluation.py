@@ -158,7 +158,7 @@ class StreamedWalkthrough:
                 packet_of[members] = first
                 first += 1
         scene = replace(decode_stream(stream).scene, hints=None)
-        replaced_tile = _replaced_tile(tiles, delivery.blocks[packet_of], scene)
+        replaced_tile = _replaced_tile(tiles, delivery.tile_of_packet[packet_of], scene)
         return StreamedWalkthrough(
             scene, tiles, packet_of, replaced_tile, delivery, stream.num_bytes - int(tiles.sizes.sum())
         )
@@ -182,18 +182,18 @@ class StreamedWalkthrough:
         return (self.head_bytes if seconds >= self.delivery.head else 0) + self.delivery.bytes_at(seconds)
 
     @property
-    def time_to_complete(self) -> float:
+    def time_to_coarsest_level(self) -> float:
         """Returns the time since the request at which the coarsest level of detail is completely received, seconds.
 
         From this time on, every part of the scene can be drawn. The time is infinite if a packet of the level never
         arrives.
         """
-        return float(self.delivery.arrivals[self.tiles.parents[self.delivery.blocks] < 0].max())
+        return float(self.delivery.arrivals[self.tiles.parents[self.delivery.tile_of_packet] < 0].max())
 
     def _drawn(self, drawable: np.ndarray, received: np.ndarray, viewpoint: Viewpoint) -> Scene:
         drawn = np.zeros(self.tiles.num_tiles + 1, dtype=bool)  # the last entry is for index -1, the finest level
         drawn[list(cut_of(self.tiles, drawable, viewpoint).drawn)] = True
-        shown = (drawn[self.delivery.blocks] & received)[self.packet_of] & ~drawn[self.replaced_tile]
+        shown = (drawn[self.delivery.tile_of_packet] & received)[self.packet_of] & ~drawn[self.replaced_tile]
         return self.scene.select(shown)
 
 

@@ -55,7 +55,7 @@ def evaluate_path(
     if lossy and not stream.manifest.packetization.hashed:
         stream = into_datagrams(stream, lambda share: progress("repacketizing", share))
     transfer = StreamedWalkthrough.of(stream, walk, link, lambda share: progress("sending in virtual time", share))
-    whole = transfer.time_to_complete
+    whole = transfer.time_to_coarsest_level
     times = sorted({*walk.times, whole}) if whole <= walk.seconds else walk.times
     pictures = Pictures(walk.times)
     moments = score_walk(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import format_error
 
 LOG = logging.getLogger(__name__)
 MAX_ROWS = 20_000_000
@@ -102,7 +102,7 @@ def read_header(path: Path, source: Iterator[bytes]) -> tuple[PlyHeader, bytes]:
                 f"{path}: the PLY header is longer than {_MAX_HEADER_BYTES:,} bytes: shorten its comments"
             )
         if not piece or len(data) > _MAX_HEADER_BYTES:
-            raise DatasetError(is_not(path, "a PLY file", f"no end_header in the first {len(data)} bytes"))
+            raise DatasetError(format_error(path, "a PLY file", f"no end_header in the first {len(data)} bytes"))
 
 
 def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
@@ -126,7 +126,9 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
         or format_words[1] not in _ORDERS
         or format_words[2] != "1.0"
     ):
-        raise DatasetError(is_not(path, "a PLY file of version 1.0", f"it starts with {' / '.join(texts[:2])[:80]!r}"))
+        raise DatasetError(
+            format_error(path, "a PLY file of version 1.0", f"it starts with {' / '.join(texts[:2])[:80]!r}")
+        )
     order = _ORDERS[format_words[1]]
     rows, lists, unread = _elements(path, words[2:], order or "<")
     return PlyHeader(order, rows, next(iter(lists), None), comments, next(iter(lists.values()), ()), unread)

@@ -52,7 +52,7 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
     if num_received < expected:
         raise _wrong_length(path, header, early=True)
     if header.lists is None:
-        _check_rest(path, header, num_more, "bytes")
+        _check_trailing_data(path, header, num_more, "bytes")
     elements, offset = {}, 0
     for name, (count, dtype) in header.elements.items():
         elements[name] = np.frombuffer(data, dtype=dtype, count=count, offset=offset)
@@ -88,11 +88,11 @@ def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[st
                 rows[field][start:stop] = _as_type(path, values[:, index], rows.dtype[field], field)
         elements[name] = rows if rows.dtype == dtype or _has_more_digits(rows) else rows.astype(dtype)
     if header.lists is None:
-        _check_rest(path, header, numbers.num_left(), "words")
+        _check_trailing_data(path, header, numbers.num_left(), "words")
     return elements
 
 
-def _check_rest(path: Path, header: PlyHeader, num_more: int, unit: str) -> None:
+def _check_trailing_data(path: Path, header: PlyHeader, num_more: int, unit: str) -> None:
     """Logs a warning about content after the last row of a PLY.
 
     Args:

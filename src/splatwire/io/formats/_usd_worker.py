@@ -73,7 +73,7 @@ class _Sender(logging.Handler):
         self.send("log", [record.name, record.levelno, record.getMessage()])
 
 
-def answers(task: str, path: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
+def read_messages(task: str, path: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
     """Reads a scene in this process and yields the results as messages.
 
     Args:
@@ -111,7 +111,7 @@ def main(task: str, path: Path, sink: BinaryIO) -> None:
     logging.getLogger().addHandler(sender)
     logging.getLogger().setLevel(logging.DEBUG)
     try:
-        for key, value in answers(task, path, limits):
+        for key, value in read_messages(task, path, limits):
             if key == "content":
                 sender.send_content(value)
             else:

@@ -32,7 +32,7 @@ from splatwire.files.kinds import (
     USD,
     Kind,
     file_kind,
-    is_not,
+    format_error,
     kind_of_format,
     opened,
     trained_ply,
@@ -161,7 +161,7 @@ def read_all_rows(path: Path) -> tuple[FileContent, ElementValidity]:
         ):  # invalid values are classified later
             form = find_format(file_kind(source))
             if form is None or form.scene_type is not None:
-                raise DatasetError(is_not(path, "a file of explicit Gaussians"))
+                raise DatasetError(format_error(path, "a file of explicit Gaussians"))
             content_in_file = _content(form, source)
             content = content_in_file.with_chosen_origin()
             if content_in_file.origin == NO_ORIGIN:

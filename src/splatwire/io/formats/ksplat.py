@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import format_error
 from splatwire.io.formats._columns import build_splats, check_count
 from splatwire.io.formats._files import FileBytes, warn_of_bytes_outside
 from splatwire.ops.spherical_harmonics import DC, num_functions
@@ -82,7 +82,7 @@ def read_ksplat(path: Path) -> Splats:
     head = data[:_HEADER_BYTES]
     if len(data) < _HEADER_BYTES + _SECTION_BYTES or head[0] != 0 or not 1 <= head[1] < 10:
         why = f"{len(data)} bytes, and {list(head[:2])} is its version"
-        raise DatasetError(is_not(path, "a .ksplat file of version 0.1", why))
+        raise DatasetError(format_error(path, "a .ksplat file of version 0.1", why))
     num_sections, _, _, count, level = struct.unpack_from("<IIIIH", head, 4)
     check_count(path, count, len(data))
     if not 0 < num_sections <= _MAX_SECTIONS or level > _MAX_LEVEL or not count:

@@ -394,7 +394,7 @@ class _Sog:
         if not self._first:
             return self._field("shN", "bands"), self._field("shN", "count")
         labels = self._pixels("shN", 1).astype(np.int64)
-        width = self._width("shN", 0)
+        width = self._palette_width("shN", 0)
         bands = next((n for n in range(1, MAX_DEGREE + 1) if PALETTE_COLUMNS * (num_functions(n) - 1) == width), width)
         return bands, int((labels[:, 0] + 256 * labels[:, 1]).max()) + 1
 
@@ -466,7 +466,7 @@ class _Sog:
             raise DatasetError(f"{self._path}: {SOG_META_NAME}: {section}.files names no file {file}")
         return self._image_name(names[file])
 
-    def _width(self, section: str, file: int) -> int:
+    def _palette_width(self, section: str, file: int) -> int:
         """Returns the width of an image in pixels from its header, without decoding the pixels.
 
         Args:
@@ -479,7 +479,7 @@ class _Sog:
         most = _MAX_PALETTE * (num_functions(MAX_DEGREE) - 1)
         name = self._file_name(section, file)
         try:
-            data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _most_pixels(most) + _SPARE_BYTES))
+            data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _max_pixels(most) + _SPARE_BYTES))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 image = Image.open(data, formats=["WEBP"])
@@ -491,13 +491,13 @@ class _Sog:
     def _picture(self, section: str, file: int, *, pixels: int, width: int | None = None) -> np.ndarray:
         name = self._file_name(section, file)
         try:
-            data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _most_pixels(pixels) + _SPARE_BYTES))
+            data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _max_pixels(pixels) + _SPARE_BYTES))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # the size is checked below, before pixels are decoded
                 image = Image.open(data, formats=["WEBP"])
             with image:
                 has = image.width * image.height
-                if not pixels <= has <= _most_pixels(pixels) or width not in (None, image.width):
+                if not pixels <= has <= _max_pixels(pixels) or width not in (None, image.width):
                     size = f"{image.width} x {image.height}"
                     raise DatasetError(f"{self._path}: {name[:80]} is {size} pixels, {pixels} are needed")
                 if getattr(image, "n_frames", 1) > 1:
@@ -518,7 +518,7 @@ def _reason(error: Exception) -> str:
     return "" if isinstance(error, UnidentifiedImageError) else f": {error}"
 
 
-def _most_pixels(pixels: int) -> int:
+def _max_pixels(pixels: int) -> int:
     """Returns the maximum accepted number of pixels of an image with padding.
 
     Args:

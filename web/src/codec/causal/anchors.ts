@@ -9,20 +9,20 @@ import type { QuantisedLinear, QuantisedMlp } from "../weight_bytes.ts";
 import { type Decoded, logOf } from "./packet.ts";
 import { LOG_BITS, NUM_LOG_SIZES, type SideInfo } from "./side_info.ts";
 
-const NUMBER = 2 ** 16,
+const VALUE_ONE = 2 ** 16,
   LOG = 2 ** LOG_BITS,
   MAX_LOG = 60,
   SLOPE = 0.01;
 
 /** Returns the anchors and their feature vectors, shape (count, features). */
 export function toAnchors(
-  { count, voxels, masks, numbers }: Decoded,
+  { count, voxels, masks, values }: Decoded,
   info: SideInfo,
 ): { anchors: Anchors; features: Float32Array } {
   const { features: size, offsets: numOffsets, groups, steps } = info,
     width = size + NUM_LOG_SIZES + 3 * numOffsets;
-  const units = featureSteps(info).map((step) => step / NUMBER),
-    step = steps[groups.length] / NUMBER;
+  const units = featureSteps(info).map((step) => step / VALUE_ONE),
+    step = steps[groups.length] / VALUE_ONE;
   const scales = new Float32Array(count),
     sizes = new Float32Array(3 * count);
   const features = new Float32Array(size * count),
@@ -30,11 +30,10 @@ export function toAnchors(
   for (let n = 0; n < count; n++) {
     const row = n * width,
       first = row + size;
-    for (let c = 0; c < size; c++) features[n * size + c] = numbers[row + c] * units[c];
-    scales[n] = exponential(logOf(info, numbers[first], 0));
-    for (let a = 0; a < 3; a++) sizes[3 * n + a] = exponential(logOf(info, numbers[first + 1 + a], 1 + a));
-    for (let c = 0; c < 3 * numOffsets; c++)
-      offsets[3 * numOffsets * n + c] = numbers[first + NUM_LOG_SIZES + c] * step;
+    for (let c = 0; c < size; c++) features[n * size + c] = values[row + c] * units[c];
+    scales[n] = exponential(logOf(info, values[first], 0));
+    for (let a = 0; a < 3; a++) sizes[3 * n + a] = exponential(logOf(info, values[first + 1 + a], 1 + a));
+    for (let c = 0; c < 3 * numOffsets; c++) offsets[3 * numOffsets * n + c] = values[first + NUM_LOG_SIZES + c] * step;
   }
   return {
     anchors: { count, numOffsets, positions: worldPositions(voxels, info), scales, sizes, masks, offsets },

@@ -112,12 +112,12 @@ export class CausalDecoder implements ElementDecoder<CausalBatch> {
       { width } = this.#packets;
     for (const packet of blocks.flat()) {
       await pause();
-      const { count, voxels, masks, numbers } = this.#packets.decode(packet.payload, this.#ranks(packet)),
+      const { count, voxels, masks, values } = this.#packets.decode(packet.payload, this.#ranks(packet)),
         bytes = new DataView(new ArrayBuffer(4 * count * (3 + offsets + width)));
       for (let n = 0, at = 0; n < count; n++) {
         for (let a = 0; a < 3; a++, at += 4) bytes.setInt32(at, voxels[3 * n + a], true);
         for (let k = 0; k < offsets; k++, at += 4) bytes.setInt32(at, masks[n * offsets + k], true);
-        for (let c = 0; c < width; c++, at += 4) bytes.setInt32(at, numbers[n * width + c], true);
+        for (let c = 0; c < width; c++, at += 4) bytes.setInt32(at, values[n * width + c], true);
       }
       digest.update(new Uint8Array(bytes.buffer));
     }

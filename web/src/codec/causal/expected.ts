@@ -173,7 +173,7 @@ export class AnchorPrediction {
   #predictBatch(first: number, end: number): void {
     for (let rank = first; rank < end; rank++)
       this.#voxels.set(predictedPosition(this.packets.info.positions, rank), 3 * rank);
-    const { logs, logDeviations } = this.packets.expected(this.#voxels.subarray(3 * first, 3 * end));
+    const { logs, logDeviations } = this.packets.predicted(this.#voxels.subarray(3 * first, 3 * end));
     this.#logs.set(logs, NUM_LOG_SIZES * first);
     this.#logDeviations.set(logDeviations, this.#width * first);
     this.#numPredicted = end;

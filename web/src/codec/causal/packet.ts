@@ -20,15 +20,15 @@ export interface Decoded {
   readonly voxels: Int32Array;
   /** Existing offsets (1) of each anchor, shape (count, offsets). */
   readonly masks: Uint8Array;
-  /** Numbers in steps with 16 fractional bits: features, four logarithms, offsets. Missing offsets are 0. */
-  readonly numbers: Int32Array;
+  /** Values in steps with 16 fractional bits: features, four logarithms, offsets. Missing offsets are 0. */
+  readonly values: Int32Array;
 }
 
 /**
  * Predicted logarithms of scale and sizes (24 fractional bits), shape (count, 4). `logDeviations` are the binary
  * logarithms of the expected errors of features, scale and sizes in steps (16 fractional bits).
  */
-export interface ExpectedNumbers {
+export interface PredictedValues {
   readonly logs: Float64Array;
   readonly logDeviations: Int32Array;
 }
@@ -37,9 +37,9 @@ export interface ExpectedNumbers {
 export class PacketDecoder {
   readonly #position: IntegerMlp;
   readonly #networks: readonly IntegerMlp[];
-  /** Numbers per anchor. */
+  /** Values per anchor. */
   readonly width: number;
-  /** Network inputs per anchor: the context from its position, then its decoded numbers. */
+  /** Network inputs per anchor: the context from its position, then its decoded values. */
   readonly #stride: number;
   #inputs = new Float64Array();
   #positionInputs = new Float64Array();
@@ -60,24 +60,24 @@ export class PacketDecoder {
       coder = new RangeDecoder(payload),
       last = info.stages[info.stages.length - 1];
     const masks = new Uint8Array(count * info.offsets),
-      numbers = new Int32Array(count * this.width);
+      values = new Int32Array(count * this.width);
     const voxels = decodePositions(coder, info.positions, ranks);
     this.#computeContext(voxels, count);
     for (const [s, stage] of info.stages.entries()) {
       const outputs = this.#predict(s, count),
         width = this.#networks[s].outputs;
       if (stage.masks) readMasks(coder, outputs, width, stage.masks, masks);
-      this.#read(coder, stage, outputs, width, stage === last ? masks : null, numbers);
-      if (stage !== last) this.#appendInputs(stage, numbers, count);
+      this.#read(coder, stage, outputs, width, stage === last ? masks : null, values);
+      if (stage !== last) this.#appendInputs(stage, values, count);
     }
-    return { count, voxels, masks, numbers };
+    return { count, voxels, masks, values };
   }
 
-  /** Predicts the numbers, without offsets, of anchors with known or predicted positions. */
-  expected(voxels: Int32Array): ExpectedNumbers {
+  /** Predicts the values, without offsets, of anchors with known or predicted positions. */
+  predicted(voxels: Int32Array): PredictedValues {
     const { info } = this,
       count = voxels.length / 3,
-      numbers = new Int32Array(count * this.width),
+      values = new Int32Array(count * this.width),
       logs = new Float64Array(NUM_LOG_SIZES * count);
     const known = info.features + NUM_LOG_SIZES,
       logDeviations = new Int32Array(known * count);
@@ -88,15 +88,15 @@ export class PacketDecoder {
         { first, size, masks } = stage;
       for (let n = 0, row = masks; n < count; n++, row += width) {
         for (let c = 0; c < size; c++) {
-          numbers[n * this.width + first + c] = outputs[row + c];
+          values[n * this.width + first + c] = outputs[row + c];
           logDeviations[n * known + first + c] = outputs[row + size + c];
         }
       }
-      this.#appendInputs(stage, numbers, count);
+      this.#appendInputs(stage, values, count);
     }
     for (let n = 0; n < count; n++)
       for (let a = 0; a < NUM_LOG_SIZES; a++)
-        logs[NUM_LOG_SIZES * n + a] = logOf(info, numbers[n * this.width + info.features + a], a);
+        logs[NUM_LOG_SIZES * n + a] = logOf(info, values[n * this.width + info.features + a], a);
     return { logs, logDeviations };
   }
 
@@ -136,30 +136,30 @@ export class PacketDecoder {
     return this.#outputs;
   }
 
-  /** Decodes the numbers of a stage as predicted mean plus whole steps. Offsets that do not exist are skipped. */
+  /** Decodes the values of a stage as predicted mean plus whole steps. Offsets that do not exist are skipped. */
   #read(
     coder: RangeDecoder,
     stage: Stage,
     outputs: Float64Array,
     width: number,
     exists: Uint8Array | null,
-    numbers: Int32Array,
+    values: Int32Array,
   ): void {
     const { first, size, masks } = stage;
-    for (let at = first, row = masks, mask = 0; at < numbers.length; at += this.width, row += width, mask += size / 3) {
+    for (let at = first, row = masks, mask = 0; at < values.length; at += this.width, row += width, mask += size / 3) {
       for (let c = 0; c < size; c++) {
         if (exists && !exists[mask + Math.floor(c / 3)]) continue;
         const symbol = zeroMeanNormal(scaleOf(outputs[row + size + c])).decode(coder);
-        numbers[at + c] = outputs[row + c] + Math.min(Math.max(symbol, -LARGEST_SYMBOL), LARGEST_SYMBOL) * FULL;
+        values[at + c] = outputs[row + c] + Math.min(Math.max(symbol, -LARGEST_SYMBOL), LARGEST_SYMBOL) * FULL;
       }
     }
   }
 
-  /** Appends the numbers of a stage to the inputs of the next ones. One input unit is a quarter of a step. */
-  #appendInputs({ first, size }: Stage, numbers: Int32Array, count: number): void {
+  /** Appends the values of a stage to the inputs of the next ones. One input unit is a quarter of a step. */
+  #appendInputs({ first, size }: Stage, values: Int32Array, count: number): void {
     for (let n = 0; n < count; n++) {
       for (let c = 0, from = n * this.width + first, to = n * this.#stride + this.info.context + first; c < size; c++) {
-        this.#inputs[to + c] = Math.min(Math.max(numbers[from + c] >> 4, -ACTIVATION_LIMIT), ACTIVATION_LIMIT);
+        this.#inputs[to + c] = Math.min(Math.max(values[from + c] >> 4, -ACTIVATION_LIMIT), ACTIVATION_LIMIT);
       }
     }
   }

@@ -2,12 +2,12 @@
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import {
-  MAX_CAUSAL_CENTRE,
   MAX_CAUSAL_CONTEXT,
   MAX_CAUSAL_FEATURES,
   MAX_CAUSAL_GROUPS,
   MAX_CAUSAL_LOG_STEP,
   MAX_CAUSAL_OFFSETS,
+  MAX_CAUSAL_ZERO_POINT,
   MAX_COORD,
   MAX_FAR,
 } from "../../packets/limits.ts";
@@ -134,7 +134,7 @@ function readHeader(bytes: Uint8Array): Header {
     within([context], 1, MAX_CAUSAL_CONTEXT) &&
     within([...steps, voxelSize], 1e-9, 1e9) &&
     within(logSteps, 1, MAX_CAUSAL_LOG_STEP) &&
-    within(zeroPoints, -MAX_CAUSAL_CENTRE, MAX_CAUSAL_CENTRE) &&
+    within(zeroPoints, -MAX_CAUSAL_ZERO_POINT, MAX_CAUSAL_ZERO_POINT) &&
     within(extent, 1, MAX_COORD) &&
     within(middle, -MAX_COORD, MAX_COORD);
   if (!fine) throw new BitstreamError("side information: a number of the header is out of range");

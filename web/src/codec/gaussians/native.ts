@@ -209,12 +209,12 @@ export class NativePackets implements GaussianPackets {
     if (asRows) widen(count);
     const part = (begin: number, bytes: number): readonly [ArrayBuffer, number] =>
       mayReuse ? [memory.buffer, begin] : [memory.buffer.slice(begin, begin + bytes), 0];
-    const [numbers, first] = part(at, sizes + 4 * numHarmonics * count),
+    const [buffer, first] = part(at, sizes + 4 * numHarmonics * count),
       [values, start] = part(floats, 4 * (14 + numHarmonics) * count);
     return {
-      rows: asRows ? new Float64Array(numbers, first, COLUMNS * count) : NO_ROWS,
-      integers: asRows ? undefined : new Uint8Array(numbers, first, sizes),
-      harmonics: new Int32Array(numbers, first + sizes, numHarmonics * count),
+      rows: asRows ? new Float64Array(buffer, first, COLUMNS * count) : NO_ROWS,
+      integers: asRows ? undefined : new Uint8Array(buffer, first, sizes),
+      harmonics: new Int32Array(buffer, first + sizes, numHarmonics * count),
       splats: splatsIn(count, degree, new Float32Array(values, start, (14 + numHarmonics) * count)),
     };
   }

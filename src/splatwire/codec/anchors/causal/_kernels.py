@@ -91,22 +91,22 @@ def add_predicted_means(symbols, outputs, first, reconstructed):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def offset_probability(weights, logit):
+def offset_probability(logistic_table, logit):
     """Returns the predicted probability that an offset exists, in units of 2**-16.
 
     Args:
-        weights: Table of the logistic function, the probability for each of 256 quantised logits.
+        logistic_table: Table of the logistic function, the probability for each of 256 quantised logits.
         logit: Predicted logit, 16 fractional bits.
     """
     index = min(max(((np.int64(logit) + 2048) >> 12) + 128, 0), 255)
-    return min(max(weights[index], MASK_ROOM), (1 << 16) - MASK_ROOM)
+    return min(max(logistic_table[index], MASK_ROOM), (1 << 16) - MASK_ROOM)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_packet(
-    begin, end, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scales, firsts, size_group,
-    weights, inverses, widths, table, out, state,
+    begin, end, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices, firsts, size_group,
+    logistic_table, inverses, widths, table, out, state,
 ):  # fmt: skip
     """Encodes consecutive anchors as one packet, and returns the size of the packet in bytes.
 
@@ -120,11 +120,11 @@ def _encode_packet(
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
-        scales: Index of each symbol's standard deviation in the coder's table.
+        scale_indices: Index of each symbol's standard deviation in the coder's table.
         firsts: Index of the first column in `symbols` of each group of attributes that are predicted together; the last
             item is the number of columns.
         size_group: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
-        weights: Table of probabilities by logit, see `offset_probability`.
+        logistic_table: Table of probabilities by logit, see `offset_probability`.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
             escape code.
@@ -140,7 +140,7 @@ def _encode_packet(
         if s == size_group:
             for n in range(begin, end):
                 for k in range(masks.shape[1]):
-                    size = offset_probability(weights, logits[n, k])
+                    size = offset_probability(logistic_table, logits[n, k])
                     if masks[n, k]:
                         encode_interval(out, state, ZERO, size, MASK_BITS)
                     else:
@@ -149,7 +149,7 @@ def _encode_packet(
             for c in range(firsts[s], firsts[s + 1]):
                 if s < last or masks[n, (c - firsts[s]) // 3]:
                     encode_symbol(
-                        out, state, np.int64(symbols[n, c]), ZERO, np.int64(scales[n, c]), ZERO, ZERO, NORMAL,
+                        out, state, np.int64(symbols[n, c]), ZERO, np.int64(scale_indices[n, c]), ZERO, ZERO, NORMAL,
                         inverses, widths, table,
                     )  # fmt: skip
     return encoder_finish(out, state)
@@ -158,8 +158,8 @@ def _encode_packet(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_packets(
-    starts, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scales, firsts, size_group, weights,
-    inverses, widths, table, buffer, lengths,
+    starts, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices, firsts, size_group,
+    logistic_table, inverses, widths, table, buffer, lengths,
 ):  # fmt: skip
     """Encodes the anchors of all packets, each packet into its own part of `buffer`.
 
@@ -172,11 +172,11 @@ def encode_packets(
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
-        scales: Index of each symbol's standard deviation in the coder's table.
+        scale_indices: Index of each symbol's standard deviation in the coder's table.
         firsts: Index of the first column in `symbols` of each group of attributes that are predicted together; the last
             item is the number of columns.
         size_group: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
-        weights: Table of probabilities by logit, see `offset_probability`.
+        logistic_table: Table of probabilities by logit, see `offset_probability`.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
             escape code.
@@ -187,8 +187,8 @@ def encode_packets(
     room, state = (masks.shape[1] + symbols.shape[1] + POSITION_SYMBOLS) * BYTES_PER_SYMBOL, np.empty(3, np.int64)
     for p in range(len(starts) - 1):
         lengths[p] = _encode_packet(
-            starts[p], starts[p + 1], codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scales,
-            firsts, size_group, weights, inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
+            starts[p], starts[p + 1], codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices,
+            firsts, size_group, logistic_table, inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
         )  # fmt: skip
 
 
@@ -201,9 +201,9 @@ def anchor_bits(
     masks,
     logits,
     symbols,
-    scales,
+    scale_indices,
     offsets,
-    weights,
+    logistic_table,
     inverses,
     widths,
     table,
@@ -218,9 +218,9 @@ def anchor_bits(
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means; one row for each anchor.
-        scales: Index of each symbol's standard deviation in the coder's table.
+        scale_indices: Index of each symbol's standard deviation in the coder's table.
         offsets: Index of the first column of `symbols` that belongs to offsets.
-        weights: Table of probabilities by logit, see `offset_probability`.
+        logistic_table: Table of probabilities by logit, see `offset_probability`.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
             escape code.
@@ -230,12 +230,12 @@ def anchor_bits(
     for n in range(masks.shape[0]):
         total = position_bits(codes[n], num_low_bits[n], low_bit_probabilities)
         for k in range(masks.shape[1]):
-            size = offset_probability(weights, logits[n, k])
+            size = offset_probability(logistic_table, logits[n, k])
             total += 16.0 - np.log2(float(size if masks[n, k] else 65536 - size))
         for c in range(symbols.shape[1]):
             if c >= offsets and not masks[n, (c - offsets) // 3]:
                 continue
-            symbol, scale = np.int64(symbols[n, c]), np.int64(scales[n, c])
+            symbol, scale = np.int64(symbols[n, c]), np.int64(scale_indices[n, c])
             low, high = window(ZERO, scale, ZERO, ZERO, NORMAL, widths)
             if low <= symbol <= high:
                 inverse = inverses[scale]
@@ -264,7 +264,7 @@ def start_packets(data, ends, states):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def decode_masks(data, ends, starts, states, logits, weights, masks):
+def decode_masks(data, ends, starts, states, logits, logistic_table, masks):
     """Decodes the offset masks of the anchors of all packets.
 
     Args:
@@ -273,13 +273,13 @@ def decode_masks(data, ends, starts, states, logits, weights, masks):
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
         logits: Predicted logits of the masks.
-        weights: Table of probabilities by logit, see `offset_probability`.
+        logistic_table: Table of probabilities by logit, see `offset_probability`.
         masks: Output: 1 for offsets that exist, else 0.
     """
     for p in range(states.shape[0]):
         for n in range(starts[p], starts[p + 1]):
             for k in range(masks.shape[1]):
-                size = offset_probability(weights, logits[n, k])
+                size = offset_probability(logistic_table, logits[n, k])
                 exists = decode_target(states[p], MASK_BITS) < size
                 masks[n, k] = 1 if exists else 0
                 if exists:
@@ -290,7 +290,7 @@ def decode_masks(data, ends, starts, states, logits, weights, masks):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, table, symbols):
+def decode_stage(data, ends, starts, states, scale_indices, coded, inverses, widths, table, symbols):
     """Decodes a group of attributes that are predicted together, for the anchors of all packets.
 
     Args:
@@ -298,7 +298,7 @@ def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, ta
         ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
-        scales: Index of each symbol's standard deviation in the coder's table.
+        scale_indices: Index of each symbol's standard deviation in the coder's table.
         coded: Mask of the coded symbols; `coded[n, k]` is for columns 3 k to 3 k + 2 of anchor n.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
@@ -308,11 +308,11 @@ def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, ta
     """
     for p in range(states.shape[0]):
         for n in range(starts[p], starts[p + 1]):
-            for c in range(scales.shape[1]):
+            for c in range(scale_indices.shape[1]):
                 symbols[n, c] = 0
                 if coded[n, c // 3]:
                     symbol = decode_symbol(
-                        data, ends[p + 1], states[p], ZERO, np.int64(scales[n, c]), ZERO, ZERO, NORMAL,
+                        data, ends[p + 1], states[p], ZERO, np.int64(scale_indices[n, c]), ZERO, ZERO, NORMAL,
                         inverses, widths, table,
                     )  # fmt: skip
                     symbols[n, c] = min(max(symbol, -LARGEST_SYMBOL), LARGEST_SYMBOL)  # malformed: up to 33 bits

@@ -182,7 +182,7 @@ def scale_indices(log_deviations: np.ndarray) -> np.ndarray:
     return indices
 
 
-def linear_values(quantised: np.ndarray, step: float | np.ndarray) -> np.ndarray:
+def dequantise_linear(quantised: np.ndarray, step: float | np.ndarray) -> np.ndarray:
     """Dequantises features or offsets by multiplication with the quantisation step.
 
     Args:

@@ -9,9 +9,9 @@ from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.anchors.causal.context import (
     VALUE_BITS,
     CodingContext,
+    dequantise_linear,
     dequantise_log_sizes,
     exponential,
-    linear_values,
 )
 from splatwire.codec.anchors.causal.packet_coder import anchor_rows, decode_packets, predict_from_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info
@@ -157,9 +157,9 @@ class CausalDecoder(AnchorDecoder):
         """Dequantises decoded anchors; returns the attribute arrays (feature, scaling, offset) by name."""
         feature, log_sizes, offset = np.split(quantised, [self._features, self._features + 4], axis=1)
         return {
-            "feature": linear_values(feature, self._step),
+            "feature": dequantise_linear(feature, self._step),
             "scaling": exponential(dequantise_log_sizes(log_sizes, self._info))[:, _SCALINGS],
-            "offset": linear_values(offset, self._info.steps[-1]),
+            "offset": dequantise_linear(offset, self._info.steps[-1]),
         }
 
     def scene(self) -> ReceivedScene[AnchorScene]:

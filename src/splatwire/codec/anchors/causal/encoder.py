@@ -53,7 +53,7 @@ def causal_encoder(
             format's limits.
     """
     _check_common(packetization)
-    scene = replace(scene, anchors=_with_sizes(scene.anchors))
+    scene = replace(scene, anchors=_with_positive_scalings(scene.anchors))
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     info = fit_side_info(scene, voxels, network_tolerance=network_tolerance)
     positions = _split_position_bits(info, voxels, CausalEncoder(scene, info, voxels).expected_bytes())
@@ -117,7 +117,7 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     return positions
 
 
-def _with_sizes(anchors: Anchors) -> Anchors:
+def _with_positive_scalings(anchors: Anchors) -> Anchors:
     """Replaces scalings of 0 by the smallest positive scaling, because logarithms of scalings are coded."""
     positive = anchors.scalings > 0
     if bool(positive.all()):

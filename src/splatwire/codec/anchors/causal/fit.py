@@ -54,7 +54,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: 
     unit = 2.0**LOG_BITS / math.log(2)
     logs = np.maximum(np.rint(steps[len(groups) : -1] * unit), 1).astype(np.int64)
     zero_points = np.rint(coding.zero_points.astype(np.float64) * unit).astype(np.int64)
-    inputs, outputs = _sampled(coding, voxels[index], sample.features, sample.scalings)
+    inputs, outputs = _evaluate_networks(coding, voxels[index], sample.features, sample.scalings)
     networks = {
         name: quantise_network(network, inputs[name], _tolerance(name, outputs[name], coding) * network_tolerance)
         for name, network in coding.networks.items()
@@ -67,7 +67,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: 
     )  # fmt: skip
 
 
-def _sampled(
+def _evaluate_networks(
     coding: CausalCoding, voxels: np.ndarray, features: np.ndarray, scalings: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Evaluates every network on a sample of anchors, to find how coarsely network weights can be quantised.

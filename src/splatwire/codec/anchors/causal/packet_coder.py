@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatwire.codec.anchors.causal import _kernels as kernels
-from splatwire.codec.anchors.causal import _position_kernels as place_kernels
+from splatwire.codec.anchors.causal import _position_kernels as position_kernels
 from splatwire.codec.anchors.causal.context import CodingContext, Stage, scale_indices
 from splatwire.codec.anchors.causal.positions import AnchorPositions
 from splatwire.entropy.coder import tables
@@ -28,7 +28,7 @@ class Quantised:
         masks: 1 for offsets that exist, uint8 (n, K).
         logits: Predicted logits of the masks, int32 (n, K).
         symbols: Differences of attributes from the predicted means in quantisation steps, int32 (n, attributes).
-        scales: Index of each symbol's standard deviation in the coder's table, int16 (n, attributes).
+        scale_indices: Index of each symbol's standard deviation in the coder's table, int16 (n, attributes).
         reconstructed: Decoded attributes in quantisation steps with 16 fractional bits, int32 (n, attributes):
             features, logarithms of the offset scale and of the three sizes, and offsets.
     """
@@ -39,7 +39,7 @@ class Quantised:
     masks: np.ndarray
     logits: np.ndarray
     symbols: np.ndarray
-    scales: np.ndarray
+    scale_indices: np.ndarray
     reconstructed: np.ndarray
 
     def rows(self) -> np.ndarray:
@@ -66,7 +66,7 @@ def _columns(stage: Stage) -> slice:
 
 
 def quantise(
-    context: CodingContext, positions: AnchorPositions, masks: np.ndarray, values: np.ndarray, octaves: float
+    context: CodingContext, positions: AnchorPositions, masks: np.ndarray, values: np.ndarray, offset_scale_step: float
 ) -> Quantised:
     """Quantises the attributes of anchors relative to the predictions of the causal model.
 
@@ -75,8 +75,8 @@ def quantise(
         positions: Complete positions of the anchors, with high and low bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         values: Attributes in quantisation steps, before rounding, float64 (n, attributes).
-        octaves: Quantisation step of the offset scale's binary logarithm. The offset scale is rounded first, and the
-            offsets are then corrected for its rounding error.
+        offset_scale_step: Quantisation step of the offset scale's binary logarithm. The offset scale is rounded first,
+            and the offsets are then corrected for its rounding error.
     """
     # Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
     values = values.copy()
@@ -93,12 +93,14 @@ def quantise(
         kernels.add_predicted_means(symbols, outputs, stage.masks, reconstructed)
         predictor.add_values(stage, reconstructed)
         if stage.masks:
-            lost = values[:, columns] - reconstructed * 2.0**-16
-            values[:, _columns(context.stages[-1])] *= np.exp2(lost * octaves)
+            rounding_error = values[:, columns] - reconstructed * 2.0**-16
+            values[:, _columns(context.stages[-1])] *= np.exp2(rounding_error * offset_scale_step)
         if stage is context.stages[-1]:
             reconstructed *= coded
         quantised.symbols[:, columns], quantised.reconstructed[:, columns] = symbols, reconstructed
-        quantised.scales[:, columns] = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
+        quantised.scale_indices[:, columns] = scale_indices(
+            np.ascontiguousarray(outputs[:, stage.masks + stage.size :])
+        )
     return quantised
 
 
@@ -119,7 +121,7 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
     kernels.encode_packets(
         starts, quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities,
         quantised.masks, quantised.logits, quantised.symbols,
-        quantised.scales, firsts, mask_stage, weight_table(), *tables(), buffer, lengths,
+        quantised.scale_indices, firsts, mask_stage, weight_table(), *tables(), buffer, lengths,
     )  # fmt: skip
     begin = starts[:-1] * room + 64 * np.arange(len(lengths))
     return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
@@ -136,7 +138,7 @@ def anchor_bits(context: CodingContext, quantised: Quantised) -> np.ndarray:
     kernels.anchor_bits(
         quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities, quantised.masks,
         quantised.logits,
-        quantised.symbols, quantised.scales, context.stages[-1].first, weight_table(), *tables(), bits,
+        quantised.symbols, quantised.scale_indices, context.stages[-1].first, weight_table(), *tables(), bits,
     )  # fmt: skip
     return bits
 
@@ -192,7 +194,7 @@ def decode_packets(
     states = np.zeros((len(payloads), 3), dtype=np.int64)
     kernels.start_packets(data, ends, states)
     exact = replace(positions, codes=positions.codes.copy())
-    place_kernels.decode_positions(
+    position_kernels.decode_positions(
         data, ends, starts, states, exact.codes, exact.num_low_bits, context.low_bit_probabilities
     )
     num, last = len(exact.codes), context.stages[-1]
@@ -204,10 +206,10 @@ def decode_packets(
         if stage.masks:
             logits = np.ascontiguousarray(outputs[:, : stage.masks])
             kernels.decode_masks(data, ends, starts, states, logits, weight_table(), masks)
-        scales = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
-        symbols, reconstructed = np.empty(scales.shape, dtype=np.int32), np.empty(scales.shape, dtype=np.int32)
+        indices = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
+        symbols, reconstructed = np.empty(indices.shape, dtype=np.int32), np.empty(indices.shape, dtype=np.int32)
         coded = masks if stage is last else everything
-        kernels.decode_stage(data, ends, starts, states, scales, coded, *tables(), symbols)
+        kernels.decode_stage(data, ends, starts, states, indices, coded, *tables(), symbols)
         kernels.add_predicted_means(symbols, outputs, stage.masks, reconstructed)
         predictor.add_values(stage, reconstructed)
         all_values[:, _columns(stage)] = reconstructed

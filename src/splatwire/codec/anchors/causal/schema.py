@@ -25,7 +25,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 SCHEMA = schema_for(
     SCHEMAS[CAUSAL],
     scene_type=AnchorScene,
-    codes=lambda scene: isinstance(scene.coding, CausalCoding),
+    can_encode=lambda scene: isinstance(scene.coding, CausalCoding),
     provides=frozenset((Anchors, Prior, AnchorLayout, PredictedPositions)),
     prepare=_prepare,
     prepare_repack=_prepare_repack,

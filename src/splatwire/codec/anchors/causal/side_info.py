@@ -7,12 +7,12 @@ import numpy as np
 
 from splatwire.bitstream.limits import (
     CAUSAL,
-    MAX_CAUSAL_CENTRE,
     MAX_CAUSAL_CONTEXT,
     MAX_CAUSAL_FEATURES,
     MAX_CAUSAL_GROUPS,
     MAX_CAUSAL_LOG_STEP,
     MAX_CAUSAL_OFFSETS,
+    MAX_CAUSAL_ZERO_POINT,
     MAX_COORD,
     MAX_FAR,
     SCHEMAS,
@@ -171,7 +171,7 @@ def _problem(info: SideInfo) -> str | None:
         return f"voxel size {info.voxel_size}"
     if not ((info.log_steps > 0).all() and (info.log_steps <= MAX_CAUSAL_LOG_STEP).all()):
         return f"logarithmic steps {info.log_steps.tolist()}"
-    if np.abs(info.zero_points).max() > MAX_CAUSAL_CENTRE:
+    if np.abs(info.zero_points).max() > MAX_CAUSAL_ZERO_POINT:
         return f"sizes around {info.zero_points.tolist()}"
     if not ((info.extent > 0).all() and (info.extent <= MAX_COORD).all() and np.abs(info.middle).max() <= MAX_COORD):
         return f"a scene {info.extent.tolist()} voxels around {info.middle.tolist()}"

@@ -32,7 +32,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 SCHEMA = schema_for(
     SCHEMAS[ANCHORS],
     scene_type=AnchorScene,
-    codes=lambda scene: isinstance(scene.coding, HacppCoding),
+    can_encode=lambda scene: isinstance(scene.coding, HacppCoding),
     provides=frozenset((Anchors, Prior, AnchorLayout)),
     prepare=_prepare,
     prepare_repack=_prepare_repack,
