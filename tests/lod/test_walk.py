@@ -65,7 +65,7 @@ def test_delivery_respects_the_link_rate_and_retransmits_losses(stream, walk, lo
 
 def test_coarse_tiles_arrive_before_visible_fine_tiles(stream, walk):
     tiles, delivery = tiles_of(stream), deliver(stream, walk.viewpoint, walk.seconds, SLOW)
-    of_tile = np.array([delivery.arrivals[delivery.blocks == tile].max() for tile in range(tiles.num_tiles)])
+    of_tile = np.array([delivery.arrivals[delivery.tile_of_packet == tile].max() for tile in range(tiles.num_tiles)])
     roots = tiles.parents < 0
     assert of_tile[roots].max() < of_tile[~roots].min()
     other = deliver(stream, lambda seconds: walk.viewpoint(walk.seconds), walk.seconds, SLOW)
