@@ -259,6 +259,13 @@ def test_photos_may_be_beside_the_numbered_reconstruction(capture):
         open_dataset(capture.root / "0")
 
 
+def test_the_dataset_above_a_folder_of_reconstructions_is_named(capture):
+    capture.write_images()
+    capture.write_binary()
+    with pytest.raises(DatasetError, match=rf"{re.escape(str(capture.root))} looks like a dataset \(layout: colmap\)"):
+        open_dataset(capture.root / "sparse")
+
+
 def test_a_folder_for_reconstructions_without_one_is_not_called_a_dataset(capture):
     (capture.root / "sparse").mkdir(parents=True)
     with pytest.raises(DatasetError, match="COLMAP reconstruction") as refusal:

@@ -1,7 +1,9 @@
 """Datagrams of new and known clients, and of different addresses, wait in different sockets of a server's port."""
 
 import asyncio
+import errno
 import logging
+import os
 import random
 import socket
 import sys
@@ -12,6 +14,7 @@ import pytest
 
 from splatwire.errors import InvalidValueError
 from splatwire.transport import ReceiverOptions
+from splatwire.transport import lanes as lane_sockets
 from splatwire.transport.address import Address
 from splatwire.transport.lanes import (
     LANES_PER_CLASS,
@@ -171,6 +174,23 @@ def test_systems_without_socket_groups_have_one_socket(
     sockets = LaneSockets("127.0.0.1", 0, classes)
     send(sockets, b"anything", count=3)
     assert arrived(sockets) == Counter({0: 3})
+    sockets.close()
+
+
+@ON_LINUX
+def test_a_linux_without_programs_for_socket_groups_has_one_socket(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def unsupported(*_: object) -> None:
+        raise OSError(errno.ENOPROTOOPT, os.strerror(errno.ENOPROTOOPT))
+
+    monkeypatch.setattr(lane_sockets, "_attach", unsupported)
+    sockets = LaneSockets("127.0.0.1", 0, QUIC_CLASSES)
+    send(sockets, b"anything", count=3, ports=20)
+    assert arrived(sockets) == Counter({0: 60})
+    assert "one receive buffer" in caplog.text
+    with pytest.raises(InvalidValueError, match=f"cannot listen on UDP port {sockets.port}"):
+        LaneSockets("127.0.0.1", sockets.port, QUIC_CLASSES)
     sockets.close()
 
 

@@ -242,7 +242,7 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
     views, photo_paths = [views[i] for i in chosen], [photo_paths[i] for i in chosen]
     photos = [file for file in photo_paths if file is not None]
     if missing := [view.name for view, file in zip(views, photo_paths, strict=True) if file is None]:
-        hint = _dataset_nearby(folder) if image_folder == folder else ""
+        hint = _dataset_nearby(image_folder) if image_folder in (folder, folder.parent) else ""
         raise DatasetError(
             f"{image_folder}: {len(missing)} of {len(views)} posed images are missing, first '{missing[0]}'{hint}"
         )

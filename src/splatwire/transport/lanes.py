@@ -7,6 +7,7 @@ datagrams of new and of known clients into different buffers, and those of diffe
 import asyncio
 import ctypes
 import enum
+import logging
 import random
 import socket
 import struct
@@ -17,6 +18,7 @@ from contextlib import suppress
 from splatwire.transport.address import cannot_listen
 from splatwire.transport.protocol.wire import HELLO, REQUEST, VERSION
 
+LOG = logging.getLogger(__name__)
 SOCKET_BUFFER = 4 << 20
 """Size of send and receive buffers, bytes."""
 NEW_BUFFER = 1 << 18
@@ -155,7 +157,8 @@ def _assembled(program: Sequence[Instruction]) -> bytes:
 class LaneSockets:
     """Non-blocking UDP sockets of one address and port, which share its datagrams.
 
-    Linux has `LANES_PER_CLASS` sockets for each `LaneClass`. Other systems have one socket for all datagrams.
+    Linux has `LANES_PER_CLASS` sockets for each `LaneClass`. Other systems have one socket for all datagrams, and so
+    does a Linux that has no programs for groups of sockets (kernels before 4.5, emulation), with a warning.
 
     Args:
         host: Address to listen on.
@@ -182,11 +185,19 @@ class LaneSockets:
                 self.sockets.append(other)
                 other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
                 other.bind(first.getsockname())
-            salts = random.SystemRandom().getrandbits(32) | 1, random.SystemRandom().getrandbits(32) | 1
-            _attach(first, lane_program(classes, salts))
         except OSError as error:
             self.close()
             raise cannot_listen("UDP", host, port, error) from error
+        salts = random.SystemRandom().getrandbits(32) | 1, random.SystemRandom().getrandbits(32) | 1
+        try:
+            _attach(first, lane_program(classes, salts))
+        except OSError as error:
+            LOG.warning("UDP port %d has one receive buffer, which a flood may fill: %s", self.port, error.strerror)
+            for other in self.sockets[1:]:
+                other.close()
+            self.sockets = [first]
+            first.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
+            return
         for new in self.sockets[:LANES_PER_CLASS]:
             with suppress(OSError):
                 new.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, NEW_BUFFER)
