@@ -323,6 +323,29 @@ def test_publisher_fails_if_its_first_session_cannot_be_opened(monkeypatch):
         publish_over(monkeypatch, [None])
 
 
+@pytest.mark.parametrize(("code", "reason"), [(0, "it was closed"), (2, "unauthorized")])
+def test_reason_of_a_relay_that_ends_a_session_is_in_the_warning(code: int, reason: str) -> None:
+    moq, stop, ready, texts = need_moq(), asyncio.Event(), asyncio.Event(), list[str]()
+
+    def warn(text: str) -> None:
+        texts.append(text)
+        stop.set()
+
+    async def work() -> None:
+        async with moq.Server("127.0.0.1:0", tls_generate=["localhost"]) as server:
+            address = Address("127.0.0.1", int(server.local_addr.rpartition(":")[2]), "levels", "moq")
+            publishing = asyncio.ensure_future(publish(address, LEVELS, TRUST, stop, ready.set, warn))
+            async for request in server:
+                accepted = await request.accept()
+                await ready.wait()
+                accepted.cancel(code)
+                break
+            await publishing
+
+    run(work)
+    assert texts == [f"the session with the relay ended ({reason}); connecting again"]
+
+
 def test_silent_relay_is_named_as_the_reason(monkeypatch):
     monkeypatch.setattr(moq_publisher, "CONNECT_TIMEOUT_S", 0.1)
 

@@ -100,7 +100,7 @@ async def session(address: Address, trust: RelayTrust, *, origin: Any = None) ->
             await client.__aenter__()
     except (moq.Error, TimeoutError) as error:
         raise InvalidValueError(
-            f"no session with the relay {host}:{address.port}: {_text(error) or 'no answer'}"
+            f"no session with the relay {host}:{address.port}: {error_text(error) or 'no answer'}"
         ) from error
     try:
         yield client, name
@@ -108,9 +108,13 @@ async def session(address: Address, trust: RelayTrust, *, origin: Any = None) ->
         await client.__aexit__(None, None, None)
 
 
-def _text(error: Exception) -> str:
-    """Returns the text of an error, without the quotes that moq-rs puts around it."""
-    return str(error).strip("'")
+def error_text(error: Exception) -> str:
+    """Returns the reason in an error of moq-rs; empty if the error has none, such as after an orderly end."""
+    protocol = need_moq().protocol_error(error)
+    if protocol is not None:  # the peer ended the session or the track; the text of the error lacks its message
+        return protocol.message if protocol.code else ""
+    text = str(error)
+    return text[1:-1] if text.startswith("'") and text.endswith("'") else text  # moq-rs puts quotes around it
 
 
 def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
@@ -224,7 +228,7 @@ async def _keep_session(
                     ready()
                 await client.session.closed()
         except moq.Error as error:
-            reason = _text(error) or reason
+            reason = error_text(error) or reason
         except InvalidValueError as error:
             if not ready_called:
                 raise

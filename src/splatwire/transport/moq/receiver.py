@@ -22,6 +22,7 @@ from splatwire.transport.moq.publisher import (
     INIT_TRACK_PRIORITY,
     MAX_CACHE_AGE_US,
     RelayTrust,
+    error_text,
     need_moq,
     parts_of,
     session,
@@ -267,7 +268,7 @@ class RelayReceiver:
         except TimeoutError as error:
             raise BrokenOffError(f"the relay fell silent before the end of the track '{name}'") from error
         except moq.Error as error:
-            raise BrokenOffError(f"the relay gave up the track '{name}': {error}") from error
+            raise BrokenOffError(f"the relay gave up the track '{name}': {error_text(error) or 'it ended'}") from error
 
 
 async def receive_relayed(
@@ -305,7 +306,7 @@ async def receive_relayed(
                 if not receiver.may_resume(asyncio.get_running_loop().time()):
                     if isinstance(error, InvalidValueError) and receiver.stream() is None:
                         raise
-                    return str(error)
+                    return error_text(error) or "the relay ended the session"
             await asyncio.sleep(RECONNECT_INTERVAL_S)
 
     task = asyncio.ensure_future(work())
