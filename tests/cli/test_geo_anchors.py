@@ -13,6 +13,7 @@ from splatwire.bitstream import read_stream
 from splatwire.codec import decode_stream
 from splatwire.concealment import conceal
 from splatwire.data import save_cameras
+from splatwire.render.importance import footprint_importance, surrounding_cameras
 
 pytestmark = pytest.mark.slow
 
@@ -52,6 +53,16 @@ def test_streams_are_encoded_decoded_and_rendered_relative_to_the_origin(files, 
         for view in range(9):
             pictures = [tmp_path / f"{name}_{kind}" / f"view_{view:02d}.png" for name in ("world", "local")]
             assert psnr(*pictures) > 45
+
+
+def test_default_cameras_are_around_the_scene(files):
+    scenes = [load_scene(files / f"{name}.scene") for name in ("world", "local")]
+    world, local = (surrounding_cameras(scene, 4, 64) for scene in scenes)
+    assert world.origin == UTM
+    assert np.array_equal(world.viewmats, local.viewmats)
+    found, expected = (footprint_importance(scene, seen) for scene, seen in zip(scenes, (world, local), strict=True))
+    assert np.array_equal(found.share, expected.share)
+    assert found.share.any()
 
 
 def test_losses_keep_the_origin(files, run, tmp_path):

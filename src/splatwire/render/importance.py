@@ -73,7 +73,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     # if the scene surrounds them. The directions are those of `cameras_around`.
     splats = explicit_gaussians(scene)
     if splats is None:
-        return cameras_around(scene.positions, num_views, size)
+        return replace(cameras_around(scene.positions, num_views, size), origin=origin_of(scene))
     cameras = replace(cameras_around_splats(splats, num_views, size), origin=origin_of(scene))
     far, outwards = _moved(cameras, splats.means, _FAR), _facing_back(cameras)
     poses = cameras.viewmats.copy()
