@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from splatwire.arguments import checked
+from splatwire.arguments import CheckedFields, checked
+from splatwire.errors import InvalidValueError, shown
 from splatwire.types.origin import Origin
 
 MAX_TEXT = 500
@@ -19,13 +20,16 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class StartView:
+class StartView(CheckedFields):
     """Initial view of a scene.
 
     Attributes:
         eye: Position of the camera, world coordinates relative to the scene's origin.
         target: The point that the camera looks at.
         up: Up direction of the camera.
+
+    Raises:
+        InvalidValueError: If a field is not three finite numbers.
     """
 
     eye: Vector
@@ -48,7 +52,7 @@ class StartView:
 
 
 @dataclass(frozen=True)
-class SceneMetadata:
+class SceneMetadata(CheckedFields):
     """Metadata of a scene; a field without information is empty or None.
 
     Attributes:
@@ -58,6 +62,9 @@ class SceneMetadata:
         up: Up axis, one of `UP_AXES`.
         view: The initial view.
         orbit: Limits of an orbiting camera: minimum and maximum elevation in radians, minimum radius in world units.
+
+    Raises:
+        InvalidValueError: If a field has a wrong type, or `up` is none of `UP_AXES`.
     """
 
     title: str = ""
@@ -66,6 +73,11 @@ class SceneMetadata:
     up: str | None = None
     view: StartView | None = None
     orbit: Vector | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.up is not None and self.up not in UP_AXES:
+            raise InvalidValueError(f"SceneMetadata.up: expected one of {', '.join(UP_AXES)}, not {shown(self.up)}")
 
     def known(self) -> list[str]:
         """Returns the names of the metadata fields that are set."""

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import logging
+import re
 import struct
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from splatwire.bitstream import stream_from_bytes, stream_to_bytes
 from splatwire.bitstream.sections import sections_of, with_section
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.metadata import SECTION, read_metadata
-from splatwire.errors import BitstreamError
+from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.io import open_scene, save_scene
 from splatwire.io.formats import write_splats
 from splatwire.io.formats.dispatch import read_content
@@ -237,3 +238,15 @@ def test_orbit_limits_follow_the_extension(tmp_path: Path) -> None:
 def test_damaged_records_of_metadata_are_left_out(record: tuple[int, bytes], tmp_path: Path) -> None:
     path = write(tmp_path / "a.spz", extended(modern_spz(legacy_spz(3)), record))
     assert read_content(path).metadata == NO_METADATA
+
+
+@pytest.mark.parametrize("up", ["up", "Z", ""])
+def test_an_unknown_up_axis_is_refused(up: str) -> None:
+    message = f"SceneMetadata.up: expected one of x, -x, y, -y, z, -z, not {up!r}"
+    with pytest.raises(InvalidValueError, match=re.escape(message)):
+        SceneMetadata(up=up)
+
+
+def test_coordinates_of_an_initial_view_are_finite_numbers() -> None:
+    with pytest.raises(InvalidValueError, match=r"StartView\.eye: expected a tuple of 3 numbers"):
+        StartView((float("nan"), 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
