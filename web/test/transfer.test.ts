@@ -18,7 +18,7 @@ import {
   VERSION,
 } from "../src/transport/wire.ts";
 import { dataView, MessageReader, readWelcome, writeRequest } from "../src/transport/wire_messages.ts";
-import { welcome } from "./wire_messages.ts";
+import { empty, welcome } from "./wire_messages.ts";
 
 const expected = process.env["EXPECTED"]
   ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { request: string; welcome: string })
@@ -93,23 +93,6 @@ test("datagrams with a wrong checksum are counted and ignored", () => {
   assert.equal(transfer.welcome, null);
   assert.equal(transfer.counts.rejected, 1);
 });
-
-/** A datagram with an empty packet, of a block of its own unless one is given, for a position of the sending order. */
-function empty(place: number, block = place): Uint8Array {
-  const packet = new Uint8Array(24),
-    numbers = dataView(packet);
-  packet[0] = 1;
-  numbers.setUint32(1, 3, true);
-  numbers.setUint16(7, block, true);
-  numbers.setUint16(10, 1, true);
-  numbers.setUint32(12, crc32(packet.subarray(16), crc32(packet.subarray(0, 12))), true);
-  const datagram = new Uint8Array(13 + packet.length);
-  datagram[0] = 0x46;
-  dataView(datagram).setUint32(1, 2, true);
-  dataView(datagram).setUint32(9, place, true);
-  datagram.set(packet, 13);
-  return datagram;
-}
 
 test("a limited number of datagrams before the welcome message is kept", () => {
   const transfer = new Transfer("", 7n, 0),

@@ -28,3 +28,20 @@ export function welcome(change: (numbers: DataView, bytes: Uint8Array) => void =
   change(numbers, bytes);
   return sealed(bytes);
 }
+
+/** A datagram with an empty packet, of a block of its own unless one is given, for a position of the sending order. */
+export function empty(place: number, block = place): Uint8Array {
+  const packet = new Uint8Array(24),
+    numbers = dataView(packet);
+  packet[0] = 1;
+  numbers.setUint32(1, 3, true);
+  numbers.setUint16(7, block, true);
+  numbers.setUint16(10, 1, true);
+  numbers.setUint32(12, crc32(packet.subarray(16), crc32(packet.subarray(0, 12))), true);
+  const datagram = new Uint8Array(13 + packet.length);
+  datagram[0] = 0x46;
+  dataView(datagram).setUint32(1, 2, true);
+  dataView(datagram).setUint32(9, place, true);
+  datagram.set(packet, 13);
+  return datagram;
+}

@@ -77,6 +77,8 @@ export class Transfer {
   initSegmentMs: number | null = null;
   /** Number of received heads. A growing stream has one per group of frames. */
   numInitSegments = 0;
+  /** Number of later welcome messages since the last head. */
+  #numHeadless = 0;
   readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, packetBytes: 0 };
   /** Time until which the request is not repeated, because a live stream has not begun. */
   waitUntil = 0;
@@ -144,8 +146,12 @@ export class Transfer {
     return Math.max(this.#largestSequence + 1 - this.counts.datagrams, 0);
   }
 
-  /** Number that changes with everything new. Later datagrams count where a server may have nothing new to send. */
+  /**
+   * Number that changes with everything new. Later datagrams count where a server may have nothing new to send. Nothing
+   * counts after a second welcome message without a head in between.
+   */
   get progress(): number {
+    if (this.#numHeadless > 1) return 0;
     const mayIdle = this.head && (this.viewing || this.welcome!.isLive);
     return this.counts.packets - (this.#initSegment?.missing ?? 0.5) + (mayIdle ? this.#largestSequence : 0);
   }
@@ -314,6 +320,7 @@ export class Transfer {
     if (isSame ? next.packets < before.packets : next.streamId === this.#streamBefore) return;
     if (isSame && next.isLive === before.isLive && hex(next.digest) === hex(before.digest)) return;
     this.welcome = next;
+    this.#numHeadless++;
     this.#initSegment = new InitSegment(next);
     this.head = null;
     this.ended = false;
@@ -356,6 +363,7 @@ export class Transfer {
       const { head, bundled } = this.#initSegment!.read();
       this.head = head;
       this.numInitSegments++;
+      this.#numHeadless = 0;
       if (this.before) this.isSameStream ??= this.#initSegment!.hasManifestOf(this.before.initSegment);
       bundled.forEach((packet, packetIndex) => this.#acceptPacket(packetIndex, packet));
       this.#checkFinished();

@@ -1,0 +1,115 @@
+import assert from "node:assert/strict";
+import { mock, test } from "node:test";
+
+import { crc32 } from "../src/packets/crc32.ts";
+import type { Listener } from "../src/transport/events.ts";
+import { receiveDatagrams } from "../src/transport/webtransport.ts";
+import { END, LIVE, NOT_YET, REFUSE, VERSION } from "../src/transport/wire.ts";
+import { dataView } from "../src/transport/wire_messages.ts";
+import { empty, welcome } from "./wire_messages.ts";
+
+/** Time between two steps of the fake clock, milliseconds. */
+const STEP_MS = 50;
+/** Time until the listener ends a session, milliseconds. */
+const STOP_MS = 60_000;
+
+/** Datagrams that a server sends at time `ms` of a session with a nonce. */
+type Sending = (ms: number, nonce: bigint) => Uint8Array[];
+
+/** Message of the session of `welcome`, with a checksum. */
+function message(kind: number, size: number, fill: (numbers: DataView) => void): Uint8Array {
+  const bytes = new Uint8Array(size);
+  bytes[0] = (VERSION << 4) | kind;
+  fill(dataView(bytes));
+  dataView(bytes).setUint32(size - 4, crc32(bytes.subarray(0, -4)), true);
+  return bytes;
+}
+
+/** Returns how a session with a fake server ends, and its duration in milliseconds of a fake clock. */
+async function endOf(sending: Sending): Promise<[string, number]> {
+  const world = globalThis as Record<string, unknown>;
+  let now = 0,
+    nonce: bigint | null = null,
+    ended: string | null = null,
+    source: ReadableStreamDefaultController<Uint8Array>;
+  const written = new WritableStream<Uint8Array>({
+      write: (bytes) => {
+        nonce ??= dataView(bytes).getBigUint64(1, true);
+      },
+    }),
+    ignored = new WritableStream<Uint8Array>();
+  world["WebTransport"] = class {
+    readonly ready = Promise.resolve();
+    readonly closed = new Promise(() => undefined);
+    readonly datagrams = {
+      readable: new ReadableStream<Uint8Array>({ start: (controller) => void (source = controller) }),
+      writable: written,
+    };
+    createBidirectionalStream = (): Promise<unknown> =>
+      Promise.resolve({ readable: new ReadableStream<Uint8Array>(), writable: ignored });
+    close(): void {}
+  };
+  mock.timers.enable({ apis: ["setTimeout"] });
+  const clock = mock.method(performance, "now", () => now),
+    listener = {
+      stopped: () => now >= STOP_MS,
+      preview: () => undefined,
+      counts: () => undefined,
+    } as unknown as Listener;
+  try {
+    receiveDatagrams({ url: "https://scenes.example/" }, "a", listener, null, { isRetry: true, isOnlySource: false })
+      .then((outcome) => (ended = outcome))
+      .catch((error: unknown) => (ended = (error as Error).message));
+    for (; ended === null && now < 2 * STOP_MS; now += STEP_MS) {
+      if (nonce !== null) for (const bytes of sending(now, nonce)) source!.enqueue(bytes);
+      await new Promise((resolve) => setImmediate(resolve));
+      mock.timers.tick(STEP_MS);
+      await new Promise((resolve) => setImmediate(resolve));
+    }
+    return [ended ?? "never", now];
+  } finally {
+    clock.mock.restore();
+    mock.timers.reset();
+    delete world["WebTransport"];
+  }
+}
+
+const greeting = (nonce: bigint, streamId = 3, flags = 0, initSegmentBytes = 400): Uint8Array =>
+    welcome((numbers, bytes) => {
+      numbers.setBigUint64(1, nonce, true);
+      numbers.setUint32(13, streamId, true);
+      numbers.setBigUint64(17, BigInt(initSegmentBytes), true);
+      numbers.setUint32(59, 1000, true);
+      bytes[69] = flags;
+    }),
+  end = (sequence: number): Uint8Array => message(END, 13, (numbers) => numbers.setUint32(5, sequence, true));
+
+const FRUITLESS: Record<string, Sending> = {
+  "a silent server": () => [],
+  garbage: () => [new Uint8Array(900)],
+  "a repeated welcome message": (_, nonce) => [greeting(nonce)],
+  "the end of a stream without side information": (ms, nonce) => [greeting(nonce), end(ms / STEP_MS)],
+  "a repeated packet": (_, nonce) => [greeting(nonce), empty(3)],
+  "periods without a head": (ms, nonce) => [greeting(nonce, ms + 3, LIVE, 400 + ms)],
+};
+for (const [name, sending] of Object.entries(FRUITLESS))
+  test(`a session ends after ten seconds without anything new: ${name}`, async () => {
+    const [reason, ms] = await endOf(sending);
+    assert.equal(reason, "the server sends nothing new");
+    assert.ok(ms >= 10_000 && ms < 11_000, `${ms} ms`);
+  });
+
+const USEFUL: Record<string, Sending> = {
+  "one packet each nine seconds": (ms, nonce) => (ms % 9000 ? [] : [greeting(nonce), empty(ms / 9000)]),
+  "a live stream that has not begun": (_, nonce) => [
+    message(REFUSE, 14, (numbers) => {
+      numbers.setBigUint64(1, nonce, true);
+      numbers.setUint8(9, NOT_YET);
+    }),
+  ],
+};
+for (const [name, sending] of Object.entries(USEFUL))
+  test(`a session goes on as long as something new arrives: ${name}`, async () => {
+    const [, ms] = await endOf(sending);
+    assert.ok(ms >= STOP_MS && ms < STOP_MS + 1000, `${ms} ms`);
+  });
