@@ -21,8 +21,8 @@ import numpy as np
 from figures import publish as publish_figures
 
 from splatwire.bitstream import SceneStream, read_stream
+from splatwire.bitstream.tile_selection import Viewpoint
 from splatwire.bitstream.tiles import Tiles, read_tiles
-from splatwire.bitstream.view import Viewpoint
 from splatwire.transport import Receiver, ReceiverOptions
 
 

@@ -26,7 +26,7 @@ import splatwire
 from moving_sequences import splatv
 from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
 from splatwire.bitstream import PacketId, Packetization, PacketMembers
-from splatwire.bitstream.view import Viewpoint
+from splatwire.bitstream.tile_selection import Viewpoint
 from splatwire.data import Dataset
 from splatwire.errors import SplatwireError, shown
 from splatwire.files.kinds import STREAM

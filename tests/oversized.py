@@ -90,7 +90,7 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion
     """Sequence of one group with tracks in several blocks, some of them without bytes, and motion packets."""
     info, num = open_clip(real.manifest, real.side_info), blocks * CUT.block_size
     base, none = info.keyframes, np.zeros((blocks, 3), np.int64)
-    boxes = replace(base.boxes, shifts=none[:, 0], origins=none, extents=none)
+    boxes = replace(base.boxes, shifts=none[:, 0], grid_corners=none, extents=none)
     base = replace(base, boxes=boxes, block_means=np.repeat(base.block_means[:1], blocks, axis=0))
     every = np.arange(MAX_CANDIDATES)
     coder = MotionCoder(*moving_rows(frames), every, first_new=0, most=60_000, costs=np.ones(MAX_CANDIDATES))

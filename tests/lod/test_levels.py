@@ -15,8 +15,8 @@ from splatwire.bitstream.sections import sections_of
 from splatwire.bitstream.send_order import send_sequence
 from splatwire.bitstream.tiers import TierCounts, spans_of
 from splatwire.bitstream.tile_index import SECTION, read_tile_index
+from splatwire.bitstream.tile_selection import Viewpoint, cut_of, finer_tile_of, pixel_errors
 from splatwire.bitstream.tiles import Tiles, parents_of
-from splatwire.bitstream.view import Viewpoint, cut_of, pixel_errors, replaces_tile
 from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, repack, with_section
 from splatwire.concealment import conceal, create_concealer
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
@@ -277,7 +277,7 @@ def test_a_tile_with_thousands_of_children_needs_little_memory():
     )  # fmt: skip
     means = rng.random((3000, 3))
     tracemalloc.start()
-    found = replaces_tile(tiles, 0, means)
+    found = finer_tile_of(tiles, 0, means)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 150e6
@@ -291,7 +291,7 @@ def test_coarser_gaussians_represent_their_child_tiles(stream):
     means = decode_stream(stream).scene.splats.means.astype(np.float64)
     for tile in range(tiles.num_tiles):
         finer = np.flatnonzero(tiles.parents == tile)
-        found = replaces_tile(tiles, tile, means[plan.block_indices(tile)])
+        found = finer_tile_of(tiles, tile, means[plan.block_indices(tile)])
         if not len(finer):
             assert (found == -1).all()
             continue

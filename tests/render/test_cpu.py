@@ -108,11 +108,13 @@ def test_result_does_not_depend_on_threads_or_bands(monkeypatch: pytest.MonkeyPa
 def test_band_memory_stays_within_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cpu, "MAX_ENTRIES", 1000)
     arrays = [t.numpy() for t in make_gaussians(3000, 1, torch.float32)]
-    picture = cpu.ViewRasterizer(arrays, make_cameras(210, 150), 0, kept=False)
+    picture = cpu.ViewRasterizer(arrays, make_cameras(210, 150), 0, for_gradients=False)
     bands = list(picture._bands())
     assert len(bands) > 3
-    assert [b.first_row for b in bands] == [first for first, _ in picture.cuts]
-    assert all(len(b.ids) <= 1000 or last - first == 1 for b, (first, last) in zip(bands, picture.cuts, strict=True))
+    assert [b.first_row for b in bands] == [first for first, _ in picture.band_ranges]
+    assert all(
+        len(b.ids) <= 1000 or last - first == 1 for b, (first, last) in zip(bands, picture.band_ranges, strict=True)
+    )
 
 
 def make_needles(count: int, seed: int) -> list[torch.Tensor]:
@@ -129,7 +131,7 @@ def test_elongated_gaussians_are_binned_tightly_and_rendered_like_the_reference(
     # Exponents of elongated near Gaussians have many digits, which single precision rounds; a missing row would show
     # ten times more.
     assert np.abs(drawn(Gaussians(*single), cameras, background=BACKGROUND) - expected.numpy()).max() < 2e-4
-    picture = cpu.ViewRasterizer([t.numpy() for t in single], cameras, 0, kept=False)
+    picture = cpu.ViewRasterizer([t.numpy() for t in single], cameras, 0, for_gradients=False)
     boxes = np.prod(picture.tiles[:, 2:] - picture.tiles[:, :2], axis=1).sum()
     bands = list(picture._bands())
     assert sum(len(band.ids) for band in bands) < 0.7 * boxes

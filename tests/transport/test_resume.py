@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from splatwire.bitstream import PacketId, make_packet
-from splatwire.bitstream.view import Viewpoint
+from splatwire.bitstream.tile_selection import Viewpoint
 from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, StreamReplaced, make_served_stream
 from splatwire.transport.protocol import nack
 from splatwire.transport.protocol import transfer as transfer_module

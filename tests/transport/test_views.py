@@ -14,8 +14,8 @@ import pytest
 from codec.gaussians.test_gaussians import some_splats
 from splatwire.bitstream import Packetization, SceneStream
 from splatwire.bitstream.sections import with_section
+from splatwire.bitstream.tile_selection import cut_of
 from splatwire.bitstream.tiles import read_tiles
-from splatwire.bitstream.view import cut_of
 from splatwire.errors import BitstreamError
 from splatwire.lod import Viewpoint, encode_levels
 from splatwire.transport import PacketArrived, Receiver, ReceiverOptions, Server, make_served_stream

@@ -73,11 +73,11 @@ class Manifest:
         check_fields(self)
         if SCHEMAS.find(self.codec) is None:
             raise UnknownNameError("codec of a stream", self.codec, SCHEMAS.known_names())
-        least, most = (1, MAX_FEATURE_DIM) if self.schema.layout else (0, 0)
+        lower, upper = (1, MAX_FEATURE_DIM) if self.schema.layout else (0, 0)
         for name, low, high in (
             ("num_elements", 0, MAX_ELEMENTS),
-            ("feature_dim", least, most),
-            ("num_offsets", least, min(most, MAX_OFFSETS)),
+            ("feature_dim", lower, upper),
+            ("num_offsets", lower, min(upper, MAX_OFFSETS)),
             ("num_packets", 0, len(PARTS) * MAX_GROUPS),
             ("stream_id", 0, (1 << 32) - 1),
             ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
@@ -125,8 +125,8 @@ class Manifest:
         """
         num_parts, num_blocks = len(self.plan.parts), self.plan.num_blocks
         lanes = num_parts * sum(min(span.num_elements, span.num_blocks * span.lanes) for span in self.plan.spans)
-        most = self.num_elements if self.packetization.hashed else lanes
-        if not num_blocks * num_parts <= self.num_packets <= most or self.num_packets % num_parts:
+        max_packets = self.num_elements if self.packetization.hashed else lanes
+        if not num_blocks * num_parts <= self.num_packets <= max_packets or self.num_packets % num_parts:
             raise InvalidValueError(
                 f"{self.num_packets} packets cannot carry {self.num_elements} elements in {num_blocks} blocks "
                 f"of {self.packetization.lanes} lanes with {self.packetization.packaging} packaging"
@@ -186,9 +186,9 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     if not all(type(size) is int for size in content.get("feature_groups", [])):
         raise BitstreamError(f"{name}: feature_groups does not hold integers only")
     schema = _schema(content.get("codec", UNNAMED_SCHEMA), name)
-    tiers, most = content.get("tiers", []), schema.max_tiers if schema else MAX_SPANS
-    if ("tiers" in content and not 2 <= len(tiers) <= most) or not all(_is_pair(tier) for tier in tiers):
-        raise BitstreamError(f"{name}: tiers does not hold pairs of integers only, 2 to {most} of them")
+    tiers, max_tiers = content.get("tiers", []), schema.max_tiers if schema else MAX_SPANS
+    if ("tiers" in content and not 2 <= len(tiers) <= max_tiers) or not all(_is_pair(tier) for tier in tiers):
+        raise BitstreamError(f"{name}: tiers does not hold pairs of integers only, 2 to {max_tiers} of them")
     # The content is flat from this line on: a digest of arbitrarily nested lists could exhaust the stack.
     if digest != _digest({**content, "schema": SCHEMA}):
         raise BitstreamError(f"{name} is damaged: its digest does not match its content")

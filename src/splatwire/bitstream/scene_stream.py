@@ -189,7 +189,7 @@ def _is_complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
         expected = [(packet_id, plan.count(packet_id)) for packet_id in plan.ids]
         return [(packet.id, packet.num_elements) for packet in packets] == expected
     # No call of the plan per packet, because a scene has thousands of datagrams.
-    most = plan.packetization.packet_bytes
+    max_bytes = plan.packetization.packet_bytes
     sizes = [plan.block_elements(block) for block in range(plan.num_blocks)]
     block, position = 0, 0
     for packet in packets:
@@ -198,7 +198,7 @@ def _is_complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
         end = position + packet.num_elements
         if block == len(sizes) or not position < end <= sizes[block]:
             return False
-        if packet.id != PacketId(block, position) or packet.num_bytes > most:
+        if packet.id != PacketId(block, position) or packet.num_bytes > max_bytes:
             return False
         position = end
     return block == len(sizes) - 1 and position == sizes[block] if packets else not plan.num_elements

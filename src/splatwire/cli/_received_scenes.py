@@ -7,7 +7,7 @@ from pathlib import Path
 from splatwire.api.following import follow
 from splatwire.bitstream import SceneStream, write_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
-from splatwire.bitstream.view import Viewpoint
+from splatwire.bitstream.tile_selection import Viewpoint
 from splatwire.cli._concealers import check_concealer
 from splatwire.cli._files import STANDARD, output_folder, prepared_output
 from splatwire.cli._output import Reporter

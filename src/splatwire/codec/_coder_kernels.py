@@ -41,8 +41,8 @@ from splatwire.entropy.word_kernels import (
     adaptive_bit,
     advance,
     escaped,
-    flag,
     number_below,
+    raw_bit,
     raw_bits,
     write_below,
     write_bit,
@@ -135,7 +135,7 @@ def code_bit(coder, context, bit):
 def code_flag(coder, bit):
     """Encodes or decodes a bit with equal probabilities for 0 and 1; returns the bit. A decoder ignores `bit`."""
     if coder.decoding:
-        return flag(coder.words, coder.state)
+        return raw_bit(coder.words, coder.state)
     write_interval(coder.data, coder.state, bit, ONE, ONE)
     return bit
 
@@ -278,7 +278,7 @@ def _decode_escape(words, state, max_magnitude):
     """
     # The code is a sign, and the excess over `max_magnitude` in Elias gamma code.
     advance(words, state, TOTAL - ESCAPE, ESCAPE, SYMBOL_BITS)
-    above = flag(words, state)
+    above = raw_bit(words, state)
     outside = max_magnitude + 1 + escaped(words, state)
     return min(outside, MAX_RESIDUAL) if above else max(-outside, -MAX_RESIDUAL)
 

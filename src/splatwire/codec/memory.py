@@ -78,8 +78,8 @@ def threads_within(
         BitstreamError: If the limit is too low for one thread.
     """
     check_memory(shared_bytes + thread_bytes, stream_bytes, activity)
-    room = (allowed_bytes(stream_bytes) - shared_bytes) // max(thread_bytes, 1)
-    return max(1, min(threads or allowed_threads(), room))
+    num_threads = (allowed_bytes(stream_bytes) - shared_bytes) // max(thread_bytes, 1)
+    return max(1, min(threads or allowed_threads(), num_threads))
 
 
 def packet_reader_bytes(packets: Sequence[Packet]) -> int:

@@ -212,7 +212,7 @@ def adaptive_update(model, context, bit):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def adaptive_size(model, context):
+def zero_probability(model, context):
     """Returns the probability that the next bit of a context is 0, in units of 2**-16, from 32 to 65504."""
     # Mean of the two estimates of the model, and size of the range coder's interval for the bit 0.
     p = (model[context, 0] + model[context, 1]) >> 1
@@ -223,7 +223,7 @@ def adaptive_size(model, context):
 @no_type_check
 def encode_bit(buffer, state, model, context, bit):
     """Encodes a bit with the adaptive model of a context, and updates the model."""
-    zero = adaptive_size(model, context)
+    zero = zero_probability(model, context)
     if bit:
         encode_interval(buffer, state, zero, 65536 - zero, ADAPTIVE_BITS)
     else:
@@ -235,7 +235,7 @@ def encode_bit(buffer, state, model, context, bit):
 @no_type_check
 def decode_bit(data, end, state, model, context):
     """Decodes a bit with the adaptive model of a context, and updates the model."""
-    zero = adaptive_size(model, context)
+    zero = zero_probability(model, context)
     # Equivalent to `decode_target(...) >= zero`, without its division.
     bit = 1 if state[0] >= zero * (state[1] >> ADAPTIVE_BITS) else 0
     if bit:

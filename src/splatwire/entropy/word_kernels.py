@@ -14,8 +14,8 @@ from splatwire.entropy.range_kernels import (
     RAW_BITS,
     TOP,
     ZERO,
-    adaptive_size,
     adaptive_update,
+    zero_probability,
 )
 from splatwire.entropy.range_kernels import decode_target as target_of
 from splatwire.ops.compiled import njit
@@ -66,7 +66,7 @@ def advance(words, state, start, size, total_bits):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def flag(words, state):
+def raw_bit(words, state):
     """Decodes one bit, 0 or 1 with equal probabilities, and advances the decoder's state."""
     bit = ONE if state[0] >= state[1] >> ONE else ZERO
     advance(words, state, bit, ONE, ONE)
@@ -77,7 +77,7 @@ def flag(words, state):
 @no_type_check
 def adaptive_bit(words, state, models, context):
     """Decodes a bit with the adaptive model of a context, and updates the model."""
-    zero = adaptive_size(models, context)
+    zero = zero_probability(models, context)
     bit = ONE if state[0] >= zero * (state[1] >> ADAPTIVE_BITS) else ZERO
     if bit:
         advance(words, state, zero, 65536 - zero, ADAPTIVE_BITS)
@@ -119,11 +119,11 @@ def number_below(words, state, count):
 def escaped(words, state):
     """Decodes a non-negative integer in Elias gamma code, written by `normal_kernels.encode_escape`."""
     length = 0
-    while length < 32 and flag(words, state):
+    while length < 32 and raw_bit(words, state):
         length += 1
     value = 1
     for _ in range(length):
-        value = (value << 1) | flag(words, state)
+        value = (value << 1) | raw_bit(words, state)
     return value - 1
 
 
@@ -160,7 +160,7 @@ def write_interval(buffer, state, start, size, total_bits):
 @no_type_check
 def write_bit(buffer, state, models, context, bit):
     """Encodes a bit with the adaptive model of a context, and updates the model."""
-    zero = adaptive_size(models, context)
+    zero = zero_probability(models, context)
     write_interval(buffer, state, zero if bit else ZERO, 65536 - zero if bit else zero, ADAPTIVE_BITS)
     adaptive_update(models, context, bit)
 

@@ -38,8 +38,8 @@ from splatwire.render._cpu_kernels import (
     ZERO,
     finished,
     new_buffer,
-    prefetch_splat,
-    splat_numbers,
+    prefetch_projected,
+    read_projected,
 )
 
 SUMS = 9
@@ -77,11 +77,11 @@ def _blend_back(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue, ou
     dx = load(buf, COLUMN) - x
     constant, slope = dx * dx * A + log_opacity, dx * B
     dy = spread(np.float32(low) - y)
-    most, zero = spread(min(log_opacity, MAX_LOG_ALPHA)), spread(ZERO)
+    max_exponent, zero = spread(min(log_opacity, MAX_LOG_ALPHA)), spread(ZERO)
     h0 = h1 = h2 = sum_r = sum_g = sum_b = zero
     for i in range(low * TILE, high * TILE, TILE):
         power = constant + (slope + dy * C) * dy
-        alpha = power_of_two(smaller(power, most))
+        alpha = power_of_two(smaller(power, max_exponent))
         transmittance = load(buf, i + TRANSMITTANCE)
         weight = choose(power >= MIN_LOG_ALPHA, alpha * transmittance, zero)
         after = transmittance - weight
@@ -112,7 +112,7 @@ def _blend_back(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue, ou
 
 @njit(error_model="numpy")
 @no_type_check
-def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_of_sums):
+def _tile_back(projected, ids, spans, begin, end, left, top, image, d_image, rows_of_sums):
     height, width = image.shape[:2]
     rows, columns = min(TILE, height - top), min(TILE, width - left)
     buf = new_buffer(columns, rows)
@@ -126,8 +126,8 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
                 rest += d * image[top + row, left + column, c]
             buf[i + REST] = rest
     for k in range(begin, end):
-        prefetch_splat(splats, ids, k + AHEAD)
-        x, y, A, B, C, log_opacity, red, green, blue = splat_numbers(splats, ids[k], left, top)
+        prefetch_projected(projected, ids, k + AHEAD)
+        x, y, A, B, C, log_opacity, red, green, blue = read_projected(projected, ids[k], left, top)
         low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])
         _blend_back(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue, rows_of_sums, k)
         if (k - begin) % 16 == 15 and finished(buf):
@@ -136,11 +136,11 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums, first, last):
+def draw_tiles_back(projected, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums, first, last):
     """Computes the gradient of the loss with respect to each projected Gaussian, in some tiles of the image.
 
     Args:
-        splats: Projected Gaussians.
+        projected: Projected Gaussians.
         starts: Start of each tile's list in `ids`, and the end of the last list.
         ids: Lists of all tiles, one after another: indices of Gaussians, nearest first.
         spans: Pixel rows that each entry of `ids` covers in its tile: first row and end (exclusive).
@@ -155,7 +155,7 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
     # `starts`, `ids` and `spans` are from `fill_tiles`. `rows_of_sums` must be zero before.
     for t in range(first, last):
         left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
-        _tile_back(splats, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
+        _tile_back(projected, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import choose, load, pick, power_of_two, prefetch, smaller, spread, store
-from splatwire.render._cpu_project import SPLAT
+from splatwire.render._cpu_project import SPLAT_STRIDE
 
 TILE = 16
 PIXELS = TILE * TILE
@@ -48,12 +48,12 @@ def _blend(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue):
     dx = load(buf, COLUMN) - x
     constant, slope = dx * dx * A + log_opacity, dx * B
     dy = spread(np.float32(low) - y)
-    most, zero = spread(min(log_opacity, MAX_LOG_ALPHA)), spread(ZERO)
+    max_exponent, zero = spread(min(log_opacity, MAX_LOG_ALPHA)), spread(ZERO)
     for i in range(low * TILE, high * TILE, TILE):
         power = constant + (slope + dy * C) * dy
         dy += ONE
         transmittance = load(buf, i + TRANSMITTANCE)
-        weight = choose(power >= MIN_LOG_ALPHA, power_of_two(smaller(power, most)) * transmittance, zero)
+        weight = choose(power >= MIN_LOG_ALPHA, power_of_two(smaller(power, max_exponent)) * transmittance, zero)
         after = transmittance - weight
         drawn = after >= MIN_TRANSMITTANCE
         weight = choose(drawn, weight, zero)
@@ -98,20 +98,20 @@ def finished(buf):
 
 @njit(inline="always")
 @no_type_check
-def prefetch_splat(splats, ids, k):
+def prefetch_projected(projected, ids, k):
     """Prefetches the projected Gaussian `ids[k]`, which will be drawn soon, into the processor's cache."""
     # The Gaussians of a tile are scattered in memory.
     if k < ids.shape[0]:
-        prefetch(splats, np.int64(ids[k]) * SPLAT)
+        prefetch(projected, np.int64(ids[k]) * SPLAT_STRIDE)
 
 
 @njit(inline="always")
 @no_type_check
-def splat_numbers(splats, g, left, top):
+def read_projected(projected, g, left, top):
     """Returns the values of a projected Gaussian that blending needs.
 
     Args:
-        splats: Projected Gaussians.
+        projected: Projected Gaussians.
         g: Index of the Gaussian.
         left: Left edge of the tile, pixels.
         top: Top edge of the tile, pixels.
@@ -120,21 +120,21 @@ def splat_numbers(splats, g, left, top):
         The arguments `x`, `y`, `A`, `B`, `C`, `log_opacity`, `red`, `green` and `blue` of `_blend`, in this order.
     """
     # Single values are read, because an array view of the row would be slower (reference counting).
-    at = np.int64(g) * SPLAT
-    x, y = pick(splats, at) - np.float32(left), pick(splats, at + 1) - np.float32(top)
+    at = np.int64(g) * SPLAT_STRIDE
+    x, y = pick(projected, at) - np.float32(left), pick(projected, at + 1) - np.float32(top)
     return (
-        x, y, pick(splats, at + 2), pick(splats, at + 3), pick(splats, at + 4), pick(splats, at + 5),
-        pick(splats, at + 6), pick(splats, at + 7), pick(splats, at + 8),
+        x, y, pick(projected, at + 2), pick(projected, at + 3), pick(projected, at + 4), pick(projected, at + 5),
+        pick(projected, at + 6), pick(projected, at + 7), pick(projected, at + 8),
     )  # fmt: skip
 
 
 @njit(error_model="numpy")
 @no_type_check
-def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, left_over):
+def _draw_tile(projected, ids, spans, begin, end, left, top, background, image, transmittance):
     """Draws one tile of an image.
 
     Args:
-        splats: Projected Gaussians.
+        projected: Projected Gaussians.
         ids: Indices of Gaussians; those from `begin` to `end` (exclusive) are in this tile, nearest first.
         spans: For each entry of `ids`, the pixel rows of the tile that its Gaussian covers: first row and end
             (exclusive).
@@ -144,15 +144,15 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
         top: Top edge of the tile, pixels.
         background: RGB of the background.
         image: Output: RGB of the pixels.
-        left_over: Output: remaining transmittance of the pixels.
+        transmittance: Output: remaining transmittance of the pixels.
     """
-    height, width = left_over.shape
+    height, width = transmittance.shape
     rows, columns = min(TILE, height - top), min(TILE, width - left)
     buf = new_buffer(columns, rows)
     for k in range(begin, end):
-        prefetch_splat(splats, ids, k + AHEAD)
+        prefetch_projected(projected, ids, k + AHEAD)
         low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])  # loops over unsigned integers are slower
-        x, y, A, B, C, log_opacity, red, green, blue = splat_numbers(splats, ids[k], left, top)
+        x, y, A, B, C, log_opacity, red, green, blue = read_projected(projected, ids[k], left, top)
         _blend(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue)
         if (k - begin) % 16 == 15 and finished(buf):
             break
@@ -160,7 +160,7 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
         for column in range(columns):
             i = row * TILE + column
             t = abs(buf[i + TRANSMITTANCE])
-            left_over[top + row, left + column] = t
+            transmittance[top + row, left + column] = t
             for c in range(3):
                 image[top + row, left + column, c] = buf[i + RED + c * PIXELS] + t * background[c]
 
@@ -188,11 +188,11 @@ def tile_order(num_tiles, grid_x):
 
 @njit(nogil=True)
 @no_type_check
-def draw_tiles(splats, starts, ids, spans, grid_x, first_row, background, image, left_over):
+def draw_tiles(projected, starts, ids, spans, grid_x, first_row, background, image, transmittance):
     """Draws rows of tiles of an image.
 
     Args:
-        splats: Projected Gaussians.
+        projected: Projected Gaussians.
         starts: Start of each tile's list in `ids`, and the end of the last list.
         ids: Lists of all tiles, one after another: indices of Gaussians, nearest first.
         spans: Pixel rows that each entry of `ids` covers in its tile: first row and end (exclusive).
@@ -200,9 +200,9 @@ def draw_tiles(splats, starts, ids, spans, grid_x, first_row, background, image,
         first_row: First row of tiles.
         background: RGB of the background.
         image: Output: RGB of the pixels.
-        left_over: Output: remaining transmittance of the pixels.
+        transmittance: Output: remaining transmittance of the pixels.
     """
     # `starts`, `ids` and `spans` are from `fill_tiles`.
     for t in tile_order(starts.shape[0] - 1, grid_x):
         left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
-        _draw_tile(splats, ids, spans, starts[t], starts[t + 1], left, top, background, image, left_over)
+        _draw_tile(projected, ids, spans, starts[t], starts[t + 1], left, top, background, image, transmittance)

@@ -11,7 +11,7 @@ import numpy as np
 from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import prefetch
 from splatwire.render._cpu_kernels import MIN_LOG_ALPHA, TILE
-from splatwire.render._cpu_project import DEPTH, HALF_HEIGHT, SPLAT, TILES
+from splatwire.render._cpu_project import DEPTH, HALF_HEIGHT, SPLAT_STRIDE, TILES
 
 AHEAD = 16
 TILE_BITS = np.int64(TILE.bit_length() - 1)
@@ -38,11 +38,11 @@ def row_entries(tiles, grid_y):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def depth_order(splats, tiles, first_row, last_row):
+def depth_order(projected, tiles, first_row, last_row):
     """Sorts the Gaussians in some rows of tiles by depth, nearest first.
 
     Args:
-        splats: Projected Gaussians.
+        projected: Projected Gaussians.
         tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).
         first_row: First row of tiles.
         last_row: End of the rows of tiles (exclusive).
@@ -50,13 +50,13 @@ def depth_order(splats, tiles, first_row, last_row):
     Returns:
         Indices of the Gaussians; and the number of tile columns that they overlap, summed over the Gaussians.
     """
-    room, count, columns = tiles.shape[0], 0, np.int64(0)
-    order, spare = np.empty(room, np.int32), np.empty(room, np.int32)
-    keys, spare_keys = np.empty(room, np.uint32), np.empty(room, np.uint32)
+    num, count, columns = tiles.shape[0], 0, np.int64(0)
+    order, spare = np.empty(num, np.int32), np.empty(num, np.int32)
+    keys, spare_keys = np.empty(num, np.uint32), np.empty(num, np.uint32)
     starts, mask = np.zeros((3, 2049), np.int64), np.uint32(2047)
-    for g in range(room):
+    for g in range(num):
         if (tiles[g, 3] > first_row) & (tiles[g, 1] < last_row):
-            key = np.float32(splats[g, DEPTH]).view(np.uint32)  # positive floats sort like their bits
+            key = np.float32(projected[g, DEPTH]).view(np.uint32)  # positive floats sort like their bits
             order[count], keys[count] = g, key
             count += 1
             columns += tiles[g, 2] - tiles[g, 0]
@@ -76,11 +76,11 @@ def depth_order(splats, tiles, first_row, last_row):
 
 @njit(inline="always", error_model="numpy")
 @no_type_check
-def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
+def _covered_rows(projected, g, left, columns, top, bottom, strips, strip):
     """Computes the pixel rows that a Gaussian covers in each column of tiles, and writes them to `strips`.
 
     Args:
-        splats: Projected Gaussians.
+        projected: Projected Gaussians.
         g: Index of the Gaussian.
         left: First column of tiles that the Gaussian overlaps.
         columns: Number of columns of tiles that it overlaps.
@@ -92,20 +92,20 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
     # A Gaussian covers the pixels inside the ellipse with alpha >= 1/255. The rows range from the highest to the
     # lowest such pixel in the column. In a single column, the full height of the ellipse is used, which is faster
     # and adds few rows.
-    y, first_row, end_row = np.float64(splats[g, 1]), np.float64(top), np.float64(bottom)
+    y, first_row, end_row = np.float64(projected[g, 1]), np.float64(top), np.float64(bottom)
     if columns == 1:
-        half = np.float64(splats[g, HALF_HEIGHT])
+        half = np.float64(projected[g, HALF_HEIGHT])
         strips[strip, 0], strips[strip, 1] = _rows_between(y - half, y + half, first_row, end_row)
         return
-    A, B, C = np.float64(splats[g, 2]), np.float64(splats[g, 3]), np.float64(splats[g, 4])
-    edge_exponent, inside = max(MIN_LOG_ALPHA - _MARGIN - splats[g, 5], _LOWEST), B * B - 4 * A * C
+    A, B, C = np.float64(projected[g, 2]), np.float64(projected[g, 3]), np.float64(projected[g, 4])
+    edge_exponent, inside = max(MIN_LOG_ALPHA - _MARGIN - projected[g, 5], _LOWEST), B * B - 4 * A * C
     if not (inside < 0 and A < 0):  # not an ellipse because of rounding
         for i in range(strip, strip + columns):
             strips[i, 0], strips[i, 1] = top, bottom
         return
     lowest, half = B * np.sqrt(edge_exponent / (-A * inside)), -0.5 / C
     for i in range(columns):
-        first = (left + i) * TILE - np.float64(splats[g, 0])
+        first = (left + i) * TILE - np.float64(projected[g, 0])
         low_dx, high_dx = min(max(-lowest, first), first + TILE - 1), min(max(lowest, first), first + TILE - 1)
         above, below = (
             inside * low_dx * low_dx + 4 * C * edge_exponent,
@@ -136,11 +136,11 @@ def _rows_between(low, high, top, bottom):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
+def fill_tiles(projected, order, num_columns, grid_x, first_row, last_row):
     """Lists the Gaussians that each tile draws, nearest first, for some rows of tiles.
 
     Args:
-        splats: Projected Gaussians.
+        projected: Projected Gaussians.
         order: Indices of the Gaussians to list, nearest first.
         num_columns: Sum, over all Gaussians, of the number of tile columns that the Gaussian overlaps.
         grid_x: Number of tile columns of the image.
@@ -164,13 +164,13 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     entry_starts, entry, strip = np.zeros(order.shape[0] + 1, np.int64), 0, 0
     for k in range(order.shape[0]):
         if k + AHEAD < order.shape[0]:
-            prefetch(splats, np.int64(order[k + AHEAD]) * SPLAT)
+            prefetch(projected, np.int64(order[k + AHEAD]) * SPLAT_STRIDE)
         g = np.int64(order[k])
-        left = np.int64(splats[g, TILES])
-        columns, corner = np.int64(splats[g, TILES + 2]) - left, left - first_row * grid_x
-        top = max(np.int64(splats[g, TILES + 1]), first_row) * TILE
-        bottom = min(np.int64(splats[g, TILES + 3]), last_row) * TILE
-        _covered_rows(splats, g, left, columns, top, bottom, strips, strip)
+        left = np.int64(projected[g, TILES])
+        columns, corner = np.int64(projected[g, TILES + 2]) - left, left - first_row * grid_x
+        top = max(np.int64(projected[g, TILES + 1]), first_row) * TILE
+        bottom = min(np.int64(projected[g, TILES + 3]), last_row) * TILE
+        _covered_rows(projected, g, left, columns, top, bottom, strips, strip)
         corners[k, 0], corners[k, 1] = corner, columns
         for i in range(columns):
             low, high = _tile_rows(strips[strip + i, 0], strips[strip + i, 1])

@@ -9,7 +9,7 @@ import numpy as np
 
 from splatwire.ops.compiled import njit
 
-SPLAT = 16
+SPLAT_STRIDE = 16
 """Number of values of a projected Gaussian (splat): x, y, three exponents, log2 of opacity, three colours, depth, the
 tile range (4 values), half the height. A splat fills one cache line, because the splats of a tile are scattered in
 memory and fetching them is much of the work. The exponents are the inverse covariance times -log2(e)/2 (diagonal) and
@@ -112,7 +112,9 @@ def _project_chunk(work, pose, intrinsics, width, height, constants):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles):
+def project_splats(
+    means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, projected, tiles
+):
     """Projects Gaussians to the image, and finds the tiles that each of them overlaps.
 
     Args:
@@ -126,7 +128,7 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
         width: Width of the image, pixels.
         height: Height of the image, pixels.
         constants: Minimum depth, dilation of the projected covariance, frustum margin, side of a tile.
-        splats: Output: projected Gaussians, one row each.
+        projected: Output: projected Gaussians, one row each.
         tiles: Output: range of tiles of each Gaussian (left, top, right, bottom); empty if it is not drawn.
     """
     # The range of tiles covers the square of three standard deviations, as in 3DGS. Tiles outside the ellipse of
@@ -148,13 +150,13 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
                 tiles[g, k] = np.int32(work[BOX + k * CHUNK + i]) if drawn else np.int32(0)
             if drawn:
                 for k in range(5):
-                    splats[g, k] = work[OUT + k * CHUNK + i]
-                splats[g, 5], splats[g, DEPTH] = work[LOG_OPACITY + i], work[OUT + 5 * CHUNK + i]
-                splats[g, HALF_HEIGHT] = work[OUT + 6 * CHUNK + i]
+                    projected[g, k] = work[OUT + k * CHUNK + i]
+                projected[g, 5], projected[g, DEPTH] = work[LOG_OPACITY + i], work[OUT + 5 * CHUNK + i]
+                projected[g, HALF_HEIGHT] = work[OUT + 6 * CHUNK + i]
                 for k in range(3):
-                    splats[g, 6 + k] = colors[g, k]
+                    projected[g, 6 + k] = colors[g, k]
                 for k in range(4):
-                    splats[g, TILES + k] = work[BOX + k * CHUNK + i]
+                    projected[g, TILES + k] = work[BOX + k * CHUNK + i]
 
 
 @njit(inline="always")
@@ -176,7 +178,7 @@ def _scaled_axis(row_x, row_y, axis, scale):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def project_back(
-    means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
+    means, quats, scales, opacities, pose, intrinsics, width, height, constants, projected, tiles, sums,
     d_means, d_quats, d_scales, d_opacities, d_colors, d_means2d,
 ):  # fmt: skip
     """Back-propagates gradients from projected Gaussians to the parameters of the Gaussians.
@@ -191,7 +193,7 @@ def project_back(
         width: Width of the image, pixels.
         height: Height of the image, pixels.
         constants: Minimum depth, dilation of the projected covariance, frustum margin, side of a tile.
-        splats: Projected Gaussians.
+        projected: Projected Gaussians.
         tiles: Range of tiles of each Gaussian.
         sums: Gradient of each projected Gaussian, from `add_rows`.
         d_means: Output: gradient with respect to `means`.
@@ -211,7 +213,7 @@ def project_back(
             something += abs(s[k])
         if something == 0:  # most Gaussians are hidden: all gradients stay zero
             continue
-        a, b, c = -2 / LOG2E * splats[g, 2], -1 / LOG2E * splats[g, 3], -2 / LOG2E * splats[g, 4]
+        a, b, c = -2 / LOG2E * projected[g, 2], -1 / LOG2E * projected[g, 3], -2 / LOG2E * projected[g, 4]
         d_opacities[g] = s[0] / opacities[g]
         d_colors[g, 0], d_colors[g, 1], d_colors[g, 2] = s[6], s[7], s[8]
         du, dv = a * s[1] + b * s[2], b * s[1] + c * s[2]

@@ -12,7 +12,7 @@ from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, TILE
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.threads import allowed_threads, parallel_map
 from splatwire.render import _cpu_gradients, _cpu_kernels, _cpu_lists, _cpu_project
-from splatwire.render._cpu_project import SPLAT
+from splatwire.render._cpu_project import SPLAT_STRIDE
 from splatwire.types import Cameras, Gaussians
 
 MAX_ENTRIES = 1 << 20
@@ -41,7 +41,9 @@ def render_cpu(
     """
     keep_freed_memory()
     arrays, behind = float_arrays(gaussians), np.asarray(background, np.float32)
-    views = [ViewRasterizer(arrays, cameras, view, kept=False).draw(behind)[0] for view in range(cameras.num_views)]
+    views = [
+        ViewRasterizer(arrays, cameras, view, for_gradients=False).draw(behind)[0] for view in range(cameras.num_views)
+    ]
     return np.stack(views) if len(views) > 1 else views[0][None]  # avoids a copy of a large image
 
 
@@ -71,7 +73,7 @@ def each_gradient_cpu(
     # gradients is back-propagated before the next is requested.
     keep_freed_memory()
     arrays = float_arrays(gaussians)
-    picture = ViewRasterizer(arrays, cameras, 0, kept=True)
+    picture = ViewRasterizer(arrays, cameras, 0, for_gradients=True)
     image, _ = picture.draw(np.zeros(3, np.float32) if background is None else background)
     for gradient in d_image(image.shape):
         picture.each_gradient(arrays, image, gradient, on_gradients)
@@ -113,45 +115,45 @@ class ViewRasterizer:
         arrays: Means, quats, scales, opacities, colors.
         cameras: The cameras.
         view: Index of the camera.
-        kept: True to keep data for computing gradients after drawing. The gradients then do not depend on the number of
-            threads.
+        for_gradients: True to keep data for computing gradients after drawing. The gradients then do not depend on the
+            number of threads.
     """
 
     # Threads divide the work by ranges of Gaussians and by bands (consecutive rows of tiles). The image does not
-    # depend on this division. With `kept`, the number of bands is the same for any number of threads, because
+    # depend on this division. With `for_gradients`, the number of bands is the same for any number of threads, because
     # gradients of different divisions differ by rounding errors.
 
-    def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int, *, kept: bool) -> None:
+    def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int, *, for_gradients: bool) -> None:
         num = arrays[0].shape[0]
         self.size = (cameras.height, cameras.width)
         self.grid_x, self.grid_y = -(-cameras.width // TILE), -(-cameras.height // TILE)
-        self.splats = _allocate_splats(num)
+        self.projected = _allocate_projected(num)
         self.tiles = np.empty((num, 4), np.int32)
         self.camera = _camera_arguments(cameras, view)
 
         def project(piece: slice) -> None:
             mine = [a[piece] for a in arrays]
-            _cpu_project.project_splats(*mine, *self.camera, self.splats[piece], self.tiles[piece])
+            _cpu_project.project_splats(*mine, *self.camera, self.projected[piece], self.tiles[piece])
 
         parallel_map(project, _pieces(num))
         entries = _cpu_lists.row_entries(self.tiles, self.grid_y)
-        cuts = _band_starts(entries, _BANDS if kept else max(_BANDS, 2 * allowed_threads()))
-        self.cuts = list(itertools.pairwise(cuts))
-        self.kept: list[_Band] | None = None
-        self.may_keep = kept and entries.sum() <= MAX_KEPT_ENTRIES
+        starts = _band_starts(entries, _BANDS if for_gradients else max(_BANDS, 2 * allowed_threads()))
+        self.band_ranges = list(itertools.pairwise(starts))
+        self.stored_bands: list[_Band] | None = None
+        self.may_keep = for_gradients and entries.sum() <= MAX_KEPT_ENTRIES
 
     def draw(self, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Draws the view: returns the image, and the remaining transmittance of each pixel."""
-        image, left_over = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
+        image, transmittance = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
 
         def draw(number: int) -> _Band | None:
             band = self._fill(number)
             lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
-            _cpu_kernels.draw_tiles(self.splats, *lists, background, image, left_over)
+            _cpu_kernels.draw_tiles(self.projected, *lists, background, image, transmittance)
             return band if self.may_keep else None
 
-        self.kept = [band for band in parallel_map(draw, range(len(self.cuts))) if band is not None]
-        return image, left_over
+        self.stored_bands = [band for band in parallel_map(draw, range(len(self.band_ranges))) if band is not None]
+        return image, transmittance
 
     def gradients(self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray) -> list[np.ndarray]:
         """Returns the gradients of the loss with respect to means, quats, scales, opacities, colors, and the 2D means.
@@ -180,12 +182,12 @@ class ViewRasterizer:
         """
         sums = self._gradient_sums(image, d_image)
 
-        def some(piece: slice) -> None:
+        def project_back_slice(piece: slice) -> None:
             out = _zeros([a[piece] for a in arrays])
             self._project_back(arrays, sums, piece, out)
             on_gradients(piece, *out[:5])
 
-        parallel_map(some, _pieces(len(sums)))
+        parallel_map(project_back_slice, _pieces(len(sums)))
 
     def _gradient_sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
         """Computes the gradients with respect to the projected Gaussians, summed over all pixels, float32 (G, SUMS).
@@ -194,7 +196,7 @@ class ViewRasterizer:
             image: The rendered picture.
             d_image: Gradient of the loss with respect to the picture.
         """
-        num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
+        num, width, spare = self.projected.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
         flat = np.zeros(num * width + spare, np.float32)
         for band in self._bands():
             self._add_gradients(band, image, d_image, flat)
@@ -204,7 +206,7 @@ class ViewRasterizer:
         self, arrays: list[np.ndarray], sums: np.ndarray, piece: slice, results: list[np.ndarray]
     ) -> None:
         mine = [a[piece] for a in arrays[:4]]
-        _cpu_project.project_back(*mine, *self.camera, self.splats[piece], self.tiles[piece], sums[piece], *results)
+        _cpu_project.project_back(*mine, *self.camera, self.projected[piece], self.tiles[piece], sums[piece], *results)
 
     def _add_gradients(self, band: _Band, image: np.ndarray, d_image: np.ndarray, sums: np.ndarray) -> None:
         """Adds the gradients of the pixels in one band of tile rows to the gradient sums of the projected Gaussians.
@@ -220,7 +222,7 @@ class ViewRasterizer:
 
         parallel_map(
             lambda row: _cpu_gradients.draw_tiles_back(
-                self.splats, *lists, image, d_image, rows, row * self.grid_x, (row + 1) * self.grid_x
+                self.projected, *lists, image, d_image, rows, row * self.grid_x, (row + 1) * self.grid_x
             ),
             range((band.starts.shape[0] - 1) // self.grid_x),
         )
@@ -233,27 +235,31 @@ class ViewRasterizer:
 
     def _bands(self) -> Iterator[_Band]:
         """Yields groups of tile rows that together cover the image."""
-        return iter(self.kept) if self.kept else (self._fill(number) for number in range(len(self.cuts)))
+        return (
+            iter(self.stored_bands)
+            if self.stored_bands
+            else (self._fill(number) for number in range(len(self.band_ranges)))
+        )
 
     def _fill(self, number: int) -> _Band:
-        first, last = self.cuts[number]
-        order, columns = _cpu_lists.depth_order(self.splats, self.tiles, first, last)
-        return _Band(first, order, *_cpu_lists.fill_tiles(self.splats, order, columns, self.grid_x, first, last))
+        first, last = self.band_ranges[number]
+        order, columns = _cpu_lists.depth_order(self.projected, self.tiles, first, last)
+        return _Band(first, order, *_cpu_lists.fill_tiles(self.projected, order, columns, self.grid_x, first, last))
 
 
-def _allocate_splats(num: int) -> np.ndarray:
+def _allocate_projected(num: int) -> np.ndarray:
     """Allocates an uninitialised array for projected Gaussians, aligned to cache lines.
 
     Args:
         num: Number of Gaussians.
 
     Returns:
-        float32 (num, SPLAT).
+        float32 (num, SPLAT_STRIDE).
     """
     # Aligned to cache lines.
-    room = np.empty((num + 1) * SPLAT, np.float32)
-    first = -room.ctypes.data % 64 // 4
-    return room[first : first + num * SPLAT].reshape(num, SPLAT)
+    floats = np.empty((num + 1) * SPLAT_STRIDE, np.float32)
+    first = -floats.ctypes.data % 64 // 4
+    return floats[first : first + num * SPLAT_STRIDE].reshape(num, SPLAT_STRIDE)
 
 
 def _zeros(arrays: list[np.ndarray]) -> list[np.ndarray]:
@@ -277,13 +283,13 @@ def _band_starts(entries: np.ndarray, num_bands: int) -> list[int]:
     """
     # Each band has at most `MAX_ENTRIES` (Gaussian, tile) pairs, or is a single row of tiles.
     limit = min(MAX_ENTRIES, entries.sum() / num_bands)
-    cuts, held = [0], 0.0
+    starts, held = [0], 0.0
     for row, more in enumerate(entries):
-        if held + more > limit and row > cuts[-1]:
-            cuts.append(row)
+        if held + more > limit and row > starts[-1]:
+            starts.append(row)
             held = 0.0
         held += more
-    return [*cuts, len(entries)]
+    return [*starts, len(entries)]
 
 
 def _camera_arguments(cameras: Cameras, view: int) -> tuple[Any, ...]:

@@ -243,7 +243,7 @@ def measure_further_removal(
         seen = splats.seen_from(to_numpy(cameras.centers[view]))
         seen = compensated(seen, cameras, view) if pruned.antialiased else seen
         arrays, opacities = float_arrays(seen), seen.opacities.astype(np.float64)
-        picture = ViewRasterizer(arrays, cameras, view, kept=True)
+        picture = ViewRasterizer(arrays, cameras, view, for_gradients=True)
         image, _ = picture.draw(behind)
         by_sign = picture.gradients(arrays, image, rng.signs(image.shape))
         own_error += np.square(by_sign[3] * opacities) + _HIDDEN_CONTRAST**2 * np.square(by_sign[4]).sum(axis=1)

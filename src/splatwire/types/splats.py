@@ -107,11 +107,11 @@ class Splats:
             InvalidValueError: If `source` has another degree, or more Gaussians than there are from `begin` on.
         """
         check_kind(source, Splats, "open_scene", "source")
-        room = self.num_gaussians - whole_number(begin, "begin")
-        if source.num_gaussians > room or source.degree != self.degree:
+        capacity = self.num_gaussians - whole_number(begin, "begin")
+        if source.num_gaussians > capacity or source.degree != self.degree:
             raise InvalidValueError(
                 f"source: {source.num_gaussians:,} Gaussians of degree {source.degree} do not fit in the place of "
-                f"{max(room, 0):,} of degree {self.degree}"
+                f"{max(capacity, 0):,} of degree {self.degree}"
             )
         for name, values in vars(self.slice_range(begin, begin + source.num_gaussians)).items():
             values[:] = getattr(source, name)
@@ -261,11 +261,11 @@ def _compiled_colors(splats: Splats, camera_center: Float[np.ndarray, "3"]) -> F
         return None
     colors = np.empty((splats.num_gaussians, 3), np.float32)
 
-    def some(begin: int) -> None:
+    def color_slice(begin: int) -> None:
         rows, basis = slice(begin, begin + ROWS), np.empty(16, np.float32)
         view_colours(splats.means[rows], splats.sh[rows], camera_center, basis, colors[rows])
 
-    parallel_map(some, range(0, splats.num_gaussians, ROWS))
+    parallel_map(color_slice, range(0, splats.num_gaussians, ROWS))
     return colors
 
 

@@ -101,7 +101,7 @@ def changed_fields(stream: SceneStream, rng: np.random.Generator) -> bytes:
     info = read_side_info(stream.side_info, stream.manifest.plan.num_blocks)
     names = ("base_exponents", "transform", "block_means", "zero_probabilities", "scale_indices")
     arrays = {name: getattr(info, name).copy() for name in names}
-    arrays |= {name: getattr(info.boxes, name).copy() for name in ("shifts", "origins", "extents")}
+    arrays |= {name: getattr(info.boxes, name).copy() for name in ("shifts", "grid_corners", "extents")}
     ranges = {"transform": (-128, 127), **dict.fromkeys(("zero_probabilities", "shifts", "extents"), (0, 255))}
     ranges |= dict.fromkeys(("block_means", "scale_indices"), (-(2**31), 2**31))
     numbers = {"size_log": info.size_log, "lattice_bits": info.lattice_bits}
@@ -113,7 +113,7 @@ def changed_fields(stream: SceneStream, rng: np.random.Generator) -> bytes:
             numbers[name] = value
         elif arrays[name].size:
             arrays[name].flat[rng.integers(arrays[name].size)] = value
-    boxes = dataclasses.replace(info.boxes, **{k: arrays.pop(k) for k in ("shifts", "origins", "extents")})
+    boxes = dataclasses.replace(info.boxes, **{k: arrays.pop(k) for k in ("shifts", "grid_corners", "extents")})
     return write_side_info(dataclasses.replace(info, boxes=boxes, **arrays, **numbers))
 
 

@@ -166,8 +166,8 @@ def code_axis(coder, row, primary, source, shift, neighbours, count, residual_ma
             absolute,
         )
         residual_magnitude = update_magnitude(residual_magnitude, steps)
-        most = UNIT - abs(x) if absolute else np.int64(UNIT)
-        value = min(max(value, -most), most)
+        max_component = UNIT - abs(x) if absolute else np.int64(UNIT)
+        value = min(max(value, -max_component), max_component)
         if number:
             y = value
         else:

@@ -132,10 +132,10 @@ def code_logs(coder, row, source, base_exponents, precision_class, neighbours, c
     # A loop, because numba would compile a copy of the entropy coder for each call.
     for kind in range(4):
         mean, value, area = neighbours.means[kind], source[kind], np.int64(0)
-        low, high, most = np.int64(0), np.int64(MAX_LOG), np.int64(BITS - 1)
+        low, high, max_shift = np.int64(0), np.int64(MAX_LOG), np.int64(BITS - 1)
         if kind == RESIDUAL_OPACITY:
             value = value + 1 if value == MAX_OPACITY else value
-            low, high, most = np.int64(MIN_OPACITY), np.int64(MAX_OPACITY), np.int64(BITS)
+            low, high, max_shift = np.int64(MIN_OPACITY), np.int64(MAX_OPACITY), np.int64(BITS)
         elif kind == RESIDUAL_SCALE0:
             area = ZERO if absolute else 2 * mean - (2 << BITS)
             low = np.int64(-MAX_LOG)
@@ -145,7 +145,7 @@ def code_logs(coder, row, source, base_exponents, precision_class, neighbours, c
             area = 2 * s0 - elongation
             value = ZERO if coder.decoding else compand_flatness(max(s0 - elongation - value, 0), flatness_table)
         # The quantisation step of each value depends on the values decoded before.
-        shift = step_shift(base_exponents, kind, precision_class, area, elongation, ZERO, opacity, most)
+        shift = step_shift(base_exponents, kind, precision_class, area, elongation, ZERO, opacity, max_shift)
         deviation_class = deviation_context(count, neighbours.deviations[kind], shift)
         magnitude_index = shift if kind < RESIDUAL_SCALE1 else magnitude_context(residual_magnitude)
         value, steps = code_value(coder, kind, deviation_class, magnitude_index, mean, value, shift, absolute)

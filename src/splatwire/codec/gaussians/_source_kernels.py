@@ -185,15 +185,15 @@ def snap_to_cells(means, shifts, factor, half_unit):
     Returns:
         Largest magnitude of a lattice coordinate.
     """
-    most = 0.0
+    max_magnitude = 0.0
     for i in range(len(means)):
         for a in range(3):
             # Twice: the centre of a cell near float32 precision is rounded, possibly into a neighbouring cell.
             for _ in range(2):
                 value = np.floor(np.float64(means[i, a]) * factor)
-                most = max(most, abs(value))
+                max_magnitude = max(max_magnitude, abs(value))
                 means[i, a] = np.float64((2 * (np.int64(value) >> shifts[i]) + 1) << shifts[i]) * half_unit
-    return most
+    return max_magnitude
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
@@ -214,18 +214,18 @@ def write_block_positions(indices, centres, factor, corner, shift, positions, co
         Largest magnitude of a coordinate before the corner was subtracted; and the bitwise or of all coordinates after
         the `shift` low bits were dropped. The second number shows which bits are in use.
     """
-    most, used, last = 0.0, np.int64(0), len(indices) - 1
+    max_magnitude, used, last = 0.0, np.int64(0), len(indices) - 1
     for i in range(len(indices)):
         prefetch(centres, np.int64(indices[min(i + AHEAD, last)]), ZERO)
         index = np.int64(indices[i])
         for a in range(3):
             value = np.floor(np.float64(centres[index, a]) * factor)
-            most = max(most, abs(value))
+            max_magnitude = max(max_magnitude, abs(value))
             positions[i, a] = np.int64(value) - corner[a]
         x, y, z = positions[i, 0] >> shift, positions[i, 1] >> shift, positions[i, 2] >> shift
         used |= x | y | z
         codes[i] = _interleave(x) | (_interleave(y) << 1) | (_interleave(z) << 2)
-    return most, used
+    return max_magnitude, used
 
 
 @njit(nogil=True, error_model="numpy")
@@ -282,7 +282,7 @@ def sort_cells(codes, shift, contiguous):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, matrix, grey, room, ends, means):
+def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, matrix, grey, scratch, ends, means):
     """Computes the bounding box of a block of Gaussians, and the means of their coded attributes.
 
     Args:
@@ -295,7 +295,7 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
         size_log: log2 of the scene's size in world units.
         matrix: Transform of base colours, see `write_colours`.
         grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
-        room: Working array, int64 (2, 4).
+        scratch: Working array, int64 (2, 4).
         ends: Output: smallest and largest coordinates in lattice spacings, int64 (2, 3).
         means: Output: seven means in fixed point with `BITS` fractional bits, float64 (7). Entries 0 to 2 are the means
             of three logarithms: of the opacity, of the largest scale, and of the ratio of the largest to the second
@@ -305,7 +305,7 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
     Returns:
         Largest magnitude of a coordinate, in lattice spacings.
     """
-    most, logs, colour, last = 0.0, room[0], room[1], len(indices) - 1
+    max_magnitude, logs, colour, last = 0.0, scratch[0], scratch[1], len(indices) - 1
     for a in range(7):
         means[a] = 0.0
     for i in range(len(indices)):
@@ -317,7 +317,7 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
         index = np.int64(indices[i])
         for a in range(3):
             value = np.floor(np.float64(centres[index, a]) * factor)
-            most = max(most, abs(value))
+            max_magnitude = max(max_magnitude, abs(value))
             coord = np.int64(value)
             ends[0, a] = min(ends[0, a], coord) if i else coord
             ends[1, a] = max(ends[1, a], coord) if i else coord
@@ -331,7 +331,7 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
             means[4 + c] += colour[c]
     for a in range(7):
         means[a] /= len(indices)
-    return most
+    return max_magnitude
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -367,7 +367,7 @@ def write_harmonics(sh, luma_chroma, harmonics):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def gather_sources(
-    indices, quats, scales, opacities, sh, size_log, matrix, grey, luma_chroma, inverse, zero_thresholds, room,
+    indices, quats, scales, opacities, sh, size_log, matrix, grey, luma_chroma, inverse, zero_thresholds, scratch,
     classes, logs, axes, colours, harmonics,
 ):  # fmt: skip
     """Converts n of N Gaussians to the fixed-point input of the encoding kernels (fields of `BlockSource`).
@@ -387,7 +387,7 @@ def gather_sources(
         zero_thresholds: Threshold for each precision class, float64 (classes). It is compared with the Euclidean length
             of the K harmonics of a colour component. If all three lengths of a Gaussian are below the threshold,
             quantisation would make all its harmonics 0, so 0 is written without applying the transform.
-        room: Working array, float64 (6, columns).
+        scratch: Working array, float64 (6, columns).
         classes: Precision class (set of quantisation steps) of each of the n Gaussians, int64 (n).
         logs: Output, int64 (n, 4), see `write_logs`.
         axes: Output, float64 (n, 3, 3), see `write_axes`.
@@ -395,7 +395,7 @@ def gather_sources(
         harmonics: Output, int32 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then of the second, and so
             on.
     """
-    number, width, values, sums = len(inverse), inverse.shape[1], room[:3], room[3:]
+    number, width, values, sums = len(inverse), inverse.shape[1], scratch[:3], scratch[3:]
     last, lines = len(indices) - 1, (12 * number + 11) // LINE_BYTES + 1
     for i in range(len(indices)):
         index = np.int64(indices[min(i + AHEAD, last)])

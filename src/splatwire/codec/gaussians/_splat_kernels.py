@@ -30,7 +30,7 @@ FRACTION = (1 << BITS) - 1
 def convert(
     rows,
     indices,
-    origins,
+    corners,
     size_log,
     lattice_bits,
     flatness_table,
@@ -42,14 +42,14 @@ def convert(
     scales,
     opacities,
     sh,
-    room,
+    scratch,
 ):
     """Converts decoded integers of Gaussians to floats, and writes them to the scene.
 
     Args:
         rows: Decoded integers, int64 (n, columns).
         indices: For each of the n Gaussians, its index in the output arrays, int64 (n).
-        origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
+        corners: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
         size_log: log2 of the scene's size in world units.
         lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
@@ -62,13 +62,13 @@ def convert(
         scales: Output, standard deviations, float32 (N, 3).
         opacities: Output, float32 (N).
         sh: Output, spherical harmonics, float32 (N, K + 1, 3); only degree 0 is written.
-        room: Working array, float64 (9).
+        scratch: Working array, float64 (9).
     """
     half = WHOLES[size_log - lattice_bits - 1 + OCTAVES]
     for i in range(len(rows)):
         row, index = rows[i], indices[i]
         for a in range(3):
-            means[index, a] = np.float64(2 * origins[i, a] + row[POSITION + a]) * half
+            means[index, a] = np.float64(2 * corners[i, a] + row[POSITION + a]) * half
         log = row[SCALE0] + (size_log << BITS)
         scales[index, 0] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log -= row[SCALE1]
@@ -81,7 +81,7 @@ def convert(
         co, cg = co - grey[1], cg - grey[2]
         for c in range(3):
             sh[index, 0, c] = y * colours[0, c] + co * colours[1, c] + cg * colours[2, c]
-        _rotation(row, room, quats[index])
+        _rotation(row, scratch, quats[index])
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -137,7 +137,7 @@ def _rotation(row, axes, quat):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def convert_harmonics(numbers, indices, transform, colours, room, sh):
+def convert_harmonics(numbers, indices, transform, colours, scratch, sh):
     """Converts decoded integers to spherical harmonics, and writes them to the scene.
 
     Args:
@@ -147,7 +147,7 @@ def convert_harmonics(numbers, indices, transform, colours, room, sh):
         transform: Decorrelating transform of the K harmonics, one row per transformed harmonic, as whole numbers in
             float64 (K, K).
         colours: Factors from Y, Co and Cg (rows) to red, green and blue (columns), float64 (3, 3).
-        room: Working array, float64 (3 K).
+        scratch: Working array, float64 (3 K).
         sh: Output for the N Gaussians of the scene, float32 (N, K + 1, 3): red, green and blue of each harmonic; degree
             0 is not written.
     """
@@ -160,17 +160,17 @@ def convert_harmonics(numbers, indices, transform, colours, room, sh):
                 continue
             if empty:
                 for b in range(width):
-                    room[b] = 0.0
+                    scratch[b] = 0.0
                 empty = False
             for b in range(width // 3):
                 share = transform[k // 3, b]
-                room[3 * b] += y * share
-                room[3 * b + 1] += co * share
-                room[3 * b + 2] += cg * share
+                scratch[3 * b] += y * share
+                scratch[3 * b + 1] += co * share
+                scratch[3 * b + 2] += cg * share
         for b in range(0, width, 3):
             for c in range(3):
                 sh[index, 1 + b // 3, c] = (
                     0.0
                     if empty
-                    else room[b] * colours[0, c] + room[b + 1] * colours[1, c] + room[b + 2] * colours[2, c]
+                    else scratch[b] * colours[0, c] + scratch[b + 1] * colours[1, c] + scratch[b + 2] * colours[2, c]
                 )

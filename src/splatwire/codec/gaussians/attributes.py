@@ -175,7 +175,7 @@ def transform_harmonics(splats: Splats, transform: np.ndarray) -> np.ndarray:
 def to_splats(
     rows: np.ndarray,
     harmonics: np.ndarray,
-    origins: np.ndarray,
+    corners: np.ndarray,
     lattice_bits: int,
     size_log: int,
     transform: np.ndarray,
@@ -186,7 +186,7 @@ def to_splats(
         rows: int64 (n, columns), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, 3 K), decoded integers of the K transformed spherical harmonics, three colour components
             each.
-        origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
+        corners: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
         lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
         transform: int64 (K, K), transform of the K harmonics, from `fit_transform`.
@@ -194,12 +194,12 @@ def to_splats(
     count = len(rows)
     shapes = (count, 3), (count, 4), (count, 3), (count,), (count, 1 + harmonics.shape[1] // 3, 3)
     splats = Splats(*(np.empty(shape, np.float32) for shape in shapes))
-    write_splats(splats, np.arange(count), rows, harmonics, origins, lattice_bits, size_log, transform)
+    write_splats(splats, np.arange(count), rows, harmonics, corners, lattice_bits, size_log, transform)
     return splats
 
 
 def write_splats(
-    splats: Splats, indices: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray,
+    splats: Splats, indices: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, corners: np.ndarray,
     lattice_bits: int, size_log: int, transform: np.ndarray,
 ) -> None:  # fmt: skip
     """Converts decoded integers of Gaussians to floats, and writes them into the scene.
@@ -209,7 +209,7 @@ def write_splats(
         indices: int64 (n), indices of the converted Gaussians in `splats`.
         rows: int64 (n, columns), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
-        origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
+        corners: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
         lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
         transform: int64 (K, K), transform of the harmonics, from `fit_transform`.
@@ -217,17 +217,17 @@ def write_splats(
     from splatwire.codec.gaussians import _splat_kernels as kernels
 
     width = harmonics.shape[1]
-    room = np.empty(max(9, width))
+    scratch = np.empty(max(9, width))
     # Contiguous arrays only, because a kernel is compiled again for each layout of its arguments.
     kernels.convert(
-        np.ascontiguousarray(rows), indices, np.ascontiguousarray(origins), size_log, lattice_bits, flatness_table(),
+        np.ascontiguousarray(rows), indices, np.ascontiguousarray(corners), size_log, lattice_bits, flatness_table(),
         exponentials(), LUMA_CHROMA / DC, GREY, splats.means, splats.quats, splats.scales,
-        splats.opacities, splats.sh, room,
+        splats.opacities, splats.sh, scratch,
     )  # fmt: skip
     if width:
         kernels.convert_harmonics(
             np.ascontiguousarray(harmonics), indices, transform.astype(np.float64),
-            LUMA_CHROMA * (2.0**-BITS / TRANSFORM_UNIT), room, splats.sh,
+            LUMA_CHROMA * (2.0**-BITS / TRANSFORM_UNIT), scratch, splats.sh,
         )  # fmt: skip
 
 

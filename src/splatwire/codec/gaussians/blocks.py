@@ -36,12 +36,12 @@ class Boxes:
 
     Attributes:
         shifts: int64 (B), log2 of the spacing of each box's grid, in spacings of the position lattice.
-        origins: int64 (B, 3), lower corner of each box, in spacings of its grid.
+        grid_corners: int64 (B, 3), lower corner of each box, in spacings of its grid.
         extents: int64 (B, 3), sides of each box in spacings of its grid, minus one.
     """
 
     shifts: np.ndarray
-    origins: np.ndarray
+    grid_corners: np.ndarray
     extents: np.ndarray
 
     @functools.cached_property
@@ -54,7 +54,7 @@ class Boxes:
     @functools.cached_property
     def corners(self) -> np.ndarray:
         """Lower corners of the boxes, in spacings of the position lattice, int64 (B, 3)."""
-        return self.origins << self.shifts[:, None]
+        return self.grid_corners << self.shifts[:, None]
 
 
 def chunks(values: np.ndarray) -> Iterator[np.ndarray]:
@@ -98,7 +98,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
 
     codes = large_empty((len(means),), np.int64)
 
-    def find(begin: int) -> None:
+    def encode_slice(begin: int) -> None:
         warped = compressed(means[begin : begin + ROWS].astype(np.float64))
         warped -= first
         warped /= size
@@ -107,7 +107,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
         if used_bits >> MAX_AXIS_BITS:  # not 0 for negative numbers either
             raise ValueError("positions must be finite to have a code")
 
-    parallel_map(find, range(0, len(means), ROWS))
+    parallel_map(encode_slice, range(0, len(means), ROWS))
     return code_order(codes, 3 * MAX_AXIS_BITS, tiers)
 
 
@@ -147,8 +147,8 @@ def make_boxes(low: np.ndarray, high: np.ndarray, max_position_shift: int = 0) -
     shifts = np.array(
         [max(int(e).bit_length() - BOX_BITS + 1, max_position_shift) for e in (high - low).max(axis=1)], dtype=np.int64
     )
-    origins = low >> shifts[:, None]
-    return Boxes(shifts, origins, (high >> shifts[:, None]) - origins)
+    grid_corners = low >> shifts[:, None]
+    return Boxes(shifts, grid_corners, (high >> shifts[:, None]) - grid_corners)
 
 
 def block_codes(positions: np.ndarray, bits: int) -> np.ndarray:

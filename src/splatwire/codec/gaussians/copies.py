@@ -78,8 +78,8 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
     if SECTION not in info.sections:
         return None
     boxes, indices, growth, (rows, harmonics) = _parse_section(info, num_gaussians)
-    origins = np.broadcast_to(boxes.corners[0], (len(indices), 3))
-    splats = to_splats(rows, harmonics, origins, info.lattice_bits, info.size_log, info.transform)
+    corners = np.broadcast_to(boxes.corners[0], (len(indices), 3))
+    splats = to_splats(rows, harmonics, corners, info.lattice_bits, info.size_log, info.transform)
     return Copies(indices, splats, growth)
 
 

@@ -243,13 +243,13 @@ def store_block(
         filled[lost] = _estimate_lost(info, block, rows[received][:, POSITION : POSITION + 3], lost)
     for first in range(0, len(rows), SLICE_GAUSSIANS):
         piece = slice(first, first + SLICE_GAUSSIANS)
-        origins = np.broadcast_to(info.boxes.corners[block], filled[piece][:, :3].shape)
+        corners = np.broadcast_to(info.boxes.corners[block], filled[piece][:, :3].shape)
         write_splats(
             splats,
             indices[piece],
             filled[piece],
             harmonics[piece],
-            origins,
+            corners,
             info.lattice_bits,
             info.size_log,
             info.transform,

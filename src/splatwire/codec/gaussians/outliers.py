@@ -66,12 +66,12 @@ def pull_in_outliers(splats: Splats, size_log: int) -> Splats:
 
 def log_clipped_colours(splats: Splats) -> None:
     """Logs the number of Gaussians with colours or harmonics beyond the range of the format."""
-    most = MAX_COLOUR / (1 << BITS)
+    max_magnitude = MAX_COLOUR / (1 << BITS)
     parts = list(chunks(splats.sh.reshape(splats.num_gaussians, -1)))
-    if max(parallel_map(lambda piece: max(piece.max(), -piece.min()), parts)) > most:
+    if max(parallel_map(lambda piece: max(piece.max(), -piece.min()), parts)) > max_magnitude:
         largest = [np.abs(piece).max(axis=1) for piece in parts]
-        cut = sum(int((piece > most).sum()) for piece in largest)
+        cut = sum(int((piece > max_magnitude).sum()) for piece in largest)
         LOG.warning(
             "encoding: %s of %s Gaussians have harmonics up to %.3g, which are cut to %g",
-            f"{cut:,}", f"{splats.num_gaussians:,}", float(max(piece.max() for piece in largest)), most,
+            f"{cut:,}", f"{splats.num_gaussians:,}", float(max(piece.max() for piece in largest)), max_magnitude,
         )  # fmt: skip

@@ -57,7 +57,7 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
     base_exponents, width = np.array(coding.base_exponents), 3 * (splats.sh.shape[1] - 1)
     result = Splats.empty(splats.num_gaussians, splats.degree)
 
-    def some(begin: int) -> None:
+    def round_slice(begin: int) -> None:
         end = min(begin + _PIECE, splats.num_gaussians)
         part = splats.slice_range(begin, end)
         sources, (rows, harmonics) = to_sources(part, coding.size_log), empty_rows(end - begin, width)
@@ -68,8 +68,8 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
             coding.precision_classes[begin:end].astype(np.int64), base_exponents, coding.lattice_bits,
             coding.max_position_shift, flatness_table(), harmonics, rows,
         )  # fmt: skip
-        origins = np.zeros((end - begin, 3), np.int64)
-        result.fill(begin, to_splats(rows, harmonics, origins, coding.lattice_bits, coding.size_log, coding.transform))
+        corners = np.zeros((end - begin, 3), np.int64)
+        result.fill(begin, to_splats(rows, harmonics, corners, coding.lattice_bits, coding.size_log, coding.transform))
 
-    parallel_map(some, range(0, splats.num_gaussians, _PIECE))
+    parallel_map(round_slice, range(0, splats.num_gaussians, _PIECE))
     return result

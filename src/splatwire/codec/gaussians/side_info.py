@@ -235,9 +235,9 @@ def write_blocks(boxes: Boxes, block_means: np.ndarray) -> bytes:
         block_means: int64 (B, 7), means of opacity, scales and colour of each block (see `SideInfo.block_means`).
     """
     writer = ByteWriter()
-    for shift, origin, extent in zip(boxes.shifts, boxes.origins, boxes.extents, strict=True):
+    for shift, corner, extent in zip(boxes.shifts, boxes.grid_corners, boxes.extents, strict=True):
         writer.u8(int(shift))
-        for value in origin.tolist():
+        for value in corner.tolist():
             writer.signed(value)
         for value in extent.tolist():
             writer.u8(value)
@@ -264,19 +264,19 @@ def read_blocks(data: bytes, num_blocks: int) -> tuple[Boxes, np.ndarray]:
     if num_blocks * 7 > len(data):
         raise BitstreamError(f"side information: {len(data)} bytes cannot hold {num_blocks} boxes")
     shifts = np.zeros(num_blocks, dtype=np.int64)
-    corners = np.zeros((num_blocks, 6), dtype=np.int64)
+    boxes = np.zeros((num_blocks, 6), dtype=np.int64)
     for block in range(num_blocks):
         shifts[block] = reader.u8()
-        corners[block] = [*(reader.signed() for _ in range(3)), *(reader.u8() for _ in range(3))]
-    if shifts.max(initial=0) > MAX_LATTICE_BITS - BOX_BITS or _far(shifts, corners[:, :3]):
+        boxes[block] = [*(reader.signed() for _ in range(3)), *(reader.u8() for _ in range(3))]
+    if shifts.max(initial=0) > MAX_LATTICE_BITS - BOX_BITS or _far(shifts, boxes[:, :3]):
         raise BitstreamError("side information: a block's box is impossible")
     block_means = np.stack([read_integers(reader, num_blocks) for _ in range(NUM_BLOCK_MEANS)], axis=1)
     reader.finish()
-    return Boxes(shifts, corners[:, :3], corners[:, 3:]), np.clip(block_means, -1 << 9, 1 << 9) << MEAN_SHIFT
+    return Boxes(shifts, boxes[:, :3], boxes[:, 3:]), np.clip(block_means, -1 << 9, 1 << 9) << MEAN_SHIFT
 
 
-def _far(shifts: np.ndarray, origins: np.ndarray) -> bool:
-    return bool((np.abs(origins) > (1 << MAX_LATTICE_BITS) >> shifts[:, None]).any())
+def _far(shifts: np.ndarray, grid_corners: np.ndarray) -> bool:
+    return bool((np.abs(grid_corners) > (1 << MAX_LATTICE_BITS) >> shifts[:, None]).any())
 
 
 def _num_contexts(degree: int) -> int:

@@ -440,7 +440,7 @@ def _quantised_positions(
     """
     centres, companding = large_empty((splats.num_gaussians, 3), np.float32), flatness_table()
 
-    def find(begin: int) -> None:
+    def round_slice(begin: int) -> None:
         output = centres[begin : begin + ROWS]
         piece, shifts = splats.slice_range(begin, begin + len(output)), np.empty(len(output), np.int64)
         piece_classes = classes[begin : begin + len(output)].astype(np.int64)
@@ -460,7 +460,7 @@ def _quantised_positions(
             )
         )
 
-    parallel_map(find, range(0, len(centres), ROWS))
+    parallel_map(round_slice, range(0, len(centres), ROWS))
     return centres
 
 

@@ -39,8 +39,8 @@ from splatwire.entropy.range_kernels import (
     RAW_BITS,
     TOP,
     ZERO,
-    adaptive_size,
     adaptive_update,
+    zero_probability,
 )
 from splatwire.ops.compiled import njit
 
@@ -167,7 +167,7 @@ def _code_bit(coder, low, span, num_bytes, context, bit):
     Returns:
         The bit, and the new state: `low`, `span` and `num_bytes`.
     """
-    zero = adaptive_size(coder.models, context)
+    zero = zero_probability(coder.models, context)
     if coder.decoding:
         bit = ONE if low >= zero * (span >> ADAPTIVE_BITS) else ZERO
     else:

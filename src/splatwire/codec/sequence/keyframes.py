@@ -112,7 +112,7 @@ class KeyframeEncoder:
         for (first_group, infos), unit_info in zip(self._infos, self._motion_unit_infos, strict=True):
             boxes = [info.boxes for info in infos]
             joined = Boxes(
-                *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "origins", "extents"))
+                *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "grid_corners", "extents"))
             )
             info = replace(infos[0], boxes=joined, block_means=np.concatenate([i.block_means for i in infos]))
             shots.append(Shot(first_group, block, info, self._spacing_to_first(unit_info)))

@@ -137,8 +137,8 @@ class MotionCoder:
         count, frames, members = end - begin, self.targets.shape[2], slice(begin, end)
         models, counts = np.repeat(zero[:, None] << 8, 2, axis=1), np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
         residuals = np.zeros((count, NUM_CHANNELS, frames), dtype=np.int32)
-        room = kernels.SPARE_BYTES + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
-        buffer, sizes, stops = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
+        capacity = kernels.SPARE_BYTES + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
+        buffer, sizes, stops = np.zeros(capacity, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
         used = kernels.encode_limited(
             models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.headers[members],
             self.positions[members], self.shifts[members], self.targets, self.rows[members], np.int64(self.most),

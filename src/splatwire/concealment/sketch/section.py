@@ -197,9 +197,9 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
     per_row = section.masks.shape[1] * kernels.BYTES_PER_BIT + kernels.BYTES_PER_VALUE * (
         columns + section.offsets.shape[1]
     )
-    room = len(section.levels) * kernels.BYTES_PER_BIT * (1 + basis.num_levels) + len(section.values) * per_row + 64
+    capacity = len(section.levels) * kernels.BYTES_PER_BIT * (1 + basis.num_levels) + len(section.values) * per_row + 64
     level_models, bit_models, models = _models(basis.num_levels, columns, section.masks.shape[1])
-    coder = kernels.Coder.encoder(room)
+    coder = kernels.Coder.encoder(capacity)
     kernels.code_levels(coder, level_models, section.levels.copy(), buckets, basis.num_levels)
     copies = (values.copy() for values in (section.masks, section.values, section.offsets))
     kernels.code_rows(coder, bit_models, models, section.levels[chosen], *copies)

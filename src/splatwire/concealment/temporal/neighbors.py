@@ -148,6 +148,6 @@ def smooth_weights(offsets: np.ndarray) -> np.ndarray:
     # Rotation and scaling are linear functions of position, bending is quadratic. A weighted mean is wrong for these if
     # all neighbours are on one side.
     weights, count = np.empty(offsets.shape[:2], np.float32), offsets.shape[1]
-    room = np.empty(count), np.empty((count, len(RIDGES))), np.empty((len(RIDGES),) * 2), np.empty(len(RIDGES))
-    kernels.smooth_weights(np.ascontiguousarray(offsets, np.float64), RIDGES, NEAREST, WILD, *room, weights)
+    scratch = np.empty(count), np.empty((count, len(RIDGES))), np.empty((len(RIDGES),) * 2), np.empty(len(RIDGES))
+    kernels.smooth_weights(np.ascontiguousarray(offsets, np.float64), RIDGES, NEAREST, WILD, *scratch, weights)
     return weights

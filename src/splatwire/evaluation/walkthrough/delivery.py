@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from splatwire.bitstream import SceneStream
+from splatwire.bitstream.tile_selection import Viewpoint, cut_of
 from splatwire.bitstream.tiles import Tiles
-from splatwire.bitstream.view import Viewpoint, cut_of
 from splatwire.channel import LossModel, NoLoss
 from splatwire.channel.transmit import DATAGRAM_BYTES
 from splatwire.errors import InvalidValueError

@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from splatwire.anchors.appearance import Scene, explicit_gaussians
 from splatwire.bitstream import SceneStream, arrived_blocks
+from splatwire.bitstream.tile_selection import Viewpoint, cut_of, finer_tile_of
 from splatwire.bitstream.tiles import Tiles
-from splatwire.bitstream.view import Viewpoint, cut_of, replaces_tile
 from splatwire.codec import decode_stream
 from splatwire.evaluation.walkthrough.delivery import Delivery, Link, deliver
 from splatwire.evaluation.walkthrough.path import Walk, viewpoint_of
@@ -216,5 +216,5 @@ def _replaced_tile(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarra
         np.searchsorted(tile_of[order], np.arange(tiles.num_tiles + 1)),
     )
     for tile, (first, end) in enumerate(itertools.pairwise(edges.tolist())):
-        replaced[order[first:end]] = replaces_tile(tiles, tile, means[order[first:end]])
+        replaced[order[first:end]] = finer_tile_of(tiles, tile, means[order[first:end]])
     return replaced

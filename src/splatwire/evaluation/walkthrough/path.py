@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from splatwire.bitstream.view import Viewpoint
+from splatwire.bitstream.tile_selection import Viewpoint
 from splatwire.errors import InvalidValueError
 from splatwire.types import Cameras
 

@@ -104,5 +104,5 @@ def _render_rows(
     before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], dim=1)
     drawn = after >= MIN_TRANSMITTANCE  # the Gaussian that would cross the limit is not drawn
     weights = torch.where(drawn, alpha * before, torch.zeros_like(alpha))
-    left_over = torch.prod(torch.where(drawn, 1 - alpha, torch.ones_like(alpha)), dim=1)
-    return (weights @ colors + left_over[:, None] * background).view(bottom - top, cameras.width, 3)
+    transmittance = torch.prod(torch.where(drawn, 1 - alpha, torch.ones_like(alpha)), dim=1)
+    return (weights @ colors + transmittance[:, None] * background).view(bottom - top, cameras.width, 3)

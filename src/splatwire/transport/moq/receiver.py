@@ -12,8 +12,8 @@ from splatwire.bitstream.container import check_side_info
 from splatwire.bitstream.limits import MAX_PACKET_BYTES
 from splatwire.bitstream.origin import ORIGIN
 from splatwire.bitstream.scene_stream import RECORD_PREFIX
+from splatwire.bitstream.tile_selection import cut_of
 from splatwire.bitstream.tiles import Tiles
-from splatwire.bitstream.view import cut_of
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.address import Address
 from splatwire.transport.moq.publisher import (

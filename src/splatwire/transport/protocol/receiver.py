@@ -8,7 +8,7 @@ import math
 
 from splatwire.arguments import checked
 from splatwire.bitstream.origin import AT_ZERO, ORIGIN
-from splatwire.bitstream.view import BUDGET, Viewpoint
+from splatwire.bitstream.tile_selection import BUDGET, Viewpoint
 from splatwire.errors import BitstreamError
 from splatwire.transport.protocol.collect import check_welcome, read_init_segment
 from splatwire.transport.protocol.events import (

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from splatwire.arguments import check_fields
-from splatwire.bitstream.view import Viewpoint
+from splatwire.bitstream.tile_selection import Viewpoint
 from splatwire.errors import InvalidValueError
 from splatwire.transport.protocol.collect import ReceiverLimits
 from splatwire.transport.protocol.messages import MAX_NAME, MAX_SCENE_TOKEN

@@ -5,7 +5,7 @@ from collections import deque
 
 import numpy as np
 
-from splatwire.bitstream.view import Viewpoint, cut_of
+from splatwire.bitstream.tile_selection import Viewpoint, cut_of
 from splatwire.transport.protocol.messages import View
 from splatwire.transport.protocol.served_stream import SendSchedule, ServedStream
 from splatwire.transport.protocol.wire import DATA

@@ -1,4 +1,4 @@
-// Selection of the tiles that a view shows and needs next. Counterpart of `splatwire.bitstream.view`.
+// Selection of the tiles that a view shows and needs next. Counterpart of `splatwire.bitstream.tile_selection`.
 
 import type { Camera } from "../../model/camera.ts";
 import { cameraPosition } from "../../model/camera.ts";

@@ -184,11 +184,14 @@ def encode_packets(
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
     """
-    room, state = (masks.shape[1] + symbols.shape[1] + POSITION_SYMBOLS) * BYTES_PER_SYMBOL, np.empty(3, np.int64)
+    capacity, state = (
+        (masks.shape[1] + symbols.shape[1] + POSITION_SYMBOLS) * BYTES_PER_SYMBOL,
+        np.empty(3, np.int64),
+    )
     for p in range(len(starts) - 1):
         lengths[p] = _encode_packet(
             starts[p], starts[p + 1], codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices,
-            firsts, size_group, logistic_table, inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
+            firsts, size_group, logistic_table, inverses, widths, table, buffer[starts[p] * capacity + 64 * p :], state,
         )  # fmt: skip
 
 

@@ -109,9 +109,9 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     # Side information delays the first picture, so its share of all bytes is limited to about `MAX_SIDE_INFO_SHARE`.
     # The limit of anchors per leaf takes precedence.
     positions, others = info.positions, len(write_side_info(info)) - len(info.positions.section)
-    most = MAX_SIDE_INFO_SHARE * (others + len(positions.section) + packet_bytes) - others
+    max_section_bytes = MAX_SIDE_INFO_SHARE * (others + len(positions.section) + packet_bytes) - others
     for leaf in range(2, MAX_LEAF_ANCHORS + 1):
-        if len(positions.section) <= most:
+        if len(positions.section) <= max_section_bytes:
             break
         positions = encode_coarse_positions(voxels, leaf)
     return positions

@@ -113,8 +113,10 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
         counts: Number of anchors in each packet, int64 (packets).
     """
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    room = (quantised.masks.shape[1] + quantised.symbols.shape[1] + kernels.POSITION_SYMBOLS) * kernels.BYTES_PER_SYMBOL
-    buffer = np.empty(len(quantised.masks) * room + 64 * len(starts), dtype=np.uint8)
+    capacity = (
+        quantised.masks.shape[1] + quantised.symbols.shape[1] + kernels.POSITION_SYMBOLS
+    ) * kernels.BYTES_PER_SYMBOL
+    buffer = np.empty(len(quantised.masks) * capacity + 64 * len(starts), dtype=np.uint8)
     lengths = np.zeros(len(counts), dtype=np.int64)
     firsts = np.array([*(stage.first for stage in context.stages), quantised.symbols.shape[1]])
     mask_stage = next(s for s, stage in enumerate(context.stages) if stage.masks)
@@ -123,7 +125,7 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
         quantised.masks, quantised.logits, quantised.symbols,
         quantised.scale_indices, firsts, mask_stage, weight_table(), *tables(), buffer, lengths,
     )  # fmt: skip
-    begin = starts[:-1] * room + 64 * np.arange(len(lengths))
+    begin = starts[:-1] * capacity + 64 * np.arange(len(lengths))
     return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
 
 

@@ -12,13 +12,13 @@ import numpy as np
 from splatwire.entropy.normal_kernels import ESCAPE, NORMAL, cumulative, decode_symbol, encode_symbol, window
 from splatwire.entropy.range_kernels import (
     ZERO,
-    adaptive_size,
     adaptive_update,
     decode_bit,
     decoder_start,
     encode_bit,
     encoder_finish,
     encoder_start,
+    zero_probability,
 )
 from splatwire.entropy.tables import TOTAL_BITS
 from splatwire.ops.compiled import njit
@@ -293,7 +293,7 @@ def cut(masks, bits, mask_model, budget, counts):
             cost, ones = bits[n], ZERO
             for k in range(masks.shape[1]):
                 context = mask_context(k, ones)
-                zero = adaptive_size(model, context)
+                zero = zero_probability(model, context)
                 bit = np.int64(masks[n, k])
                 cost += 16.0 - np.log2(float(65536 - zero if bit else zero))
                 adaptive_update(model, context, bit)

@@ -173,7 +173,7 @@ def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarra
     return order[: over[0]] if len(over) else order
 
 
-def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
+def finer_tile_of(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
     """Returns, for each Gaussian of a coarser tile, the finer tile at its position.
 
     Args:
