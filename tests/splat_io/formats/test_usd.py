@@ -17,7 +17,7 @@ from splatwire.io.formats._columns import concatenate
 from splatwire.io.formats._usd_limits import Limits
 from splatwire.io.formats._usd_process import SCENE
 from splatwire.io.formats._usd_stage import PRIM
-from splatwire.io.formats._usd_worker import answers
+from splatwire.io.formats._usd_worker import read_messages
 from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.usd import usd_frames, write_usd_frames
 from splatwire.types.metadata import SceneMetadata, StartView
@@ -35,7 +35,7 @@ def assert_same(found, expected, tolerance=1e-7):
 
 def read_here(path):
     """Reads a scene in this process, without limits, so that a test can observe or change how."""
-    ((_, content),) = answers(SCENE, path, Limits(are_set=False))
+    ((_, content),) = read_messages(SCENE, path, Limits(are_set=False))
     return content.splats
 
 
