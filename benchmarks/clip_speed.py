@@ -97,7 +97,7 @@ def live(path: Path, tracks: int) -> dict:
         if not packets:
             continue
         times.append(time.process_time())
-        manifest, side_info = encoder.so_far(1)
+        manifest, side_info = encoder.current_header(1)
         edition = broadcast.add(manifest, side_info, packets)
         times.append(time.process_time())
         arrived = [packet_from_bytes(data, 1) for data in edition.packets[edition.newest :]]

@@ -64,7 +64,7 @@ def live_state(frames: list[Splats], quality: Quality) -> tuple[LiveSnapshot, Sc
     for splats in frames:
         packets = encoder.push(splats)
         if packets:
-            state = packager.add(*encoder.so_far(STREAM_ID), packets)
+            state = packager.add(*encoder.current_header(STREAM_ID), packets)
     return state, encoder.finish()
 
 

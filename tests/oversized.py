@@ -31,7 +31,7 @@ from splatwire.codec.anchors.hacpp.side_info import MASK_CONTEXTS
 from splatwire.codec.anchors.hacpp.side_info import SideInfo as HacppInfo
 from splatwire.codec.anchors.hacpp.side_info import write_side_info as write_hacpp
 from splatwire.codec.sequence.decoder import open_side_info as open_clip
-from splatwire.codec.sequence.layout import ENDS, HEAD, MAX_CANDIDATES, MOVING, NUM_CHANNELS, STATE, TRACK
+from splatwire.codec.sequence.layout import ENDS, HEADER_FIELDS, MAX_CANDIDATES, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_coder import MotionCoder
 from splatwire.codec.sequence.side_info import Shot
 from splatwire.codec.sequence.side_info import write_side_info as write_clip
@@ -94,7 +94,7 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion
     base = replace(base, boxes=boxes, block_means=np.repeat(base.block_means[:1], blocks, axis=0))
     every = np.arange(MAX_CANDIDATES)
     coder = MotionCoder(*moving_rows(frames), every, first_new=0, most=60_000, costs=np.ones(MAX_CANDIDATES))
-    zero = coder.fitted([(0, MAX_CANDIDATES)], 1)
+    zero = coder.fit_zero_probabilities([(0, MAX_CANDIDATES)], 1)
     timeline = Timeline(info.timeline.rate, frames, frames)
     info = replace(info, timeline=timeline, shots=(Shot(0, 0, base),), zero_probabilities=zero, sections={})
     tiers, sizes = (TierCounts(num, 1), TierCounts(num, 1)), [CUT.block_size] * blocks
@@ -109,7 +109,7 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion
 
 def moving_rows(frames: int) -> tuple[np.ndarray, ...]:
     """The maximum number of tracks per packet, all with the motion of the first, in every order."""
-    heads = np.zeros((MAX_CANDIDATES, HEAD), np.int64)
+    heads = np.zeros((MAX_CANDIDATES, HEADER_FIELDS), np.int64)
     heads[:, TRACK], heads[:, STATE], heads[:, ENDS] = np.arange(MAX_CANDIDATES), MOVING, frames
     targets = np.zeros((MAX_CANDIDATES, NUM_CHANNELS, frames))
     targets[:, 0, frames - 1] = 1 << 12

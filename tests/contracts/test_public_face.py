@@ -12,6 +12,7 @@ import pytest
 
 import splatwire
 from splatwire.codec import ProgressiveDecoder
+from splatwire.sequence import SequenceEncoder, SequenceOptions
 from splatwire.transport import Welcomed
 from splatwire.types import LossMask
 
@@ -80,9 +81,16 @@ def test_deprecated_mask_of_anchors_and_range_of_gaussians_warn_and_give_the_new
     stream, _ = splatwire.read_stream(Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz")
     with pytest.warns(DeprecationWarning, match="use of_elements"):
         assert LossMask.of_anchors(np.arange(3) > 0).num_lost == 1
-    splats = splatwire.decode(stream).scene.splats
+    scene = splatwire.decode(stream).scene
+    assert isinstance(scene, splatwire.SplatScene)
     with pytest.warns(DeprecationWarning, match="use slice_range"):
-        assert np.array_equal(splats.run(2, 5).means, splats.means[2:5])
+        assert np.array_equal(scene.splats.run(2, 5).means, scene.splats.means[2:5])
+
+
+def test_deprecated_header_of_a_sequence_encoder_warns_and_gives_the_new_result():
+    encoder = SequenceEncoder(SequenceOptions())
+    with pytest.warns(DeprecationWarning, match="use current_header"):
+        assert encoder.so_far(1) == encoder.current_header(1)
 
 
 def test_deprecated_size_of_an_init_segment_warns_and_gives_the_new_value():

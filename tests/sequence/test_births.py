@@ -57,9 +57,9 @@ def test_unborn_tracks_follow_their_neighbours(body):
         frames.append(TrackedFrame(splats.select(here), here))
     group = group_of(frames)
     wanted = np.stack([places(body, frame, 0.1) for frame in range(FRAMES)], axis=1)
-    assert np.abs(group.moves.means - wanted).max() < 0.02
+    assert np.abs(group.trajectories.means - wanted).max() < 0.02
     assert (group.begins[group.keys % 5 == 1] == LATE).all()
-    assert np.array_equal(group.first(np.arange(COUNT)).means, group.moves.means[:, 0])
+    assert np.array_equal(group.keyframe_gaussians(np.arange(COUNT)).means, group.trajectories.means[:, 0])
 
 
 def decoded(frames: list[Splats], group_frames: int) -> tuple[SequenceScene, np.ndarray]:
@@ -144,8 +144,8 @@ def test_early_neighbour_search_equals_the_search_at_group_end(body):
             splats = splats_at(places(body, frame, 0.1), there_at(frame))
             gathering.add(TrackedFrame(splats.select(here), here))
         groups.append(gathering.group())
-    for name, values in vars(groups[0].moves).items():
-        assert np.array_equal(values, getattr(groups[1].moves, name))
+    for name, values in vars(groups[0].trajectories).items():
+        assert np.array_equal(values, getattr(groups[1].trajectories, name))
 
 
 def test_live_encoding_is_bit_identical_to_offline_encoding(body):

@@ -218,7 +218,7 @@ def test_packets_of_each_block_are_sent_by_importance():
     encoder = SequenceEncoder(SequenceOptions(group_frames=2), lambda splats: np.zeros(splats.num_gaussians, np.int64))
     for splats in moving_frames(24000, 2):
         packets = encoder.push(splats)
-    manifest, _ = encoder.so_far(STREAM_ID)
+    manifest, _ = encoder.current_header(STREAM_ID)
     stream = encoder.finish()
     persistent = [manifest.plan.is_keyframe(packet.id.block) for packet in packets]
     assert persistent == sorted(persistent, reverse=True)
@@ -245,8 +245,8 @@ def test_recorded_live_stream_decodes_as_a_clip(frames):
     for splats in frames[: 2 * GROUP]:
         packets = encoder.push(splats)
         if packets:
-            edition = broadcast.add(*encoder.so_far(STREAM_ID), packets)
-    manifest, side_info = encoder.so_far(STREAM_ID)
+            edition = broadcast.add(*encoder.current_header(STREAM_ID), packets)
+    manifest, side_info = encoder.current_header(STREAM_ID)
     assert len(edition.packets) == manifest.num_packets
     whole = encoder.finish()
     assert manifest.symbols_digest == whole.manifest.symbols_digest
@@ -260,7 +260,7 @@ def test_decoder_refuses_a_manifest_that_contradicts_earlier_ones(frames):
     encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     for splats in frames[:GROUP]:
         encoder.push(splats)
-    manifest, side_info = encoder.so_far(STREAM_ID)
+    manifest, side_info = encoder.current_header(STREAM_ID)
     decoder = LiveDecoder()
     list(decoder.grow(manifest, side_info))
     first, second = manifest.tiers
@@ -275,7 +275,7 @@ def test_stream_updates_with_a_wrong_packet_count_are_refused(frames):
     encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     packets = [packet for splats in frames[:GROUP] for packet in encoder.push(splats)]
     with pytest.raises(InvalidValueError, match="packets, and the manifest says"):
-        LivePackager().add(*encoder.so_far(STREAM_ID), packets[1:])
+        LivePackager().add(*encoder.current_header(STREAM_ID), packets[1:])
 
 
 def test_receiver_waits_while_the_server_is_not_ready():
@@ -368,7 +368,7 @@ def test_group_code_numbers_are_stable_and_protect_the_most_important_packets(fr
         packets = encoder.push(splats)
         if not packets:
             continue
-        edition = broadcast.add(*encoder.so_far(STREAM_ID), packets)
+        edition = broadcast.add(*encoder.current_header(STREAM_ID), packets)
         groups = parity_groups(edition.parity_ranges)
         alive = [number for number, group in enumerate(groups) if group.repair]
         assert len(alive) == 1

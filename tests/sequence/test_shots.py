@@ -11,7 +11,7 @@ from moving_sequences import cloud, cut_frames, drawn, errors, lasting_frames, m
 from splatwire.bitstream import Packet, SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.side_info import write_header
-from splatwire.codec.sequence.layout import MAX_COORD, MAX_SPACING, NUM_CHANNELS
+from splatwire.codec.sequence.layout import MAX_COORD, MAX_LOG2_RATIO, NUM_CHANNELS
 from splatwire.codec.sequence.side_info import SequenceInfo, Shot, open_side_info, write_side_info
 from splatwire.codec.sequence.steps import in_other_units
 from splatwire.errors import BitstreamError
@@ -90,7 +90,7 @@ def test_tracks_move_on_through_shots_with_other_units(sizes):
     stream = encode_sequence(frames, OPTIONS)[0]
     info = info_of(stream)
     assert len({shot.log2_motion_unit for shot in info.shots}) == 2
-    assert sum(group.births for group in info.groups) < 300 * len(sizes) + 45, "lasting tracks have one base"
+    assert sum(group.num_births for group in info.groups) < 300 * len(sizes) + 45, "lasting tracks have one base"
     assert worst(frames, stream) < 0.3
 
 
@@ -165,16 +165,16 @@ def changed(info: SequenceInfo, first: int = 1, **fields: Any) -> SequenceInfo:
     return replace(info, shots=(one, Shot(first, two.first_block, replace(two.info, **fields)), three))
 
 
-def with_spacing(info: SequenceInfo, spacing: int) -> SequenceInfo:
+def with_lattice(info: SequenceInfo, octaves: int) -> SequenceInfo:
     """Side information with a second shot on a position lattice that is some octaves coarser than the first one's."""
-    level = info.keyframes.size_log - info.keyframes.lattice_bits + spacing
+    level = info.keyframes.size_log - info.keyframes.lattice_bits + octaves
     return changed(info, size_log=max(level, 0), lattice_bits=max(-level, 0))
 
 
-def with_unit(info: SequenceInfo, number: int, spacing: int) -> SequenceInfo:
+def with_unit(info: SequenceInfo, number: int, octaves: int) -> SequenceInfo:
     """The side information with another unit of motion for a shot."""
     shots = list(info.shots)
-    shots[number] = replace(shots[number], log2_motion_unit=spacing)
+    shots[number] = replace(shots[number], log2_motion_unit=octaves)
     return replace(info, shots=tuple(shots))
 
 
@@ -187,33 +187,33 @@ def test_impossible_shots_are_refused(stream):
         (changed(info, first=0), "divide"),
         (replace(info, shots=info.shots[1:]), "divide"),
         (replace(info, shots=(*info.shots, Shot(3, 0, shot))), "divide"),
-        (with_spacing(info, -MAX_SPACING - 1), "lattice"),
-        (with_spacing(info, MAX_SPACING + 1), "lattice"),
+        (with_lattice(info, -MAX_LOG2_RATIO - 1), "lattice"),
+        (with_lattice(info, MAX_LOG2_RATIO + 1), "lattice"),
         (changed(info, **whole), "degree"),
-        (with_unit(info, 0, MAX_SPACING + 1), "unit of motion"),
-        (with_unit(info, 1, MAX_SPACING - 4), "unit of motion"),  # the lattice is 5 octaves finer
-        (with_unit(info, 2, -MAX_SPACING - 1), "unit of motion"),
+        (with_unit(info, 0, MAX_LOG2_RATIO + 1), "unit of motion"),
+        (with_unit(info, 1, MAX_LOG2_RATIO - 4), "unit of motion"),  # the lattice is 5 octaves finer
+        (with_unit(info, 2, -MAX_LOG2_RATIO - 1), "unit of motion"),
         (with_unit(info, 2, 1 << 50), "unit of motion"),
     ]:
         with pytest.raises(BitstreamError, match=message):
             open_side_info(stream.manifest, write_side_info(bad))
 
 
-@pytest.mark.parametrize("spacing", [-MAX_SPACING, MAX_SPACING])
-def test_extreme_lattices_decode_to_finite_frames(stream, spacing):
+@pytest.mark.parametrize("octaves", [-MAX_LOG2_RATIO, MAX_LOG2_RATIO])
+def test_extreme_lattices_decode_to_finite_frames(stream, octaves):
     info = info_of(stream)
-    decoder = SequenceDecoder(stream.manifest, write_side_info(with_spacing(info, spacing)))
+    decoder = SequenceDecoder(stream.manifest, write_side_info(with_lattice(info, octaves)))
     for packet in stream.packets[:-1]:  # complete integers would not match the digest
         decoder.push(packet)
     for number in range(3 * FRAMES):
         assert np.isfinite(decoder.frame(number).scene.splats.means).all()
 
 
-@pytest.mark.parametrize("units", [(-MAX_SPACING, 15, -15), (MAX_SPACING, -MAX_SPACING, 15)])
+@pytest.mark.parametrize("units", [(-MAX_LOG2_RATIO, 15, -15), (MAX_LOG2_RATIO, -MAX_LOG2_RATIO, 15)])
 def test_extreme_units_decode_to_finite_frames(stream, units):
     info = info_of(stream)
-    for number, spacing in enumerate(units):
-        info = with_unit(info, number, spacing)
+    for number, octaves in enumerate(units):
+        info = with_unit(info, number, octaves)
     decoder = SequenceDecoder(stream.manifest, write_side_info(info))
     for packet in stream.packets[:-1]:
         decoder.push(packet)

@@ -21,29 +21,29 @@ const INTERNAL = `
   addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute axisCount
   axisDeviation baseCount baseDigest baseExponents batchSize batchesOf birthGroup birthGroups bitsOf blockCount
   blockMeans blockSize bundled bytesOf canRetry cancelConcealment changeMs checkConcealmentMemory closeness
-  columnShifts completeRows concealmentBytes confirmed conflicts contradicts contrasts corners damagedTiles
-  damages datagramsLost defaultDirection densityRadius deviations drawMs drawUnits drawnChildren elementDecoder
-  elementsOf elementsPerByte endState enterHeadset expectedErrors extents failuresAfter featureActivations
-  firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets
-  formatVersion framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames hasAnswered
-  hasCopies hasEnded hasHead hasManifestOf hasUnknownBirth headBytes headSize helpOpen hideNotice identityAt
-  idleMs indexInBlock initSegment initSegmentBytes initSegmentMs intake isComplete isCut isFree isKeyframe
-  isLinear isLive isOnlySource isReceived isReordered isRetry isRetryable isSame isSameStream isSequence
-  isSorting isTryingWhole isVerified isVisible isWebPage isWhole keptBytes keyframeBlock keyframeIndices
-  keyframeInfo lastOffsets latticeBits leafIndex leafSize leaveOut leftOut logDeviations logScales logStepRatios
-  logSteps lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers medianRadius
-  moveBetween nearestFirst nearestOthers newPackets noGaussians noteChange noteFailure noteUseless numBlocks
-  numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLowBits numNew numOffsets
-  numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera
-  onChange onContextLost onFirstUse packetBytes packetsOf paintedCanvas partsOf pictureChanged planBlock
-  planIndices playingLive pointCameraAt polynomials positionStep predictAxis receiveDatagrams recordWhen
-  refusals rejected reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame requestId rescale
-  residuals resultDigest rowSteps scaleIndices sceneInView setConcealers setCooperative setLimits setMessage
-  setRow setViewpoint setVisible showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog
-  stalledFrames startWebGL stateOf stopProbabilities storeValues streamId symbolBytes symbolsDigest
-  symbolsMissing takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timeline transmittance
-  transports unsigned upRotation upperBits useless viewComplete viewDependent viewable viewing visibleParts
-  voxelSize waited wasExtrapolated welcome withdraw withoutComparison zeroPoints
+  columnShifts completeRows concealmentBytes confirmed conflicts contradicts contrasts corners damagedTiles damages
+  datagramsLost defaultDirection densityRadius deviations drawMs drawUnits drawnChildren elementDecoder elementsOf
+  elementsPerByte endState enterHeadset expectedErrors extents failuresAfter featureActivations firstBlock
+  firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets formatVersion framesOf
+  gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames hasAnswered hasCopies hasEnded hasHead
+  hasManifestOf hasUnknownBirth headBytes headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment
+  initSegmentBytes initSegmentMs intake isComplete isCut isFree isKeyframe isLinear isLive isOnlySource isReceived
+  isReordered isRetry isRetryable isSame isSameStream isSequence isSorting isTryingWhole isVerified isVisible
+  isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo lastOffsets latticeBits latticeShift
+  leafIndex leafSize leaveOut leftOut log2MotionUnits logDeviations logScales logStepRatios logSteps lookUpSession
+  lostSequences manifestBytes maxExcess maxPositionShift maxTiers medianRadius moveBetween nearestFirst
+  nearestOthers newPackets noGaussians noteChange noteFailure noteUseless numBirths numBlocks numCoefficients
+  numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLatePackets numLowBits numMoving
+  numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted
+  onAnswer onCamera onChange onContextLost onFirstUse packetBytes packetsOf paintedCanvas partsOf pictureChanged
+  planBlock planIndices playableEnd playingLive pointCameraAt polynomials positionStep predictAxis receiveDatagrams
+  recordWhen refusals rejected reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame requestId
+  rescale residuals resultDigest rowSteps scaleIndices sceneInView setConcealers setCooperative setLimits setMessage
+  setRow setViewpoint setVisible showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog stalledFrames
+  startWebGL stateOf stopProbabilities storeValues streamId symbolBytes symbolsDigest symbolsMissing
+  takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timeline transmittance transports unsigned
+  upRotation upperBits useless viewComplete viewDependent viewable viewing visibleParts voxelSize waited
+  wasExtrapolated welcome withdraw withoutComparison zeroPoints
 `
   .trim()
   .split(/\s+/);

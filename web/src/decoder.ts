@@ -339,7 +339,7 @@ function checkOptions({ decoder: { elementDecoder } }: DecodedStream, { conceale
   if (concealer && !known.includes(concealer))
     throw new Error(`the stream has no concealer '${concealer}', only ${[...new Set(known)].join(", ")}`);
   if (sequence) {
-    const { numFrames } = sequence.times,
+    const { numFrames } = sequence.timeline,
       range = `0 to ${numFrames - 1}`;
     if (frame === undefined)
       throw new RangeError(`the stream is a clip: choose one of its frames, ${range}, with \`frame\``);
@@ -405,7 +405,7 @@ const progressOf = ({ decoder }: DecodedStream): Progress => ({
 });
 
 function sequenceOf({ sequence }: ElementDecoder): Clip | null {
-  return sequence && { rate: sequence.times.rate, numFrames: sequence.times.numFrames };
+  return sequence && { rate: sequence.timeline.rate, numFrames: sequence.timeline.numFrames };
 }
 
 /** Multiplies sizes and opacities by `gains`, shape (count, 2), and removes Gaussians with a size gain of 0. */

@@ -220,7 +220,7 @@ export class WorkerReceiver implements Receiver {
       origin: decoder.origin,
       sideInfoBytes: manifest.sideInfoBytes,
       concealers: decoder.elementDecoder.sequence?.concealers ?? Object.keys(decoder.elementDecoder.concealers),
-      sequence: decoder.elementDecoder.sequence && { ...decoder.elementDecoder.sequence.times, live: this.live },
+      sequence: decoder.elementDecoder.sequence && { ...decoder.elementDecoder.sequence.timeline, live: this.live },
     };
     this.#size = info.size;
     post({ kind: "info", info });

@@ -10,7 +10,7 @@ import { type Decoded, PacketDecoder } from "../src/codec/gaussians/packet.ts";
 import { readSideInfo, type SideInfo } from "../src/codec/gaussians/side_info.ts";
 import { convert } from "../src/codec/gaussians/to_splats.ts";
 import { emptySplats } from "../src/codec/splats.ts";
-import { HEAD, NUM_CHANNELS, NUM_CONTEXTS, STATE } from "../src/codec/tracks/layout.ts";
+import { HEADER_FIELDS, NUM_CHANNELS, NUM_CONTEXTS, STATE } from "../src/codec/tracks/layout.ts";
 import {
   FastMotionPackets,
   type MotionPacket,
@@ -181,7 +181,7 @@ test("WebAssembly and plain TypeScript decode any bytes to the same integers", (
 
 /** Returns positions and steps of any tracks. Some positions are equal, so that neighbours are equally near. */
 function anyKeyframes(headers: Int32Array, random: (below: number) => number): TrackKeyframes {
-  const count = headers.length / HEAD,
+  const count = headers.length / HEADER_FIELDS,
     extent = 2 ** random(30),
     positions = Float64Array.from({ length: 3 * count }, () => random(3) && random(extent)),
     shifts = Int32Array.from({ length: NUM_CHANNELS * count }, () => random(31));
@@ -210,7 +210,7 @@ test("WebAssembly and plain TypeScript decode any bytes to the same motion", () 
         expected = plain.decode(packet, keyframesOf)!,
         found = native.decode(packet, keyframesOf)!;
       assert.deepEqual(found, expected);
-      for (let i = STATE; i < expected.headers.length; i += HEAD) moved += Number(expected.headers[i] === 1);
+      for (let i = STATE; i < expected.headers.length; i += HEADER_FIELDS) moved += Number(expected.headers[i] === 1);
     }
   }
   assert.ok(moved > 5000, `${moved} tracks`);

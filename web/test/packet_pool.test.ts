@@ -174,7 +174,7 @@ for (const stream of streamsOf("tracks")) {
     const [shared, own] = [await decoded(pool, stream), alone(stream)].map(
       ({ decoder }) => decoder.elementDecoder.sequence!,
     );
-    for (let n = 0; n < own.times.numFrames; n++)
+    for (let n = 0; n < own.timeline.numFrames; n++)
       assert.deepEqual(shared.frame(n, () => true, "drop").splats, own.frame(n, () => true, "drop").splats);
     pool.close();
   });

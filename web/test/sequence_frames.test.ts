@@ -15,7 +15,7 @@ const choice = { concealer: "motion", dropped: 0, burst: 1, seed: 0, sent: 1 };
 function framesOf(received: DecodedStream): { count: number; opacities: Float32Array }[] {
   const said: FromWorker[] = [],
     frames = new SequenceFrames((message) => said.push(message));
-  for (let number = 0; number < received.decoder.elementDecoder.sequence!.times.numFrames; number++)
+  for (let number = 0; number < received.decoder.elementDecoder.sequence!.timeline.numFrames; number++)
     frames.frame({ kind: "frame", number, choice }, received, 1);
   return said.flatMap((one) => (one.kind === "frame" ? [one.packed] : []));
 }
@@ -40,7 +40,7 @@ test("a group of frames is whole once all its packets have arrived", () => {
     received = new DecodedStream(head),
     sequence = received.decoder.elementDecoder.sequence!,
     whole = (): boolean[] =>
-      Array.from({ length: sequence.times.numFrames }, (_, n) => sequence.frame(n, () => true, "motion").isWhole);
+      Array.from({ length: sequence.timeline.numFrames }, (_, n) => sequence.frame(n, () => true, "motion").isWhole);
   for (const packet of packets.slice(1)) received.addPacket(packet);
   assert.deepEqual(new Set(whole()), new Set([false, true]));
   received.addPacket(packets[0]);

@@ -51,7 +51,7 @@ export function clipTimes(path: string): { ms: number; slowest: number } | null 
   if (!sequence) return null;
   const times: number[] = [],
     all = () => true;
-  for (let number = 0; number < sequence.times.numFrames; number++) {
+  for (let number = 0; number < sequence.timeline.numFrames; number++) {
     const began = process.cpuUsage();
     pack([sequence.frame(number, all, "motion", true).splats], degree, size);
     const { user, system } = process.cpuUsage(began);

@@ -17,7 +17,7 @@ def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
     sizes = {True: 0, False: 0}
     for packet in stream.packets:
         sizes[plan.is_keyframe(packet.id.block)] += packet.num_bytes
-    births, time_ = [group.births for group in info.groups], info.timeline
+    births, time_ = [group.num_births for group in info.groups], info.timeline
     tracking = TrackingReport.read(info.sections[SECTION]) if SECTION in info.sections else None
     return {
         "frames": time_.num_frames,
@@ -27,7 +27,7 @@ def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
         "num_tracks": sum(births),
         "born_later": sum(births[1:]),
         "groups": len(births),
-        "groups_without_motion": sum(not group.motions for group in info.groups),
+        "groups_without_motion": sum(not group.num_moving for group in info.groups),
         "base_bytes": sizes[True],
         "motion_bytes": sizes[False],
         "bytes_per_track_and_frame": stream.num_bytes / max(sum(births) * time_.num_frames, 1),

@@ -1,6 +1,7 @@
 """Encoder of sequences: frames in, packets out."""
 
 import logging
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -163,7 +164,7 @@ class SequenceEncoder:
             return self._flush()
         # By the middle of a group, receivers have the previous one.
         if self._live and 2 * len(self._group_builder) > self._options.group_frames:
-            self._tracks_encoder.add_frames(*self._group_builder.so_far())
+            self._tracks_encoder.add_frames(*self._group_builder.incomplete_group())
         self._finish_deferred_work()
         return []
 
@@ -207,13 +208,18 @@ class SequenceEncoder:
         where = {EXTENT_SECTION: extent_section(extent.middle, extent.radius)} if extent and extent.radius > 0 else {}
         return self._tracks_encoder.finish({**self._all_sections, **where})
 
-    def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
+    def current_header(self, stream_id: int) -> tuple[Manifest, bytes]:
         """Returns manifest and side information of the groups of pictures encoded so far.
 
         Args:
             stream_id: Id of the stream, for the manifest.
         """
-        return self._tracks_encoder.so_far(self._all_sections, stream_id)
+        return self._tracks_encoder.current_header(self._all_sections, stream_id)
+
+    def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
+        """Deprecated name of `current_header`."""
+        warnings.warn("SequenceEncoder.so_far is deprecated, use current_header", DeprecationWarning, stacklevel=2)
+        return self.current_header(stream_id)
 
     @property
     def _all_sections(self) -> dict[str, bytes]:
@@ -235,15 +241,15 @@ class SequenceEncoder:
         cuts = _scene_cuts(group, frames, new)
         class_offsets = self._precision(group, cuts, new)
         unrelated = len(frames) > 1 and len(frames[0].keys) > 0 and len(cuts) > MIN_CUT_SHARE * len(frames)
-        first, smooth, self._num_groups = (
+        first, was_coherent, self._num_groups = (
             not self._num_groups,
-            self._live and self._group_builder.smooth,
+            self._live and self._group_builder.is_coherent,
             self._num_groups + 1,
         )
         if first and unrelated and not self._live:
             assert class_offsets is not None
             return self._encode_single_frames(group, frames, cuts, class_offsets)
-        self._group_builder = GroupBuilder(self._options.group_frames, smooth=smooth)
+        self._group_builder = GroupBuilder(self._options.group_frames, was_coherent=was_coherent)
         return self._tracks_encoder.add(group, class_offsets, cut=bool(cuts) and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
@@ -252,7 +258,7 @@ class SequenceEncoder:
             return self._group_builder.group()
         # The analysis of the motion runs in parallel with the extrapolation of partial tracks.
         with ThreadPoolExecutor(1) as pool:
-            analysis = pool.submit(self._tracks_encoder.add_frames, *self._group_builder.so_far())
+            analysis = pool.submit(self._tracks_encoder.add_frames, *self._group_builder.incomplete_group())
             group = self._group_builder.group()
             analysis.result()
         return group
@@ -314,7 +320,7 @@ class SequenceEncoder:
         scene = np.where(new, np.searchsorted(cuts, group.begins, side="right") - 1, -1)
         for number in range(len(cuts)):
             members = np.flatnonzero(scene == number)
-            first = group.first(members)
+            first = group.keyframe_gaussians(members)
             class_offsets[members] = self._choose_class_offsets(first)
             if not number and not self._num_groups and not self._first_frame:
                 up = self._options.up

@@ -31,12 +31,12 @@ class GroupBuilder:
 
     Args:
         frames: Maximum number of frames of the group.
-        smooth: True if most tracks of the previous group moved like their neighbours. Neighbours are then searched
-            while frames arrive, which saves time at the end of the group.
+        was_coherent: True if most tracks of the previous group moved like their neighbours. Neighbours are then
+            searched while frames arrive, which saves time at the end of the group.
     """
 
-    def __init__(self, frames: int, *, smooth: bool = False) -> None:
-        self._max_frames, self._search_early = frames, smooth
+    def __init__(self, frames: int, *, was_coherent: bool = False) -> None:
+        self._max_frames, self._search_early = frames, was_coherent
         self.frames: list[TrackedFrame] = []
         self._keys = self._key_order = self._begins = self._ends = np.zeros(0, np.int64)
         self._capacity = 0
@@ -44,7 +44,7 @@ class GroupBuilder:
         self._neighbor_sets: list[NeighborSet] = []
         self._tree: NeighborIndex | None = None
         self._sample: NeighborSet | None = None
-        self.smooth = False
+        self.is_coherent = False
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -114,7 +114,7 @@ class GroupBuilder:
         if number and 0 < len(came) <= room - len(went):
             self._neighbor_sets.append(self._tree.nearest(means, came, count))
 
-    def so_far(self) -> tuple[np.ndarray, Trajectories, int]:
+    def incomplete_group(self) -> tuple[np.ndarray, Trajectories, int]:
         """Returns the incomplete group: keys of its tracks, their attributes in each frame, and number of frames."""
         count = len(self._keys)
         return (
@@ -135,7 +135,7 @@ class GroupBuilder:
         values = {name: values[:count, :number] for name, values in self._values.items()}
         for array in values.values():
             _repeat_ends(array, self._begins, self._ends)
-        self.smooth = extrapolate_partial_tracks(
+        self.is_coherent = extrapolate_partial_tracks(
             values["means"], self._begins, self._ends, self._neighbor_sets, self._sample
         )
         keys, begins, ends, frames = self._keys, self._begins, self._ends, self.frames

@@ -29,7 +29,7 @@ def packet_importance(
     # estimate finds most of these packets. The size of a packet is a worse estimate: motion that differs from the
     # neighbours' motion takes many bits, but is less visible.
     info, plan = open_side_info(manifest, side_info), manifest.plan
-    firsts = np.cumsum([0, *(group.births for group in info.groups)])
+    firsts = np.cumsum([0, *(group.num_births for group in info.groups)])
 
     def worth(packet: Packet) -> float:
         if plan.is_keyframe(packet.id.block):

@@ -94,7 +94,7 @@ class LiveDecoder:
             opened = self._current_decoder()
             self._store_keyframes(opened, self._manifest, complete_only=True)
             for _, packets_of_tier in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
-                opened.prepare(list(packets_of_tier), self._num_bytes, self._threads)
+                opened.predecode(list(packets_of_tier), self._num_bytes, self._threads)
         yield from self._complete()
 
     def finish(self) -> Iterator[SequenceFrame]:
@@ -127,7 +127,7 @@ class LiveDecoder:
             opened.allocate(None)
             if self._decoder is not None:
                 # The keyframe Gaussians are not decoded again.
-                opened.take_over(self._decoder)
+                opened.copy_keyframes_from(self._decoder)
         self._decoder, self._first_frame = opened, first_frame(opened.sections)
         return opened
 
@@ -161,7 +161,7 @@ class LiveDecoder:
         for block in motion_blocks:
             if plan.gop_of_block(block) != group:
                 continue
-            decoder.hold(block, tuple(sorted(self._packets_by_block[block], key=lambda packet: packet.id)))
+            decoder.store_motion(block, tuple(sorted(self._packets_by_block[block], key=lambda packet: packet.id)))
         self._num_received = {number: count for number, count in self._num_received.items() if number > group}
 
     def _store_keyframes(self, decoder: TracksDecoder, manifest: Manifest, *, complete_only: bool) -> None:

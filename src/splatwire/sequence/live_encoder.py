@@ -74,7 +74,7 @@ class LiveEncoder:
         if not self.num_frames:
             return []
         rest = [self._add(self.encoder.flush())] if self.num_frames % self._options.group_frames else []
-        return [*rest, self._packager.end(*self.encoder.so_far(self._stream_id))]
+        return [*rest, self._packager.end(*self.encoder.current_header(self._stream_id))]
 
     @property
     def _is_period_full(self) -> bool:
@@ -88,4 +88,4 @@ class LiveEncoder:
     def _add(self, packets: list[Packet]) -> LiveSnapshot:
         self._num_groups += 1
         self._num_bytes += sum(packet.num_bytes for packet in packets)
-        return self._packager.add(*self.encoder.so_far(self._stream_id), packets)
+        return self._packager.add(*self.encoder.current_header(self._stream_id), packets)

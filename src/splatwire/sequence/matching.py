@@ -51,7 +51,7 @@ class Match:
         return float((self.partner >= 0).mean()) if len(self.partner) else 1.0
 
 
-def tracked(previous: Splats, current: Splats) -> bool:
+def has_same_order(previous: Splats, current: Splats) -> bool:
     """True if two frames probably have the same Gaussians in the same order.
 
     Args:

@@ -8,7 +8,7 @@ from splatwire.arguments import CheckedFields
 from splatwire.errors import InvalidValueError
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.sequence.frames import Frame
-from splatwire.sequence.matching import Match, aligned, match, tracked
+from splatwire.sequence.matching import Match, aligned, has_same_order, match
 from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.types.splats import Splats
 
@@ -102,7 +102,7 @@ class Tracker:
 
     def _first(self, frame: Frame) -> TrackedFrame:
         self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
-        return self._by_rows(frame, count=False)
+        return self._by_index(frame, count=False)
 
     def _next_frame(self, frame: Frame) -> TrackedFrame:
         assert self._previous_splats is not None
@@ -114,14 +114,14 @@ class Tracker:
                 f"{self._previous_splats.num_gaussians:,}: rows of tracked frames are always the same Gaussians"
             )
         if self._order == "tracked" or (
-            self._order == "auto" and same and tracked(self._previous_splats, frame.splats)
+            self._order == "auto" and same and has_same_order(self._previous_splats, frame.splats)
         ):
             self._match = None
             self.report = replace(self.report, tracked=self.report.tracked + 1)
-            return self._by_rows(frame, count=True)
+            return self._by_index(frame, count=True)
         return self._matched(frame)
 
-    def _by_rows(self, frame: Frame, count: bool) -> TrackedFrame:
+    def _by_index(self, frame: Frame, count: bool) -> TrackedFrame:
         """Gives each Gaussian of a frame the track key of the Gaussian with the same index in the previous frame.
 
         Args:

@@ -10,7 +10,13 @@ from moving_sequences import FRAMES, moving_frames
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.sequence import encoder
-from splatwire.codec.sequence.lifetimes import BYTES_OF_ONE, SECTION, Lifetimes, lifetimes_sections, read_lifetimes
+from splatwire.codec.sequence.lifetimes import (
+    PACKET_BYTES_PER_LIFETIME,
+    SECTION,
+    Lifetimes,
+    lifetimes_sections,
+    read_lifetimes,
+)
 from splatwire.codec.sequence.side_info import open_side_info
 from splatwire.errors import BitstreamError
 from splatwire.files.byte_io import ByteWriter
@@ -41,9 +47,9 @@ def test_lifetimes_round_trip():
 
 def test_most_visible_lifetimes_are_kept():
     lifetimes = Lifetimes(some(1, 5), some(1, 1), some(5, 7, 9), some(4, 5, 6))
-    kept = lifetimes.most_seen(np.arange(13.0), 2)
+    kept = lifetimes.without_least_visible(np.arange(13.0), 2)
     assert (kept.begin_tracks.tolist(), kept.end_tracks.tolist()) == ([], [7, 9])
-    kept = lifetimes.most_seen(-np.arange(13.0), 2)
+    kept = lifetimes.without_least_visible(-np.arange(13.0), 2)
     assert (kept.begin_tracks.tolist(), kept.end_tracks.tolist(), kept.end_frames.tolist()) == ([1, 5], [5], [4])
 
 
@@ -84,7 +90,7 @@ def without_motion(stream: SceneStream) -> SceneStream:
 
 def test_lifetimes_do_not_depend_on_motion_packets(monkeypatch):
     """All motion is lost, and exactly the existing tracks are drawn in every frame, also after a seek."""
-    monkeypatch.setattr(encoder, "BYTES_OF_ONE", 1)
+    monkeypatch.setattr(encoder, "PACKET_BYTES_PER_LIFETIME", 1)
     stream = clip()
     lossy, complete = decode_stream(without_motion(stream)).scene, decode_stream(stream).scene
     for first in (0, FRAMES - 1):
@@ -97,4 +103,4 @@ def test_lifetimes_do_not_depend_on_motion_packets(monkeypatch):
 def test_lifetimes_section_is_a_small_share_of_the_stream():
     stream = clip()
     content = open_side_info(stream.manifest, stream.side_info).sections[SECTION]
-    assert 4 < len(content) < sum(packet.num_bytes for packet in stream.packets) * 3.2 / BYTES_OF_ONE
+    assert 4 < len(content) < sum(packet.num_bytes for packet in stream.packets) * 3.2 / PACKET_BYTES_PER_LIFETIME

@@ -15,7 +15,13 @@ from splatwire.codec.sequence.basis import polynomials
 from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS, NUM_KINDS, STATE
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.sequence.side_info import SequenceInfo, open_side_info
-from splatwire.codec.sequence.trajectories import MotionCoefficients, Offsets, PacketMoves, Trajectories, add_frames
+from splatwire.codec.sequence.trajectories import (
+    MotionCoefficients,
+    MotionEvaluator,
+    PacketMotion,
+    Trajectories,
+    add_frames,
+)
 from splatwire.concealment.temporal.neighbors import Neighbors, smooth_weights
 from splatwire.sequence import SequenceOptions, encode_sequence
 
@@ -46,18 +52,18 @@ def motion_packets(stream: SceneStream, group: int) -> list[Packet]:
 
 @pytest.mark.parametrize("group", [0, 1])
 def test_motion_packets_decode_as_in_the_reference(stream, info, group):
-    first_new = 0 if group == 0 else info.groups[0].births
+    first_new = 0 if group == 0 else info.groups[0].num_births
     packets = motion_packets(stream, group)
     assert packets
     for packet in packets:
         counts = np.array([packet.num_elements])
-        heads, residuals, orders = decode_motion(info, group, counts, [packet.payload], first_new)
+        heads, residuals, num_coefficients = decode_motion(info, group, counts, [packet.payload], first_new)
         plain = ReferenceMotion(
             packet.payload, info.zero_probabilities.tolist(), packet.num_elements, GROUP, first_new
         ).decode()
         assert heads.tolist() == plain[0]
         assert residuals.reshape(-1, NUM_CHANNELS, GROUP).tolist() == plain[1]
-        behind = np.arange(GROUP) >= orders[0][KIND_OF][:, None]
+        behind = np.arange(GROUP) >= num_coefficients[0][KIND_OF][:, None]
         assert not residuals.reshape(-1, NUM_CHANNELS, GROUP)[:, behind].any()
 
 
@@ -80,12 +86,12 @@ def test_offsets_equal_the_numpy_reference():
     rng, frames = np.random.default_rng(4), 7
     packets = []
     for count, width in ((9, 4), (0, 3), (5, 7)):
-        orders = rng.integers(0, width + 1, NUM_KINDS)
+        num_coefficients = rng.integers(0, width + 1, NUM_KINDS)
         values = rng.normal(0, 5000, (count, NUM_CHANNELS, width)).astype(np.float32)
-        values[:, np.arange(width) >= orders[KIND_OF][:, None]] = 0
-        packets.append(PacketMoves(values, orders))
+        values[:, np.arange(width) >= num_coefficients[KIND_OF][:, None]] = 0
+        packets.append(PacketMotion(values, num_coefficients))
     rows = rng.permutation(np.concatenate([np.arange(14), [-1, -1]]))
-    at = Offsets(packets, frames, 24, 3).of(rows)
+    at = MotionEvaluator(packets, frames, 24, 3).of(rows)
     for frame in range(frames):
         plain = [offsets_at(packet.coefficients, frames, frame, 24, 3) for packet in packets]
         wanted = np.concatenate([*plain, np.zeros((1, NUM_CHANNELS))])[rows]

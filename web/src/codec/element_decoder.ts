@@ -13,7 +13,7 @@ import type { Splats } from "./splats.ts";
 /** Frames of a moving scene, as far as their packets were received. */
 export interface SequenceDecoder {
   /** Frames per second, number of frames, and frames per group of pictures. */
-  readonly times: { readonly rate: number; readonly numFrames: number; readonly groupFrames: number };
+  readonly timeline: { readonly rate: number; readonly numFrames: number; readonly groupFrames: number };
   /** Names of the concealers for lost motion packets. */
   readonly concealers: readonly string[];
   /**
@@ -28,9 +28,9 @@ export interface SequenceDecoder {
   /** Number of the first frame; not 0 if the clip continues an earlier one. */
   readonly firstFrame: number;
   /** End of the playable frames. A group is playable once it is complete or a packet of a later group arrived. */
-  readonly ready: number;
+  readonly playableEnd: number;
   /** Number of motion packets that arrived after their group was shown. */
-  readonly late: number;
+  readonly numLatePackets: number;
   /**
    * Releases the packets of all groups before that of a frame and returns their blocks. Those groups cannot be shown
    * again.

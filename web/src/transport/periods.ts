@@ -26,30 +26,30 @@ export class Periods {
   /** Returns true if the frames of a stream follow those of the current period. */
   precede({ decoder }: DecodedStream): boolean {
     const before = this.#current!.decoder.elementDecoder.sequence!,
-      { firstFrame, times } = decoder.elementDecoder.sequence!;
-    return firstFrame >= before.firstFrame + before.times.numFrames && times.rate === before.times.rate;
+      { firstFrame, timeline } = decoder.elementDecoder.sequence!;
+    return firstFrame >= before.firstFrame + before.timeline.numFrames && timeline.rate === before.timeline.rate;
   }
 
   /** Adds the next period. */
   addPeriod(stream: DecodedStream): void {
-    this.#lateBefore += this.#previous?.decoder.elementDecoder.sequence?.late ?? 0;
+    this.#lateBefore += this.#previous?.decoder.elementDecoder.sequence?.numLatePackets ?? 0;
     this.#previous = this.#current;
     this.#current = stream;
   }
 
   /** Number of motion packets that arrived after their group was shown. */
   get late(): number {
-    const late = (of: DecodedStream | null): number => of?.decoder.elementDecoder.sequence?.late ?? 0;
+    const late = (of: DecodedStream | null): number => of?.decoder.elementDecoder.sequence?.numLatePackets ?? 0;
     return this.#lateBefore + late(this.#previous) + late(this.#current);
   }
 
   get playable(): Playable | null {
     const sequence = this.#current?.decoder.elementDecoder.sequence;
     if (!sequence) return null;
-    const { firstFrame, times, ready } = sequence,
-      running = times.numFrames - 1 - ((times.numFrames - 1) % times.groupFrames);
+    const { firstFrame, timeline, playableEnd } = sequence,
+      running = timeline.numFrames - 1 - ((timeline.numFrames - 1) % timeline.groupFrames);
     if (this.#begin < 0) this.#begin = firstFrame + running;
-    return { begin: this.#begin, end: Math.max(firstFrame + ready, this.#begin) };
+    return { begin: this.#begin, end: Math.max(firstFrame + playableEnd, this.#begin) };
   }
 
   /** Returns the period of a frame, or the first later frame if its period was released. Releases earlier groups. */
@@ -60,13 +60,13 @@ export class Periods {
     if (!current || !sequence) return null;
     if (previous && previous.firstFrame <= number && number < sequence.firstFrame)
       return this.#periodFrame(this.#previous!, previous, number);
-    this.#lateBefore += previous?.late ?? 0;
+    this.#lateBefore += previous?.numLatePackets ?? 0;
     this.#previous = null;
     return this.#periodFrame(current, sequence, Math.max(number, sequence.firstFrame));
   }
 
   #periodFrame(stream: DecodedStream, sequence: SequenceDecoder, absolute: number): PeriodFrame {
-    const number = Math.min(absolute - sequence.firstFrame, sequence.times.numFrames - 1);
+    const number = Math.min(absolute - sequence.firstFrame, sequence.timeline.numFrames - 1);
     stream.decoder.intake.forget(sequence.forget(number));
     return { stream, sequence, number };
   }

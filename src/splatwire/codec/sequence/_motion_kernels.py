@@ -249,7 +249,7 @@ def _code_coefficient(coder, low, span, num_bytes, kind, order, neighbour_contex
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def code_motion(coder, headers, n, orders, quantised, frames, first_new):
+def code_motion(coder, headers, n, num_coefficients, quantised, frames, first_new):
     """Encodes or decodes the motion of a packet's n tracks (Gaussians over time).
 
     Args:
@@ -257,8 +257,8 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
         headers: Headers of the tracks, int64 (n, fields), ascending by track index: input of an encoder, output of a
             decoder.
         n: Number of tracks in the packet.
-        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
-            coded per channel, int64 (kinds): input of an encoder, output of a decoder.
+        num_coefficients: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial
+            coefficients coded per channel, int64 (kinds): input of an encoder, output of a decoder.
         quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames): input of an encoder,
             output of a decoder. A decoder must be given an array of zeros.
         frames: Number of frames in the group, F.
@@ -268,7 +268,7 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
         headers[:] = -1
     num_headers = _code_headers(coder, headers, n, frames, first_new)
     for kind in range(NUM_KINDS):
-        orders[kind] = code_below(coder, orders[kind], frames + 1)
+        num_coefficients[kind] = code_below(coder, num_coefficients[kind], frames + 1)
     before, low, span, num_bytes = -1, coder.state[0], coder.state[1], coder.state[2]
     for i in range(num_headers):
         if headers[i, STATE] != MOVING:
@@ -281,7 +281,7 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
                 largest = np.int64(0)
                 if before >= 0:
                     largest_of_channel = abs(np.int64(quantised[before, c, 0]))
-            for k in range(orders[kind]):
+            for k in range(num_coefficients[kind]):
                 expected_magnitude = max(largest_of_channel, largest)
                 if not first:
                     expected_magnitude = max(expected_magnitude, 2 * abs(np.int64(quantised[i, c - 1, k])))

@@ -12,7 +12,7 @@ _COLOURS = NUM_CHANNELS - 3
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, out):
+def offsets(coefficients, starts, packets, num_coefficients, widths, weights, factors, colours, out):
     """Evaluates the motion polynomials of n tracks (Gaussians over time) in one frame of a group of F frames.
 
     The change of a channel is the sum of its coefficients, each multiplied by a basis polynomial. There are F
@@ -23,7 +23,8 @@ def offsets(coefficients, starts, packets, orders, widths, weights, factors, col
             `widths[packet]` coefficients for its first channel, then as many for the next channel, and so on.
         starts: Index in `coefficients` of each track's first coefficient, int64 (n); -1 for a track that does not move.
         packets: Index of the packet that contains each track, int64 (n); any index for a track that does not move.
-        orders: For each packet and channel, number of coefficients to use; the others are 0, int64 (packets, channels).
+        num_coefficients: For each packet and channel, number of coefficients to use; the others are 0, int64 (packets,
+            channels).
         widths: For each packet, number of coefficients per channel in `coefficients`, int64 (packets).
         weights: Value of each basis polynomial in this frame, float64 (F).
         factors: For each channel, factor from its fixed-point unit to floating point, float64 (channels).
@@ -42,7 +43,7 @@ def offsets(coefficients, starts, packets, orders, widths, weights, factors, col
         width = widths[packet]
         for c in range(NUM_CHANNELS):
             begin, value = starts[n] + c * width, np.float64(0.0)
-            for k in range(orders[packet, c]):
+            for k in range(num_coefficients[packet, c]):
                 value += coefficients[begin + k] * weights[k]
             values[c] = value * factors[c]
         for c in range(_COLOURS):

@@ -50,7 +50,7 @@ def _no_tables():
 
 @njit(error_model="numpy")
 @no_type_check
-def _needed_orders(targets, rows, states, shifts, frames, orders):
+def _needed_coefficients(targets, rows, states, shifts, frames, num_coefficients):
     """Determines how many motion coefficients a packet must contain for each kind of channel.
 
     A packet contains the coefficients of the lowest degrees. All other coefficients are below half a quantisation step
@@ -62,24 +62,24 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
         states: `STILL` or `MOVING` for each track, int64 (n).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         frames: Number of frames in the group.
-        orders: Output: for each kind of channel (position, rotation, scale, opacity, colour), number of polynomial
-            coefficients coded per channel, int64 (kinds).
+        num_coefficients: Output: for each kind of channel (position, rotation, scale, opacity, colour), number of
+            polynomial coefficients coded per channel, int64 (kinds).
     """
-    orders[:] = 0
+    num_coefficients[:] = 0
     for i in range(len(rows)):
         if states[i] != MOVING:
             continue
         for c in range(NUM_CHANNELS):
             kind = KIND_OF[c]
-            for k in range(frames - 1, orders[kind] - 1, -1):
+            for k in range(frames - 1, num_coefficients[kind] - 1, -1):
                 if 2 * abs(targets[rows[i], c, k]) >= np.float64(np.int64(1) << shifts[i, c]):
-                    orders[kind] = k + 1
+                    num_coefficients[kind] = k + 1
                     break
 
 
 @njit(error_model="numpy")
 @no_type_check
-def _trim(quantised, orders):
+def _trim(quantised, num_coefficients):
     """Excludes the motion coefficients of the highest degrees from a packet if they are 0 in all tracks.
 
     The motion of a track (a Gaussian over time) has a polynomial for each channel. All channels of a kind (position,
@@ -89,18 +89,19 @@ def _trim(quantised, orders):
     Args:
         quantised: Quantised prediction residuals of the coefficients of the packet's n tracks, in quantisation steps,
             int32 (n, channels, degrees).
-        orders: For each kind of channel, number of coefficients to code per channel, int64 (kinds). Reduced in place
-            while the coefficient of the highest degree is 0 in all tracks and channels; 0 if all coefficients are 0.
+        num_coefficients: For each kind of channel, number of coefficients to code per channel, int64 (kinds). Reduced
+            in place while the coefficient of the highest degree is 0 in all tracks and channels; 0 if all coefficients
+            are 0.
     """
     for kind in range(NUM_KINDS):
-        while orders[kind]:
+        while num_coefficients[kind]:
             has_nonzero = False
             for i in range(len(quantised)):
                 for c in range(NUM_CHANNELS):
-                    has_nonzero |= KIND_OF[c] == kind and quantised[i, c, orders[kind] - 1] != 0
+                    has_nonzero |= KIND_OF[c] == kind and quantised[i, c, num_coefficients[kind] - 1] != 0
             if has_nonzero:
                 break
-            orders[kind] -= 1
+            num_coefficients[kind] -= 1
 
 
 @njit(error_model="numpy")
@@ -124,20 +125,22 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, positions, 
         out: Output: residuals of coefficients, int32 (n, channels, frames).
     """
     n, used = len(headers), 0
-    orders, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()
-    _needed_orders(targets, rows, states, shifts, frames, orders)
+    num_coefficients, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()
+    _needed_coefficients(targets, rows, states, shifts, frames, num_coefficients)
     for c in range(NUM_CHANNELS):
-        used += orders[KIND_OF[c]]
+        used += num_coefficients[KIND_OF[c]]
     wanted = np.empty((n, used))
-    pack_coefficients(targets, rows, states, orders, wanted)
+    pack_coefficients(targets, rows, states, num_coefficients, wanted)
     out[:] = 0
-    predict_from_neighbours(positions, states, shifts, orders, out, wanted, dead, np.zeros((0, 1, 1), np.float32))
-    _trim(out, orders)
+    predict_from_neighbours(
+        positions, states, shifts, num_coefficients, out, wanted, dead, np.zeros((0, 1, 1), np.float32)
+    )
+    _trim(out, num_coefficients)
     coder = new_coder(
         ENCODING, buffer, np.empty(0, np.int64), models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _no_tables()
     )  # fmt: skip
     encoder_start(coder.state)
-    code_motion(coder, headers.copy(), n, orders, out, frames, first_new)
+    code_motion(coder, headers.copy(), n, num_coefficients, out, frames, first_new)
     return encoder_finish(buffer, coder.state)
 
 
@@ -256,7 +259,7 @@ def encode_limited(
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def decode_packets(models, frames, first_new, data, ends, starts, headers, orders, quantised):
+def decode_packets(models, frames, first_new, data, ends, starts, headers, num_coefficients, quantised):
     """Decodes P packets with the motion of n tracks (Gaussians over time) in total.
 
     The caller initialises all output arrays with 0.
@@ -269,8 +272,8 @@ def decode_packets(models, frames, first_new, data, ends, starts, headers, order
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the tracks `starts[p]` to `starts[p + 1]` (exclusive).
         headers: Output: headers of the tracks, int64 (n, fields).
-        orders: Output: for each packet and kind of channel (position, rotation, scale, opacity, colour), number of
-            polynomial coefficients coded per channel, int64 (P, kinds).
+        num_coefficients: Output: for each packet and kind of channel (position, rotation, scale, opacity, colour),
+            number of polynomial coefficients coded per channel, int64 (P, kinds).
         quantised: Output: residuals of coefficients, int32 (n, channels, frames).
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
@@ -280,5 +283,5 @@ def decode_packets(models, frames, first_new, data, ends, starts, headers, order
         decoder_start(payload, ZERO, len(payload), coder.state)
         rows = slice(starts[p], starts[p + 1])
         code_motion(
-            coder, headers[rows], starts[p + 1] - starts[p], orders[p], quantised[rows], frames, first_new
+            coder, headers[rows], starts[p + 1] - starts[p], num_coefficients[p], quantised[rows], frames, first_new
         )  # fmt: skip

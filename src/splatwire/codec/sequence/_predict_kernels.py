@@ -15,7 +15,7 @@ from splatwire.codec.sequence.layout import (
     MOVING,
     NUM_CHANNELS,
     NUM_NEIGHBOURS,
-    PLACE_BITS,
+    POSITION_BITS,
     WEIGHT_BITS,
 )
 from splatwire.ops.compiled import njit
@@ -45,7 +45,7 @@ ONE = np.int64(1)
 def relative_positions(positions):
     """Returns positions relative to the corner of their bounding box, int64 (M, 3).
 
-    Positions of more than `PLACE_BITS` bits are divided by a power of two that makes them fit.
+    Positions of more than `POSITION_BITS` bits are divided by a power of two that makes them fit.
     """
     out, extent = positions.copy(), np.int64(0)
     for a in range(3):
@@ -55,9 +55,9 @@ def relative_positions(positions):
         extent = max(extent, high - low)
         for i in range(len(positions)):
             out[i, a] -= low
-    # With at most `PLACE_BITS` bits, later computations are exact.
+    # With at most `POSITION_BITS` bits, later computations are exact.
     shift = 0
-    while extent >> shift >= ONE << PLACE_BITS:
+    while extent >> shift >= ONE << POSITION_BITS:
         shift += 1
     for i in range(len(positions)):
         for a in range(3):
@@ -86,7 +86,7 @@ def prediction_order(positions, moving, shifts):
     for i in range(n):
         for bit in range(10):
             for a in range(3):
-                codes[i] |= ((positions[moving[i], a] >> (PLACE_BITS - 10 + bit)) & 1) << (3 * bit + a)
+                codes[i] |= ((positions[moving[i], a] >> (POSITION_BITS - 10 + bit)) & 1) << (3 * bit + a)
     curve_order = np.argsort(codes, kind="mergesort")
     order, count, bits = np.empty(n, np.int64), 0, 0
     while (1 << bits) < n:
@@ -242,35 +242,35 @@ def _reconstruct(means, octaves, steps, row):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _unpack_coefficients(flat, orders, rows):
+def _unpack_coefficients(flat, num_coefficients, rows):
     """Distributes the motion coefficients of M tracks (Gaussians over time) to channels and degrees.
 
     Args:
         flat: The coefficients that the packet contains, (M, U), with U coefficients per track.
-        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
-            coded per channel, int64 (kinds).
+        num_coefficients: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial
+            coefficients coded per channel, int64 (kinds).
         rows: Output: the coefficients, (M, channels, frames). The last axis is the degree, which is below the number of
             frames.
     """
     for i in range(len(rows)):
         u = 0
         for c in range(NUM_CHANNELS):
-            for k in range(orders[KIND_OF[c]]):
+            for k in range(num_coefficients[KIND_OF[c]]):
                 rows[i, c, k] = flat[i, u]
                 u += 1
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def pack_coefficients(values, rows, states, orders, flat):
+def pack_coefficients(values, rows, states, num_coefficients, flat):
     """Gathers the motion coefficients that a packet contains into one array row per track (Gaussian over time).
 
     Args:
         values: Coefficients by channel and degree, (N, channels, frames).
         rows: Index in `values` of each track, int64 (M).
         states: `STILL` or `MOVING` for each track, int64 (M).
-        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
-            coded per channel, int64 (kinds).
+        num_coefficients: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial
+            coefficients coded per channel, int64 (kinds).
         flat: Output: the coded coefficients, (M, U), with U coefficients per track.
     """
     for i in range(len(rows)):
@@ -278,14 +278,14 @@ def pack_coefficients(values, rows, states, orders, flat):
             continue
         u = 0
         for c in range(NUM_CHANNELS):
-            for k in range(orders[KIND_OF[c]]):
+            for k in range(num_coefficients[KIND_OF[c]]):
                 flat[i, u] = values[rows[i], c, k]
                 u += 1
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def predict_from_neighbours(positions, states, shifts, orders, quantised, targets, dead, coefficients):
+def predict_from_neighbours(positions, states, shifts, num_coefficients, quantised, targets, dead, coefficients):
     """Quantises or reconstructs the motion of a packet's M tracks (Gaussians over time), predicted from neighbours.
 
     The motion of a track is described by U polynomial coefficients: U is the total number of coefficients of all
@@ -298,21 +298,22 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
             motion of positions is coded, int64 (M, 3).
         states: `STILL` or `MOVING` for each track, int64 (M).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
-        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
-            coded per channel, int64 (kinds).
+        num_coefficients: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial
+            coefficients coded per channel, int64 (kinds).
         quantised: Residuals, int32 (M, channels, frames): output of an encoder, input of a decoder.
         targets: Input of an encoder: the coefficients from `pack_coefficients`, float64 (M, U). An array of length 0
             selects decoding.
         dead: For an encoder, dead zone of the quantiser: extra width of the interval that is rounded to 0, in 64ths of
             a quantisation step.
         coefficients: Output of a decoder: the reconstructed coefficients, float32 (M, channels, K), where K
-            is the largest of `orders`. The array must be 0 before the call. An encoder passes an array of length 0.
+            is the largest of `num_coefficients`. The array must be 0 before the call. An encoder passes an array of
+            length 0.
     """
     if not len(positions):
         return
     relative, num_used = relative_positions(positions), 0
     for c in range(NUM_CHANNELS):
-        num_used += orders[KIND_OF[c]]
+        num_used += num_coefficients[KIND_OF[c]]
     moving = states == MOVING
     known_tracks, known_positions, squares = (
         np.empty(len(positions), np.int64),
@@ -331,7 +332,7 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
     )
     octaves = np.empty(num_used, np.int64)
     if not len(targets):
-        pack_coefficients(quantised, np.arange(len(positions)), states, orders, steps)
+        pack_coefficients(quantised, np.arange(len(positions)), states, num_coefficients, steps)
     neighbours, squared_distances = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, distance_weights = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)
@@ -354,7 +355,7 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
         _predict_coefficients(values, moving, neighbours, weights, num_neighbours, means)
         u = 0
         for c in range(NUM_CHANNELS):
-            for _ in range(orders[KIND_OF[c]]):
+            for _ in range(num_coefficients[KIND_OF[c]]):
                 octaves[u] = shifts[i, c]
                 u += 1
         if len(targets):
@@ -362,5 +363,5 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
         _reconstruct(means, octaves, steps[i], values[i])
         count = add_known(relative, i, known_tracks, known_positions, count)
     if len(targets):
-        _unpack_coefficients(steps, orders, quantised)
-    _unpack_coefficients(values, orders, coefficients)
+        _unpack_coefficients(steps, num_coefficients, quantised)
+    _unpack_coefficients(values, num_coefficients, coefficients)

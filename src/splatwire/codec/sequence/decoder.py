@@ -17,27 +17,38 @@ from splatwire.codec.memory import check_memory, packet_reader_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import PacketBatch, SymbolRows
-from splatwire.codec.sequence.keyframes import scene_positions
-from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
+from splatwire.codec.sequence.keyframes import to_motion_units
+from splatwire.codec.sequence.layout import (
+    AFTER,
+    BEFORE,
+    BEGINS,
+    ENDS,
+    HEADER_FIELDS,
+    MOVING,
+    NUM_CHANNELS,
+    STATE,
+    TRACK,
+)
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
 from splatwire.codec.sequence.side_info import SequenceInfo, open_side_info
 from splatwire.codec.sequence.steps import in_other_units, motion_shifts
-from splatwire.codec.sequence.trajectories import Offsets, PacketMoves
+from splatwire.codec.sequence.trajectories import MotionEvaluator, PacketMotion
 from splatwire.codec.threads import ordered_map
 from splatwire.types import LossMask, ReceivedScene
 from splatwire.types.sequence_scene import GroupMotion, SequenceScene, Tracks
 
-SHOWN_BYTES = 768
+BYTES_PER_SHOWN_TRACK = 768
 """Memory per track for concealment and rendering of a group of frames, in addition to the keyframe Gaussian and the
 motion of the track, bytes.
 """
 
-TOGETHER = 8
-"""Number of motion packets that one call decodes when motion is decoded ahead of time, see `TracksDecoder.prepare`."""
+PACKETS_PER_CALL = 8
+"""Number of motion packets that one call decodes if motion is decoded ahead of time, see `TracksDecoder.predecode`."""
 
-_Moved = tuple[np.ndarray, PacketMoves]
-"""Decoded packet of motion: headers of its tracks, int64 (n, HEAD), and the motion coefficients of its moving tracks.
+_DecodedMotion = tuple[np.ndarray, PacketMotion]
+"""Decoded packet of motion: headers of its tracks, int64 (n, HEADER_FIELDS), and the motion coefficients of its moving
+tracks.
 """
 
 
@@ -63,11 +74,15 @@ class TracksDecoder:
         self.sections = info.sections
         self._block_map = _BlockMap(info, manifest)
         self._log2_motion_units = info.log2_motion_units
-        self._num_tracks = sum(group.births for group in info.groups)
+        self._num_tracks = sum(group.num_births for group in info.groups)
         self._num_bytes, side = num_bytes, 3 * (info.keyframes.degree + 1) ** 2
-        self.scene_bytes = self._num_tracks * (4 * (12 + side) + 24 + NUM_CHANNELS + 24 + SHOWN_BYTES) + self._num
+        self.scene_bytes = (
+            self._num_tracks * (4 * (12 + side) + 24 + NUM_CHANNELS + 24 + BYTES_PER_SHOWN_TRACK) + self._num
+        )
         frames = info.timeline.group_frames
-        self.row_bytes = max(8 * int(COLUMNS) + 4 * info.keyframes.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
+        self.row_bytes = max(
+            8 * int(COLUMNS) + 4 * info.keyframes.num_harmonics, 8 * HEADER_FIELDS + 4 * NUM_CHANNELS * frames
+        )
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """Returns the memory that each decoding thread needs in addition to the scene, bytes."""
@@ -91,10 +106,10 @@ class TracksDecoder:
         self._loss_mask = LossMask.of_elements(np.zeros(self._num, dtype=np.bool_))
         self._packets: dict[int, tuple[Packet, ...]] = {}
         self._sizes: dict[int, int] = {}
-        self._ready: dict[PacketId, _Moved] = {}
+        self._ready: dict[PacketId, _DecodedMotion] = {}
         self._memory_bytes = self.scene_bytes
 
-    def take_over(self, other: "TracksDecoder") -> None:
+    def copy_keyframes_from(self, other: "TracksDecoder") -> None:
         """Copies the keyframe Gaussians that an earlier decoder of the same live stream has decoded.
 
         Call `allocate` before this method.
@@ -136,7 +151,7 @@ class TracksDecoder:
         self._loss_mask.received[batch.indices] = True
         if keyframe_block is None:
             # Packets take a hundredth of the memory of decoded motion.
-            self.hold(batch.block, batch.packets)
+            self.store_motion(batch.block, batch.packets)
             return
         self._sizes[batch.block] = sum(packet.num_bytes for packet in batch.packets)
         first, count = self._block_map.track_range(keyframe_block)
@@ -151,15 +166,17 @@ class TracksDecoder:
             begin = end
         tracks = np.arange(first, first + count)
         keyframes, block = self.info.shot_of(keyframe_block)
-        spacing = self.info.shot_spacing(keyframe_block)
+        lattice_shift = self.info.lattice_shift(keyframe_block)
         store_block(self._splats, tracks, whole, harmonics, received, keyframes, block)
-        self._positions[tracks] = scene_positions(whole, keyframes, block, spacing)
-        self._shifts[tracks] = motion_shifts(whole, keyframes, self.info.log_step_ratios, spacing)
+        self._positions[tracks] = to_motion_units(whole, keyframes, block, lattice_shift)
+        self._shifts[tracks] = motion_shifts(whole, keyframes, self.info.log_step_ratios, lattice_shift)
         self._received[tracks] = received
-        exponents = self._shifts[tracks, 0].astype(np.int32) + keyframes.size_log - keyframes.lattice_bits - spacing - 1
+        exponents = (
+            self._shifts[tracks, 0].astype(np.int32) + keyframes.size_log - keyframes.lattice_bits - lattice_shift - 1
+        )
         self._rounding[tracks] = np.ldexp(received.astype(np.float32), exponents)
 
-    def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
+    def store_motion(self, block: int, packets: tuple[Packet, ...]) -> None:
         """Stores the received packets of a block of motion, to decode them when their frames are requested.
 
         Args:
@@ -196,7 +213,7 @@ class TracksDecoder:
             BitstreamError: If the decoded motion exceeds the stream's memory limit.
         """
         blocks, keyframes, time = self._block_map.motion_blocks(group), self.info.keyframes, self.info.timeline
-        headers, moves, held = list[np.ndarray](), list[PacketMoves](), self.scene_bytes
+        headers, moving_packets, held = list[np.ndarray](), list[PacketMotion](), self.scene_bytes
         covered, num = np.zeros(self._num_tracks, bool), 0
         num_bytes = max(self._num_bytes, sum(self._sizes.values()))
         for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
@@ -204,24 +221,24 @@ class TracksDecoder:
             moved = self._ready.get(packet.id) or self._decode_packets([packet], received)[0]
             if moved is None:
                 continue
-            rows, packet_moves = moved
+            rows, packet_motion = moved
             covered[max(rows[0, TRACK] - rows[0, BEFORE], 0) : rows[-1, TRACK] + rows[-1, AFTER] + 1] = True
             headers.append(rows)
-            moves.append(packet_moves)
-            held += rows.nbytes + 2 * packet_moves.nbytes
+            moving_packets.append(packet_motion)
+            held += rows.nbytes + 2 * packet_motion.nbytes
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
-        frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
+        frames, complete = len(time.frames_of(group)), num == self.info.groups[group].num_moving
         size_log = keyframes.size_log + int(self._log2_motion_units[group])
-        offsets = Offsets(moves, frames, keyframes.lattice_bits, size_log)
+        evaluator = MotionEvaluator(moving_packets, frames, keyframes.lattice_bits, size_log)
         return _combine_packets(
-            np.concatenate([np.zeros((0, HEAD), np.int64), *headers]), offsets, covered, complete, not blocks
+            np.concatenate([np.zeros((0, HEADER_FIELDS), np.int64), *headers]), evaluator, covered, complete, not blocks
         )
 
-    def prepare(self, packets: Sequence[Packet], num_bytes: int, threads: int) -> None:
+    def predecode(self, packets: Sequence[Packet], num_bytes: int, threads: int) -> None:
         """Decodes motion packets ahead of time, to show their frames without delay.
 
         Args:
-            packets: Packets of one group of frames; they must also be passed to `store` or `hold`.
+            packets: Packets of one group of frames; they must also be passed to `store` or `store_motion`.
             num_bytes: Number of bytes received of the stream, from which the memory limit is derived.
             threads: Number of threads.
 
@@ -229,7 +246,7 @@ class TracksDecoder:
             BitstreamError: If the decoded motion exceeds the stream's memory limit.
         """
         received = self._received
-        parts = [packets[begin : begin + TOGETHER] for begin in range(0, len(packets), TOGETHER)]
+        parts = [packets[begin : begin + PACKETS_PER_CALL] for begin in range(0, len(packets), PACKETS_PER_CALL)]
         decoded = ordered_map(
             lambda part: self._decode_packets(part, received), parts, 1 if len(parts) == 1 else threads
         )
@@ -241,7 +258,7 @@ class TracksDecoder:
                 self._memory_bytes += moved[0].nbytes + moved[1].nbytes
                 check_memory(self._memory_bytes, num_bytes, "motion that is ready")
 
-    def _decode_packets(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
+    def _decode_packets(self, packets: Sequence[Packet], received: np.ndarray) -> list["_DecodedMotion | None"]:
         """Decodes the given motion packets of one group of frames.
 
         Args:
@@ -254,40 +271,40 @@ class TracksDecoder:
         group, _ = self._block_map.of(packets[0].id.block)
         counts = np.array([packet.num_elements for packet in packets])
         payloads, first_new = [packet.payload for packet in packets], self._block_map.first_new[group]
-        headers, residuals, orders = decode_motion(self.info, group, counts, payloads, first_new)
+        headers, residuals, num_coefficients = decode_motion(self.info, group, counts, payloads, first_new)
         tracks = headers[:, TRACK]
         good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
         clipped_tracks = np.where(good, tracks, 0)
-        spacings = self._log2_motion_units[self._block_map.born[clipped_tracks]] - self._log2_motion_units[group]
+        log2_ratios = self._log2_motion_units[self._block_map.born[clipped_tracks]] - self._log2_motion_units[group]
         positions, shifts = in_other_units(
-            self._positions[clipped_tracks], self._shifts[clipped_tracks].astype(np.int64), spacings
+            self._positions[clipped_tracks], self._shifts[clipped_tracks].astype(np.int64), log2_ratios
         )
-        moved_packets, end = list["_Moved | None"](), 0
-        for count, order in zip(counts.tolist(), orders, strict=True):
+        moved_packets, end = list["_DecodedMotion | None"](), 0
+        for count, per_kind in zip(counts.tolist(), num_coefficients, strict=True):
             begin, end = end, end + count
             selection = slice(begin, end) if good[begin:end].all() else begin + np.flatnonzero(good[begin:end])
             has_all_keyframes = good[begin:end].any() and received[tracks[selection]].all()
             coefficients = (
                 coefficients_of(
-                    headers[selection], residuals[selection], order, positions[selection], shifts[selection]
+                    headers[selection], residuals[selection], per_kind, positions[selection], shifts[selection]
                 )
                 if has_all_keyframes
                 else None
             )
             moved_packets.append(
-                None if coefficients is None else (headers[selection], PacketMoves(coefficients, order))
+                None if coefficients is None else (headers[selection], PacketMotion(coefficients, per_kind))
             )
         return moved_packets
 
 
 def _combine_packets(
-    headers: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool
+    headers: np.ndarray, evaluator: MotionEvaluator, covered: np.ndarray, complete: bool, unchanged: bool
 ) -> GroupMotion:
     """Combines the decoded motion of all packets of a group of frames.
 
     Args:
         headers: Headers of the tracks of all packets, int64 (n, fields).
-        offsets: Motion of the moving tracks of all packets.
+        evaluator: Motion of the moving tracks of all packets.
         covered: Mask of the tracks for which a packet was received, moving or not, bool (T).
         complete: True if all motion packets of the group were received.
         unchanged: True if the group contains no motion packets because nothing changes.
@@ -298,9 +315,9 @@ def _combine_packets(
         tracks, first = np.unique(tracks, return_index=True)
     moving = headers[:, STATE] == MOVING
     rows, used_headers = np.where(moving, np.cumsum(moving) - 1, -1)[first], headers[first]
-    begins = np.clip(used_headers[:, BEGINS], 0, offsets.frames - 1)
-    ends = np.clip(used_headers[:, ENDS], begins, offsets.frames)
-    return GroupMotion(tracks, moving[first], begins, ends, offsets.of(rows), covered, complete, unchanged)
+    begins = np.clip(used_headers[:, BEGINS], 0, evaluator.frames - 1)
+    ends = np.clip(used_headers[:, ENDS], begins, evaluator.frames)
+    return GroupMotion(tracks, moving[first], begins, ends, evaluator.of(rows), covered, complete, unchanged)
 
 
 class _BlockMap:
@@ -311,7 +328,7 @@ class _BlockMap:
         self._blocks: list[tuple[int, int | None]] = []
         self._tracks: list[tuple[int, int]] = []
         self._motion: dict[int, range] = {}
-        births = [group.births for group in info.groups]
+        births = [group.num_births for group in info.groups]
         self.first_new = np.concatenate([[0], np.cumsum(births)]).astype(np.int64).tolist()
         self.born = np.repeat(np.arange(len(births)), births)
         track = 0
@@ -358,4 +375,4 @@ def update_digest(digest: Any, rows: SymbolRows) -> None:
         digest: hashlib object that is updated.
         rows: Decoded integers of a block of keyframe Gaussians or of a block of motion, in two arrays.
     """
-    (digest_motion if rows[0].shape[1] == HEAD else digest_keyframes)(digest, rows)
+    (digest_motion if rows[0].shape[1] == HEADER_FIELDS else digest_keyframes)(digest, rows)

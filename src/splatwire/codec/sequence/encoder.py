@@ -26,14 +26,14 @@ from splatwire.codec.background import BACKGROUND
 from splatwire.codec.gaussians.attributes import update_digest as digest_keyframes
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.sequence.fitting import Fitting, fit, motion_masks
-from splatwire.codec.sequence.keyframes import KeyframeEncoder, span_size
+from splatwire.codec.sequence.keyframes import KeyframeEncoder, even_block_size
 from splatwire.codec.sequence.known_tracks import KnownTracks
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, MOVING, NUM_CONTEXTS, STATE, TRACK
-from splatwire.codec.sequence.lifetimes import BYTES_OF_ONE, Lifetimes, lifetimes_sections
-from splatwire.codec.sequence.motion_coder import FIRST_COST, MotionCoder, all_stay
+from splatwire.codec.sequence.lifetimes import PACKET_BYTES_PER_LIFETIME, Lifetimes, lifetimes_sections
+from splatwire.codec.sequence.motion_coder import INITIAL_TRACK_BYTES, MotionCoder, all_stay
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
 from splatwire.codec.sequence.sending import by_importance, interleave_blocks
-from splatwire.codec.sequence.side_info import Group, SequenceInfo, write_side_info
+from splatwire.codec.sequence.side_info import GroupCounts, SequenceInfo, write_side_info
 from splatwire.codec.sequence.track_group import TrackGroup
 from splatwire.codec.sequence.trajectories import MotionCoefficients, Trajectories
 from splatwire.codec.threads import ordered_map
@@ -87,7 +87,7 @@ class TracksEncoder:
         self._sections: Mapping[str, bytes] = BACKGROUND.sections(background)
         self._keyframes = KeyframeEncoder(quality, packetization, threads)
         self._zero_probabilities: np.ndarray | None = None
-        self._groups: list[Group] = []
+        self._groups: list[GroupCounts] = []
         self._lifetimes: list[Lifetimes] = []
         self._packets: list[Packet] = []
         self._num_blocks = self._num_frames = self._num_tracks = 0
@@ -128,24 +128,32 @@ class TracksEncoder:
         if not len(group.keys) and not self._groups:
             raise InvalidValueError("there is no Gaussian that draws anything in the first frames")
         if not len(group.keys) and len(self._known.alive):  # a group without tracks would mean that all stay unchanged
-            group = self._known.empty_group(group.moves.num_frames)
+            group = self._known.empty_group(group.trajectories.num_frames)
         self.importance = {}
         first_new = self._num_tracks
         track_indices, new, moving, motion = self._classify_tracks(group)
         old, born = np.flatnonzero(~new), np.flatnonzero(new)
         coding_rows = np.concatenate([old[np.argsort(track_indices[old])], born])
         self._num_tracks += len(born)
-        self._costs = np.concatenate([self._costs, np.full(len(born), FIRST_COST)])
-        most = self._packetization.packet_bytes - HEADER_BYTES
-        coder = MotionCoder.of(len(coding_rows), motion.coefficients, first_new, most)
+        self._costs = np.concatenate([self._costs, np.full(len(born), INITIAL_TRACK_BYTES)])
+        max_payload_bytes = self._packetization.packet_bytes - HEADER_BYTES
+        coder = MotionCoder.of(len(coding_rows), motion.coefficients, first_new, max_payload_bytes)
 
         @functools.cache
-        def births() -> list[Packet]:
+        def encode_births() -> list[Packet]:
             """Encodes the keyframe Gaussians of the tracks that begin in this group, and fits their motion."""
             packets = self._encode_keyframes(group, class_offsets, born, track_indices, cut=cut)
             threads, fitted_tracks = 1 if len(old) else self._threads, np.where(new, track_indices, -1)
-            frames = (0, group.moves.num_frames)
-            fit(motion, group.moves, self._known, self._keyframes.motion_unit_info, fitted_tracks, frames, threads)
+            frames = (0, group.trajectories.num_frames)
+            fit(
+                motion,
+                group.trajectories,
+                self._known,
+                self._keyframes.motion_unit_info,
+                fitted_tracks,
+                frames,
+                threads,
+            )
             of_births = motion.largest[born], motion.largest_rotation[born]
             _, moving[born] = motion_masks(*of_births, self._known.shifts, track_indices[born])
             coding_rows[len(old) :] = born[np.argsort(track_indices[born])]
@@ -155,22 +163,22 @@ class TracksEncoder:
         self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
         if cut:
             before = self._keyframes.log2_motion_unit
-            births()
+            encode_births()
             self._change_unit(motion, old, track_indices, moving, before)
             self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
-        motions, moved = self._encode_motion(group, coder, len(old), births)
-        self._groups.append(Group(len(born), motions))
-        count = sum(packet.num_bytes for packet in [*births(), *moved]) // BYTES_OF_ONE
+        num_moving, moved = self._encode_motion(group, coder, len(old), encode_births)
+        self._groups.append(GroupCounts(len(born), num_moving))
+        count = sum(packet.num_bytes for packet in [*encode_births(), *moved]) // PACKET_BYTES_PER_LIFETIME
         coded_tracks, begins, ends = track_indices[coding_rows], group.begins[coding_rows], group.ends[coding_rows]
-        begin, end = (coded_tracks >= first_new) & (begins > 0), ends < group.moves.num_frames
+        begin, end = (coded_tracks >= first_new) & (begins > 0), ends < group.trajectories.num_frames
         lifetimes = Lifetimes(coded_tracks[begin], begins[begin], coded_tracks[end], self._num_frames + ends[end])
         ended = np.setdiff1d(self._known.alive, coded_tracks, assume_unique=True)
         lifetimes = lifetimes.with_ended(ended, self._num_frames)
-        self._lifetimes.append(lifetimes.most_seen(self._known.weights, count))
+        self._lifetimes.append(lifetimes.without_least_visible(self._known.weights, count))
         self._known = replace(self._known, alive=coded_tracks[~end])
-        self._num_frames += group.moves.num_frames
-        self._packets += [*births(), *moved]
-        return by_importance(births(), self.importance) + interleave_blocks(moved, self.importance)
+        self._num_frames += group.trajectories.num_frames
+        self._packets += [*encode_births(), *moved]
+        return by_importance(encode_births(), self.importance) + interleave_blocks(moved, self.importance)
 
     def finish(self, sections: Mapping[str, bytes]) -> SceneStream:
         """Returns the stream of all groups of frames.
@@ -178,21 +186,21 @@ class TracksEncoder:
         Args:
             sections: Additional named sections of the side information, content by name.
         """
-        side_info, tiers = self._current_header(sections, self._lifetimes)
+        side_info, tiers = self._header(sections, self._lifetimes)
         return make_stream(
             packetization=self._packetization, num_elements=sum(tier.num_elements for tier in tiers),
             side_info=side_info, packets=self._packets, symbols_digest=self._digest.hexdigest(),
             writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
         )  # fmt: skip
 
-    def so_far(self, sections: Mapping[str, bytes], stream_id: int) -> tuple[Manifest, bytes]:
+    def current_header(self, sections: Mapping[str, bytes], stream_id: int) -> tuple[Manifest, bytes]:
         """Returns manifest and side information of a live stream, for the groups of frames encoded up to now.
 
         Args:
             sections: Additional named sections of the side information, content by name.
             stream_id: Id of the live stream.
         """
-        side_info, tiers = self._current_header(sections, self._lifetimes[-LIVE_GROUPS:])
+        side_info, tiers = self._header(sections, self._lifetimes[-LIVE_GROUPS:])
         manifest = Manifest(
             packetization=self._packetization, num_elements=sum(tier.num_elements for tier in tiers),
             num_packets=len(self._packets), stream_id=stream_id, side_info_bytes=len(side_info),
@@ -201,7 +209,7 @@ class TracksEncoder:
         )  # fmt: skip
         return manifest, side_info
 
-    def _current_header(
+    def _header(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
     ) -> tuple[bytes, tuple[TierCounts, ...]]:
         """Returns the side information of the frames encoded so far, and the sizes of the stream's tiers.
@@ -213,11 +221,11 @@ class TracksEncoder:
         zero_probabilities = (
             np.full(NUM_CONTEXTS, 128) if self._zero_probabilities is None else self._zero_probabilities
         )
-        named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
+        all_sections = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
         info = SequenceInfo(
-            timeline, tuple(self._groups), self._keyframes.shots, LOG_STEP_RATIOS, zero_probabilities, named
+            timeline, tuple(self._groups), self._keyframes.shots, LOG_STEP_RATIOS, zero_probabilities, all_sections
         )
-        tiers = tuple(TierCounts(count, 1) for group in self._groups for count in (group.births, group.motions))
+        tiers = tuple(TierCounts(count, 1) for group in self._groups for count in (group.num_births, group.num_moving))
         return write_side_info(info), tiers
 
     def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, MotionCoefficients]:
@@ -230,7 +238,7 @@ class TracksEncoder:
             Four items: index of each track in the stream, -1 for new tracks, int64 (n); mask of the tracks that need a
             new keyframe Gaussian, bool (n); mask of the moving tracks, bool (n); and the motion of the tracks.
         """
-        count, frames = len(group.keys), group.moves.num_frames
+        count, frames = len(group.keys), group.trajectories.num_frames
         fitting, self._fitting = self._fitting, None
         if not self._groups:
             return (
@@ -239,16 +247,16 @@ class TracksEncoder:
                 np.zeros(count, bool),
                 MotionCoefficients.zero(count, frames),
             )
-        if fitting is None or not fitting.fits(group.keys, frames):
-            fitting = self._fit(group.keys, group.moves)
-            fitting.add_frames(group.moves, frames)
-        motion = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
+        if fitting is None or not fitting.can_continue(group.keys, frames):
+            fitting = self._fit(group.keys, group.trajectories)
+            fitting.add_frames(group.trajectories, frames)
+        motion = fitting.finish(group.keys, group.trajectories, (group.begins == 0) & (group.ends == frames))
         new = fitting.track_indices < 0
         known_indices = np.maximum(fitting.track_indices, 0)
         _, shifts = self._known.in_units(slice(None), self._keyframes.log2_motion_unit)
         far, moving = motion_masks(motion.largest, motion.largest_rotation, shifts, known_indices)
-        anew = np.flatnonzero(far & ~new)
-        motion.put(anew, MotionCoefficients.zero(len(anew), frames))
+        needs_keyframe = np.flatnonzero(far & ~new)
+        motion.put(needs_keyframe, MotionCoefficients.zero(len(needs_keyframe), frames))
         return fitting.track_indices, new | far, moving, motion
 
     def _change_unit(
@@ -305,13 +313,13 @@ class TracksEncoder:
         if not len(born_rows):
             return []
         coded = self._keyframes.encode(
-            group.first(born_rows),
+            group.keyframe_gaussians(born_rows),
             None if class_offsets is None else class_offsets[born_rows],
             len(self._groups),
             cut=cut,
         )
         born = born_rows[coded.order]
-        keyframes = group.moves.at(born, np.zeros_like(born))
+        keyframes = group.trajectories.at(born, np.zeros_like(born))
         shifts = self._keyframes.shifts_of(coded.rows, LOG_STEP_RATIOS)
         first_new = len(self._known.keys)
         self._known = self._known.with_births(
@@ -352,32 +360,32 @@ class TracksEncoder:
         )
 
     def _encode_motion(
-        self, group: TrackGroup, coder: MotionCoder, num_known: int, births: Callable[[], list[Packet]]
+        self, group: TrackGroup, coder: MotionCoder, num_known: int, encode_births: Callable[[], list[Packet]]
     ) -> tuple[int, list[Packet]]:
         """Encodes the motion of all tracks (Gaussians over time) in a group of frames.
 
         Args:
             group: The tracks of the group.
             coder: Motion coder of the tracks. Known tracks come first. New tracks follow, and their entries are filled
-                by `births`.
+                by `encode_births`.
             num_known: Number of known tracks. A track is known if its keyframe Gaussian was encoded in an earlier
                 group.
-            births: Function that encodes the keyframe Gaussians of the new tracks, and fills the entries of the new
-                tracks in `coder`.
+            encode_births: Function that encodes the keyframe Gaussians of the new tracks, and fills the entries of the
+                new tracks in `coder`.
 
         Returns:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes.
         """
-        headers, frames = coder.headers, group.moves.num_frames
+        headers, frames = coder.headers, group.trajectories.num_frames
         if all_stay(headers[:num_known], frames) and np.array_equal(self._known.alive, headers[:num_known, TRACK]):
-            births()
+            encode_births()
             if all_stay(headers, frames):
                 return 0, []
-        packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(coder, num_known, births)
+        packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(coder, num_known, encode_births)
         return len(headers), packets
 
     def _encode_motion_blocks(
-        self, coder: MotionCoder, num_known: int, births: Callable[[], list[Packet]]
+        self, coder: MotionCoder, num_known: int, encode_births: Callable[[], list[Packet]]
     ) -> tuple[list[Packet], np.ndarray]:
         """Encodes the motion of all tracks (Gaussians over time) in packets of limited size.
 
@@ -386,29 +394,29 @@ class TracksEncoder:
         Args:
             coder: Motion coder of the tracks, as for `_encode_motion`.
             num_known: Number of known tracks, as for `_encode_motion`.
-            births: Function that encodes the keyframe Gaussians of the new tracks, and fills their entries in the
-                coder.
+            encode_births: Function that encodes the keyframe Gaussians of the new tracks, and fills their entries in
+                the coder.
 
         Returns:
             Packets of all tracks, and the number of bytes used for each track, float64.
         """
         headers = coder.headers
-        size = span_size(len(headers), self._packetization.block_size)
+        size = even_block_size(len(headers), self._packetization.block_size)
         parts = list(itertools.pairwise([*range(0, len(headers), size), len(headers)]))
         if self._zero_probabilities is None:
-            births()
-            self._zero_probabilities = coder.fitted(parts, self._threads)
+            encode_births()
+            self._zero_probabilities = coder.fit_zero_probabilities(parts, self._threads)
 
         def ready() -> Iterator[tuple[int, int]]:
             for begin, end in parts:
                 if end > num_known:
-                    births()
+                    encode_births()
                 yield begin, end
 
         packets, costs = [], []
         coded = ordered_map(functools.partial(coder.encode, self._zero_probabilities), ready(), self._threads)
         for block, ((begin, end), part) in enumerate(zip(parts, coded, strict=True)):
-            births()  # keyframe Gaussians first: this is the order of the digest
+            encode_births()  # keyframe Gaussians first: this is the order of the digest
             packets += part.packets(block)
             digest_motion(self._digest, (headers[begin:end], part.residuals))
             costs.append(part.costs)
@@ -425,10 +433,10 @@ class TracksEncoder:
         """
         first = self._num_blocks
         self._num_blocks += num_blocks
-        named = [
+        renumbered = [
             make_packet(PacketId(first + p.id.block, p.id.index_in_block), p.num_elements, p.payload) for p in packets
         ]
         ends = np.cumsum([0, *(packet.num_elements for packet in packets)])
         sums = np.add.reduceat(seen, ends[:-1]).tolist()
-        self.importance |= {packet.id: importance for packet, importance in zip(named, sums, strict=True)}
-        return named
+        self.importance |= {packet.id: importance for packet, importance in zip(renumbered, sums, strict=True)}
+        return renumbered

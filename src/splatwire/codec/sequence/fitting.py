@@ -6,14 +6,14 @@ from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
 from splatwire.codec.sequence import _target_kernels as kernels
 from splatwire.codec.sequence.known_tracks import KnownTracks
 from splatwire.codec.sequence.layout import MAX_COEFFICIENT, MAX_QUANTISED
-from splatwire.codec.sequence.motion_coder import DEAD
+from splatwire.codec.sequence.motion_coder import DEAD_ZONE_WIDENING
 from splatwire.codec.sequence.trajectories import MotionCoefficients, Trajectories, add_frames
 
 WIDEST_TURN = 2.0
 """Largest rotation of a track from its keyframe Gaussian, as the tangent of a quarter of the angle: about 254 degrees.
 A track that rotates further gets a new keyframe Gaussian.
 """
-LIMITS = np.array([MAX_QUANTISED / 2, MAX_COEFFICIENT / 2, WIDEST_TURN, (32 + DEAD) / 64])
+LIMITS = np.array([MAX_QUANTISED / 2, MAX_COEFFICIENT / 2, WIDEST_TURN, (32 + DEAD_ZONE_WIDENING) / 64])
 """Limits of motion: largest coefficient in quantisation steps, largest coefficient, largest rotation (`WIDEST_TURN`),
 and smallest coefficient that is coded, in quantisation steps.
 """
@@ -42,7 +42,7 @@ class Fitting:
         self.track_indices, self._end = known_tracks.indices_of(keys), 0
         self._motion = MotionCoefficients.zero(len(keys) + len(keys) // SPARE, frames)
 
-    def fits(self, keys: np.ndarray, frames: int) -> bool:
+    def can_continue(self, keys: np.ndarray, frames: int) -> bool:
         """True if this fit can be continued for a group of frames with the given tracks and length.
 
         Args:

@@ -16,8 +16,8 @@ from splatwire.codec.gaussians.layout import STEP_BITS
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_blocks, write_side_info
 from splatwire.codec.gaussians.source_scene import SourceScene, to_precision_classes
-from splatwire.codec.sequence.layout import MAX_COORD, MAX_SPACING
-from splatwire.codec.sequence.side_info import Shot, spacing_of
+from splatwire.codec.sequence.layout import MAX_COORD, MAX_LOG2_RATIO
+from splatwire.codec.sequence.side_info import Shot, log2_lattice_ratio
 from splatwire.codec.sequence.steps import motion_shifts
 from splatwire.codec.threads import ordered_map
 from splatwire.types import SplatCoding
@@ -74,7 +74,7 @@ class _Fitted:
     info: SideInfo
 
 
-def span_size(count: int, block_size: int) -> int:
+def even_block_size(count: int, block_size: int) -> int:
     """Returns the block size that divides elements evenly into as few blocks as possible.
 
     Args:
@@ -115,7 +115,7 @@ class KeyframeEncoder:
                 *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "grid_corners", "extents"))
             )
             info = replace(infos[0], boxes=joined, block_means=np.concatenate([i.block_means for i in infos]))
-            shots.append(Shot(first_group, block, info, self._spacing_to_first(unit_info)))
+            shots.append(Shot(first_group, block, info, self._log2_ratio_to_first(unit_info)))
             block += len(info.block_means)
         return tuple(shots)
 
@@ -134,10 +134,10 @@ class KeyframeEncoder:
 
         A shot is a range of groups of frames that share quantisation parameters; a scene cut may begin a new shot.
         """
-        return self._spacing_to_first(self.motion_unit_info) if self._motion_unit_infos else 0
+        return self._log2_ratio_to_first(self.motion_unit_info) if self._motion_unit_infos else 0
 
-    def _spacing_to_first(self, info: SideInfo) -> int:
-        return spacing_of(info, self._infos[0][1][0])
+    def _log2_ratio_to_first(self, info: SideInfo) -> int:
+        return log2_lattice_ratio(info, self._infos[0][1][0])
 
     def shifts_of(self, rows: np.ndarray, log_step_ratios: np.ndarray) -> np.ndarray:
         """Returns log2 of the quantisation steps of the motion of tracks (Gaussians over time), int64 (n, channels).
@@ -148,7 +148,7 @@ class KeyframeEncoder:
                 larger than those of the keyframe Gaussian, int64 (kinds).
         """
         info = self._infos[-1][1][-1]
-        return motion_shifts(rows, info, log_step_ratios, spacing_of(info, self.motion_unit_info))
+        return motion_shifts(rows, info, log_step_ratios, log2_lattice_ratio(info, self.motion_unit_info))
 
     def encode(
         self, splats: Splats, class_offsets: np.ndarray | None, group: int, *, cut: bool = False
@@ -165,7 +165,7 @@ class KeyframeEncoder:
         Raises:
             InvalidValueError: If a Gaussian is too far away from the others.
         """
-        size = span_size(splats.num_gaussians, self._packetization.block_size)
+        size = even_block_size(splats.num_gaussians, self._packetization.block_size)
         plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
         template, median_class = self._template, self._median_class
         if template is None:
@@ -207,7 +207,7 @@ class KeyframeEncoder:
             group: Index of the group of frames.
         """
         self._infos.append((group, [fitted.info]))
-        keep = self._motion_unit_infos and spacing_of(fitted.info, self.motion_unit_info) in KEPT_UNITS
+        keep = self._motion_unit_infos and log2_lattice_ratio(fitted.info, self.motion_unit_info) in KEPT_UNITS
         self._motion_unit_infos.append(self.motion_unit_info if keep else fitted.info)
         self._template, self._median_class = fitted.info, int(np.median(fitted.source.precision_classes))
         return self._coded(fitted)
@@ -215,14 +215,14 @@ class KeyframeEncoder:
     def _differs(self, info: SideInfo) -> bool:
         """True if the quantisation steps of `info` differ enough from those of the current shot to begin a new shot.
 
-        If the units of positions differ by more than the format allows (`MAX_SPACING`), no new shot can begin, and the
-        result is False.
+        If the units of positions differ by more than the format allows (`MAX_LOG2_RATIO`), no new shot can begin, and
+        the result is False.
         """
         assert self._template is not None
         apart = np.abs(info.base_exponents - self._template.base_exponents).max() + (
             abs(info.size_log - self._template.size_log) << STEP_BITS
         )
-        return bool(apart >= MIN_CHANGE) and abs(self._spacing_to_first(info)) <= MAX_SPACING
+        return bool(apart >= MIN_CHANGE) and abs(self._log2_ratio_to_first(info)) <= MAX_LOG2_RATIO
 
     def _fitted(
         self, splats: Splats, class_offsets: np.ndarray | None, plan: PacketPlan, coding: SplatCoding | None,
@@ -276,13 +276,13 @@ class KeyframeEncoder:
 
     def _coded(self, fitted: "_Fitted") -> CodedKeyframes:
         source, plan, info = fitted.source, fitted.plan, fitted.info
-        most = plan.packetization.packet_bytes - HEADER_BYTES
+        max_payload_bytes = plan.packetization.packet_bytes - HEADER_BYTES
 
         def encode(block: int):  # type: ignore[no-untyped-def]
-            return encode_block(source.block_source(block, info), info, block, np.zeros(0, np.int64), most)
+            return encode_block(source.block_source(block, info), info, block, np.zeros(0, np.int64), max_payload_bytes)
 
         order, rows, positions, digested, packets = [], [], [], [], []
-        spacing = spacing_of(info, self.motion_unit_info)
+        lattice_shift = log2_lattice_ratio(info, self.motion_unit_info)
         for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads_for(plan))):
             starts = np.cumsum(coded.sizes) - coded.sizes
             for start, count, payload in zip(starts.tolist(), coded.sizes.tolist(), coded.payloads, strict=True):
@@ -290,7 +290,7 @@ class KeyframeEncoder:
             order.append(source.coding_order(block, info, coded.sizes))
             digested.append((coded.rows, coded.harmonics))
             rows.append(coded.rows)
-            positions.append(scene_positions(coded.rows, info, block, spacing))
+            positions.append(to_motion_units(coded.rows, info, block, lattice_shift))
         return CodedKeyframes(
             np.concatenate(order), np.concatenate(rows), np.concatenate(positions), digested, packets, plan.num_blocks
         )
@@ -300,7 +300,7 @@ def _num_bytes(coded: CodedKeyframes) -> int:
     return sum(packet.num_bytes for packet in coded.packets)
 
 
-def scene_positions(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> np.ndarray:
+def to_motion_units(rows: np.ndarray, info: SideInfo, block: int, lattice_shift: int) -> np.ndarray:
     """Converts the positions of a block's Gaussians to the unit in which motion is coded.
 
     Args:
@@ -308,11 +308,11 @@ def scene_positions(rows: np.ndarray, info: SideInfo, block: int, spacing: int) 
             spacing.
         info: Side information with the bounding boxes of blocks.
         block: Index of the block in the side information.
-        spacing: log2 of the ratio of half the lattice spacing to the unit of motion.
+        lattice_shift: log2 of the ratio of half the lattice spacing to the unit of motion.
 
     Returns:
         Positions in the unit of motion, int64 (n, 3).
     """
     positions = rows[:, :3] + 2 * info.boxes.corners[block]
-    scaled = positions << spacing if spacing > 0 else positions >> -spacing
+    scaled = positions << lattice_shift if lattice_shift > 0 else positions >> -lattice_shift
     return np.clip(scaled, -MAX_COORD, MAX_COORD)

@@ -22,7 +22,7 @@ class KnownTracks:
         positions: Decoded position of each keyframe Gaussian, int64 (T, 3), in the unit of positions of the shot in
             which it was encoded. A shot is a range of groups of frames that share quantisation steps.
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
-        spacings: For each track, log2 of the ratio of the unit of its position to the unit of the first shot, int64
+        log2_units: For each track, log2 of the ratio of the unit of its position to the unit of the first shot, int64
             (T).
         weights: Visibility of each track (squared opacity times area), float64 (T).
         alive: Indices of the tracks present at the end of the last group, ascending, int64.
@@ -33,7 +33,7 @@ class KnownTracks:
     keyframes: Trajectories
     positions: np.ndarray
     shifts: np.ndarray
-    spacings: np.ndarray
+    log2_units: np.ndarray
     weights: np.ndarray
     alive: np.ndarray
 
@@ -49,23 +49,23 @@ class KnownTracks:
         """Returns the track index for each key, int64; -1 for unknown keys."""
         if not len(self.keys):
             return np.full(len(keys), -1, np.int64)
-        names = self.keys[self.by_key]
+        sorted_keys = self.keys[self.by_key]
         # Of several tracks with the same key, the latest.
-        index = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
-        return np.where(names[index] == keys, self.by_key[index], -1)
+        index = np.maximum(np.searchsorted(sorted_keys, keys, side="right") - 1, 0)
+        return np.where(sorted_keys[index] == keys, self.by_key[index], -1)
 
-    def in_units(self, tracks: np.ndarray | slice, spacing: int) -> tuple[np.ndarray, np.ndarray]:
+    def in_units(self, tracks: np.ndarray | slice, log2_unit: int) -> tuple[np.ndarray, np.ndarray]:
         """Converts the positions of tracks, and the quantisation steps of their motion, to a common unit of positions.
 
         Args:
             tracks: Indices of the tracks.
-            spacing: log2 of the ratio of the common unit to the unit of the first shot.
+            log2_unit: log2 of the ratio of the common unit to the unit of the first shot.
 
         Returns:
             Positions of the n tracks, int64 (n, 3); and log2 of the quantisation steps of their motion, int64 (n,
             channels).
         """
-        return in_other_units(self.positions[tracks], self.shifts[tracks], self.spacings[tracks] - spacing)
+        return in_other_units(self.positions[tracks], self.shifts[tracks], self.log2_units[tracks] - log2_unit)
 
     def empty_group(self, frames: int) -> TrackGroup:
         """Returns a group of frames without visible Gaussians.
@@ -81,7 +81,7 @@ class KnownTracks:
         return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
 
     def with_births(
-        self, keyframes: Trajectories, keys: np.ndarray, positions: np.ndarray, shifts: np.ndarray, spacing: int
+        self, keyframes: Trajectories, keys: np.ndarray, positions: np.ndarray, shifts: np.ndarray, log2_unit: int
     ) -> "KnownTracks":
         """Returns these tracks (Gaussians over time) with new tracks appended.
 
@@ -90,18 +90,18 @@ class KnownTracks:
             keys: Keys (identifiers) of the new tracks, int64 (n).
             positions: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
-            spacing: log2 of the ratio of the unit of `positions` to the unit of the first shot. A shot is a range of
+            log2_unit: log2 of the ratio of the unit of `positions` to the unit of the first shot. A shot is a range of
                 groups of frames that share quantisation steps.
         """
         joined = {name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.keyframes).items()}
-        names = np.concatenate([self.keys, keys])
+        all_keys = np.concatenate([self.keys, keys])
         return KnownTracks(
-            names,
-            np.argsort(names, kind="stable"),
+            all_keys,
+            np.argsort(all_keys, kind="stable"),
             Trajectories(**joined),
             np.concatenate([self.positions, positions]),
             np.concatenate([self.shifts, shifts]),
-            np.concatenate([self.spacings, np.full(len(keys), spacing, np.int64)]),
+            np.concatenate([self.log2_units, np.full(len(keys), log2_unit, np.int64)]),
             np.concatenate([self.weights, weights_of(keyframes.scales[:, 0], keyframes.opacities[:, 0])]),
             self.alive,
         )

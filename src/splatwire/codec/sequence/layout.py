@@ -8,7 +8,7 @@ the angle, in fixed point with 14 fractional bits); logarithms of the scales in 
 base colour as Y Co Cg (12 fractional bits).
 """
 NUM_CHANNELS = 13
-KINDS = ("place", "rotation", "scale", "opacity", "colour")
+KINDS = ("position", "rotation", "scale", "opacity", "colour")
 """Kinds of channels. Each kind has separate contexts, and a packet codes the same number of coefficients for all
 channels of a kind.
 """
@@ -16,7 +16,7 @@ KIND_OF = np.array([0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4], dtype=np.int64)
 NUM_KINDS = 5
 
 TRACK, STATE, BEGINS, ENDS, BEFORE, AFTER = np.arange(6)
-HEAD = 6
+HEADER_FIELDS = 6
 """Number of integers in the header of a track in a motion packet: track number; state (`STILL` or `MOVING`); first
 frame, relative to the group; end frame (first frame without the track); number of absent track numbers just before this
 track; and, only for the last track of a group, number of absent track numbers just after it.
@@ -32,9 +32,9 @@ CANDIDATE_BITS, TRACK_BITS = np.int64(13), np.int64(28)
 
 NUM_NEIGHBOURS = 8
 WEIGHT_BITS = 12
-PLACE_BITS = 20
+POSITION_BITS = 20
 """Number of bits per axis of a position in the search for neighbours."""
-MAX_SPACING = 20
+MAX_LOG2_RATIO = 20
 """Largest ratio of the lattice spacing of a shot to that of the first shot, octaves in either direction."""
 MAX_COORD = 1 << 50
 """Largest coordinate of a keyframe Gaussian in the unit of motion; larger ones are clipped."""

@@ -10,7 +10,7 @@ from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.types.sequence_scene import Timeline
 
 SECTION = "lifetimes"
-BYTES_OF_ONE = 512
+PACKET_BYTES_PER_LIFETIME = 512
 """Number of bytes of a group's packets for each entry of the section of lifetimes. An entry takes two or three bytes,
 so the section adds about one byte per 200.
 """
@@ -70,7 +70,7 @@ class Lifetimes:
         begins[self.begin_tracks], ends[self.end_tracks] = self.begin_frames, self.end_frames
         return begins, ends
 
-    def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
+    def without_least_visible(self, seen: np.ndarray, count: int) -> "Lifetimes":
         """Returns the lifetimes without the entries of the least visible tracks, which saves bytes.
 
         Tracks without an entry are treated as if they existed from the first frame of their group to the end of the

@@ -9,15 +9,15 @@ import numpy as np
 from splatwire.bitstream import Packet, PacketId, make_packet
 from splatwire.codec.gaussians.fit import fit_zero_probabilities
 from splatwire.codec.sequence import _packet_kernels as kernels
-from splatwire.codec.sequence.layout import BEGINS, ENDS, HEAD, NUM_CHANNELS, NUM_CONTEXTS, STATE, STILL
+from splatwire.codec.sequence.layout import BEGINS, ENDS, HEADER_FIELDS, NUM_CHANNELS, NUM_CONTEXTS, STATE, STILL
 from splatwire.codec.threads import ordered_map
 
-DEAD = 8
+DEAD_ZONE_WIDENING = 8
 """Widening of the dead zone of the encoder's quantiser, in 64ths of a quantisation step, see `predict_from_neighbours`.
 """
 FITTED_ROUNDS, FITTED_BLOCKS = 2, 4
 BYTES_PER_COEFFICIENT = 5
-FIRST_COST = 4.0
+INITIAL_TRACK_BYTES = 4.0
 """Expected number of bytes for the motion of a track that has not been coded before."""
 
 
@@ -75,7 +75,7 @@ class MotionCoder:
         targets: Motion coefficients before quantisation, float64 (N, channels, F). N may be larger than n.
         rows: Index in `targets` of each track, int64 (n).
         first_new: Index in the stream of the first track that begins in the group.
-        most: Maximum size of a packet's payload, bytes.
+        max_payload_bytes: Maximum size of a packet's payload, bytes.
         costs: Expected number of bytes for each track, float64 (n).
     """
 
@@ -85,11 +85,11 @@ class MotionCoder:
     targets: np.ndarray
     rows: np.ndarray
     first_new: int
-    most: int
+    max_payload_bytes: int
     costs: np.ndarray
 
     @staticmethod
-    def of(count: int, targets: np.ndarray, first_new: int, max_bytes: int) -> "MotionCoder":
+    def of(count: int, targets: np.ndarray, first_new: int, max_payload_bytes: int) -> "MotionCoder":
         """Creates a coder with zero arrays for `count` tracks.
 
         Args:
@@ -97,13 +97,13 @@ class MotionCoder:
             targets: Motion coefficients before quantisation, float64 (N, channels, frames). The array may also contain
                 tracks that are not encoded.
             first_new: Index in the stream of the first track that begins in the group.
-            max_bytes: Maximum size of a packet's payload, bytes.
+            max_payload_bytes: Maximum size of a packet's payload, bytes.
         """
-        headers, rows = np.zeros((count, HEAD), np.int64), np.zeros(count, np.int64)
+        headers, rows = np.zeros((count, HEADER_FIELDS), np.int64), np.zeros(count, np.int64)
         positions, shifts = np.zeros((count, 3), np.int64), np.zeros((count, NUM_CHANNELS), np.int64)
-        return MotionCoder(headers, positions, shifts, targets, rows, first_new, max_bytes, np.zeros(count))
+        return MotionCoder(headers, positions, shifts, targets, rows, first_new, max_payload_bytes, np.zeros(count))
 
-    def fitted(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
+    def fit_zero_probabilities(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
         """Fits the initial states of the adaptive bit models to a sample of the blocks.
 
         Args:
@@ -140,9 +140,9 @@ class MotionCoder:
         capacity = kernels.SPARE_BYTES + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
         buffer, sizes, stops = np.zeros(capacity, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
         used = kernels.encode_limited(
-            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.headers[members],
-            self.positions[members], self.shifts[members], self.targets, self.rows[members], np.int64(self.most),
-            self.costs[members], buffer, residuals, sizes, stops,
+            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD_ZONE_WIDENING),
+            self.headers[members], self.positions[members], self.shifts[members], self.targets, self.rows[members],
+            np.int64(self.max_payload_bytes), self.costs[members], buffer, residuals, sizes, stops,
         )  # fmt: skip
         bounds = [0, *stops[:used].tolist()]
         payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(bounds)]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.codec.sequence import _packet_kernels, _predict_kernels
-from splatwire.codec.sequence.layout import HEAD, MOVING, NUM_CHANNELS, NUM_KINDS, STATE
+from splatwire.codec.sequence.layout import HEADER_FIELDS, MOVING, NUM_CHANNELS, NUM_KINDS, STATE
 from splatwire.codec.sequence.side_info import SequenceInfo
 
 
@@ -21,7 +21,7 @@ def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
         Headers, int64 (count, fields), and prediction residuals of motion coefficients, int32 (count, channels *
         frames).
     """
-    return np.zeros((count, HEAD), np.int64), np.zeros((count, NUM_CHANNELS * frames), np.int32)
+    return np.zeros((count, HEADER_FIELDS), np.int64), np.zeros((count, NUM_CHANNELS * frames), np.int32)
 
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
@@ -57,24 +57,24 @@ def decode_motion(
     ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     headers, residuals = empty_rows(int(starts[-1]), frames)
-    orders = np.zeros((len(payloads), NUM_KINDS), np.int64)
+    num_coefficients = np.zeros((len(payloads), NUM_KINDS), np.int64)
     _packet_kernels.decode_packets(
         info.models(), np.int64(frames), np.int64(first_new), data, ends, starts, headers,
-        orders, residuals.reshape(len(headers), NUM_CHANNELS, frames),
+        num_coefficients, residuals.reshape(len(headers), NUM_CHANNELS, frames),
     )  # fmt: skip
-    return headers, residuals, orders
+    return headers, residuals, num_coefficients
 
 
 def coefficients_of(
-    headers: np.ndarray, residuals: np.ndarray, orders: np.ndarray, positions: np.ndarray, shifts: np.ndarray
+    headers: np.ndarray, residuals: np.ndarray, num_coefficients: np.ndarray, positions: np.ndarray, shifts: np.ndarray
 ) -> np.ndarray:
     """Reconstructs the motion of the moving tracks (Gaussians over time) of a packet from prediction residuals.
 
     Args:
         headers: Headers of the n tracks of the packet (state, first frame, end and others), int64 (n, fields).
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
-        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
-            coded per channel, int64 (kinds).
+        num_coefficients: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial
+            coefficients coded per channel, int64 (kinds).
         positions: Positions of the tracks' keyframe Gaussians, as multiples of the unit of coded position changes,
             int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
@@ -83,9 +83,9 @@ def coefficients_of(
         Coefficients of the m moving tracks, float32 (m, channels, K) for at most K coefficients per channel.
     """
     quantised = np.ascontiguousarray(residuals.reshape(len(headers), NUM_CHANNELS, -1))
-    coefficients = np.zeros((len(headers), NUM_CHANNELS, orders.max()), np.float32)
+    coefficients = np.zeros((len(headers), NUM_CHANNELS, num_coefficients.max()), np.float32)
     _predict_kernels.predict_from_neighbours(
-        np.ascontiguousarray(positions), np.ascontiguousarray(headers[:, STATE]), shifts, orders, quantised,
+        np.ascontiguousarray(positions), np.ascontiguousarray(headers[:, STATE]), shifts, num_coefficients, quantised,
         np.zeros((0, 1)), np.int64(0), coefficients,
     )  # fmt: skip
     return coefficients[headers[:, STATE] == MOVING]

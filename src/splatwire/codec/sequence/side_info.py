@@ -14,7 +14,7 @@ from splatwire.bitstream.sections import read_sections, write_sections
 from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
 from splatwire.codec.gaussians.side_info import read_side_info as read_keyframes
 from splatwire.codec.gaussians.side_info import write_side_info as write_keyframes
-from splatwire.codec.sequence.layout import MAX_SPACING, NUM_CONTEXTS, NUM_KINDS
+from splatwire.codec.sequence.layout import MAX_LOG2_RATIO, NUM_CONTEXTS, NUM_KINDS
 from splatwire.codec.sequence.lifetimes import Lifetimes, read_lifetimes
 from splatwire.errors import BitstreamError, MissingSideInfoError, UnsupportedVersionError
 from splatwire.files.byte_io import ByteReader, ByteWriter
@@ -28,16 +28,16 @@ MAX_OFFSET = 16
 
 
 @dataclass(frozen=True)
-class Group:
+class GroupCounts:
     """Numbers of tracks (Gaussians over time) in a group of frames: new tracks, and tracks whose motion is coded.
 
     Attributes:
-        births: Number of tracks that begin in the group.
-        motions: Number of tracks in the motion packets of the group.
+        num_births: Number of tracks that begin in the group.
+        num_moving: Number of tracks in the motion packets of the group.
     """
 
-    births: int
-    motions: int
+    num_births: int
+    num_moving: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class SequenceInfo:
     """
 
     timeline: Timeline
-    groups: tuple[Group, ...]
+    groups: tuple[GroupCounts, ...]
     shots: tuple[Shot, ...]
     log_step_ratios: np.ndarray
     zero_probabilities: np.ndarray
@@ -105,7 +105,7 @@ class SequenceInfo:
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.log2_motion_unit for shot in self.shots], np.int64), counts)
 
-    def shot_spacing(self, block: int) -> int:
+    def lattice_shift(self, block: int) -> int:
         """Returns log2 of half the lattice spacing of a block, relative to the unit of its shot's motion.
 
         The lattice contains the positions of the block's keyframe Gaussians. The unit of motion is the length unit
@@ -115,7 +115,7 @@ class SequenceInfo:
             block: Index of the block among all blocks of keyframe Gaussians.
         """
         shot = self._shot(block)
-        return spacing_of(shot.info, self.keyframes) - shot.log2_motion_unit
+        return log2_lattice_ratio(shot.info, self.keyframes) - shot.log2_motion_unit
 
     def _shot(self, block: int) -> Shot:
         return self.shots[bisect.bisect_right(self.shots, block, key=lambda shot: shot.first_block) - 1]
@@ -170,13 +170,13 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
     log_step_ratios, zero_probabilities = _read_motion(motion)
     sections = read_sections(reader.rest())
     size = manifest.packetization.block_size
-    blocks = np.cumsum([0, *(-(-group.births // size) for group in groups)]).tolist()
+    blocks = np.cumsum([0, *(-(-group.num_births // size) for group in groups)]).tolist()
     shots = _read_shots(keyframes, version, blocks)
-    lifetimes = read_lifetimes(sections, [group.births for group in groups], timeline)
+    lifetimes = read_lifetimes(sections, [group.num_births for group in groups], timeline)
     return SequenceInfo(timeline, groups, shots, log_step_ratios, zero_probabilities, sections, lifetimes)
 
 
-def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
+def log2_lattice_ratio(info: KeyframeInfo, reference: KeyframeInfo) -> int:
     """Returns log2 of the ratio of the lattice spacing of `info` to the lattice spacing of `reference`."""
     return (info.size_log - info.lattice_bits) - (reference.size_log - reference.lattice_bits)
 
@@ -220,18 +220,18 @@ def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot,
     if version == VERSION:
         return (Shot(0, 0, read_keyframes(data, blocks[-1])),)
     reader, num_groups = ByteReader(data, "side information of shots"), len(blocks) - 1
-    firsts, spacings, parts = list[int](), list[int](), list[bytes]()
+    firsts, log2_units, parts = list[int](), list[int](), list[bytes]()
     for _ in range(reader.unsigned()):
         firsts.append(reader.unsigned() + (firsts[-1] if firsts else 0))
-        spacings.append(reader.signed() if version == WITH_MOTION_UNITS else 0)
+        log2_units.append(reader.signed() if version == WITH_MOTION_UNITS else 0)
         parts.append(reader.blob())
     reader.finish()
     if firsts[:1] != [0] or any(group >= after for group, after in itertools.pairwise([*firsts, num_groups])):
         raise BitstreamError(f"side information: {len(firsts)} shots do not divide {num_groups} groups of frames")
     ends = [blocks[group] for group in [*firsts[1:], num_groups]]
     shots = tuple(
-        Shot(first, blocks[first], read_keyframes(part, end - blocks[first]), spacing)
-        for first, part, end, spacing in zip(firsts, parts, ends, spacings, strict=True)
+        Shot(first, blocks[first], read_keyframes(part, end - blocks[first]), log2_unit)
+        for first, part, end, log2_unit in zip(firsts, parts, ends, log2_units, strict=True)
     )
     for number, shot in enumerate(shots):
         _check_shot(number, shot, shots[0].info)
@@ -244,21 +244,21 @@ def _check_shot(number: int, shot: Shot, reference: KeyframeInfo) -> None:
         raise BitstreamError(
             f"side information: shot {number} has harmonics of degree {info.degree}, the first one {reference.degree}"
         )
-    spacing, motion = spacing_of(info, reference), shot.log2_motion_unit
-    if abs(spacing) > MAX_SPACING:
+    ratio, log2_unit = log2_lattice_ratio(info, reference), shot.log2_motion_unit
+    if abs(ratio) > MAX_LOG2_RATIO:
         raise BitstreamError(f"side information: the lattice of shot {number} is too unlike that of the first one")
-    if max(abs(motion), abs(spacing - motion)) > MAX_SPACING:
+    if max(abs(log2_unit), abs(ratio - log2_unit)) > MAX_LOG2_RATIO:
         raise BitstreamError(f"side information: the unit of motion of shot {number} is out of range")
 
 
-def _groups(manifest: Manifest) -> tuple[Group, ...]:
+def _groups(manifest: Manifest) -> tuple[GroupCounts, ...]:
     """Returns the numbers of new tracks and of tracks with coded motion in each group of frames, from the manifest."""
     counts = [tier.num_elements for tier in manifest.tiers]
-    groups, alive = tuple(itertools.starmap(Group, zip(counts[::2], counts[1::2], strict=True))), 0
+    groups, alive = tuple(itertools.starmap(GroupCounts, zip(counts[::2], counts[1::2], strict=True))), 0
     for group in groups:
-        alive += group.births
-        if group.motions > alive:
-            raise BitstreamError(f"{group.motions} tracks move in a group where {alive} are born")
+        alive += group.num_births
+        if group.num_moving > alive:
+            raise BitstreamError(f"{group.num_moving} tracks move in a group where {alive} are born")
     return groups
 
 

@@ -11,7 +11,9 @@ from splatwire.codec.sequence.layout import KIND_OF, MAX_COORD, NUM_CHANNELS
 MAX_SHIFT = 30
 
 
-def motion_shifts(rows: np.ndarray, info: KeyframeInfo, log_step_ratios: np.ndarray, spacing: int = 0) -> np.ndarray:
+def motion_shifts(
+    rows: np.ndarray, info: KeyframeInfo, log_step_ratios: np.ndarray, lattice_shift: int = 0
+) -> np.ndarray:
     """Returns log2 of the quantisation steps of the motion of tracks (Gaussians over time).
 
     Args:
@@ -19,7 +21,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, log_step_ratios: np.ndar
         info: Side information of the keyframe Gaussians.
         log_step_ratios: For each kind of channel, log2 of the factor by which the quantisation steps of motion are
             larger than those of the keyframe Gaussian, int64 (kinds).
-        spacing: log2 of half the lattice spacing of `info`, relative to the unit of coded position changes.
+        lattice_shift: log2 of half the lattice spacing of `info`, relative to the unit of coded position changes.
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.
@@ -29,11 +31,11 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, log_step_ratios: np.ndar
     kernels.keyframe_shifts(
         columns, info.base_exponents, info.lattice_bits, max(info.max_position_shift, 0), flatness_table(), shifts
     )
-    shifts[:, :3] += spacing
+    shifts[:, :3] += lattice_shift
     return np.clip(shifts + log_step_ratios[KIND_OF], 0, MAX_SHIFT)
 
 
-def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def in_other_units(positions: np.ndarray, shifts: np.ndarray, log2_ratios: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Converts the positions of tracks, and the quantisation steps of their motion, to another unit of positions.
 
     The unit may change after a scene cut.
@@ -41,16 +43,16 @@ def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarr
     Args:
         positions: Positions of the keyframe Gaussians in the old unit, int64 (n, 3), at most `MAX_COORD` in magnitude.
         shifts: log2 of the quantisation steps of motion in the old unit, int64 (n, channels).
-        spacings: log2 of the ratio of the old to the new unit for each track, int64 (n).
+        log2_ratios: log2 of the ratio of the old to the new unit for each track, int64 (n).
 
     Returns:
         Positions in the new unit, int64 (n, 3); and log2 of the quantisation steps of motion in the new unit, int64 (n,
         channels).
     """
-    if not spacings.any():
+    if not log2_ratios.any():
         return positions, shifts
-    moved, steps = np.floor(np.ldexp(positions.astype(np.float64), spacings[:, None])), shifts.copy()
-    steps[:, :3] = np.clip(steps[:, :3] + spacings[:, None], 0, MAX_SHIFT)
+    moved, steps = np.floor(np.ldexp(positions.astype(np.float64), log2_ratios[:, None])), shifts.copy()
+    steps[:, :3] = np.clip(steps[:, :3] + log2_ratios[:, None], 0, MAX_SHIFT)
     return np.clip(moved, -MAX_COORD, MAX_COORD).astype(np.int64), steps
 
 

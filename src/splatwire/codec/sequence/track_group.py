@@ -17,14 +17,14 @@ class TrackGroup:
         keys: Key of each track, which identifies the track in all groups; ascending, int64 (n).
         begins: First frame of each track, relative to the group, int64 (n).
         ends: First frame after the end of each track, relative to the group, int64 (n).
-        moves: Trajectories of the tracks over the group.
-        first: Function that returns the keyframe Gaussians of tracks, given an array of track indices in the group.
-            Attributes are those in the first frame of the track. Only the position is that in the first frame of the
-            group; it is extrapolated for tracks that begin later.
+        trajectories: Trajectories of the tracks over the group.
+        keyframe_gaussians: Function that returns the keyframe Gaussians of tracks, given an array of track indices in
+            the group. Attributes are those in the first frame of the track. Only the position is that in the first
+            frame of the group; it is extrapolated for tracks that begin later.
     """
 
     keys: np.ndarray
     begins: np.ndarray
     ends: np.ndarray
-    moves: Trajectories
-    first: Callable[[np.ndarray], Splats]
+    trajectories: Trajectories
+    keyframe_gaussians: Callable[[np.ndarray], Splats]

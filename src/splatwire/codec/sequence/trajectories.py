@@ -136,18 +136,18 @@ def add_frames(
 
 
 @dataclass(frozen=True, eq=False)
-class PacketMoves:
+class PacketMotion:
     """Decoded motion of the m moving tracks (Gaussians over time) of a packet, as polynomials over time.
 
     Attributes:
         coefficients: Polynomial coefficients, float32 (m, channels, K). Coefficients that the packet does not contain
             are 0.
-        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of coefficients that the
-            packet contains per channel, int64 (kinds).
+        num_coefficients: For each kind of channel (position, rotation, scale, opacity, colour), number of coefficients
+            that the packet contains per channel, int64 (kinds).
     """
 
     coefficients: np.ndarray
-    orders: np.ndarray
+    num_coefficients: np.ndarray
 
     @property
     def nbytes(self) -> int:
@@ -156,18 +156,18 @@ class PacketMoves:
 
 
 @dataclass(frozen=True, eq=False)
-class Offsets:
+class MotionEvaluator:
     """Decoded motion of a group's tracks (Gaussians over time), which can be evaluated in any frame.
 
     Attributes:
-        moves: Motion polynomials of the moving tracks of each packet.
+        packets: Motion polynomials of the moving tracks of each packet.
         frames: Number of frames in the group.
         lattice_bits: Resolution of positions: the spacing of their lattice is `2**-lattice_bits` times the scene's
             size.
         size_log: log2 of the scene's size in world units.
     """
 
-    moves: Sequence[PacketMoves]
+    packets: Sequence[PacketMotion]
     frames: int
     lattice_bits: int
     size_log: int
@@ -183,12 +183,14 @@ class Offsets:
             Function whose argument is the index of a frame in the group. It returns the changes of the tracks relative
             to their keyframe Gaussians, float32 (n, channels).
         """
-        counts = [len(packet.coefficients) for packet in self.moves]
-        widths = np.array([packet.coefficients.shape[2] for packet in self.moves], np.int64)
+        counts = [len(packet.coefficients) for packet in self.packets]
+        widths = np.array([packet.coefficients.shape[2] for packet in self.packets], np.int64)
         sizes, packets = NUM_CHANNELS * widths, np.repeat(np.arange(len(counts)), counts)
         ends = np.concatenate([[0], np.cumsum(np.repeat(sizes, counts))]).astype(np.int64)
-        flat = np.concatenate([np.zeros(0, np.float32), *(packet.coefficients.ravel() for packet in self.moves)])
-        orders = np.array([packet.orders[KIND_OF] for packet in self.moves], np.int64).reshape(-1, NUM_CHANNELS)
+        flat = np.concatenate([np.zeros(0, np.float32), *(packet.coefficients.ravel() for packet in self.packets)])
+        num_coefficients = np.array([packet.num_coefficients[KIND_OF] for packet in self.packets], np.int64).reshape(
+            -1, NUM_CHANNELS
+        )
         starts = np.where(rows < 0, -1, ends[rows])
         packet_of_row = np.concatenate([packets, [0]])[rows]  # any packet for still tracks, which have no coefficients
         table, factors, colours = polynomials(self.frames), self._factors(), np.ascontiguousarray(LUMA_CHROMA)
@@ -198,7 +200,8 @@ class Offsets:
 
             def part(rows: slice) -> None:
                 _offset_kernels.offsets(
-                    flat, starts[rows], packet_of_row[rows], orders, widths, weights, factors, colours, offsets[rows]
+                    flat, starts[rows], packet_of_row[rows], num_coefficients, widths, weights, factors, colours,
+                    offsets[rows],
                 )  # fmt: skip
 
             parallel_map(part, [slice(begin, begin + OFFSET_BATCH) for begin in range(0, len(rows), OFFSET_BATCH)])

@@ -4,7 +4,7 @@
 import { BitstreamError } from "../../bytes.ts";
 import { COLUMNS, POSITION } from "../gaussians/layout.ts";
 import { emptySplats, type Splats } from "../splats.ts";
-import { HEAD, MAX_COORD, NUM_CHANNELS, TRACK } from "./layout.ts";
+import { HEADER_FIELDS, MAX_COORD, NUM_CHANNELS, TRACK } from "./layout.ts";
 import type { TrackKeyframes } from "./motion_packets.ts";
 import { type SequenceInfo, type Shot, shotOf } from "./side_info.ts";
 import { limitShift, MotionSteps } from "./steps.ts";
@@ -53,8 +53,8 @@ export class KeyframeGaussians {
       shot = shotOf(this.info, block),
       { corners } = shot.keyframeInfo.boxes,
       corner = 3 * (block - shot.firstBlock),
-      scale = 2 ** shot.spacing,
-      group = this.info.groups.findIndex(({ firstNew, births }) => first < firstNew + births);
+      scale = 2 ** shot.latticeShift,
+      group = this.info.groups.findIndex(({ firstNew, numBirths }) => first < firstNew + numBirths);
     this.#reserve(this.count + count);
     if (this.#steps.info !== shot.keyframeInfo) this.#steps = stepsOf(this.info, shot);
     for (let i = 0; i < count; i++) {
@@ -80,16 +80,16 @@ export class KeyframeGaussians {
    * null if one was not received.
    */
   of(headers: Int32Array, group: number): TrackKeyframes | null {
-    const count = headers.length / HEAD,
-      unit = this.info.units[group],
+    const count = headers.length / HEADER_FIELDS,
+      unit = this.info.log2MotionUnits[group],
       positions = new Float64Array(3 * count),
       shifts = new Int32Array(NUM_CHANNELS * count);
     for (let i = 0; i < count; i++) {
-      const keyframeIndex = this.keyframeIndices[headers[HEAD * i + TRACK]] ?? -1;
+      const keyframeIndex = this.keyframeIndices[headers[HEADER_FIELDS * i + TRACK]] ?? -1;
       if (keyframeIndex < 0) return null;
       for (let c = 0; c < NUM_CHANNELS; c++)
         shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * keyframeIndex + c];
-      const octaves = this.info.units[this.birthGroups[keyframeIndex]] - unit;
+      const octaves = this.info.log2MotionUnits[this.birthGroups[keyframeIndex]] - unit;
       for (let a = 0; a < 3; a++) {
         positions[3 * i + a] = scaledCoord(this.positions[3 * keyframeIndex + a], 2 ** octaves);
         shifts[NUM_CHANNELS * i + a] = limitShift(shifts[NUM_CHANNELS * i + a] + octaves);
@@ -117,8 +117,8 @@ function scaledCoord(coord: number, scale: number): number {
   return Math.min(Math.max(Math.floor(coord * scale), -MAX_COORD), MAX_COORD);
 }
 
-function stepsOf({ logStepRatios }: SequenceInfo, { keyframeInfo, spacing }: Shot): MotionSteps {
-  return new MotionSteps(keyframeInfo, logStepRatios, spacing);
+function stepsOf({ logStepRatios }: SequenceInfo, { keyframeInfo, latticeShift }: Shot): MotionSteps {
+  return new MotionSteps(keyframeInfo, logStepRatios, latticeShift);
 }
 
 function copyInto<T extends Int32Array | Float64Array>(old: T, larger: T): T {

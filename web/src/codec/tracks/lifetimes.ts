@@ -2,7 +2,7 @@
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import { LIFETIMES } from "../../packets/section_names.ts";
-import type { Group, Timeline } from "./timeline.ts";
+import type { GroupCounts, Timeline } from "./timeline.ts";
 
 /** Lifetimes by track. Other tracks begin with their birth group and do not end. */
 export interface Lifetimes {
@@ -14,7 +14,7 @@ export interface Lifetimes {
 
 export function readLifetimes(
   sections: ReadonlyMap<string, Uint8Array>,
-  groups: readonly Group[],
+  groups: readonly GroupCounts[],
   { numFrames, groupFrames }: Timeline,
 ): Lifetimes {
   const begins = new Map<number, number>(),
@@ -23,13 +23,13 @@ export function readLifetimes(
     bytes = sections.get(LIFETIMES);
   if (!bytes) return found;
   const reader = new ByteReader(bytes, `section '${LIFETIMES}'`),
-    { firstNew, births } = groups[groups.length - 1];
+    { firstNew, numBirths } = groups[groups.length - 1];
   for (const values of [begins, ends]) {
     let track = -1;
     for (let left = reader.unsigned(); left > 0; left--) {
       track += reader.unsigned() + 1;
       const frame = reader.unsigned();
-      if (track >= firstNew + births || frame > numFrames)
+      if (track >= firstNew + numBirths || frame > numFrames)
         throw new BitstreamError(`section '${LIFETIMES}': track ${track} and frame ${frame} are not in the clip`);
       values.set(track, frame);
     }
@@ -38,7 +38,7 @@ export function readLifetimes(
   for (const values of [begins, ends]) {
     let group = 0;
     for (const track of values.keys()) {
-      while (track >= groups[group].firstNew + groups[group].births) group++;
+      while (track >= groups[group].firstNew + groups[group].numBirths) group++;
       const begin = begins.get(track) ?? 0;
       if (begin >= groupFrames || group * groupFrames + begin >= (ends.get(track) ?? numFrames))
         throw new BitstreamError(`section '${LIFETIMES}': a track ends before it begins`);

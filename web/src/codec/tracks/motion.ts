@@ -15,7 +15,7 @@ import {
   CANDIDATE_BITS,
   DEGREE_CONTEXTS,
   ENDS,
-  HEAD,
+  HEADER_FIELDS,
   KIND_OF,
   MAX_CANDIDATES,
   MAX_OCTAVE,
@@ -32,12 +32,12 @@ import {
 
 /** Decoded integers of a packet of n tracks over F frames. */
 export interface Motion {
-  /** Heads, shape (n, HEAD). All entries of a row are -1 if invalid bytes contain fewer tracks. */
+  /** Heads, shape (n, HEADER_FIELDS). All entries of a row are -1 if invalid bytes contain fewer tracks. */
   readonly headers: Int32Array;
   /** Residuals in steps, shape (n, channels, F). */
   readonly residuals: Int32Array;
   /** Number of coded coefficients per kind of channel. */
-  readonly orders: Int32Array;
+  readonly numCoefficients: Int32Array;
 }
 
 export function decodeMotion(
@@ -49,17 +49,17 @@ export function decodeMotion(
 ): Motion {
   const coder = new RangeDecoder(payload),
     own = models.slice(),
-    headers = new Int32Array(HEAD * count).fill(-1),
+    headers = new Int32Array(HEADER_FIELDS * count).fill(-1),
     residuals = new Int32Array(count * NUM_CHANNELS * frames),
     found = readHeaders(coder, own, headers, count, frames, firstNew),
-    orders = Int32Array.from({ length: NUM_KINDS }, () => coder.below(frames + 1));
+    numCoefficients = Int32Array.from({ length: NUM_KINDS }, () => coder.below(frames + 1));
   let before = -1;
   for (let i = 0; i < found; i++) {
-    if (headers[HEAD * i + STATE] !== MOVING) continue;
-    readTrack(coder, own, residuals, i, before, orders, frames);
+    if (headers[HEADER_FIELDS * i + STATE] !== MOVING) continue;
+    readTrack(coder, own, residuals, i, before, numCoefficients, frames);
     before = i;
   }
-  return { headers, residuals, orders };
+  return { headers, residuals, numCoefficients };
 }
 
 function readHeaders(
@@ -86,7 +86,7 @@ function readHeaders(
     moved = ((moved << 1) | state) & 3;
     const begins = track >= firstNew && coder.bit(models, C_BEGINS) ? coder.below(frames) : 0,
       ends = coder.bit(models, C_ENDS) ? coder.below(frames) : frames,
-      row = HEAD * at++;
+      row = HEADER_FIELDS * at++;
     headers[row + TRACK] = track;
     headers[row + STATE] = state;
     headers[row + BEGINS] = begins;
@@ -95,7 +95,7 @@ function readHeaders(
     headers[row + AFTER] = 0;
     before = track + 1;
   }
-  if (at) headers[HEAD * (at - 1) + AFTER] = tail;
+  if (at) headers[HEADER_FIELDS * (at - 1) + AFTER] = tail;
   return at;
 }
 
@@ -108,7 +108,7 @@ function readTrack(
   residuals: Int32Array,
   i: number,
   before: number,
-  orders: Int32Array,
+  numCoefficients: Int32Array,
   frames: number,
 ): void {
   let largest = 0;
@@ -121,7 +121,7 @@ function readTrack(
       largest = 0;
       if (before >= 0) own = Math.abs(residuals[(before * NUM_CHANNELS + c) * frames]);
     }
-    for (let k = 0; k < orders[kind]; k++) {
+    for (let k = 0; k < numCoefficients[kind]; k++) {
       let near = Math.max(own, largest);
       if (!first) near = Math.max(near, 2 * Math.abs(residuals[at - frames + k]));
       const level = Math.min(near < 2 ** 31 ? 32 - Math.clz32(near) : NEIGHBOUR_CONTEXTS, NEIGHBOUR_CONTEXTS - 1),

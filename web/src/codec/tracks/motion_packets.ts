@@ -1,7 +1,7 @@
 // Decoders of motion packets: in WebAssembly, and a plain one that decodes bit for bit the same.
 
 import { instantiate } from "../gaussians/native.ts";
-import { HEAD, MAX_GROUP_FRAMES, MOVING, NUM_CHANNELS, STATE } from "./layout.ts";
+import { HEADER_FIELDS, MAX_GROUP_FRAMES, MOVING, NUM_CHANNELS, STATE } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
 import { codingOrder, coefficients, coefficientsOf, normalisedPositions } from "./predict.ts";
 import type { SequenceInfo } from "./side_info.ts";
@@ -16,7 +16,7 @@ const MAX_TRACKS = 1 << 16,
 
 /** Decoded motion packet: headers, and offsets of its tracks. */
 export interface DecodedMotion {
-  /** Shape (tracks, HEAD). */
+  /** Shape (tracks, HEADER_FIELDS). */
   readonly headers: Int32Array;
   /** Shape (frames, tracks, channels). */
   readonly offsets: Float32Array;
@@ -74,25 +74,25 @@ export class PlainMotionPackets implements MotionPackets {
     { payload, count, frames, firstNew }: MotionPacket,
     keyframesOf: (headers: Int32Array) => TrackKeyframes | null,
   ): DecodedMotion | null {
-    const { headers, residuals, orders } = decodeMotion(payload, this.info.models, count, frames, firstNew),
+    const { headers, residuals, numCoefficients } = decodeMotion(payload, this.info.models, count, frames, firstNew),
       keyframes = keyframesOf(headers);
     if (!keyframes) return null;
     const stride = count * NUM_CHANNELS,
       moving = movingOf(headers),
       offsets = new Float32Array(frames * stride),
-      found = coefficients(keyframes.positions, moving, keyframes.shifts, residuals, orders),
-      row = coefficientsOf(orders),
+      found = coefficients(keyframes.positions, moving, keyframes.shifts, residuals, numCoefficients),
+      row = coefficientsOf(numCoefficients),
       units = unitsOf(this.info);
     for (let i = 0; i < count; i++)
-      if (moving[i]) offsetsOf(found, i * row, frames, orders, units, offsets, i * NUM_CHANNELS, stride);
+      if (moving[i]) offsetsOf(found, i * row, frames, numCoefficients, units, offsets, i * NUM_CHANNELS, stride);
     return { headers, offsets };
   }
 }
 
 /** Returns the mask of moving tracks. */
 function movingOf(headers: Int32Array): Uint8Array {
-  const moving = new Uint8Array(headers.length / HEAD);
-  for (let i = 0; i < moving.length; i++) moving[i] = Number(headers[HEAD * i + STATE] === MOVING);
+  const moving = new Uint8Array(headers.length / HEADER_FIELDS);
+  for (let i = 0; i < moving.length; i++) moving[i] = Number(headers[HEADER_FIELDS * i + STATE] === MOVING);
   return moving;
 }
 
@@ -146,7 +146,7 @@ export class NativeMotionPackets implements MotionPackets {
     }
     new Uint8Array(memory.buffer, address).set(payload);
     const headersAt = readMotion(payload.length, count, frames, firstNew),
-      headers = new Int32Array(memory.buffer, headersAt, HEAD * count).slice(),
+      headers = new Int32Array(memory.buffer, headersAt, HEADER_FIELDS * count).slice(),
       keyframes = keyframesOf(headers);
     if (!keyframes) return null;
     const shiftsAt = headersAt + headers.byteLength;

@@ -1,7 +1,7 @@
 // Reconstructs the coefficients of a packet's tracks from residuals. The prediction is a least-squares plane through
 // the nearest neighbours in the packet. All numbers stay below 2^53.
 
-import { KIND_OF, MAX_COEFFICIENT, NUM_CHANNELS, NUM_NEIGHBOURS, PLACE_BITS, WEIGHT } from "./layout.ts";
+import { KIND_OF, MAX_COEFFICIENT, NUM_CHANNELS, NUM_NEIGHBOURS, POSITION_BITS, WEIGHT } from "./layout.ts";
 
 const RADIUS = 1 << 10,
   MAX_MOMENT = 2 ** 16,
@@ -13,9 +13,9 @@ const RADIUS = 1 << 10,
 const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 
 /** Returns the number of coefficients of a track, all channels together. */
-export function coefficientsOf(orders: Int32Array): number {
+export function coefficientsOf(numCoefficients: Int32Array): number {
   let total = 0;
-  for (let c = 0; c < NUM_CHANNELS; c++) total += orders[KIND_OF[c]];
+  for (let c = 0; c < NUM_CHANNELS; c++) total += numCoefficients[KIND_OF[c]];
   return total;
 }
 
@@ -32,18 +32,18 @@ let buffer = new Float64Array(0);
  * @param moving Moving tracks (1), shape (n).
  * @param shifts log2 of the steps, shape (n, channels).
  * @param residuals Residuals in steps, shape (n, channels, F).
- * @param orders Number of coefficients per kind of channel.
+ * @param numCoefficients Number of coefficients per kind of channel.
  */
 export function coefficients(
   positions: Float64Array,
   moving: Uint8Array,
   shifts: Int32Array,
   residuals: Int32Array,
-  orders: Int32Array,
+  numCoefficients: Int32Array,
 ): Float64Array {
   const count = moving.length,
     frames = residuals.length / NUM_CHANNELS / Math.max(count, 1),
-    size = coefficientsOf(orders),
+    size = coefficientsOf(numCoefficients),
     small = normalisedPositions(positions),
     known = new Int32Array(count),
     means = new Float64Array(size),
@@ -57,7 +57,7 @@ export function coefficients(
     const own = i * size;
     weightedMeans(plane, moving, out, means);
     for (let c = 0, u = 0; c < NUM_CHANNELS; c++) {
-      const end = orders[KIND_OF[c]],
+      const end = numCoefficients[KIND_OF[c]],
         step = end ? 2 ** shifts[i * NUM_CHANNELS + c] : 0;
       for (let k = 0, at = (i * NUM_CHANNELS + c) * frames; k < end; k++, at++, u++) {
         const value = Math.floor((means[u] + WEIGHT / 2) / WEIGHT) + residuals[at] * step;
@@ -95,7 +95,7 @@ function weightedMeans(
   }
 }
 
-/** Returns the positions relative to their lower corner, rounded to `PLACE_BITS` bits per axis. */
+/** Returns the positions relative to their lower corner, rounded to `POSITION_BITS` bits per axis. */
 export function normalisedPositions(positions: Float64Array): Float64Array {
   const found = positions.slice();
   let extent = 0,
@@ -105,7 +105,7 @@ export function normalisedPositions(positions: Float64Array): Float64Array {
     for (let n = a; n < positions.length; n += 3) low = Math.min(low, positions[n]);
     for (let n = a; n < positions.length; n += 3) extent = Math.max(extent, (found[n] -= low));
   }
-  while (Math.floor(extent / unit) >= 2 ** PLACE_BITS) unit *= 2;
+  while (Math.floor(extent / unit) >= 2 ** POSITION_BITS) unit *= 2;
   for (let n = 0; n < found.length; n++) found[n] = Math.floor(found[n] / unit);
   return found;
 }
@@ -117,7 +117,7 @@ export function codingOrder(positions: Float64Array, moving: Uint8Array, shifts:
   let n = 0;
   for (let i = 0; i < moving.length; i++) {
     if (!moving[i]) continue;
-    for (let a = 0; a < 3; a++) keys[n] += spreadBits(positions[3 * i + a] >> (PLACE_BITS - 10)) << a;
+    for (let a = 0; a < 3; a++) keys[n] += spreadBits(positions[3 * i + a] >> (POSITION_BITS - 10)) << a;
     some[n++] = i;
   }
   const by = sortedBy(keys, some, n),

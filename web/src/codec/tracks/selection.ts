@@ -9,11 +9,11 @@ import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
 /** Coordinates x, y, z. */
 type Point = Float32Array;
 
-/** Ways to cover a lost track: interpolated motion, the last position, and enlarged received Gaussians. */
-export const MOVED = 0,
+/** Methods to cover a lost track: interpolated motion, the last position, and enlarged received Gaussians. */
+export const INTERPOLATED = 0,
   HELD = 1,
   HIDDEN = 2;
-const WAYS = 3,
+const NUM_METHODS = 3,
   /** Largest number of received tracks that are treated as lost. */
   MAX_TESTS = 1024,
   /** At most one received track in `MAX_SHARE` is treated as lost at the same time. */
@@ -22,7 +22,7 @@ const WAYS = 3,
   MIN_TESTS = 16,
   /** Number of received Gaussians that are considered at a position. */
   COVERING = 24,
-  /** Factors on the errors of the ways. */
+  /** Factors on the errors of the methods. */
   FACTORS = [0.9, 1, 0.6],
   /** Weights of errors of red, green, blue and opacity. */
   CHANNEL_WEIGHTS = [1, 1, 1, 0.5];
@@ -33,7 +33,7 @@ type Interpolate = (lost: Uint8Array, queryTracks: Int32Array) => Float32Array;
 type Lifetime = (keyframeIndex: number) => readonly [number, number];
 
 /**
- * Chooses for each track of `queryTracks` the way with the lowest error on the nearby received tracks. `order` lists
+ * Chooses for each track of `queryTracks` the method with the lowest error on the nearby received tracks. `order` lists
  * the rows of `arrived` by ascending track.
  */
 export function select(
@@ -64,7 +64,7 @@ export function select(
       if (isNew(keyframeIndex) !== isNewTrack) return;
       const sums = [0, 0, 0];
       for (const near of nearest(tree, lastPlace(keyframeIndex)))
-        for (let way = 0; way < WAYS; way++) sums[way] += errors[WAYS * peers[near] + way];
+        for (let method = 0; method < NUM_METHODS; method++) sums[method] += errors[NUM_METHODS * peers[near] + method];
       found[n] = sums.indexOf(Math.min(...sums));
     });
   }
@@ -72,8 +72,8 @@ export function select(
 }
 
 /**
- * Returns the error of each way to cover each tested row, shape (tested, WAYS). Every `folds`-th tested row is treated
- * as lost at the same time.
+ * Returns the error of each method to cover each tested row, shape (tested, NUM_METHODS). Every `folds`-th tested row
+ * is treated as lost at the same time.
  */
 function testErrors(
   arrived: TrackOffsets,
@@ -87,7 +87,7 @@ function testErrors(
 ): Float64Array {
   const { keyframeIndices, begins, ends, offsets } = arrived,
     { splats, lastOffsets } = past,
-    errors = new Float64Array(WAYS * tested.length),
+    errors = new Float64Array(NUM_METHODS * tested.length),
     foldOf = new Int8Array(keyframeIndices.length).fill(-1);
   tested.forEach((row, n) => (foldOf[row] = n % folds));
   const estimates = Array.from({ length: folds }, (_, fold) =>
@@ -126,17 +126,17 @@ function testErrors(
         truth = exists(row) ? place(row) : null,
         [begin, end] = lifetime(keyframeIndex),
         motion = Math.floor(n / folds) * frames + frame,
-        ways = [
+        methods = [
           moved(splats, keyframeIndex, estimates[fold], motion),
           moved(splats, keyframeIndex, lastOffsets, keyframeIndex),
         ],
         aroundTruth = truth && around(truth, fold);
-      for (let way = 0; way < WAYS; way++) {
-        const estimate = begin <= frame && frame < end && way !== HIDDEN ? ways[way] : null;
+      for (let method = 0; method < NUM_METHODS; method++) {
+        const estimate = begin <= frame && frame < end && method !== HIDDEN ? methods[method] : null;
         let error = 0;
         if (truth) error += difference(splats, aroundTruth!, truth, keyframeIndex, truth, estimate);
         if (estimate) error += difference(splats, around(estimate, fold), estimate, keyframeIndex, truth, estimate);
-        errors[WAYS * n + way] += error * FACTORS[way];
+        errors[NUM_METHODS * n + method] += error * FACTORS[method];
       }
     });
   }

@@ -8,10 +8,10 @@ import type { DecodedFrame, SequenceDecoder } from "../element_decoder.ts";
 import { checkMemory } from "../memory.ts";
 import { emptySplats, type Splats, subSplats } from "../splats.ts";
 import { KeyframeGaussians } from "./keyframe_gaussians.ts";
-import { AFTER, BEFORE, BEGINS, ENDS, HEAD, NUM_CHANNELS, TRACK } from "./layout.ts";
+import { AFTER, BEFORE, BEGINS, ENDS, HEADER_FIELDS, NUM_CHANNELS, TRACK } from "./layout.ts";
 import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
 import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
-import { HELD, HIDDEN, MOVED, positionsOf, select } from "./selection.ts";
+import { HELD, HIDDEN, INTERPOLATED, positionsOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
 import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
@@ -65,7 +65,7 @@ interface DecodedGroup extends Omit<TrackOffsets, "offsets">, ConcealedTracks {
 export class Sequence implements SequenceDecoder {
   readonly concealers = CONCEALERS;
   packets: Packet[] = [];
-  late = 0;
+  numLatePackets = 0;
   readonly #keyframes: KeyframeGaussians;
   readonly #motion: Packet[][];
   /** Number of received elements of each group. */
@@ -108,14 +108,14 @@ export class Sequence implements SequenceDecoder {
 
   addMotion(group: number, packet: Packet): void {
     this.#receivedElements[group] += packet.count;
-    if (group < this.#firstGroup) return void this.late++;
+    if (group < this.#firstGroup) return void this.numLatePackets++;
     this.#motion[group].push(packet);
     this.packets.push(packet);
     this.numBytes += packet.payload.length;
     if (this.#current?.group === group) this.#current = null;
   }
 
-  get times(): Timeline {
+  get timeline(): Timeline {
     return this.info.timeline;
   }
 
@@ -128,15 +128,15 @@ export class Sequence implements SequenceDecoder {
     return number;
   }
 
-  get ready(): number {
+  get playableEnd(): number {
     const { groups, timeline } = this.info,
       last = groups.length - 1;
     return this.#isWhole(last) ? timeline.numFrames : last * timeline.groupFrames;
   }
 
   #isWhole(group: number): boolean {
-    const { births, motions } = this.info.groups[group];
-    return this.#receivedElements[group] >= births + motions;
+    const { numBirths, numMoving } = this.info.groups[group];
+    return this.#receivedElements[group] >= numBirths + numMoving;
   }
 
   forget(number: number): number[] {
@@ -249,7 +249,7 @@ export class Sequence implements SequenceDecoder {
       rows += packet.count;
       this.#check(rows, frames);
       const { headers } = decoded,
-        last = HEAD * (packet.count - 1),
+        last = HEADER_FIELDS * (packet.count - 1),
         end = Math.min(headers[last + TRACK] + headers[last + AFTER] + 1, info.numTracks);
       for (let track = Math.max(headers[TRACK] - headers[BEFORE], 0); track < end; track++)
         if (keyframes.keyframeIndices[track] >= 0) covered[keyframes.keyframeIndices[track]] = 1;
@@ -279,7 +279,7 @@ export class Sequence implements SequenceDecoder {
         this.#keyframes.of(headers, group),
       );
     if (!decoded) return null;
-    scalePositions(decoded.offsets, 2 ** info.units[group]);
+    scalePositions(decoded.offsets, 2 ** info.log2MotionUnits[group]);
     this.#addToCache(packet, decoded);
     return decoded;
   }
@@ -305,18 +305,18 @@ export class Sequence implements SequenceDecoder {
   ): DecodedGroup {
     const { info } = this,
       keyframes = this.#keyframes,
-      { firstNew, births, motions } = info.groups[group],
+      { firstNew, numBirths, numMoving } = info.groups[group],
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
       lost: number[] = [];
     for (let keyframeIndex = 0; keyframeIndex < keyframes.count; keyframeIndex++) {
       if (covered[keyframeIndex]) continue;
       const track = keyframes.tracks[keyframeIndex],
-        isNew = track >= firstNew && track < firstNew + births;
+        isNew = track >= firstNew && track < firstNew + numBirths;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
       if (!ended && (isNew || (before ? before.alive[keyframeIndex] : track < firstNew))) lost.push(keyframeIndex);
     }
-    const found = appendStatic(received, lost, frames, motions > 0),
+    const found = appendStatic(received, lost, frames, numMoving > 0),
       numReceived = received.keyframeIndices.length,
       hidden = new Uint8Array(found.keyframeIndices.length),
       batches = [...received.batches];
@@ -324,18 +324,18 @@ export class Sequence implements SequenceDecoder {
       [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(keyframeIndex, group);
     });
     let gains: Float32Array | null = null;
-    if (motions && lost.length) {
+    if (numMoving && lost.length) {
       const past = this.#pastState(before, group),
         offsets = byTrack(batches, numReceived, lost.length, frames),
         out = offsets.subarray(numReceived * frames * NUM_CHANNELS),
         arrived = { ...received, offsets: offsets.subarray(0, numReceived * frames * NUM_CHANNELS) },
-        ways =
+        methods =
           concealer === "motion"
             ? this.#interpolate(arrived, Int32Array.from(lost), past, group, out)
             : new Uint8Array(lost.length).fill(concealer === "drop" ? HIDDEN : HELD);
-      ways.forEach((way, n) => {
-        if (way !== MOVED) repeatLastOffset(past.lastOffsets, lost[n], out, n * frames, frames);
-        hidden[numReceived + n] = Number(way === HIDDEN);
+      methods.forEach((method, n) => {
+        if (method !== INTERPOLATED) repeatLastOffset(past.lastOffsets, lost[n], out, n * frames, frames);
+        hidden[numReceived + n] = Number(method === HIDDEN);
       });
       batches.push({ count: lost.length, offsets: transposed(out, lost.length, frames) });
       if (concealer === "motion" && hidden.includes(1)) gains = this.#growth({ ...found, offsets }, hidden, frames);
@@ -364,7 +364,7 @@ export class Sequence implements SequenceDecoder {
     return [Math.min(begin, frames - 1), Math.min(end - group * info.timeline.groupFrames, frames)];
   }
 
-  /** Selects a way to cover each lost track. Writes the motion of tracks that are moved. */
+  /** Selects a method to cover each lost track. Writes the motion of tracks that are moved. */
   #interpolate(
     received: TrackOffsets,
     lost: Int32Array,
@@ -380,14 +380,14 @@ export class Sequence implements SequenceDecoder {
       estimates = new Extrapolation(received, complete, this.#keyframes.birthGroups, past, frames),
       interpolate = estimates.estimate.bind(estimates),
       lifetime = (keyframeIndex: number) => this.#lifetime(keyframeIndex, group),
-      ways = select(received, order, lost, frames, past, interpolate, lifetime),
-      moving = rowsWhere(lost.length, (n) => ways[n] === MOVED),
+      methods = select(received, order, lost, frames, past, interpolate, lifetime),
+      moving = rowsWhere(lost.length, (n) => methods[n] === INTERPOLATED),
       found = interpolate(
         new Uint8Array(keyframeIndices.length),
         moving.map((n) => lost[n]),
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
-    return ways;
+    return methods;
   }
 
   /** Returns the rows by ascending track. */
@@ -437,7 +437,9 @@ export class Sequence implements SequenceDecoder {
       hasUnknownBirth: (keyframeIndex) =>
         keyframes.birthGroups[keyframeIndex] === group && !info.lifetimes.begins.get(keyframes.tracks[keyframeIndex]),
       positionStep: (keyframeIndex) =>
-        unit * 2 ** (keyframes.shifts[NUM_CHANNELS * keyframeIndex] + info.units[keyframes.birthGroups[keyframeIndex]]),
+        unit *
+        2 **
+          (keyframes.shifts[NUM_CHANNELS * keyframeIndex] + info.log2MotionUnits[keyframes.birthGroups[keyframeIndex]]),
     };
   }
 
@@ -491,12 +493,12 @@ function joinPackets(
   others: number,
 ): ReceivedTracks {
   const seen = new Uint8Array(indexOfTrack.length),
-    batches = found.map(({ headers, offsets }) => ({ count: headers.length / HEAD, offsets })),
+    batches = found.map(({ headers, offsets }) => ({ count: headers.length / HEADER_FIELDS, offsets })),
     rows = batches.reduce((sum, { count }) => sum + count, 0),
     [keyframeIndices, begins, ends] = [0, 1, 2].map(() => new Int32Array(rows + others).subarray(0, rows));
   let n = 0;
   for (const { headers } of found) {
-    for (let at = 0; at < headers.length; at += HEAD, n++) {
+    for (let at = 0; at < headers.length; at += HEADER_FIELDS, n++) {
       const keyframeIndex = (keyframeIndices[n] = indexOfTrack[headers[at + TRACK]]);
       if (seen[keyframeIndex]) continue;
       seen[keyframeIndex] = 1;

@@ -5,9 +5,9 @@ import { MAX_FRAME_RATE, MAX_FRAMES, MAX_GROUP_FRAMES } from "../../packets/limi
 import type { Manifest } from "../../packets/manifest.ts";
 import { readSections } from "../../packets/sections.ts";
 import { readSideInfo, type SideInfo } from "../gaussians/side_info.ts";
-import { MAX_SPACING, NUM_CONTEXTS, NUM_KINDS } from "./layout.ts";
+import { MAX_LOG2_RATIO, NUM_CONTEXTS, NUM_KINDS } from "./layout.ts";
 import { type Lifetimes, readLifetimes } from "./lifetimes.ts";
-import type { Group, Timeline } from "./timeline.ts";
+import type { GroupCounts, Timeline } from "./timeline.ts";
 
 /** Versions: with one shot; and with a unit of motion for each of several shots. */
 const VERSION = 1,
@@ -20,17 +20,17 @@ export interface Shot {
   readonly firstBlock: number;
   readonly firstGroup: number;
   readonly keyframeInfo: SideInfo;
-  /** Half the lattice spacing in units of motion, log2. */
-  readonly spacing: number;
+  /** log2 of half the lattice spacing, in units of motion. */
+  readonly latticeShift: number;
 }
 
 export interface SequenceInfo {
   readonly timeline: Timeline;
-  readonly groups: readonly Group[];
+  readonly groups: readonly GroupCounts[];
   readonly numTracks: number;
   readonly shots: readonly Shot[];
-  /** Unit of motion in each group of frames, in half lattice units of the first shot, log2. */
-  readonly units: Int8Array;
+  /** log2 of the unit of motion in each group of frames, in half lattice units of the first shot. */
+  readonly log2MotionUnits: Int8Array;
   /** Side information of the keyframe Gaussians of the first shot. */
   readonly keyframeInfo: SideInfo;
   /** Ratio of motion steps to those of the keyframe Gaussian in octaves, per kind of channel. */
@@ -54,9 +54,9 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
   if (groups.length !== numGroups)
     throw new BitstreamError(`side information: ${numGroups} groups of frames, the manifest has ${groups.length}`);
   const size = manifest.packetization.blockSize,
-    units = new Int8Array(numGroups),
-    shots = readShots(keyframes, version, groups, size, units),
-    numTracks = groups.reduce((sum, group) => sum + group.births, 0);
+    log2MotionUnits = new Int8Array(numGroups),
+    shots = readShots(keyframes, version, groups, size, log2MotionUnits),
+    numTracks = groups.reduce((sum, group) => sum + group.numBirths, 0);
   const steps = readMotion(motion),
     sections = readSections(reader.rest());
   return {
@@ -67,7 +67,7 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
     sections,
     lifetimes: readLifetimes(sections, groups, timeline),
     shots,
-    units,
+    log2MotionUnits,
     keyframeInfo: shots[0].keyframeInfo,
   };
 }
@@ -83,26 +83,28 @@ export function shotOf({ shots }: SequenceInfo, block: number): Shot {
   return shots[at];
 }
 
-/** Reads the shots. Writes the unit of motion in each group to `units`. */
+/** Reads the shots. Writes log2 of the unit of motion in each group to `log2MotionUnits`. */
 function readShots(
   bytes: Uint8Array,
   version: number,
-  groups: readonly Group[],
+  groups: readonly GroupCounts[],
   size: number,
-  units: Int8Array,
+  log2MotionUnits: Int8Array,
 ): Shot[] {
   const blocks = [0];
-  for (const { births } of groups) blocks.push(blocks[blocks.length - 1] + Math.ceil(births / size));
+  for (const { numBirths } of groups) blocks.push(blocks[blocks.length - 1] + Math.ceil(numBirths / size));
   if (version === VERSION)
-    return [{ firstBlock: 0, firstGroup: 0, keyframeInfo: readSideInfo(bytes, blocks[groups.length]), spacing: 0 }];
+    return [
+      { firstBlock: 0, firstGroup: 0, keyframeInfo: readSideInfo(bytes, blocks[groups.length]), latticeShift: 0 },
+    ];
   const reader = new ByteReader(bytes, "side information of shots"),
     firsts: number[] = [],
-    motions: number[] = [],
+    log2Units: number[] = [],
     parts: Uint8Array[] = [];
   for (let left = reader.unsigned(), group = 0; left > 0; left--) {
     group += reader.unsigned();
     firsts.push(group);
-    motions.push(version === WITH_MOTION_UNITS ? reader.signed() : 0);
+    log2Units.push(version === WITH_MOTION_UNITS ? reader.signed() : 0);
     parts.push(reader.blob());
   }
   reader.finish();
@@ -112,18 +114,18 @@ function readShots(
   for (let number = 0; number < parts.length; number++) {
     const firstGroup = firsts[number],
       firstBlock = blocks[firstGroup],
-      motion = motions[number],
+      log2Unit = log2Units[number],
       keyframeInfo = readSideInfo(parts[number], blocks[firsts[number + 1] ?? groups.length] - firstBlock),
       first = shots[0]?.keyframeInfo ?? keyframeInfo,
-      apart = keyframeInfo.sizeLog - keyframeInfo.latticeBits - (first.sizeLog - first.latticeBits),
-      spacing = apart - motion;
+      ratio = keyframeInfo.sizeLog - keyframeInfo.latticeBits - (first.sizeLog - first.latticeBits),
+      latticeShift = ratio - log2Unit;
     if (
       keyframeInfo.degree !== first.degree ||
-      [apart, motion, spacing].some((octaves) => Math.abs(octaves) > MAX_SPACING)
+      [ratio, log2Unit, latticeShift].some((octaves) => Math.abs(octaves) > MAX_LOG2_RATIO)
     )
       throw new BitstreamError("side information: a shot does not match the first one");
-    shots.push({ firstBlock, firstGroup, keyframeInfo, spacing });
-    units.fill(motion, firstGroup, firsts[number + 1]);
+    shots.push({ firstBlock, firstGroup, keyframeInfo, latticeShift });
+    log2MotionUnits.fill(log2Unit, firstGroup, firsts[number + 1]);
   }
   return shots;
 }
@@ -147,16 +149,16 @@ function readTimeline(bytes: Uint8Array): { version: number; timeline: Timeline 
   return { version, timeline: { rate: numerator / denominator, numFrames, groupFrames } };
 }
 
-function groupsOf({ tiers }: Manifest): Group[] {
-  const groups: Group[] = [];
+function groupsOf({ tiers }: Manifest): GroupCounts[] {
+  const groups: GroupCounts[] = [];
   let firstNew = 0;
   for (let tier = 0; tier < tiers.length; tier += 2) {
-    const births = tiers[tier].count,
-      motions = tiers[tier + 1].count;
-    if (motions > firstNew + births)
-      throw new BitstreamError(`${motions} tracks move in a group, but only ${firstNew + births} exist`);
-    groups.push({ births, motions, firstNew });
-    firstNew += births;
+    const numBirths = tiers[tier].count,
+      numMoving = tiers[tier + 1].count;
+    if (numMoving > firstNew + numBirths)
+      throw new BitstreamError(`${numMoving} tracks move in a group, but only ${firstNew + numBirths} exist`);
+    groups.push({ numBirths, numMoving, firstNew });
+    firstNew += numBirths;
   }
   return groups;
 }

@@ -35,8 +35,8 @@ export class MotionSteps {
   constructor(
     readonly info: SideInfo,
     readonly logStepRatios: readonly number[],
-    /** Half the lattice spacing of `info` in units of motion, log2. */
-    readonly spacing: number,
+    /** log2 of half the lattice spacing of `info`, in units of motion. */
+    readonly latticeShift: number,
   ) {
     this.#steps = new Steps(info.baseExponents);
   }
@@ -65,7 +65,7 @@ export class MotionSteps {
         steps.shift(STEP_OPACITY, precisionClass, 0, 0, 0, 0, BITS),
         steps.shift(STEP_COLOUR, precisionClass, 0, 0, 0, 0, BITS - 2),
       ];
-    own[0] += this.spacing;
+    own[0] += this.latticeShift;
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = own[KIND_OF[c]];
     out[at + 6] = steps.shift(STEP_SCALE0, precisionClass, 0, 0, 0, opacity, BITS - 1);
     out[at + 7] = steps.shift(STEP_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);

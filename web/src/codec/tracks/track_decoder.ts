@@ -31,10 +31,10 @@ function firstsOf({ groups }: SequenceInfo, plan: Plan): FirstOfGroup[] {
   const size = plan.manifest.packetization.blockSize;
   let keyframeBlock = 0,
     planBlock = 0;
-  return groups.map(({ births, motions, firstNew }) => {
+  return groups.map(({ numBirths, numMoving, firstNew }) => {
     const found = { keyframeBlock, planBlock, firstTrack: firstNew };
-    keyframeBlock += Math.ceil(births / size);
-    planBlock += Math.ceil(births / size) + Math.ceil(motions / size);
+    keyframeBlock += Math.ceil(numBirths / size);
+    planBlock += Math.ceil(numBirths / size) + Math.ceil(numMoving / size);
     return found;
   });
 }
@@ -129,19 +129,19 @@ export class TrackDecoder implements ElementDecoder<GaussianBatch> {
     const digest = newSha256(compressFast);
     for (const packets of blocks) {
       const found: Decoded[] = [],
-        numbers: Int32Array[][] = [[], []];
+        motionArrays: Int32Array[][] = [[], []];
       for (const packet of packets) {
         await pause();
         if (this.plan.isKeyframe(packet.block)) {
           found.push(this.#decode(packet.payload, this.#keyframeBlock(packet.block), packet.count));
         } else {
           const { headers, residuals } = this.#motion(packet, this.plan.gopOf(packet.block));
-          numbers[0].push(headers);
-          numbers[1].push(residuals);
+          motionArrays[0].push(headers);
+          motionArrays[1].push(residuals);
         }
       }
       addRows(digest, found);
-      for (const arrays of numbers) for (const values of arrays) digest.update(integers32(values));
+      for (const arrays of motionArrays) for (const values of arrays) digest.update(integers32(values));
     }
     return digest.hex();
   }

@@ -60,16 +60,16 @@ export function offsetsOf(
   coefficients: Float64Array,
   from: number,
   frames: number,
-  orders: Int32Array,
+  numCoefficients: Int32Array,
   units: Float64Array,
   out: Float32Array,
   to: number,
   stride: number,
 ): void {
   const table = polynomials(frames);
-  for (let c = 0, own = from; c < NUM_CHANNELS; own += orders[KIND_OF[c++]]) {
+  for (let c = 0, own = from; c < NUM_CHANNELS; own += numCoefficients[KIND_OF[c++]]) {
     const unit = units[c];
-    let end = orders[KIND_OF[c]];
+    let end = numCoefficients[KIND_OF[c]];
     while (end && !coefficients[own + end - 1]) end--;
     if (!end) continue;
     for (let f = 0, row = 0; f < frames; f++, row += frames) {
@@ -78,7 +78,7 @@ export function offsetsOf(
       out[to + f * stride + c] = sum * unit;
     }
   }
-  if (!orders[KIND_OF[NUM_CHANNELS - 1]]) return;
+  if (!numCoefficients[KIND_OF[NUM_CHANNELS - 1]]) return;
   for (let f = 0; f < frames; f++) {
     const at = to + f * stride;
     const y = out[at + 10],
