@@ -11,7 +11,7 @@ from shells import shell
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.files import mmap_array
-from splatwire.finetuning.latents import Gradients, Latents, Offsets, gradients_of
+from splatwire.finetuning.latents import Gradients, Latents, RoundingErrors, gradients_of
 from splatwire.finetuning.losses import SimulatedReception
 from splatwire.finetuning.tune import picture_gradients
 from splatwire.render.importance import cameras_around
@@ -22,7 +22,7 @@ from splatwire.ops.spherical_harmonics import sh_basis  # noqa: E402
 from splatwire.types import Gaussians  # noqa: E402
 
 pytestmark = pytest.mark.needs_torch
-NAMES = ("shifts", "turns", "logs", "logits", "base", "harmonics")
+NAMES = ("displacements", "rotations", "logs", "logits", "base", "harmonics")
 
 
 def _product(p: Any, q: Any) -> Any:
@@ -48,7 +48,7 @@ def test_gradients_equal_those_of_the_reference(rounded: bool, lossy: bool) -> N
     latents, offsets = Latents.of(scene.splats), None
     if rounded:
         exact = latents.splats()
-        offsets = Offsets.between(exact, round_splats(exact, coding_for(exact, Quality(level=4.0), None)))
+        offsets = RoundingErrors.between(exact, round_splats(exact, coding_for(exact, Quality(level=4.0), None)))
     known = np.arange(60) % 5 > 0
     reception = SimulatedReception.from_mask(known) if lossy else None
     target = np.full((48, 48, 3), 0.4, np.float32)
@@ -61,8 +61,8 @@ def test_gradients_equal_those_of_the_reference(rounded: bool, lossy: bool) -> N
     t = {name: torch.tensor(getattr(latents, name), dtype=torch.float64, requires_grad=True) for name in NAMES}
     fixed = {name: torch.tensor(getattr(latents, name), dtype=torch.float64) for name in ("centres", "units", "quats")}
     o = {} if offsets is None else {name: torch.tensor(v, dtype=torch.float64) for name, v in vars(offsets).items()}
-    means = fixed["centres"] + fixed["units"][:, None] * t["shifts"] + o.get("means", 0)
-    turn = torch.nn.functional.normalize(torch.cat([torch.ones(60, 1).double(), t["turns"] / 2], dim=1), dim=1)
+    means = fixed["centres"] + fixed["units"][:, None] * t["displacements"] + o.get("means", 0)
+    turn = torch.nn.functional.normalize(torch.cat([torch.ones(60, 1).double(), t["rotations"] / 2], dim=1), dim=1)
     quats = _product(fixed["quats"], turn)
     quats = _product(quats, o["quats"]) if o else quats
     scales, opacities = (t["logs"] + o.get("logs", 0)).exp(), (t["logits"] + o.get("logits", 0)).sigmoid()
@@ -97,7 +97,7 @@ def test_offsets_lead_from_exact_to_rounded_gaussians() -> None:
     splats = shell(300, 1).splats
     rounded = round_splats(splats, coding_for(splats, Quality(level=3.0), None))
     latents = Latents.of(splats)
-    drawn = latents.splats(Offsets.between(latents.splats(), rounded))
+    drawn = latents.splats(RoundingErrors.between(latents.splats(), rounded))
     assert_close(drawn.means, rounded.means, atol=1e-6)
     assert_close(np.sort(drawn.scales, axis=1)[:, ::-1], rounded.scales, rtol=1e-4)
     assert_close(drawn.opacities, rounded.opacities, atol=1e-4)

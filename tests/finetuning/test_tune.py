@@ -15,7 +15,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.evaluation.views import held_out_cameras
 from splatwire.finetuning import FineTuning, Pictures, fine_tune, fitting_cameras, own_pictures
 from splatwire.finetuning.sampled_loss import CHECK_VIEWS
-from splatwire.finetuning.tune import CHECK_EVERY, MIN_SCALE, tuned_gaussians
+from splatwire.finetuning.tune import CHECK_EVERY, MIN_ERROR, tuned_gaussians
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.pruning import prune
@@ -80,7 +80,7 @@ def _loss(ours: SplatScene, start: SplatScene, pictures: Pictures) -> float:
         np.square(render_scene(each, pictures.cameras) - pictures.images / 255).mean(axis=(1, 2, 3))
         for each in (start, ours)
     )
-    return float((now / np.maximum(first, MIN_SCALE)).mean())
+    return float((now / np.maximum(first, MIN_ERROR)).mean())
 
 
 @pytest.mark.slow

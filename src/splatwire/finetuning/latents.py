@@ -28,8 +28,8 @@ class Latents:
     """Trainable parameters of N Gaussians, changed in place by the optimiser.
 
     Attributes:
-        shifts: Displacements of the centres, in units of each Gaussian's size (`units`).
-        turns: Rotations about the principal axes of each Gaussian, radians; 0 between optimisation steps.
+        displacements: Displacements of the centres, in units of each Gaussian's size (`units`).
+        rotations: Rotations about the principal axes of each Gaussian, radians; 0 between optimisation steps.
         logs: Natural logarithms of the standard deviations.
         logits: Logits of the opacities.
         base: Harmonics of degree 0.
@@ -39,11 +39,11 @@ class Latents:
         quats: Unit quaternions, (w, x, y, z).
     """
 
-    # After each step, `apply_turns` applies the rotations to `quats`, so that the parameters stay small and
+    # After each step, `apply_rotations` applies the rotations to `quats`, so that the parameters stay small and
     # independent.
 
-    shifts: Float[np.ndarray, "N 3"]
-    turns: Float[np.ndarray, "N 3"]
+    displacements: Float[np.ndarray, "N 3"]
+    rotations: Float[np.ndarray, "N 3"]
     logs: Float[np.ndarray, "N 3"]
     logits: Float[np.ndarray, "N"]
     base: Float[np.ndarray, "N 3"]
@@ -79,19 +79,19 @@ class Latents:
 
         The arrays are not copied; changing an array changes the parameters.
         """
-        names = ("shifts", "turns", "logs", "logits", "base", "harmonics")
+        names = ("displacements", "rotations", "logs", "logits", "base", "harmonics")
         return {name: getattr(self, name) for name in names if getattr(self, name).size}
 
-    def apply_turns(self) -> None:
-        """Applies the rotations `turns` to `quats`, then sets `turns` to 0."""
+    def apply_rotations(self) -> None:
+        """Applies `rotations` to `quats`, then sets `rotations` to 0."""
 
         def apply(rows: slice) -> None:
-            self.quats[rows] = _unit(_product(self.quats[rows], _rotation(self.turns[rows])))
-            self.turns[rows] = 0
+            self.quats[rows] = _unit(_product(self.quats[rows], _rotation(self.rotations[rows])))
+            self.rotations[rows] = 0
 
         each_piece(len(self.quats), apply)
 
-    def splats(self, offsets: "Offsets | None" = None) -> Splats:
+    def splats(self, offsets: "RoundingErrors | None" = None) -> Splats:
         """Returns the Gaussians that these parameters describe, with or without simulated quantisation.
 
         Args:
@@ -104,14 +104,14 @@ class Latents:
 
         def fill(rows: slice) -> None:
             errors = None if offsets is None else offsets.select(rows)
-            result.fill(rows.start, self.select(rows)._few_splats(errors))
+            result.fill(rows.start, self.select(rows)._splats_single_thread(errors))
 
         each_piece(len(self.centres), fill)
         return result
 
-    def _few_splats(self, offsets: "Offsets | None") -> Splats:
+    def _splats_single_thread(self, offsets: "RoundingErrors | None") -> Splats:
         """Returns the Gaussians that these parameters describe, in a single thread (see `splats`)."""
-        means, logs, quats = self.centres + self.units[:, None] * self.shifts, self.logs, self.quats
+        means, logs, quats = self.centres + self.units[:, None] * self.displacements, self.logs, self.quats
         logits, base, harmonics = self.logits, self.base, self.harmonics
         if offsets is not None:
             means, logs, quats = means + offsets.means, logs + offsets.logs, _unit(_product(quats, offsets.quats))
@@ -127,7 +127,7 @@ class Latents:
 
 
 @dataclass(frozen=True, eq=False)
-class Offsets:
+class RoundingErrors:
     """Rounding errors of the trainable parameters of Gaussians: differences between rounded and exact values.
 
     Attributes:
@@ -147,21 +147,23 @@ class Offsets:
     harmonics: Float[np.ndarray, "N K 3"]
 
     @staticmethod
-    def between(exact: Splats, rounded: Splats) -> "Offsets":
+    def between(exact: Splats, rounded: Splats) -> "RoundingErrors":
         """Computes rounding errors: the differences between the parameters of rounded and of exact Gaussians.
 
         Adding the differences to the exact parameters gives the rounded Gaussians.
         """
         pieces = each_piece(
             exact.num_gaussians,
-            lambda some: Offsets._between_few(
+            lambda some: RoundingErrors._between_single_thread(
                 exact.slice_range(some.start, some.stop), rounded.slice_range(some.start, some.stop)
             ),
         )
-        return Offsets(**{name: np.concatenate([getattr(each, name) for each in pieces]) for name in vars(pieces[0])})
+        return RoundingErrors(
+            **{name: np.concatenate([getattr(each, name) for each in pieces]) for name in vars(pieces[0])}
+        )
 
     @staticmethod
-    def _between_few(exact: Splats, rounded: Splats) -> "Offsets":
+    def _between_single_thread(exact: Splats, rounded: Splats) -> "RoundingErrors":
         """Computes the rounding errors of Gaussians in a single thread (see `between`)."""
         # A Gaussian has several equivalent forms, with its axes in another order or with other signs. The form
         # of the rounded Gaussian that is closest to the exact one is used.
@@ -175,7 +177,7 @@ class Offsets:
         mirrored = np.flatnonzero(np.linalg.det(axes) < 0)
         axes[mirrored, :, np.abs(along[mirrored]).argmin(axis=1)] *= -1
         relative = np.einsum("nji,njk->nik", matrices, axes)
-        return Offsets(
+        return RoundingErrors(
             rounded.means - exact.means,
             np.log(np.maximum(scales, np.float32(1e-12)) / np.maximum(exact.scales, np.float32(1e-12))),
             quaternions_of(relative).astype(np.float32),
@@ -184,9 +186,9 @@ class Offsets:
             rounded.sh[:, 1:] - exact.sh[:, 1:],
         )
 
-    def select(self, kept: slice) -> "Offsets":
+    def select(self, kept: slice) -> "RoundingErrors":
         """Returns the rounding errors of only the Gaussians in the range `kept`."""
-        return Offsets(**{name: values[kept] for name, values in vars(self).items()})
+        return RoundingErrors(**{name: values[kept] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,14 +211,14 @@ class Gradients:
 
 
 def gradients_of(
-    latents: Latents, drawn: Splats, offsets: Offsets | None, drawn_gradients: Gradients
+    latents: Latents, drawn: Splats, offsets: RoundingErrors | None, drawn_gradients: Gradients
 ) -> dict[str, Float[np.ndarray, "..."]]:
     """Back-propagates gradients from the drawn Gaussians to the trainable parameters.
 
     Rounding is treated as the identity function (straight-through).
 
     Args:
-        latents: The trainable parameters. The rotations `latents.turns` must be 0.
+        latents: The trainable parameters. `latents.rotations` must be 0.
         drawn: The drawn Gaussians, `latents.splats(offsets)`.
         offsets: Differences between rounded and exact parameters, which count as constants; None without rounding.
         drawn_gradients: Gradients with respect to the drawn Gaussians.
@@ -224,15 +226,15 @@ def gradients_of(
     Returns:
         Gradient with respect to each array of `Latents.trained`, by name.
     """
-    small = {name: np.empty_like(getattr(latents, name)) for name in ("shifts", "turns", "logs", "logits")}
+    small = {name: np.empty_like(getattr(latents, name)) for name in ("displacements", "rotations", "logs", "logits")}
 
     def fill(rows: slice) -> None:
         quats = drawn_gradients.quats[rows]
         if offsets is not None:
             quats = _product(quats, _conjugate(offsets.quats[rows]))
-        small["turns"][rows] = _product(_conjugate(latents.quats[rows]), quats)[:, 1:] * np.float32(0.5)
+        small["rotations"][rows] = _product(_conjugate(latents.quats[rows]), quats)[:, 1:] * np.float32(0.5)
         opacities = drawn.opacities[rows]
-        small["shifts"][rows] = drawn_gradients.means[rows] * latents.units[rows, None]
+        small["displacements"][rows] = drawn_gradients.means[rows] * latents.units[rows, None]
         small["logs"][rows] = drawn_gradients.scales[rows] * drawn.scales[rows]
         small["logits"][rows] = drawn_gradients.opacities[rows] * (opacities * (1 - opacities))
 
@@ -292,9 +294,9 @@ def _conjugate(quats: np.ndarray) -> np.ndarray:
     return quats * np.array([1, -1, -1, -1], np.float32)
 
 
-def _rotation(turns: np.ndarray) -> np.ndarray:
+def _rotation(rotations: np.ndarray) -> np.ndarray:
     """Returns the unit quaternions of small rotations, given as rotation vectors (N, 3)."""
-    return _unit(np.concatenate([np.ones_like(turns[:, :1]), turns / 2], axis=1))
+    return _unit(np.concatenate([np.ones_like(rotations[:, :1]), rotations / 2], axis=1))
 
 
 def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from splatwire.arguments import check_fields
 from splatwire.codec.gaussians.packets import divide_into_packets
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.errors import InvalidValueError
-from splatwire.finetuning.latents import Gradients, Latents, Offsets, each_piece, gradients_of, harmonic_gradient
+from splatwire.finetuning.latents import Gradients, Latents, RoundingErrors, each_piece, gradients_of, harmonic_gradient
 from splatwire.finetuning.losses import SimulatedReception, simulate_reception
 from splatwire.finetuning.options import FineTuning
 from splatwire.finetuning.pictures import Pictures
@@ -26,7 +26,7 @@ from splatwire.render.precision import SIZE as MEASURED_SIZE
 from splatwire.types import Cameras, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
 
-RATES = {"shifts": 0.02, "turns": 0.01, "logs": 0.01, "logits": 0.04, "base": 0.008, "harmonics": 0.02}
+RATES = {"displacements": 0.02, "rotations": 0.01, "logs": 0.01, "logits": 0.04, "base": 0.008, "harmonics": 0.02}
 """Learning rate of each parameter of `Latents` in the first iteration. Centres move in units of their Gaussian's size,
 so that one rate fits scenes of any size. With a smaller rate of the harmonics, fewer of them would become 0 (see
 `HarmonicCost`)."""
@@ -44,7 +44,7 @@ SLOWER = 0.5
 """Factor on all learning rates after a check that found a larger loss than the check before."""
 _CHECKED_RECEPTIONS = 2
 """Number of simulated packet losses with which checks measure the loss, if the channel loses packets."""
-MIN_SCALE = 10**-4.6
+MIN_ERROR = 10**-4.6
 """Minimum divisor of gradients, as a mean squared error (46 dB). Without it, views that were better at first would have
 so much weight that they determine the direction of every step."""
 
@@ -136,7 +136,7 @@ def tuned_gaussians(
     Raises:
         InvalidValueError: If there are no Gaussians, or cameras have another origin than the scene.
     """
-    # Dividing by the first error (at least `MIN_SCALE`) gives all views similar weight; a view that becomes much
+    # Dividing by the first error (at least `MIN_ERROR`) gives all views similar weight; a view that becomes much
     # worse gets more weight. At intervals, the loss is measured in a fixed sample of the pictures (`SampledLoss`). If
     # it has grown since the check before, the Gaussians of that check are restored, and the learning rates are
     # multiplied by `SLOWER`. The loss of the result, including the cost of harmonics, is thus not above that of the
@@ -148,14 +148,14 @@ def tuned_gaussians(
     keep_freed_memory()
     rng = np.random.Generator(np.random.PCG64(options.seed))
     if class_offsets is None:
-        class_offsets = precision_classes(scene.splats, _classed_cameras(pictures.cameras, options.seed))
+        class_offsets = precision_classes(scene.splats, _sample_cameras(pictures.cameras, options.seed))
     latents, views = Latents.of(scene.splats), _shuffled(pictures.cameras.num_views, rng)
     coding, offsets, division = coding_for(latents.splats(), options.quality, class_offsets), None, None
     optimizer = _Adam(_step_sizes(coding))
     divided = options.refresh * max(1, options.iterations // (_DIVISIONS * options.refresh))
     scales = dict[tuple[int, bool], float]()
     sampled_loss = _sampled_loss(scene, latents.splats(), coding, pictures, options)
-    cost, costly = HarmonicCost.of(coding) if latents.harmonics.size else None, None
+    cost, cost_gradient = HarmonicCost.of(coding) if latents.harmonics.size else None, None
 
     def loss_of(latents: Latents) -> float:
         loss = sampled_loss.loss(round_splats(latents.splats(), coding))
@@ -169,14 +169,14 @@ def tuned_gaussians(
             loss = loss_of(latents)
             if loss > least:
                 latents, rate = best.copy(), rate * SLOWER
-                optimizer.stop()
+                optimizer.reset_first_moments()
             else:
                 best, least = latents.copy(), loss
         if step % options.refresh == 0 or checked:
             exact = latents.splats()
             rounded = round_splats(exact, coding)
-            offsets = Offsets.between(exact, rounded)
-            costly = None if cost is None else cost.gradient(latents.harmonics)
+            offsets = RoundingErrors.between(exact, rounded)
+            cost_gradient = None if cost is None else cost.gradient(latents.harmonics)
             if options.loss is not None and step % divided == 0:
                 division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
         view, drawn = next(views), latents.splats(offsets)
@@ -196,10 +196,10 @@ def tuned_gaussians(
         if reception is not None:
             splat_gradients = reception.gradients(drawn, splat_gradients)
         gradients = gradients_of(latents, drawn, offsets, splat_gradients)
-        if costly is not None:
-            _add(gradients["harmonics"], costly)
+        if cost_gradient is not None:
+            _add(gradients["harmonics"], cost_gradient)
         optimizer.update(latents.trained(), gradients, rate * _decay(step / options.iterations))
-        latents.apply_turns()
+        latents.apply_rotations()
         if progress:
             progress(Progress(step + 1, options.iterations, -10 * math.log10(max(error, 1e-12))))
     if loss_of(latents) > least:
@@ -223,8 +223,8 @@ def picture_gradients(
         view: Index of the camera of this view.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Divisor of the gradients; None for the mean squared error of this view. A divisor below `MIN_SCALE` is
-            raised to `MIN_SCALE`.
+        scale: Divisor of the gradients; None for the mean squared error of this view. A divisor below `MIN_ERROR` is
+            raised to `MIN_ERROR`.
 
     Returns:
         Mean squared error of the view; and its gradients with respect to the attributes of the Gaussians, after the
@@ -245,7 +245,7 @@ def picture_gradients(
     if mask is not None:
         difference *= mask[:, :, None]
     error = float(np.mean(np.square(difference, dtype=np.float64)))
-    d_image = difference * np.float32(2 / (difference.size * max(error if scale is None else scale, MIN_SCALE)))
+    d_image = difference * np.float32(2 / (difference.size * max(error if scale is None else scale, MIN_ERROR)))
     means, quats, scales, opacities, colors, _ = picture.gradients(arrays, image, d_image)
     if scene.antialiased:
         opacities = opacities * (seen.opacities / np.maximum(plain.opacities, np.float32(1e-12)))
@@ -294,7 +294,7 @@ class _Adam:
 
             each_piece(len(values), change)
 
-    def stop(self) -> None:
+    def reset_first_moments(self) -> None:
         """Sets the first moments to 0, so that earlier gradients no longer move the parameters."""
         # Earlier gradients then no longer change the parameters.
         for first, _ in self._moments.values():
@@ -319,7 +319,7 @@ def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
     return np.exp2(classes.mean() - classes).astype(np.float32)
 
 
-def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
+def _sample_cameras(cameras: Cameras, seed: int) -> Cameras:
     """Selects cameras at random, and reduces their image size, to measure the precision class of each Gaussian."""
     # The default views for this measurement only look inwards. They would give the surroundings of a scene the
     # coarsest quantisation.
@@ -349,7 +349,7 @@ def _sampled_loss(
         division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
         drawn = [simulate_reception(division, options, rng) for _ in range(_CHECKED_RECEPTIONS)]
         receptions = [reception for reception in drawn if reception is not None]
-    return SampledLoss.create(scene, rounded, pictures, receptions, MIN_SCALE, rng)
+    return SampledLoss.create(scene, rounded, pictures, receptions, MIN_ERROR, rng)
 
 
 def _decay(share: float) -> float:

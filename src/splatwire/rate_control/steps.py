@@ -13,7 +13,7 @@ from splatwire.bitstream import SceneStream
 from splatwire.codec.gaussians.layout import STEPS
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
-from splatwire.finetuning.latents import Latents, Offsets
+from splatwire.finetuning.latents import Latents, RoundingErrors
 from splatwire.ops.kd_order import kd_order
 from splatwire.rate_control.views import SourcePictures
 from splatwire.types import Cameras, SplatScene
@@ -26,7 +26,7 @@ _GROUPS = {
     "base": ("colour",),
     "harmonics": ("harmonics",),
 }
-"""Attributes by their name in `Offsets`, and the quantities of `STEPS` whose steps determine their precision."""
+"""Attributes by their name in `RoundingErrors`, and the quantities of `STEPS` whose steps determine their precision."""
 _MAX_OCTAVES = 3.0
 """Maximum change of the precision of an attribute, octaves."""
 _MAX_COLOUR = 2
@@ -72,7 +72,7 @@ def measured_precision(
     # each attribute is proportional to its bytes per octave. The sum of the errors stays the same.
     latents, precision = Latents.of(scene.splats), np.array(quality.precision)
     exact = latents.splats()
-    offsets = Offsets.between(exact, round_splats(exact, coding_for(exact, quality, class_offsets)))
+    offsets = RoundingErrors.between(exact, round_splats(exact, coding_for(exact, quality, class_offsets)))
     names = [name for name in _GROUPS if getattr(offsets, name).size]
     groups = [[STEPS.index(step) for step in _GROUPS[name]] for name in names]
     pictures = SourcePictures(replace(scene, splats=exact), cameras)
@@ -143,7 +143,7 @@ def measured_colour_precision(
     return changed(octaves).precision
 
 
-def _only(offsets: Offsets, name: str) -> Offsets:
+def _only(offsets: RoundingErrors, name: str) -> RoundingErrors:
     """Returns a copy of rounding errors without the errors of all attributes but one.
 
     Args:
@@ -152,7 +152,7 @@ def _only(offsets: Offsets, name: str) -> Offsets:
     """
     none = {each: np.zeros_like(values) for each, values in vars(offsets).items()}
     none["quats"][:, 0] = 1
-    return Offsets(**{**none, name: getattr(offsets, name)})
+    return RoundingErrors(**{**none, name: getattr(offsets, name)})
 
 
 def _sample(scene: SplatScene) -> Int64[np.ndarray, "M"]:

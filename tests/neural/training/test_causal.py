@@ -19,7 +19,7 @@ from splatwire.neural.training import create_config, train_scene
 from splatwire.neural.training.causal import (
     TrainableCausal,
     anchor_bits,
-    channel_steps,
+    attribute_steps,
     initialise_causal,
     noisy_causal_attributes,
     position_inputs_of,
@@ -34,19 +34,19 @@ from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED, uniform_from_host
 from splatwire.neural.training.refine import refine_context
 from splatwire.neural.training.size import (
-    CODED,
-    FURTHEST,
-    HEADROOM,
+    FINAL_EXCESS,
+    INITIAL_EXCESS,
     INTEGRAL,
-    LAST,
-    TIMES,
+    MAX_LOG_LAMBDA_CHANGE,
+    MEASUREMENTS_PER_ENCODING,
+    NUM_MEASUREMENTS,
+    control_size,
     headroom,
-    is_time,
-    steer,
-    steered,
+    is_measurement_due,
+    next_controller_state,
     stream_bytes,
 )
-from splatwire.neural.training.state import Steering, TrainState
+from splatwire.neural.training.state import SizeController, TrainState
 from splatwire.ops.morton import morton_encode
 
 pytestmark = pytest.mark.slow
@@ -74,7 +74,7 @@ def _scattered(dataset: Dataset, config: TrainConfig) -> TrainState:
 
 @torch.no_grad()
 def _estimate(state: TrainState, config: TrainConfig) -> float:
-    steps = channel_steps(state.parameters["steps"], config.causal)
+    steps = attribute_steps(state.parameters["steps"], config.causal)
     values = noisy_causal_attributes(state, torch.arange(state.num_anchors), steps, uniform_from_host)
     mask = state.masks(config.mask_threshold).float()
     found = anchor_bits(state, config.causal, position_inputs_of(state), values, steps, (mask, mask.amax(dim=1)))
@@ -144,38 +144,38 @@ def test_unknown_model_is_refused() -> None:
 @pytest.mark.parametrize("wanted", [0.5, 2.0])
 def test_lambda_is_adjusted_to_a_target_size(exponent: float, wanted: float) -> None:
     # a scene needs several measurements to reach the size of its lambda
-    steering, log_size = Steering(), 0.0
-    for _ in range(TIMES):
-        steering = steered(steering, log_size - math.log(wanted))
+    steering, log_size = SizeController(), 0.0
+    for _ in range(NUM_MEASUREMENTS):
+        steering = next_controller_state(steering, log_size - math.log(wanted))
         log_size += 0.25 * (exponent * steering.log_rate - log_size)
     assert abs(log_size - math.log(wanted)) < 0.03
-    assert abs(steering.log_rate) < FURTHEST
+    assert abs(steering.log_rate) < MAX_LOG_LAMBDA_CHANGE
 
 
 def test_target_size_run_resumes_with_its_lambda(dataset: Dataset, recipe: TrainConfig, tmp_path: Path) -> None:
     wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, size=20_000))
     state = initial_state(dataset, wanted)
-    times = [i for i in range(1, wanted.milestones.iterations + 1) if is_time(wanted.milestones, i)]
+    times = [i for i in range(1, wanted.milestones.iterations + 1) if is_measurement_due(wanted.milestones, i)]
     assert times[0] > wanted.milestones.context_start
     assert times[-1] > 0.9 * wanted.milestones.iterations
     for iteration in (times[0] - 1, times[0]):
         state.iteration = iteration
-        steer(state, wanted)
-        assert (state.steering == Steering()) == (iteration < times[0])
+        control_size(state, wanted)
+        assert (state.steering == SizeController()) == (iteration < times[0])
     assert (
-        HEADROOM
+        INITIAL_EXCESS
         > headroom(wanted.milestones, times[0])
         > headroom(wanted.milestones, wanted.milestones.iterations)
-        == LAST
+        == FINAL_EXCESS
     )
     aim = 20_000 * (1 + headroom(wanted.milestones, times[0]))
     missing = math.log(stream_bytes(export_scene(state, wanted)) / aim)
-    assert state.steering == Steering(INTEGRAL * missing, missing)
+    assert state.steering == SizeController(INTEGRAL * missing, missing)
     assert state.current_lambda(wanted.weights) == wanted.weights.rate * math.exp(INTEGRAL * missing)
     save_checkpoint(state, wanted, tmp_path / "a.checkpoint")
     assert load_checkpoint(tmp_path / "a.checkpoint")[0].steering == state.steering
-    steer(state, recipe)
-    assert state.steering.miss == missing
+    control_size(state, recipe)
+    assert state.steering.log_error == missing
 
 
 def test_sizes_are_interpolated_between_encoded_ones(
@@ -184,16 +184,16 @@ def test_sizes_are_interpolated_between_encoded_ones(
     wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, size=20_000))
     state, sizes = initial_state(dataset, wanted), iter([9000, 9900])
     monkeypatch.setattr("splatwire.neural.training.size.stream_bytes", lambda scene: next(sizes))
-    times = [i for i in range(1, wanted.milestones.iterations + 1) if is_time(wanted.milestones, i)]
+    times = [i for i in range(1, wanted.milestones.iterations + 1) if is_measurement_due(wanted.milestones, i)]
     ratios = []
-    for iteration in times[: CODED + 1]:
+    for iteration in times[: MEASUREMENTS_PER_ENCODING + 1]:
         state.iteration = iteration
-        steer(state, wanted, lambda state: 3000.0)
+        control_size(state, wanted, lambda state: 3000.0)
         aim = 20_000 * (1 + headroom(wanted.milestones, iteration))
         assert state.steering.ratio is not None
-        assert state.steering.miss == pytest.approx(math.log(3000 * state.steering.ratio / aim))
+        assert state.steering.log_error == pytest.approx(math.log(3000 * state.steering.ratio / aim))
         ratios.append(state.steering.ratio)
-    assert ratios == pytest.approx([3.0] * (CODED - 1) + [3.3] * 2)
+    assert ratios == pytest.approx([3.0] * (MEASUREMENTS_PER_ENCODING - 1) + [3.3] * 2)
     save_checkpoint(state, wanted, tmp_path / "a.checkpoint")
     assert load_checkpoint(tmp_path / "a.checkpoint")[0].steering == state.steering
 

@@ -10,7 +10,7 @@ from splatwire.neural.training.context import (
     estimate_sample_bits,
     grid_features,
     initialise_prior,
-    step_columns,
+    step_network,
 )
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
@@ -82,7 +82,7 @@ def test_masked_anchors_have_zero_rate(dataset: Dataset, config: TrainConfig) ->
 def test_steps_equal_the_last_columns_of_the_prior(dataset: Dataset, config: TrainConfig) -> None:
     prior = initial_state(dataset, config).networks.prior
     x = torch.randn(5, config.model.grid.context_dim)
-    torch.testing.assert_close(run_network(step_columns(prior), x), run_network(prior, x)[:, -3:])
+    torch.testing.assert_close(run_network(step_network(prior), x), run_network(prior, x)[:, -3:])
 
 
 def test_cache_is_invalidated_by_new_anchors_and_bounds(dataset: Dataset, config: TrainConfig) -> None:

@@ -9,8 +9,8 @@ import torch
 from scenes import SMALL_CAUSAL, tiny_cameras, tiny_scene
 from splatwire.neural.model import gaussian_heads
 from splatwire.neural.model.tensors import run_network, to_tensors
-from splatwire.neural.training.causal import anchor_and_offset_bits, channel_steps, value_bits
-from splatwire.neural.training.causal_device import POSITION_BITS, _ValueBits, column_steps, sample_bits
+from splatwire.neural.training.causal import anchor_and_offset_bits, attribute_steps, value_bits
+from splatwire.neural.training.causal_device import POSITION_BITS, _ValueBits, sample_bits, value_steps
 from splatwire.neural.training.device_view import ViewConstants, on_image, spawn_all, visible_anchors
 from splatwire.neural.training.growth import on_image as on_image_reference
 from splatwire.neural.training.kernels import sample_from_host, sample_on_device
@@ -87,8 +87,8 @@ def test_sampled_bits_equal_those_of_separate_networks() -> None:
 @pytest.mark.parametrize("config", [SMALL_CAUSAL, CausalConfig()])
 def test_column_steps_equal_channel_steps(config: CausalConfig) -> None:
     logs = torch.randn(config.num_steps, generator=torch.Generator().manual_seed(0))
-    feature, form, offset = channel_steps(logs, config)
-    found = column_steps(logs, config)
+    feature, form, offset = attribute_steps(logs, config)
+    found = value_steps(logs, config)
     expected = torch.cat([feature, form, offset.expand(3 * config.layout.num_offsets)])
     assert torch.equal(found, expected)
 

@@ -50,7 +50,7 @@ def test_first_share_of_anchors_is_received(state: TrainState, dataset: Dataset,
     config = dataclasses.replace(config, losses=losses, milestones=dataclasses.replace(config.milestones, growth_end=5))
     channel = PacketLossSimulator(config, TrainableHacpp(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     assert state.iteration == config.milestones.growth_end + 1
-    channel.begin(state, dataset.cameras)
+    channel.before_iteration(state, dataset.cameras)
     importance = importance_of(state, config, dataset.cameras).share
     assert bool((importance[:-1] >= importance[1:]).all())
     received = channel.simulate(state, None)
@@ -70,6 +70,6 @@ def test_anchors_are_sorted_again_as_importance_changes(
     channel = PacketLossSimulator(config, TrainableHacpp(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     state.iteration = config.milestones.growth_end + since
     order_anchors(state, Importance.of_footprints(-importance_of(state, config, dataset.cameras).share + 1))
-    channel.begin(state, dataset.cameras)
+    channel.before_iteration(state, dataset.cameras)
     share = importance_of(state, config, dataset.cameras).share
     assert bool((share[:-1] >= share[1:]).all()) == again

@@ -125,7 +125,7 @@ def test_training_without_losses_draws_no_random_numbers(
     """The generator is untouched as well, because all later random numbers of the run depend on it."""
     losses = _losses(config)
     luck, voxels = state.generator.get_state(), state.voxels
-    losses.begin(state, dataset.cameras)
+    losses.before_iteration(state, dataset.cameras)
     assert losses.simulate(state, None) is None
     assert torch.equal(state.generator.get_state(), luck)
     assert state.voxels is voxels
@@ -146,7 +146,7 @@ def test_invisible_anchors_are_removed_before_packet_loss(
     number = state.num_anchors
     with torch.no_grad():
         state.parameters["mask_logits"][::3] = -20
-    losses.begin(state, dataset.cameras)
+    losses.before_iteration(state, dataset.cameras)
     assert state.num_anchors == number - len(range(0, number, 3))
     assert export_scene(state, config).anchors.num_anchors == state.num_anchors
 

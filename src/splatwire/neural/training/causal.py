@@ -48,7 +48,7 @@ class TrainableCausal:
         self._key: Tensor | None = None
         self._inputs: Tensor | None = None
 
-    def begin(self, state: TrainState) -> None:
+    def before_iteration(self, state: TrainState) -> None:
         """Initialises the networks before the first iteration whose loss includes the bit rate.
 
         The training calls the method before every iteration. Before all other iterations, the method does nothing.
@@ -84,7 +84,7 @@ class TrainableCausal:
         masks = straight_through_masks(state, config, visible)[0]
         if phase is Phase.PLAIN:
             return (state.attributes(visible), masks.detach()), None
-        steps = channel_steps(state.parameters["steps"], self._model)
+        steps = attribute_steps(state.parameters["steps"], self._model)
         if phase is Phase.NOISE:
             steps = (steps[0].detach(), steps[1].detach(), steps[2].detach())
         feature, logs, offsets = noisy_causal_attributes(state, visible, steps, self._random.uniform)
@@ -110,7 +110,7 @@ class TrainableCausal:
             _functions(networks), self._model, inputs, nothing.expand(-1, layout.feature_dim),
             nothing.expand(-1, NUM_SIZES), quantised=lambda name, mean, values: mean, join=torch.cat,
         )  # fmt: skip
-        steps = channel_steps(state.parameters["steps"], self._model)[1]
+        steps = attribute_steps(state.parameters["steps"], self._model)[1]
         return expanded_scalings((predicted.log_sizes[0] * steps + state.parameters["centres"]).exp())
 
     def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
@@ -131,7 +131,7 @@ def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
     return position_inputs((state.voxels - middle) / spread, torch.cat)
 
 
-def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
+def attribute_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
     """Returns the quantisation step of each attribute value of an anchor.
 
     An anchor has features, four logarithms (of one offset scale and three sizes), and offsets of the Gaussians'
@@ -162,7 +162,7 @@ def noisy_causal_attributes(
     Args:
         state: State of the training.
         index: Indices of the M anchors in the training state.
-        steps: Quantisation steps (`channel_steps`).
+        steps: Quantisation steps (`attribute_steps`).
         uniform: Draws the random numbers.
 
     Returns:
@@ -210,7 +210,7 @@ def anchor_bits(
         config: Shapes of anchors and networks.
         position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
         values: Features, logarithms of scale and sizes, and offsets, with noise (`noisy_causal_attributes`).
-        steps: Quantisation steps of these values (`channel_steps`).
+        steps: Quantisation steps of these values (`attribute_steps`).
         masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
     """
     logs = values[1] - state.parameters["centres"].detach()
@@ -305,7 +305,7 @@ def initialise_causal(state: TrainState, config: TrainConfig, position_inputs: F
     if int(alive.sum()) < 2:
         return
     parameters["centres"].copy_(parameters["log_scalings"][alive].mean(dim=0))
-    steps = channel_steps(parameters["steps"], model)
+    steps = attribute_steps(parameters["steps"], model)
     logs = parameters["log_scalings"] - parameters["centres"]
     columns = parameters["features"], logs, parameters["offsets"].flatten(1)
     means, log_deviations = [], []

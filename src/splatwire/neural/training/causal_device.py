@@ -71,7 +71,7 @@ class DeviceCausal(TrainableCausal):
         masks, any_mask = straight_through(logits, config.mask_threshold)
         if phase is Phase.PLAIN:
             return ((features, expanded_scalings(logs.exp()), offsets), masks.detach()), None
-        steps = column_steps(state.parameters["steps"], self._model)
+        steps = value_steps(state.parameters["steps"], self._model)
         moved = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
         scale_moved, _ = moved.split([layout.feature_dim, 1, NUM_SIZES - 1 + 3 * layout.num_offsets], dim=1)[1:]
         parts = moved.split(list(widths), dim=1)
@@ -98,7 +98,7 @@ class DeviceCausal(TrainableCausal):
             state: State of the training.
             index: Indices of the M anchors in the training state.
             noisy: Features, logarithms of offset scale and sizes, and offsets, with noise in place of rounding.
-            steps: Quantisation step of each attribute value (`column_steps`).
+            steps: Quantisation step of each attribute value (`value_steps`).
             masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
         """
         (feature, logs, offsets), (offset_mask, anchor_mask) = noisy, masks
@@ -112,7 +112,7 @@ class DeviceCausal(TrainableCausal):
         """Estimates the bytes of all anchors in the stream."""
         # Noise in place of rounding, with a fixed seed.
         generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
-        steps, total = column_steps(parameters["steps"], self._model), list[Tensor]()
+        steps, total = value_steps(parameters["steps"], self._model), list[Tensor]()
         widths = (self._model.layout.feature_dim, NUM_SIZES, 3 * self._model.layout.num_offsets)
         for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
             moved = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
@@ -131,7 +131,7 @@ class DeviceCausal(TrainableCausal):
         return estimated_bits.bits * (state.current_lambda(self._config.weights) * share / RATE_UNIT)
 
 
-def column_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
+def value_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
     """Returns the quantisation step of each attribute value of an anchor: features, logarithms of sizes, offsets.
 
     Args:

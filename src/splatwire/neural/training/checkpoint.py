@@ -19,7 +19,7 @@ from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.initial import parameter_shapes
-from splatwire.neural.training.state import GrowthStatistics, Moments, Steering, TrainState
+from splatwire.neural.training.state import GrowthStatistics, Moments, SizeController, TrainState
 from splatwire.types.origin import NO_ORIGIN, check_origin
 
 FORMAT = "splatwire-checkpoint"
@@ -131,24 +131,24 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
     return state, config
 
 
-def _steering_to_list(steering: Steering) -> list[float | None]:
-    """Converts the state of the size controller (`Steering`) to a list for a checkpoint.
+def _steering_to_list(steering: SizeController) -> list[float | None]:
+    """Converts the state of the size controller (`SizeController`) to a list for a checkpoint.
 
     Returns:
-        The fields `log_rate` and `miss` of the state, followed by `ratio` unless it is None.
+        The fields `log_rate` and `log_error` of the state, followed by `ratio` unless it is None.
     """
-    values = [steering.log_rate, steering.miss]
+    values = [steering.log_rate, steering.log_error]
     return values if steering.ratio is None else [*values, steering.ratio]
 
 
-def _steering(value: list[float | None]) -> Steering:
-    log_rate, miss, *rest = value
+def _steering(value: list[float | None]) -> SizeController:
+    log_rate, log_error, *rest = value
     (ratio,) = rest or [None]
     if log_rate is None or not all(part is None or math.isfinite(part) for part in value):
         raise ValueError("the steering of lambda is not finite")
     if ratio is not None and ratio <= 0:
         raise ValueError("the ratio of a stream's size to its estimate is not positive")
-    return Steering(*(None if part is None else float(part) for part in (log_rate, miss, ratio)))  # type: ignore[arg-type]
+    return SizeController(*(None if part is None else float(part) for part in (log_rate, log_error, ratio)))  # type: ignore[arg-type]
 
 
 def checked_tensor(

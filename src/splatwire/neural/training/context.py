@@ -96,7 +96,7 @@ class TrainableHacpp:
     def __init__(self, config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> None:
         self._config, self._kernels, self._cache = config, kernels, cache
 
-    def begin(self, state: TrainState) -> None:
+    def before_iteration(self, state: TrainState) -> None:
         """Initialises the networks before the first iteration whose loss includes the bit rate.
 
         The training calls the method before every iteration. Before all other iterations, the method does nothing.
@@ -105,7 +105,7 @@ class TrainableHacpp:
             state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
             initialise_prior(state, self._config)
 
-    def quantise(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Steps | None, SampleBits | None]:
+    def steps_and_bits(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Steps | None, SampleBits | None]:
         """Determines the quantisation steps of the visible anchors, and estimates the bits of a sample of all anchors.
 
         Args:
@@ -124,7 +124,7 @@ class TrainableHacpp:
         random, share = self._kernels.random, config.weights.sample_share
         sample = random.sample(state.num_anchors, share, state.generator, state.device)
         features = grid_features(state, self._cache, torch.cat([visible, sample]), self._kernels)
-        logits = run_network(step_columns(state.networks.context_prior), features[: len(visible)])
+        logits = run_network(step_network(state.networks.context_prior), features[: len(visible)])
         masks = straight_through_masks(state, config, sample)
         estimated_bits = estimate_sample_bits(
             state, config, features[len(visible) :], sample, masks, self._kernels.random.uniform
@@ -144,7 +144,7 @@ class TrainableHacpp:
             Attributes of the visible anchors with noise in place of rounding; their offset masks; and the estimated
             bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
-        steps, estimated_bits = self.quantise(state, visible)
+        steps, estimated_bits = self.steps_and_bits(state, visible)
         drawn = (
             state.attributes(visible)
             if steps is None
@@ -215,7 +215,7 @@ def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Fl
     return offsets, mean + (any_hard - mean).detach()
 
 
-def step_columns(prior: Mlp) -> Mlp:
+def step_network(prior: Mlp) -> Mlp:
     """Returns a copy of the prior network reduced to the outputs that predict quantisation steps."""
     return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
 

@@ -12,7 +12,7 @@ from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.config import Milestones, TrainConfig
 from splatwire.neural.training.initial import camera_extent, parameter_shapes
 from splatwire.neural.training.presets import CAUSAL, HACPP
-from splatwire.neural.training.schedule import second_half
+from splatwire.neural.training.schedule import fine_tuning_rates
 from splatwire.neural.training.state import CHANNEL_SLOPE, GrowthStatistics, TrainState
 from splatwire.neural.training.tuning import MASK_LOGITS
 from splatwire.types import AnchorScene, CausalCoding, HacppCoding, Mlp
@@ -52,7 +52,7 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         voxel_size=scene.coding.voxel_size,
         hidden=widths,
         milestones=milestones,
-        rates=second_half(config.rates),
+        rates=fine_tuning_rates(config.rates),
         averaged=config.averaged if isinstance(scene.coding, CausalCoding) else 0,
     )
 

@@ -21,7 +21,7 @@ class TrainableContextModel(Protocol):
     The model adds noise in place of quantisation and estimates the rate.
     """
 
-    def begin(self, state: TrainState) -> None:
+    def before_iteration(self, state: TrainState) -> None:
         """Prepares the model for an iteration. The training calls the method before each iteration."""
         # An implementation initialises its networks before the first iteration whose loss includes the bit
         # rate.

@@ -107,7 +107,7 @@ class PacketLossSimulator:
     def _choices(self) -> tuple[LossModel | float, ...]:
         return (*self._models, *self._config.losses.first)
 
-    def begin(self, state: TrainState, cameras: Cameras) -> None:
+    def before_iteration(self, state: TrainState, cameras: Cameras) -> None:
         """Removes anchors without offsets, as an encoder does; may also sort the anchors by importance.
 
         The method is called before each iteration, but changes the state only at fixed intervals, to save time. Anchors

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from splatwire.anchors.causal_prediction import position_inputs
 from splatwire.neural.model.tensors import to_tensors
-from splatwire.neural.training.causal import anchor_and_offset_bits, channel_steps
+from splatwire.neural.training.causal import anchor_and_offset_bits, attribute_steps
 from splatwire.neural.training.config import RefineConfig
 from splatwire.neural.training.export import copied_mlp
 from splatwire.neural.training.fit import fit_samples
@@ -66,7 +66,7 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
         Inputs of the position network, attributes of the anchors in quantisation steps, and offset masks, 0 or 1.
     """
     anchors = scene.anchors.select(alive)
-    feature, log_size, offset = channel_steps(coding.steps.log(), coding.config)
+    feature, log_size, offset = attribute_steps(coding.steps.log(), coding.config)
     voxels = torch.round(anchors.positions.double() / coding.voxel_size)
     logs = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.zero_points
     values = [anchors.features / feature, logs / log_size, anchors.offsets.flatten(1) / offset]

@@ -50,7 +50,7 @@ def half_cosine(share: float) -> float:
     return 0.5 + 0.5 * math.cos(math.pi * share)
 
 
-def second_half(rates: LearningRates) -> LearningRates:
+def fine_tuning_rates(rates: LearningRates) -> LearningRates:
     """Returns learning rates for fine-tuning: those of the second half of a training with HAC++'s default rates.
 
     The masks are an exception: their rate is that of the second half of the training before the fine-tuning.
@@ -73,7 +73,7 @@ def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) ->
     """
     milestones = config.milestones
     if milestones.is_fine_tuning(iteration):
-        share, plan = (iteration - milestones.fine_tuning_start) / milestones.tuning, second_half(config.rates)
+        share, plan = (iteration - milestones.fine_tuning_start) / milestones.tuning, fine_tuning_rates(config.rates)
     else:
         share, plan = iteration / milestones.fine_tuning_start, config.rates
     rates = {name: learning_rate_at(schedule, share) for name, schedule in vars(plan).items()}

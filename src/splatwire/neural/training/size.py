@@ -8,31 +8,31 @@ from splatwire.bitstream import stream_to_bytes
 from splatwire.codec import encode_scene
 from splatwire.neural.training.config import Milestones, TrainConfig
 from splatwire.neural.training.export import export_scene
-from splatwire.neural.training.state import Steering, TrainState
+from splatwire.neural.training.state import SizeController, TrainState
 from splatwire.types import AnchorScene
 
-TIMES = 30
+NUM_MEASUREMENTS = 30
 """Number of size measurements during a training."""
 PROPORTIONAL, INTEGRAL = 2.0, 0.7
 """Gains of the controller of log lambda: for the change of the size error, and for the size error, both logarithmic.
 
 The size is about inversely proportional to the square root of lambda, with a delay of a few hundred of 2,400
 iterations. With these gains the size approaches the target without oscillation."""
-HEADROOM, LAST = 0.12, 0.007
+INITIAL_EXCESS, FINAL_EXCESS = 0.12, 0.007
 """Allowed excess over the target size, as a share of the target, at the first measurement and at the end of training.
 
 The excess at the end is the share of bytes that the final refinement saves. The excess at the start is larger because
 a scene that has become too small hardly grows again: removed anchors cannot be improved any more."""
-FURTHEST = math.log(64)
+MAX_LOG_LAMBDA_CHANGE = math.log(64)
 """Maximum absolute change of the natural logarithm of lambda from the configured value."""
-CODED = 6
+MEASUREMENTS_PER_ENCODING = 6
 """Number of size measurements per real encoding, if sizes can be estimated.
 
 The other measurements are estimates, corrected by the ratio of encoded to estimated size at the last real encoding.
 Encoding 270,000 anchors takes seconds, as long as hundreds of iterations on a GPU."""
 
 
-def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None = None) -> None:
+def control_size(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None = None) -> None:
     """Adjusts lambda, the weight of the rate in the loss, so that the stream approaches the target size.
 
     Does nothing without a target size, or if no measurement of the size is due in this iteration.
@@ -47,10 +47,10 @@ def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    if config.weights.size and is_time(config.milestones, state.iteration):
+    if config.weights.size and is_measurement_due(config.milestones, state.iteration):
         aim = config.weights.size * (1 + headroom(config.milestones, state.iteration))
         size, ratio = _measure_size(state, config, estimate)
-        state.steering = replace(steered(state.steering, math.log(size / aim)), ratio=ratio)
+        state.steering = replace(next_controller_state(state.steering, math.log(size / aim)), ratio=ratio)
 
 
 def _measure_size(
@@ -71,7 +71,7 @@ def _measure_size(
     if estimate is None:
         return float(stream_bytes(export_scene(state, config))), None
     estimated, ratio = estimate(state), state.steering.ratio
-    if ratio is None or measurements(config.milestones, state.iteration) % CODED == 0:
+    if ratio is None or num_measurements(config.milestones, state.iteration) % MEASUREMENTS_PER_ENCODING == 0:
         ratio = stream_bytes(export_scene(state, config)) / estimated
     return estimated * ratio, ratio
 
@@ -82,13 +82,13 @@ def first_measured(milestones: Milestones) -> int:
     return (milestones.context_start + max(milestones.growth_end, milestones.context_start)) // 2
 
 
-def is_time(milestones: Milestones, iteration: int) -> bool:
+def is_measurement_due(milestones: Milestones, iteration: int) -> bool:
     """True if the size of the stream is measured after the given training iteration."""
     since = iteration - first_measured(milestones)
     return since > 0 and since % _interval(milestones) == 0
 
 
-def measurements(milestones: Milestones, iteration: int) -> int:
+def num_measurements(milestones: Milestones, iteration: int) -> int:
     """Returns the number of measurements of the stream's size from the start of the training up to an iteration.
 
     Args:
@@ -99,27 +99,29 @@ def measurements(milestones: Milestones, iteration: int) -> int:
 
 
 def _interval(milestones: Milestones) -> int:
-    return max((milestones.iterations - first_measured(milestones)) // TIMES, 1)
+    return max((milestones.iterations - first_measured(milestones)) // NUM_MEASUREMENTS, 1)
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
     """Returns the allowed excess of the stream over the target size after an iteration, as a share of that size."""
-    # The share falls linearly during the training, from `HEADROOM` to `LAST`.
+    # The share falls linearly during the training, from `INITIAL_EXCESS` to `FINAL_EXCESS`.
     left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
-    return LAST + (HEADROOM - LAST) * left
+    return FINAL_EXCESS + (INITIAL_EXCESS - FINAL_EXCESS) * left
 
 
-def steered(before: Steering, miss: float) -> Steering:
+def next_controller_state(before: SizeController, log_error: float) -> SizeController:
     """Returns the state of the size controller after a measurement of the stream's size.
 
     The field `log_rate` of the state adjusts lambda, the weight of the bit rate in the loss.
 
     Args:
         before: State of the size controller before the measurement.
-        miss: Natural logarithm of the ratio of measured size to target size.
+        log_error: Natural logarithm of the ratio of measured size to target size.
     """
-    change = INTEGRAL * miss + PROPORTIONAL * (miss - (miss if before.miss is None else before.miss))
-    return Steering(min(max(before.log_rate + change, -FURTHEST), FURTHEST), miss)
+    change = INTEGRAL * log_error + PROPORTIONAL * (
+        log_error - (log_error if before.log_error is None else before.log_error)
+    )
+    return SizeController(min(max(before.log_rate + change, -MAX_LOG_LAMBDA_CHANGE), MAX_LOG_LAMBDA_CHANGE), log_error)
 
 
 def stream_bytes(scene: AnchorScene) -> int:

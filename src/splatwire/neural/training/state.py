@@ -99,18 +99,18 @@ class Networks:
 
 
 @dataclass(frozen=True)
-class Steering:
+class SizeController:
     """State of the size controller, which adapts lambda (the weight of the rate) until the stream has the target size.
 
     Attributes:
         log_rate: Natural logarithm of the factor by which lambda is multiplied.
-        miss: Natural logarithm of the ratio of measured size to target size at the last measurement; None before the
-            first measurement.
+        log_error: Natural logarithm of the ratio of measured size to target size at the last measurement; None before
+            the first measurement.
         ratio: Ratio of encoded size to estimated size at the last encoding; None if sizes are not estimated.
     """
 
     log_rate: float = 0.0
-    miss: float | None = None
+    log_error: float | None = None
     ratio: float | None = None
 
 
@@ -153,7 +153,7 @@ class TrainState:
     generator: torch.Generator
     queue: list[int] = field(default_factory=list)
     origin: Origin = NO_ORIGIN
-    steering: Steering = Steering()
+    steering: SizeController = SizeController()
     means: dict[str, Tensor] = field(default_factory=dict)
     networks: "Networks" = field(init=False, repr=False)
 

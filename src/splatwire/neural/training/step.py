@@ -105,8 +105,8 @@ class TrainingStep:
         state.iteration += 1
         if config.milestones.tuning and state.iteration == config.milestones.fine_tuning_start + 1:
             start_fine_tuning(state, config)
-        self._model.begin(state)
-        self._packet_loss.begin(state, self._cameras)
+        self._model.before_iteration(state)
+        self._packet_loss.before_iteration(state, self._cameras)
         visible = self._visible(state, view)
         (attributes, weight), estimated_bits = self._model.simulate_quantisation(state, visible)
         size_gain = None
@@ -193,7 +193,7 @@ class TrainingStep:
 
     def _total_loss(
         self,
-        picture: Float[Tensor, ""],
+        photometric: Float[Tensor, ""],
         state: TrainState,
         spawned: SpawnedGaussians | AllGaussians,
         drawn: Int64[Tensor, ""],
@@ -204,13 +204,13 @@ class TrainingStep:
         The terms are those of HAC++.
 
         Args:
-            picture: Photometric loss of the rendered picture.
+            photometric: Photometric loss of the rendered picture.
             state: State of the training.
             spawned: Gaussians of the view.
             drawn: Number of Gaussians drawn.
             estimated_bits: Estimated bits of a sample of anchors; None to leave out the rate.
         """
-        weights, scales, loss = self._config.weights, spawned.gaussians.scales, picture
+        weights, scales, loss = self._config.weights, spawned.gaussians.scales, photometric
         if len(scales) and isinstance(spawned, SpawnedGaussians):
             loss = loss + weights.volume * scales.prod(dim=1).mean()
         elif isinstance(spawned, AllGaussians):  # the gradient of torch.prod synchronises with the host

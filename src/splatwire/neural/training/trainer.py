@@ -19,7 +19,7 @@ from splatwire.neural.training.losses import Photo
 from splatwire.neural.training.progress import Listener, RunningMeans, estimate_bytes
 from splatwire.neural.training.quality import QualityReport
 from splatwire.neural.training.refine import refine_context
-from splatwire.neural.training.size import steer
+from splatwire.neural.training.size import control_size
 from splatwire.neural.training.state import TrainState, move_state
 from splatwire.neural.training.step import StepReport, TrainingStep
 from splatwire.types import AnchorScene, Cameras
@@ -117,7 +117,7 @@ class _AnchorTraining:
     def step(self, view: int, photo: Photo) -> StepReport:
         """Performs one training iteration with the photo of a view, and adjusts the weight of the bit rate."""
         report = self._step(self.state, view, photo)
-        steer(self.state, self._config, self._step.size_estimate)
+        control_size(self.state, self._config, self._step.size_estimate)
         return report
 
     def save(self, path: Path) -> None:

@@ -69,16 +69,16 @@ def relocate(state: GaussianState, num_gaussians: int, dead_opacity: float) -> N
         return
     drawn = torch.multinomial(opacities[alive], len(dead) + added, replacement=True, generator=state.generator)
     sources = alive[drawn]
-    numbers = torch.bincount(sources, minlength=count) + 1
+    num_copies = torch.bincount(sources, minlength=count) + 1
     targets = torch.cat([dead, torch.arange(count, count + added)])
-    split = (numbers > 1).nonzero()[:, 0]
+    split = (num_copies > 1).nonzero()[:, 0]
     device = state.device
     for name, values in state.parameters.items():
         rows = torch.cat([values.detach(), values.new_zeros(added, *values.shape[1:])])
         state.parameters[name] = rows
     parameters = state.parameters
     shared, factor = shared_appearance(
-        opacities[split].clamp(_MIN_OPACITY, _MAX_OPACITY), numbers[split].clamp(max=MAX_COPIES)
+        opacities[split].clamp(_MIN_OPACITY, _MAX_OPACITY), num_copies[split].clamp(max=MAX_COPIES)
     )
     parameters["logits"][split.to(device)] = torch.logit(shared.clamp(_MIN_OPACITY, _MAX_OPACITY)).to(device)
     parameters["log_scales"][split.to(device)] += factor.log().to(device)[:, None]
