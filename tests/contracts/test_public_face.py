@@ -88,7 +88,11 @@ def test_deprecated_mask_of_anchors_and_range_of_gaussians_warn_and_give_the_new
 
 
 def test_deprecated_header_of_a_sequence_encoder_warns_and_gives_the_new_result():
-    encoder = SequenceEncoder(SequenceOptions())
+    stream, _ = splatwire.read_stream(Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz")
+    scene = splatwire.decode(stream).scene
+    assert isinstance(scene, splatwire.SplatScene)
+    encoder = SequenceEncoder(SequenceOptions(group_frames=1))
+    encoder.push(scene.splats.slice_range(0, 50))
     with pytest.warns(DeprecationWarning, match="use current_header"):
         assert encoder.so_far(1) == encoder.current_header(1)
 

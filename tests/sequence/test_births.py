@@ -138,7 +138,7 @@ def test_lost_tracks_are_omitted_where_neighbours_move_incoherently(body):
 def test_early_neighbour_search_equals_the_search_at_group_end(body):
     groups = []
     for smooth in (False, True):
-        gathering = GroupBuilder(FRAMES, smooth=smooth)
+        gathering = GroupBuilder(FRAMES, was_coherent=smooth)
         for frame in range(FRAMES):
             here = np.flatnonzero(there_at(frame))
             splats = splats_at(places(body, frame, 0.1), there_at(frame))
