@@ -93,7 +93,9 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion
     boxes = replace(base.boxes, shifts=none[:, 0], grid_corners=none, extents=none)
     base = replace(base, boxes=boxes, block_means=np.repeat(base.block_means[:1], blocks, axis=0))
     every = np.arange(MAX_CANDIDATES)
-    coder = MotionCoder(*moving_rows(frames), every, first_new=0, most=60_000, costs=np.ones(MAX_CANDIDATES))
+    coder = MotionCoder(
+        *moving_rows(frames), every, first_new=0, max_payload_bytes=60_000, costs=np.ones(MAX_CANDIDATES)
+    )
     zero = coder.fit_zero_probabilities([(0, MAX_CANDIDATES)], 1)
     timeline = Timeline(info.timeline.rate, frames, frames)
     info = replace(info, timeline=timeline, shots=(Shot(0, 0, base),), zero_probabilities=zero, sections={})
