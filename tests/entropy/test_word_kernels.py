@@ -55,7 +55,7 @@ def test_words_and_bytes_give_the_same_symbols(payload: bytes, symbols: list[tup
             a = decode_bit(data, end, slow, models, NUMBER(number))
             b = words.adaptive_bit(read, fast, other, NUMBER(number))
         elif kind == "flag":
-            a, b = decode_raw(data, end, slow), words.flag(read, fast)
+            a, b = decode_raw(data, end, slow), words.raw_bit(read, fast)
         elif kind == "raw":
             a, b = decode_bits(data, end, slow, NUMBER(number)), words.raw_bits(read, fast, NUMBER(number))
         elif kind == "below":
