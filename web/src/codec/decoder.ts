@@ -93,11 +93,8 @@ export class StreamDecoder {
 
   /** Checks the sections that define the initial view, as the Python decoder does, before anything is drawn. */
   #checkView(): void {
-    void this.background;
-    void this.viewpoint;
-    void this.extent;
-    void this.up;
-    void this.origin;
+    // calls, because minification drops unused getters
+    for (const name of ["background", "viewpoint", "extent", "up", "origin"] as const) Reflect.get(this, name);
   }
 
   /** Background colour, RGB, each 0 to 1. */
