@@ -26,7 +26,7 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.sequence.encoder import TracksEncoder
 from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.planning.sequence.delivery import SequenceLoad, delivered, model_motion_transfer
-from splatwire.planning.sequence.distortion import measure_sequence_distortion, pooled, render_sampled_frames
+from splatwire.planning.sequence.distortion import measure_sequence_distortion, render_sampled_frames, smoothed
 from splatwire.planning.sequence.planner import SequenceVariant, plan_sequence
 from splatwire.planning.sequence.variants import frames_of
 from splatwire.render.importance import surrounding_cameras
@@ -84,7 +84,7 @@ class Clip:
             )
             for level, stream in self.streams.items()
         ]
-        for level, damage in zip(self.streams, pooled(damages), strict=True):
+        for level, damage in zip(self.streams, smoothed(damages), strict=True):
             self.variants[level, name] = SequenceVariant(self.loads[level], damage)
 
     def shown(self, level: float, protection: Protection, name: str, loss: str, seed: int) -> float:

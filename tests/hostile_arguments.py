@@ -190,8 +190,8 @@ class Pool:
         images = np.zeros((1, 16, 16, 3), np.float32)
         records = {
             name: value
-            for record in (splats, anchors, self.anchors.heads, coding.context.grid, coding.context, coding, network,
-                           network.hidden, self.causal.coding, self.cameras, manifest)
+            for record in (splats, anchors, self.anchors.heads, coding.context_model.grid, coding.context_model, coding,
+                           network, network.hidden, self.causal.coding, self.cameras, manifest)
             for name, value in ((f"{type(record).__name__}.{f.name}", getattr(record, f.name))
                                 for f in dataclasses.fields(record) if f.init)
         }  # fmt: skip

@@ -38,7 +38,7 @@ def plain_lookup(table, start: int, rows: int, resolution: int, u: list[float]) 
 
 
 def test_vectorised_lookup_equals_the_reference(tiny_scene):
-    grid = to_tensors(tiny_scene.coding.context.grid)
+    grid = to_tensors(tiny_scene.coding.context_model.grid)
     g = torch.Generator().manual_seed(1)
     positions = torch.rand(60, 3, generator=g) * 6 - 2.3  # some outside the box
     positions[0], positions[1] = grid.bounds_min, grid.bounds_max
@@ -78,7 +78,7 @@ def test_weights_sum_to_one_inside_and_rows_stay_in_the_level(resolution, rows, 
 
 def test_lookup_does_not_depend_on_the_chunk_size(tiny_scene):
     positions = torch.rand(32768 + 5, 3, generator=torch.Generator().manual_seed(3))
-    grid = to_tensors(tiny_scene.coding.context.grid)
+    grid = to_tensors(tiny_scene.coding.context_model.grid)
     whole = interpolate_hash_grid(grid, positions, CONFIG)
     assert torch.equal(whole[-5:], interpolate_hash_grid(grid, positions[-5:], CONFIG))
 

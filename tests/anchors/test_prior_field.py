@@ -86,12 +86,12 @@ def test_scales_are_positive_and_steps_stay_in_their_range():
     grid = HashGrid(signs, planes, torch.zeros(3), torch.ones(3))
     context = ContextModel(grid, Mlp(linear(100, 96), linear(225, 100)), ())
     prior = evaluate_prior(context, torch.rand(40000, 3, generator=generator), CONFIG)
-    assert prior.context.shape == (40000, 96)
+    assert prior.context_features.shape == (40000, 96)
     for attribute, base in ((prior.feature, 1.0), (prior.scaling, 0.001), (prior.offset, 0.2)):
         assert attribute.scale.min() >= 1e-9
         assert attribute.step.min() >= 0
         assert attribute.step.max() <= 2 * base
-    whole = run_network(context.prior, prior.context)
+    whole = run_network(context.prior, prior.context_features)
     torch.testing.assert_close(prior.scaling.mean, whole[:, 150:156])
 
 

@@ -15,7 +15,7 @@ from splatwire.anchors import tensor_file
 from splatwire.anchors.safetensors_file import open_tensor_file
 from splatwire.anchors.scene_file import load_partial, load_scene, save_partial, save_scene
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.types import TierSizes
+from splatwire.types import Prior, TierSizes
 
 
 def leaves(value, path=""):
@@ -127,7 +127,7 @@ def test_the_layout_of_the_file_is_pinned(tiny_scene, tmp_path):
     assert shapes["context.channel.1.hidden.weight"] == ("F32", [4, 17])
     begin, end = index["grid.volume_bits"]["data_offsets"]
     bits = np.unpackbits(np.frombuffer(raw[8 + length + begin : 8 + length + end], dtype=np.uint8))
-    assert (bits * 2.0 - 1 == tiny_scene.coding.context.grid.volume.flatten()).all()
+    assert (bits * 2.0 - 1 == tiny_scene.coding.context_model.grid.volume.flatten()).all()
 
 
 def test_scene_file_has_default_permissions(tiny_scene, tmp_path):
@@ -382,3 +382,10 @@ def test_a_file_without_a_whole_header_is_refused(data, tmp_path):
     (tmp_path / "a").write_bytes(data)
     with pytest.raises(BitstreamError, match=r"safetensors file|ends early"), open_tensor_file(tmp_path / "a"):
         pass
+
+
+def test_deprecated_names_of_context_features_and_context_model_warn_and_give_the_new_values(tiny_scene, tiny_partial):
+    with pytest.warns(DeprecationWarning, match="use context_features"):
+        assert tiny_partial[Prior].context is tiny_partial[Prior].context_features
+    with pytest.warns(DeprecationWarning, match="use context_model"):
+        assert tiny_scene.coding.context is tiny_scene.coding.context_model

@@ -43,7 +43,7 @@ def test_calibrate_adds_weights_to_a_stream(run, journey, tmp_path, monkeypatch)
 
 
 def test_weights_without_improvement_are_not_added_to_the_stream(run, journey, tmp_path, monkeypatch):
-    monkeypatch.setattr("splatwire.paper.gnn.weights.GnnWeights.improves", property(lambda _: False))
+    monkeypatch.setattr("splatwire.paper.gnn.weights.GnnWeights.is_used", property(lambda _: False))
     words = ("--preset", "compact", "--iterations", 2)
     outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / "c.swz", *words)
     assert outcome.status == 2

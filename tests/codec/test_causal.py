@@ -268,5 +268,5 @@ def test_scene_files_hold_the_causal_model(scene: AnchorScene, stream: SceneStre
     received = decode_stream(transmit(stream, parse_loss("bernoulli:0.5"), seed=1)[0])
     save_partial(received, tmp_path / "b.scene")
     again = load_partial(tmp_path / "b.scene")
-    assert np.array_equal(again[Prior].context, received[Prior].context)
+    assert np.array_equal(again[Prior].context_features, received[Prior].context_features)
     assert again.scene.causal.config == scene.causal.config

@@ -74,7 +74,7 @@ def test_channel_context_equals_plain_torch(everything, scene: AnchorScene) -> N
 
 def test_integers_follow_the_float_model(everything, scene: AnchorScene, side_info: SideInfo) -> None:
     feature = everything[2]
-    grid, positions = to_tensors((scene.coding.context.grid, scene.anchors.positions))
+    grid, positions = to_tensors((scene.coding.context_model.grid, scene.anchors.positions))
     exact = interpolate_hash_grid(grid, positions, scene.coding.config.grid)
     assert np.abs(feature / 2**14 - exact.numpy()).max() < 3e-3
 

@@ -46,7 +46,7 @@ def assert_same(a: ReceivedScene, b: ReceivedScene) -> None:
     assert np.array_equal(a.loss_mask.received, b.loss_mask.received)
     for name in ("positions", "features", "scalings", "offsets", "mask"):
         assert np.array_equal(getattr(a.scene.anchors, name), getattr(b.scene.anchors, name)), name
-    assert np.array_equal(a[Prior].context, b[Prior].context)
+    assert np.array_equal(a[Prior].context_features, b[Prior].context_features)
     for name in ("feature", "scaling", "offset"):
         for part in ("mean", "scale", "step"):
             assert np.array_equal(getattr(getattr(a[Prior], name), part), getattr(getattr(b[Prior], name), part)), name

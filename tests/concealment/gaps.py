@@ -58,7 +58,7 @@ def random_context(
         feature=AttributePrior(normal(layout.feature_dim), 0.1 + uniform(layout.feature_dim), step),
         scaling=AttributePrior(0.2 + uniform(6), 0.05 + uniform(6), step),
         offset=AttributePrior(normal(3 * layout.num_offsets), 0.1 + uniform(3 * layout.num_offsets), step),
-        context=normal(CONTEXT_DIM),
+        context_features=normal(CONTEXT_DIM),
     )
     return partial_of(anchors, LossMask(known), prior, layout)
 
@@ -96,7 +96,7 @@ def permuted(context: ReceivedScene, order: np.ndarray) -> ReceivedScene:
     return partial_of(
         context.scene.anchors.select(order),
         LossMask(context.loss_mask.received[order]),
-        Prior(*parts, context=prior.context[order]),
+        Prior(*parts, context_features=prior.context_features[order]),
         context[AnchorLayout],
     )
 

@@ -154,7 +154,7 @@ def test_one_received_anchor_is_enough(name: str) -> None:
 def test_coincident_anchors_with_zero_contexts_are_concealed(name: str) -> None:
     context = random_context(60, 6)
     anchors = dataclasses.replace(context.scene.anchors, positions=np.zeros((60, 3), np.float32))
-    prior = dataclasses.replace(context[Prior], context=np.zeros_like(context[Prior].context))
+    prior = dataclasses.replace(context[Prior], context_features=np.zeros_like(context[Prior].context_features))
     assert_drawable(conceal(changed(context, anchors=anchors, prior=prior), name))
 
 

@@ -156,7 +156,9 @@ def test_coincident_anchors_without_size_give_finite_gains(any_weights: Path) ->
         scalings=np.zeros_like(context.scene.anchors.scalings),
     )
     nothing = dataclasses.replace(context[Prior].scaling, mean=np.zeros((50, 6), np.float32))
-    prior = dataclasses.replace(context[Prior], scaling=nothing, context=np.zeros_like(context[Prior].context))
+    prior = dataclasses.replace(
+        context[Prior], scaling=nothing, context_features=np.zeros_like(context[Prior].context_features)
+    )
     result = SceneFree(weights=any_weights)(changed(context, anchors=flat, prior=prior))
     assert bool(np.isfinite(result.size_gain).all())
 

@@ -22,7 +22,7 @@ def cari(context, num_candidates, num_neighbors, passes, eps):
     """Returns features, scalings, offsets, mask (numpy) of all anchors."""
     anchors, prior, layout = context.scene.anchors, context[Prior], context[AnchorLayout]
     x = anchors.positions.double().numpy()
-    f_hash = prior.context.double().tolist()
+    f_hash = prior.context_features.double().tolist()
     n, slots = anchors.mask.shape
     gap = [[math.dist(x[a], x[b]) for b in range(n)] for a in range(n)]
     alike = [[(cos_sim(f_hash[a], f_hash[b]) + 1) / 2 for b in range(n)] for a in range(n)]

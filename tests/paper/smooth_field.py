@@ -36,7 +36,7 @@ def smooth_field(num_anchors: int, *, noise: float, known_to_prior: float, seed:
         feature=AttributePrior(said, (features - said).std(dim=0) * ones, step),
         scaling=AttributePrior(scalings, 0.01 * ones.expand(-1, 6), step),
         offset=AttributePrior(torch.zeros(num_anchors, 3 * LAYOUT.num_offsets), ones.expand(-1, 12), step),
-        context=torch.sin(places @ normal(3, CONTEXT_DIM) * 3),
+        context_features=torch.sin(places @ normal(3, CONTEXT_DIM) * 3),
     )
     mask = torch.ones(num_anchors, LAYOUT.num_offsets, dtype=torch.bool)
     anchors = Anchors(positions=places, features=features, scalings=scalings, offsets=offsets, mask=mask)

@@ -123,7 +123,7 @@ def test_calibration_is_repeatable_and_resumable(data, tmp_path: Path) -> None:
 def test_calibration_lowers_the_error_on_learnable_data(data) -> None:
     """Residuals follow from the hash feature alone, so residuals of neighbours do not predict them."""
     prior = data.complete[Prior]
-    residual = 2 * prior.feature.scale * prior.context[:, :12]
+    residual = 2 * prior.feature.scale * prior.context_features[:, :12]
     anchors = dataclasses.replace(data.complete.scene.anchors, features=prior.feature.mean + residual)
     easy = dataclasses.replace(data, complete=changed(data.complete, anchors=anchors))
     losses = LossWeights(distill=0.0, smooth=0.0, prior=0.0)

@@ -48,7 +48,7 @@ def test_compiled_scores_equal_the_plain_version() -> None:
     context = random_context(600, 3)
     known = context.loss_mask.fully_received
     support = Support(
-        unit_rows(context[Prior].context),
+        unit_rows(context[Prior].context_features),
         unit_rows(signatures(residuals_of(context))),
         1 / uncertainties(context[Prior], LAYOUT),
     )
@@ -108,7 +108,7 @@ def test_dissimilar_context_gets_no_weight() -> None:
     context.scene.anchors.positions.copy_(torch.tensor([[0.0, 0, 0], [1, 0, 0], [-1, 0, 0]]))
     known = torch.tensor([False, True, True])
     hashes = torch.stack([torch.ones(12), torch.ones(12), -torch.ones(12)])
-    prior = dataclasses.replace(context[Prior], context=hashes)
+    prior = dataclasses.replace(context[Prior], context_features=hashes)
     anchors = dataclasses.replace(context.scene.anchors, features=torch.randn(3, 10) * known[:, None])
     loss_mask = to_tensors(type(context.loss_mask).of_elements(known))
     result = estimate(Cari(passes=1), changed(context, prior=prior, anchors=anchors, loss_mask=loss_mask))

@@ -176,7 +176,7 @@ class PretendedPlan(_Plan):
         value = function(quality.level, kept)
         return PretendedScene(quality, kept, value, value + offset)
 
-    def measured(self, encoded: EncodedScene) -> float:
+    def search_psnr(self, encoded: EncodedScene) -> float:
         return vars(encoded)["value"]
 
 

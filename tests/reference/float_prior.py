@@ -94,7 +94,7 @@ def prior_of(outputs: PriorOutputs, context: Float[Tensor, "N H"], config: Model
         feature=AttributePrior(outputs.feature_mean, outputs.feature_scale.clamp(min=MIN_SCALE), steps[:, 0:1]),
         scaling=AttributePrior(outputs.scaling_mean, outputs.scaling_scale.clamp(min=MIN_SCALE), steps[:, 1:2]),
         offset=AttributePrior(outputs.offset_mean, outputs.offset_scale.clamp(min=MIN_SCALE), steps[:, 2:3]),
-        context=context,
+        context_features=context,
     )
 
 

@@ -11,7 +11,7 @@ from splatwire.bitstream import make_packet
 from splatwire.channel import parse_loss
 from splatwire.errors import InvalidValueError
 from splatwire.planning.sequence.delivery import MotionTransfer, SequenceLoad, delivered, model_motion_transfer
-from splatwire.planning.sequence.distortion import SHARES, SequenceDistortion, pooled
+from splatwire.planning.sequence.distortion import SHARES, SequenceDistortion, smoothed
 from splatwire.planning.sequence.planner import SequenceVariant, plan_sequence
 from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.sequence.importance import packet_importance, stream_importance
@@ -144,6 +144,6 @@ def test_error_growth_is_pooled_over_qualities_and_outliers_are_ignored():
     true = [SequenceDistortion(shares, 1e-4 / factor + factor * added, (GROUP,)) for factor in (0.5, 1.0, 2.0)]
     drawn = [dataclasses.replace(damage, mse=damage.mse.copy()) for damage in true]
     drawn[0].mse[0, 3] *= 100
-    for found, damage in zip(pooled(drawn), true, strict=True):
+    for found, damage in zip(smoothed(drawn), true, strict=True):
         assert np.allclose(found.mse, damage.mse)
-    assert np.allclose(pooled(true[:1])[0].mse, true[0].mse)
+    assert np.allclose(smoothed(true[:1])[0].mse, true[0].mse)

@@ -25,8 +25,8 @@ def coding_networks(coding: HacppCoding | CausalCoding) -> dict[str, Mlp]:
     """Returns the networks of the context model, by their names in scene files."""
     if isinstance(coding, CausalCoding):
         return {f"causal.{name}": network for name, network in coding.networks.items()}
-    channel = {f"context.channel.{i}": network for i, network in enumerate(coding.context.channel)}
-    return {"context.prior": coding.context.prior, **channel}
+    channel = {f"context.channel.{i}": network for i, network in enumerate(coding.context_model.channel)}
+    return {"context.prior": coding.context_model.prior, **channel}
 
 
 def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def coding_tensors(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
     """Returns the tensors of a scene file that describe the context model, except network weights, by name."""
     if isinstance(coding, CausalCoding):
         return {f"causal.{name}": getattr(coding, field) for name, field in _CAUSAL_FIELDS.items()}
-    grid = coding.context.grid
+    grid = coding.context_model.grid
     return {
         "grid.volume_bits": _pack_signs(grid.volume), "grid.planes_bits": _pack_signs(grid.planes),
         "grid.bounds_min": grid.bounds_min, "grid.bounds_max": grid.bounds_max,

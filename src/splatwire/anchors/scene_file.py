@@ -106,7 +106,7 @@ def save_partial(received: ReceivedScene[AnchorScene], path: Path) -> None:
     tensors = _scene_tensors(received.scene)
     tensors["erasures.received"] = received.loss_mask.received
     prior, predicted = received[Prior], received.get(PredictedPositions)
-    tensors["prior.context"] = prior.context
+    tensors["prior.context"] = prior.context_features
     if predicted is not None:
         tensors["anchors.guessed"] = predicted.positions
     if received.tier_sizes is not None:
@@ -147,7 +147,7 @@ def _read_partial(reader: SceneReader) -> ReceivedScene[AnchorScene]:
         )
     context = reader.tensor("prior.context", (count, scene.coding.config.context_dim))
     concealment = _read_concealment(reader)
-    records: list[Any] = [Prior(**attributes, context=context), layout]
+    records: list[Any] = [Prior(**attributes, context_features=context), layout]
     if reader.has("anchors.guessed"):
         records.append(PredictedPositions(reader.tensor("anchors.guessed", (count, 3))))
     records += _read_tier_sizes(reader, count)

@@ -42,7 +42,7 @@ def run(command: CalibrateGnn) -> None:
             data, config, checkpoint=checkpoint, resume=command.resume, device=command.device,
             progress=lambda step, loss: show("calibrating", step / config.iterations),
         )  # fmt: skip
-    if _embeds(command) and not result.weights.improves:
+    if _embeds(command) and not result.weights.is_used:
         checkpoint.unlink(missing_ok=True)
         raise InvalidValueError(_refusal(result, output))
     sizes = _write(command, stream, result, config.bits)

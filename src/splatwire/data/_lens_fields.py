@@ -79,7 +79,7 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
         named = _FIELD_OF_VIEW.fullmatch(key)
         if named is None or isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
             continue
-        if key == "camera_angle_y" and _is_square_pinhole(values, focals):
+        if key == "camera_angle_y" and _has_redundant_vertical_angle(values, focals):
             continue
         angle = value if abs(value) < math.pi else math.radians(value)
         # an angle without an axis may be horizontal, vertical or diagonal
@@ -97,7 +97,7 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
     return None
 
 
-def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
+def _has_redundant_vertical_angle(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
     """True if a camera states both focal lengths and the horizontal angle of view, and both focal lengths are equal.
 
     The vertical angle of view is then superfluous. Some programs write a wrong one, which can be ignored.

@@ -28,16 +28,16 @@ class CacheFile(IndexDataCacheFile):
     content, and is written before the index file. Code that is absent or damaged counts as not cached.
 
     Args:
-        plain: numba's own cache object for the kernel, which gives the folder and the file names.
+        numba_cache: numba's own cache object for the kernel, which gives the folder and the file names.
         source_stamp: Identifies the sources of the kernel; code of other sources counts as not cached.
     """
 
     # numba numbers data files and writes the index first: two processes may then give one number to two signatures, and
     # a process that is killed in between leaves an index of new sources with the code of old ones.
 
-    def __init__(self, plain: IndexDataCacheFile, source_stamp: object) -> None:
-        self._stem = plain._index_name.removesuffix(".nbi")
-        super().__init__(plain._cache_path, self._stem, source_stamp)
+    def __init__(self, numba_cache: IndexDataCacheFile, source_stamp: object) -> None:
+        self._stem = numba_cache._index_name.removesuffix(".nbi")
+        super().__init__(numba_cache._cache_path, self._stem, source_stamp)
 
     def save(self, key: Any, data: Any) -> None:
         """Stores the machine code of the kernel that was compiled for one signature (types of the arguments).
@@ -59,7 +59,7 @@ class CacheFile(IndexDataCacheFile):
         except FileNotFoundError:
             pass  # another process has removed the unfinished file, or the whole folder
         except OSError as error:
-            log_unkept(Path(self._cache_path), error)
+            log_unwritable(Path(self._cache_path), error)
         else:
             self._remove_all_but({self._index_name, *names.values()})
 
@@ -131,7 +131,7 @@ class CacheFile(IndexDataCacheFile):
         return Path(self._cache_path).glob(f"{glob.escape(self._stem)}.*")
 
 
-def log_unkept(folder: Path, error: OSError) -> None:
+def log_unwritable(folder: Path, error: OSError) -> None:
     """Logs once that compiled kernels cannot be written to a folder."""
     reason = error.strerror or str(error)
     if reason not in _REPORTED:

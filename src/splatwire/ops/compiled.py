@@ -22,7 +22,7 @@ import numpy as np
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
-from splatwire.ops._cache_file import CacheFile, log_unkept
+from splatwire.ops._cache_file import CacheFile, log_unwritable
 
 try:
     import fcntl
@@ -217,7 +217,7 @@ def _without_folder_errors(cache: Any) -> Callable[[Any, Any], None]:
         try:
             save(signature, compiled)
         except OSError as error:
-            log_unkept(Path(cache.cache_path), error)
+            log_unwritable(Path(cache.cache_path), error)
 
     return save_overload
 

@@ -146,7 +146,7 @@ class _ConstantData:
         unit_context: Hash-grid feature of each anchor, normalised to length 1.
         certainty: Factor on each anchor's score as a neighbour, per attribute group; `w_unc` in the paper. The factor
             is lower if the prediction for the anchor by the hash grid (the prior) is uncertain.
-        everyone: Search tree over the positions of all anchors.
+        tree_of_all: Search tree over the positions of all anchors.
     """
 
     # The first pass uses received anchors as neighbours only, later passes use concealed ones, too.
@@ -155,7 +155,7 @@ class _ConstantData:
     groups: tuple[AttributeGroup, ...]
     unit_context: Float[Tensor, "N H"]
     certainty: Float[Tensor, "N G"]
-    everyone: TensorTree
+    tree_of_all: TensorTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ def _prepare(context: ReceivedScene, settings: Cari) -> _ConstantData:
     return _ConstantData(
         context,
         attribute_groups(context[AnchorLayout]),
-        unit_rows(context[Prior].context),
+        unit_rows(context[Prior].context_features),
         (sigma + settings.epsilon) ** -settings.uncertainty_exponent,
         TensorTree(context.positions),
     )
@@ -243,7 +243,7 @@ def _candidates(
     """
     positions = fixed.context.positions
     support = received.nonzero()[:, 0]
-    tree = TensorTree(positions[support]) if first else fixed.everyone
+    tree = TensorTree(positions[support]) if first else fixed.tree_of_all
     for queries in (~received).nonzero()[:, 0].split(_CHUNK):
         if first:
             index, distance = tree.query(positions[queries], settings.candidates)

@@ -180,14 +180,14 @@ class _Field:
         mean: Expected values of every anchor.
         residual: Received value minus mean; 0 for values that were not received.
         exists: True for values that were received and exist.
-        spread: Variance of the residual of each channel.
+        variance: Variance of the residual of each channel.
     """
 
     attribute: Attribute
     mean: Float[Tensor, "N D"]
     residual: Float[Tensor, "N D"]
     exists: Bool[Tensor, "N D"]
-    spread: Float[Tensor, "D"]
+    variance: Float[Tensor, "D"]
 
     def error(self, rows: Int64[Tensor, "S"], estimate: Float[Tensor, "S D"]) -> float:
         """Computes the squared error of estimated residuals, over all values that were received.
@@ -200,7 +200,7 @@ class _Field:
             Sum of the squared errors, each divided by the variance of its channel.
         """
         wrong = (self.residual[rows] - estimate) ** 2 * self.exists[rows]
-        return float((wrong / self.spread).sum())
+        return float((wrong / self.variance).sum())
 
 
 def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
@@ -271,9 +271,9 @@ def _field(context: ReceivedScene, attribute: Attribute, target: str, inputs: Fl
         if inputs is not None and attribute is not Attribute.MASK:
             mean = mean + regress(inputs, (values - mean) * exists, exists)
     residual = (values - mean) * exists
-    spread = (residual**2).sum(dim=0) / count
-    spread = torch.where(spread > 0, spread, 1.0)
-    return _Field(attribute, mean, residual, exists, spread)
+    variance = (residual**2).sum(dim=0) / count
+    variance = torch.where(variance > 0, variance, 1.0)
+    return _Field(attribute, mean, residual, exists, variance)
 
 
 def _combine(values: _Field, index: Int64[Tensor, "Q k"], weight: Float[Tensor, "Q k"]) -> Float[Tensor, "Q D"]:

@@ -136,20 +136,20 @@ def encode_controlled(
     quality = target.quality or Quality(START)
     plan = _Plan.of(source, effort, views, quality, encode, progress)
     if effort != "best":
-        return _Trials(plan, encode, progress).reached(target)
+        return _Trials(plan, encode, progress).encode_to_target(target)
 
     def choosing(task: str, share: float) -> None:
         progress("choosing Gaussians", share)
 
     # The search without fine-tuning is done first, so that impossible targets are errors before the fine-tuning.
-    untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
+    untuned = None if target.quality is not None else _Trials(plan, encode, choosing).encode_to_target(target)
     tunable = plan.with_precision_for_tuning(quality)
     if target.psnr is None:
-        start = _Trials(tunable.with_more_pruning(), encode, choosing).reached(target)
+        start = _Trials(tunable.with_more_pruning(), encode, choosing).encode_to_target(target)
     else:
         pruned = untuned
         if pruned is None or tunable.precision != plan.precision:
-            pruned = _Trials(tunable, encode, choosing).reached(target)
+            pruned = _Trials(tunable, encode, choosing).encode_to_target(target)
         start = tunable.encoded(pruned.quality, encode, tunable.share_to_tune(pruned))
     pictures = fitted_pictures(source, cameras, tuning, progress)
     tuned = _prune_and_tune(tunable, start, target, encode, pictures, tuning, progress)
@@ -287,7 +287,7 @@ class _Plan:
             class_offsets = precision_classes(source.splats, views.measured)
             return cls(source, RemovalViews(()), search, held_out, class_offsets, None, source, quality.precision)
         removals = RemovalViews.of(source, views.measured)
-        measured = removals.complete(source)
+        measured = removals.measure_complete(source)
         progress("measuring Gaussians", 1.0)
         curve = PruningCurve.measured(
             source, measured.removal, search, removals, lambda share: progress("pruning", share)
@@ -375,7 +375,7 @@ class _Plan:
         order = np.argsort(-self.views.removal(self.scene), kind="stable")
         tried = [encoded]
 
-        def reached(share: float) -> float:
+        def psnr_of_share(share: float) -> float:
             kept = np.sort(order[: max(round(share * count), 1)])
             stream = encode(self.scene.select(kept), self.class_offsets[kept], encoded.quality)
             tried.append(EncodedScene(stream, encoded.quality, encoded.kept * len(kept) / count, self.held_out, True))
@@ -384,10 +384,10 @@ class _Plan:
         # Coarser steps would cost more: fine-tuned Gaussians are adapted to their cells of the position lattice.
         permitted = Interval(psnr - PSNR_TOLERANCE, psnr, psnr + PSNR_TOLERANCE)
         slope = TRIMMED_SHARE_DB
-        search(reached, permitted, 1 + (psnr - encoded.psnr) / slope, slope, (MIN_TRIMMED_SHARE, 1.0))
+        search(psnr_of_share, permitted, 1 + (psnr - encoded.psnr) / slope, slope, (MIN_TRIMMED_SHARE, 1.0))
         return min(tried, key=lambda each: abs(each.psnr - psnr))
 
-    def measured(self, encoded: EncodedScene) -> float:
+    def search_psnr(self, encoded: EncodedScene) -> float:
         """Returns the mean PSNR of an encoded scene in the views used to search for a quantisation level, decibels."""
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
@@ -399,7 +399,7 @@ class _Plan:
         """
         # The quantisation steps remain the same.
         assert self.curve is not None
-        error = 10 ** (-self.measured(untuned) / 10)
+        error = 10 ** (-self.search_psnr(untuned) / 10)
         pruned = min(self.curve.error(untuned.kept), MAX_PRUNED_ERROR * error)
         rounded = (error - pruned) * 10 ** (-ROUNDED_GAIN_DB / 10)
         return min(self.curve.share(max(error - rounded, MIN_ERROR) * 10 ** (PRUNED_GAIN_DB / 10)), untuned.kept)
@@ -482,7 +482,7 @@ class _Trials:
         fitting = [(value, each) for value, each in self._found if each.stream.num_bytes <= size]
         return max(fitting, key=lambda trial: trial[0])[1] if fitting else None
 
-    def reached(self, target: Target) -> EncodedScene:
+    def encode_to_target(self, target: Target) -> EncodedScene:
         """Encodes the scene so that the stream reaches a target size, PSNR or quality setting.
 
         Raises:
@@ -534,9 +534,9 @@ class _Trials:
             first = len(self._found)
             permitted = Interval(wanted - PSNR_TOLERANCE / 2, wanted, wanted + PSNR_TOLERANCE / 2)
             if by_share and found is not None:  # another search of levels would end next to the same jump
-                self._search_shares(self._plan.measured, permitted, found, OCTAVE_DB)
+                self._search_shares(self._plan.search_psnr, permitted, found, OCTAVE_DB)
             else:
-                by_share = self._search(self._plan.measured, permitted, start, OCTAVE_DB)
+                by_share = self._search(self._plan.search_psnr, permitted, start, OCTAVE_DB)
             value, last = found = min(self._found[first:], key=lambda each: abs(each[0] - wanted))
             if best is None or abs(last.psnr - psnr) < abs(best.psnr - psnr):
                 best = last
@@ -584,7 +584,7 @@ class _Trials:
         self,
         measure: Callable[[EncodedScene], float],
         permitted: Interval,
-        untuned: tuple[float, EncodedScene],
+        start: tuple[float, EncodedScene],
         slope: float,
     ) -> None:
         """Encodes different shares of the Gaussians at one quantisation level, until size or PSNR is as wanted.
@@ -592,19 +592,19 @@ class _Trials:
         Args:
             measure: Function that measures an encoded scene: logarithm of its size in bytes, or its PSNR in decibels.
             permitted: Range of accepted values.
-            untuned: Measured value of an encoded scene, and this encoded scene. It gives the quantisation level, and
+            start: Measured value of an encoded scene, and this encoded scene. It gives the quantisation level, and
                 the first share to try is estimated from it.
             slope: Expected increase of the measured value per quantisation level. The increase per share is estimated
                 from it.
         """
-        value, encoded = untuned
+        value, encoded = start
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
         ends = (MIN_SHARE_RATIO * share, min(share / MIN_SHARE_RATIO, 1.0))
-        start = share + (permitted.wanted - value) / per_share
+        first_share = share + (permitted.wanted - value) / per_share
         search(
             functools.partial(self._encode_and_measure, measure, encoded.quality.level),
             permitted,
-            start,
+            first_share,
             per_share,
             ends,
         )

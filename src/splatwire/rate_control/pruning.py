@@ -77,7 +77,7 @@ class RemovalViews:
         close = SourcePictures(source, closeup_cameras(source, MEASURED_CLOSEUPS, SIZE))
         return RemovalViews(((1.0, around), (FRAMING_WEIGHT, framing), (CLOSEUP_WEIGHT, close)))
 
-    def complete(self, source: SplatScene) -> MeasuredGaussians:
+    def measure_complete(self, source: SplatScene) -> MeasuredGaussians:
         """Measures each Gaussian of the complete scene, in all sets of views.
 
         Args:

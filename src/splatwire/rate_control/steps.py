@@ -72,8 +72,8 @@ def measured_precision(
     # each attribute is proportional to its bytes per octave. The sum of the errors stays the same.
     latents, precision = Latents.of(scene.splats), np.array(quality.precision)
     exact = latents.splats()
-    offsets = RoundingErrors.between(exact, round_splats(exact, coding_for(exact, quality, class_offsets)))
-    names = [name for name in _GROUPS if getattr(offsets, name).size]
+    rounding_errors = RoundingErrors.between(exact, round_splats(exact, coding_for(exact, quality, class_offsets)))
+    names = [name for name in _GROUPS if getattr(rounding_errors, name).size]
     groups = [[STEPS.index(step) for step in _GROUPS[name]] for name in names]
     pictures = SourcePictures(replace(scene, splats=exact), cameras)
     rows = _sample(scene)
@@ -86,7 +86,7 @@ def measured_precision(
 
     errors, rates = np.empty((len(names), cameras.num_views)), np.empty(len(names))
     for index, (name, group) in enumerate(zip(names, groups, strict=True)):
-        drawn = replace(scene, splats=latents.splats(_only(offsets, name)), coding=None, hints=None)
+        drawn = replace(scene, splats=latents.splats(_only(rounding_errors, name)), coding=None, hints=None)
         errors[index] = np.maximum(10 ** (-pictures.psnr(drawn) / 10), _MIN_ERROR)
         rates[index] = (size(group, 1.0) - size(group, -1.0)) / 2
         progress((index + 1) / len(names))
@@ -143,16 +143,16 @@ def measured_colour_precision(
     return changed(octaves).precision
 
 
-def _only(offsets: RoundingErrors, name: str) -> RoundingErrors:
+def _only(rounding_errors: RoundingErrors, name: str) -> RoundingErrors:
     """Returns a copy of rounding errors without the errors of all attributes but one.
 
     Args:
-        offsets: Rounding errors of all attributes.
+        rounding_errors: Rounding errors of all attributes.
         name: Name of the attribute that keeps its error.
     """
-    none = {each: np.zeros_like(values) for each, values in vars(offsets).items()}
+    none = {each: np.zeros_like(values) for each, values in vars(rounding_errors).items()}
     none["quats"][:, 0] = 1
-    return RoundingErrors(**{**none, name: getattr(offsets, name)})
+    return RoundingErrors(**{**none, name: getattr(rounding_errors, name)})
 
 
 def _sample(scene: SplatScene) -> Int64[np.ndarray, "M"]:

@@ -1,5 +1,6 @@
 """Anchor scenes: anchors, the networks that draw them, and the context model that codes them."""
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -84,16 +85,22 @@ class HacppCoding(CheckedFields):
     """Networks and quantisation steps of the codec schema `hacpp`, unused by renderers.
 
     Attributes:
-        context: The networks that predict the anchors' attributes.
+        context_model: The networks that predict the anchors' attributes.
         voxel_size: Spacing of anchor positions, world units; positions are integer multiples of it.
         config: Layer and table sizes of the context model, and base quantisation steps.
     """
 
-    context: ContextModel
+    context_model: ContextModel
     voxel_size: float
     config: ModelConfig
 
     __repr__ = summary_repr
+
+    @property
+    def context(self) -> ContextModel:
+        """Deprecated name of `context_model`."""
+        warnings.warn("HacppCoding.context is deprecated, use context_model", DeprecationWarning, stacklevel=2)
+        return self.context_model
 
 
 @dataclass(frozen=True, eq=False)

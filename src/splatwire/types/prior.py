@@ -1,5 +1,6 @@
 """Predicted distributions of anchor attributes, available before any packet."""
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,20 +43,26 @@ class Prior(CheckedFields):
         feature: Distributions of the F feature channels.
         scaling: Distributions of the 6 scalings.
         offset: Distributions of the 3 K coordinates of the K offsets.
-        context: Interpolated hash-grid features.
+        context_features: Interpolated hash-grid features.
     """
 
     feature: AttributePrior
     scaling: AttributePrior
     offset: AttributePrior
-    context: Float[Any, "N H"]
+    context_features: Float[Any, "N H"]
 
     __repr__ = summary_repr
 
     @property
     def num_elements(self) -> int:
         """Number of anchors, N, for which the prior network predicts attributes."""
-        return len(self.context)
+        return len(self.context_features)
+
+    @property
+    def context(self) -> Float[Any, "N H"]:
+        """Deprecated name of `context_features`."""
+        warnings.warn("Prior.context is deprecated, use context_features", DeprecationWarning, stacklevel=2)
+        return self.context_features
 
     def predicted_log_sizes(self) -> Float[Any, "N"]:
         """Returns the predicted log size of the Gaussians of each anchor, averaged over three axes.

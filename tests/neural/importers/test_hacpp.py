@@ -42,7 +42,7 @@ def test_decoded_model_is_imported_unchanged(model):
 
 def test_grid_and_networks_come_from_the_checkpoint(model):
     scene = import_hacpp(model.write())
-    grid, state = scene.coding.context.grid, model.checkpoint["encoding_xyz"]
+    grid, state = scene.coding.context_model.grid, model.checkpoint["encoding_xyz"]
     assert np.array_equal(grid.volume, np.where(state["encoding_xyz.params"].numpy() >= 0, 1, -1))
     for i, plane in enumerate(("xy", "xz", "yz")):
         assert np.array_equal(grid.planes[i], np.where(state[f"encoding_{plane}.params"].numpy() >= 0, 1, -1))
@@ -56,12 +56,12 @@ def test_grid_and_networks_come_from_the_checkpoint(model):
         (scene.heads.opacity, "opacity_mlp"),
         (scene.heads.covariance, "cov_mlp"),
         (scene.heads.color, "color_mlp"),
-        (scene.coding.context.prior, "grid_mlp"),
+        (scene.coding.context_model.prior, "grid_mlp"),
     ):
         assert np.array_equal(network.hidden.weight, model.checkpoint[key]["0.weight"])
         assert np.array_equal(network.output.bias, model.checkpoint[key]["2.bias"])
         assert network.negative_slope == 0
-    for i, network in enumerate(scene.coding.context.channel):
+    for i, network in enumerate(scene.coding.context_model.channel):
         assert np.array_equal(network.output.weight, model.checkpoint["deform_mlp"][f"MLP_d{i}.2.weight"])
         assert network.negative_slope == 0.01
 
@@ -143,7 +143,7 @@ def test_the_tiny_channel_context_ignores_the_prior(model, tiny_deform_checkpoin
     model.checkpoint = tiny_deform_checkpoint
     scene = import_hacpp(model.write())
     outputs = split_prior_outputs(torch.randn(4, 42, generator=torch.Generator().manual_seed(1)), scene.coding.config)
-    context = to_tensors(scene.coding.context)
+    context = to_tensors(scene.coding.context_model)
     first = channel_parameters(context, 0, torch.zeros(4, 0), outputs)
     free = tiny_deform_checkpoint["deform_mlp"]["MLP_d0"].view(3, 2)
     assert torch.equal(first.mean, free[0].expand(4, 2))
@@ -317,9 +317,9 @@ def test_official_anchors_are_exact_multiples_of_steps(name):
     ):
         assert np.array_equal(ours, decoded[integers].astype(np.float32) * decoded[step][:, None])
     assert np.array_equal(anchors.mask, decoded["mask"] == 1)
-    assert np.array_equal(scene.coding.context.grid.volume, decoded["hash_xyz"])
-    assert np.array_equal(scene.coding.context.grid.planes[1], decoded["hash_xz"])
-    assert np.array_equal(scene.coding.context.channel[3].hidden.weight, decoded["mlp_deform.MLP_d3.0.weight"])
+    assert np.array_equal(scene.coding.context_model.grid.volume, decoded["hash_xyz"])
+    assert np.array_equal(scene.coding.context_model.grid.planes[1], decoded["hash_xz"])
+    assert np.array_equal(scene.coding.context_model.channel[3].hidden.weight, decoded["mlp_deform.MLP_d3.0.weight"])
     assert scene.coding.config.grid.rows(3) == tuple(np.diff(decoded["hash_xyz_offsets"]))
 
 

@@ -44,9 +44,9 @@ def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, finished: Anc
         assert np.allclose(found, value, rtol=1e-6) if name == "scalings" else np.array_equal(found, value), name
     old, new = finished.coding, again.coding
     assert (old.voxel_size, old.config) == (new.voxel_size, new.config)
-    assert np.array_equal(old.context.grid.volume, new.context.grid.volume)
-    assert np.array_equal(old.context.grid.planes, new.context.grid.planes)
-    assert np.array_equal(old.context.channel[-1].output.weight, new.context.channel[-1].output.weight)
+    assert np.array_equal(old.context_model.grid.volume, new.context_model.grid.volume)
+    assert np.array_equal(old.context_model.grid.planes, new.context_model.grid.planes)
+    assert np.array_equal(old.context_model.channel[-1].output.weight, new.context_model.channel[-1].output.weight)
     assert np.array_equal(finished.heads.color.hidden.bias, again.heads.color.hidden.bias)
 
 

@@ -14,7 +14,10 @@ from splatwire.types import Prior
 def test_prior_is_near_the_float_model() -> None:
     scene = scene_in_order(tiny_scene(seed=3, num_anchors=700), "morton")
     ours = decode_stream(encode_scene(scene, Packetization(block_size=100)))
-    contexts, positions = (scene.coding.context, ours.scene.coding.context), to_tensors(scene.anchors.positions)
+    contexts, positions = (
+        (scene.coding.context_model, ours.scene.coding.context_model),
+        to_tensors(scene.anchors.positions),
+    )
     float_prior, again = (
         to_arrays(evaluate_prior(to_tensors(context), positions, scene.coding.config)) for context in contexts
     )

@@ -75,7 +75,7 @@ def test_training_losses_and_growth_equal_those_of_a_receiver(
     received = decode_stream(draw_mask(stream, loss_model, seed=7).apply(stream))
     context = received  # except for its rounded weights
     positions = torch.from_numpy(context.scene.anchors.positions)
-    exact = evaluate_prior(to_tensors(scene.coding.context), positions, scene.coding.config)
+    exact = evaluate_prior(to_tensors(scene.coding.context_model), positions, scene.coding.config)
     expected = Grow()(changed(context, prior=to_arrays(exact)))
     order = anchor_order(state.voxels.numpy(), "morton")
     grown = _losses(_lossy(config, model)).lose_packets(state, PACKETS, loss_model, 7, 1)

@@ -42,14 +42,14 @@ def test_refinement_changes_only_the_context_model(scene: AnchorScene) -> None:
     refined = refine_context(scene, CONFIG)
     assert refined.anchors is scene.anchors
     assert refined.heads is scene.heads
-    assert (np.abs(refined.coding.context.grid.volume) == 1).all()
-    assert not np.array_equal(refined.coding.context.grid.volume, scene.coding.context.grid.volume)
+    assert (np.abs(refined.coding.context_model.grid.volume) == 1).all()
+    assert not np.array_equal(refined.coding.context_model.grid.volume, scene.coding.context_model.grid.volume)
 
 
 def test_refinement_depends_on_the_seed(scene: AnchorScene) -> None:
     config = dataclasses.replace(CONFIG, steps=5)
     weights = [
-        refine_context(scene, c).coding.context.prior.hidden.weight
+        refine_context(scene, c).coding.context_model.prior.hidden.weight
         for c in (config, config, dataclasses.replace(config, seed=1))
     ]
     assert np.array_equal(weights[0], weights[1])
@@ -65,7 +65,7 @@ def test_invisible_anchors_do_not_affect_refinement(scene: AnchorScene) -> None:
     weights = [
         refine_context(
             dataclasses.replace(scene, anchors=dataclasses.replace(scene.anchors, mask=mask, features=features)), config
-        ).coding.context.prior.hidden.weight
+        ).coding.context_model.prior.hidden.weight
         for features in (scene.anchors.features, wild)
     ]
     assert np.array_equal(*weights)

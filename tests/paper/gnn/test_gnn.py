@@ -250,3 +250,8 @@ def test_gnn_without_weights_is_not_listed() -> None:
 def test_invalid_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):
         GnnSettings(**options)
+
+
+def test_deprecated_name_of_weights_in_use_warns_and_gives_the_new_value() -> None:
+    with pytest.warns(DeprecationWarning, match="use is_used"):
+        assert lively(random_context(20, 2)).improves

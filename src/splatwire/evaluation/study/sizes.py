@@ -166,9 +166,16 @@ def _native_part(file: Path) -> str:
 
 def num_network_parameters(scene: AnchorScene) -> int:
     """Number of weights and biases of all networks of a scene."""
-    networks: list[Mlp] = [scene.heads.opacity, scene.heads.covariance, scene.heads.color, scene.hacpp.context.prior]
+    networks: list[Mlp] = [
+        scene.heads.opacity,
+        scene.heads.covariance,
+        scene.heads.color,
+        scene.hacpp.context_model.prior,
+    ]
     layers = [
-        layer for network in (*networks, *scene.hacpp.context.channel) for layer in (network.hidden, network.output)
+        layer
+        for network in (*networks, *scene.hacpp.context_model.channel)
+        for layer in (network.hidden, network.output)
     ]
     return sum(math.prod(layer.weight.shape) + math.prod(layer.bias.shape) for layer in layers)
 

@@ -62,7 +62,7 @@ def _widths(scene: AnchorScene) -> tuple[int, int, int]:
     if isinstance(scene.coding, CausalCoding):
         context = 2 * [scene.coding.networks["position"]]
     else:
-        context = [scene.coding.context.prior, scene.coding.context.channel[0]]
+        context = [scene.coding.context_model.prior, scene.coding.context_model.channel[0]]
     head, prior, channel = (mlp.hidden.weight.shape[0] for mlp in (scene.heads.opacity, *context))
     return head, prior, channel
 
@@ -114,9 +114,12 @@ def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor 
     if isinstance(coding, CausalCoding):
         networks = {f"causal.{name}": mlp for name, mlp in coding.networks.items()}
         return {**networks, "steps": coding.steps.log(), "centres": coding.zero_points}
-    grid, channel = coding.context.grid, {f"channel.{group}": mlp for group, mlp in enumerate(coding.context.channel)}
+    grid, channel = (
+        coding.context_model.grid,
+        {f"channel.{group}": mlp for group, mlp in enumerate(coding.context_model.channel)},
+    )
     planes = {"grid.volume": grid.volume * _LATENT, "grid.planes": grid.planes * _LATENT}
-    return {"prior": coding.context.prior, **channel, **planes}
+    return {"prior": coding.context_model.prior, **channel, **planes}
 
 
 def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
@@ -125,7 +128,7 @@ def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
     # spread.
     if isinstance(coding, CausalCoding):
         return coding.middle - coding.extent, coding.middle + coding.extent
-    return coding.context.grid.bounds_min, coding.context.grid.bounds_max
+    return coding.context_model.grid.bounds_min, coding.context_model.grid.bounds_max
 
 
 def _tensors(parameters: dict[str, Tensor | Mlp]) -> dict[str, Tensor]:

@@ -158,20 +158,20 @@ def refine_context(
         return original
     fixed, outputs = _constant_data(scene, scene.anchors.select(alive))
     units = _typical_outputs(outputs, scene.hacpp.config)
-    prior = _ScaledMlp(scene.hacpp.context.prior, units[0])
-    channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.hacpp.context.channel, units[1:], strict=True)]
-    signs = _BinaryGrid(scene.hacpp.context.grid, scene.hacpp.config.grid, fixed.corners, config.latent)
+    prior = _ScaledMlp(scene.hacpp.context_model.prior, units[0])
+    channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.hacpp.context_model.channel, units[1:], strict=True)]
+    signs = _BinaryGrid(scene.hacpp.context_model.grid, scene.hacpp.config.grid, fixed.corners, config.latent)
     networks = [tensor for part in (prior, *channels) for tensor in part.parameters]
     fit_samples(
         [(networks, config.network_rate), ([signs.volume, signs.planes], config.grid_rate)], len(alive), config,
         lambda index, _: _loss(fixed, prior, channels, signs, index, config), progress,
     )  # fmt: skip
     context = ContextModel(
-        signs.grid(scene.hacpp.context.grid),
+        signs.grid(scene.hacpp.context_model.grid),
         copied_mlp(prior.mlp()),
         tuple(copied_mlp(part.mlp()) for part in channels),
     )
-    return dataclasses.replace(original, coding=dataclasses.replace(original.hacpp, context=to_arrays(context)))
+    return dataclasses.replace(original, coding=dataclasses.replace(original.hacpp, context_model=to_arrays(context)))
 
 
 def _loss(
@@ -221,10 +221,10 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData,
         scene: The scene.
         anchors: Anchors to use.
     """
-    corners = find_corners(unit_coordinates(scene.hacpp.context.grid, anchors.positions), scene.hacpp.config.grid)
-    volume, planes = scene.hacpp.context.grid.volume.float(), scene.hacpp.context.grid.planes.float()
+    corners = find_corners(unit_coordinates(scene.hacpp.context_model.grid, anchors.positions), scene.hacpp.config.grid)
+    volume, planes = scene.hacpp.context_model.grid.volume.float(), scene.hacpp.context_model.grid.planes.float()
     parts = [
-        run_network(scene.hacpp.context.prior, interpolate_signs(volume, planes, corners, index))
+        run_network(scene.hacpp.context_model.prior, interpolate_signs(volume, planes, corners, index))
         for index in torch.arange(anchors.num_anchors).split(_CHUNK)
     ]
     outputs = split_prior_outputs(torch.cat(parts), scene.hacpp.config)

@@ -92,7 +92,7 @@ class CalibrationRun:
         graphs = list(pseudo_graphs(data, config)) if graphs is None else graphs
         self.train, self.held_out = graphs[: config.train_masks], graphs[config.train_masks :]
         self.network = InpaintingNetwork(
-            InputSizes(context[AnchorLayout], context[Prior].context.shape[1]), config.settings, config.seed
+            InputSizes(context[AnchorLayout], context[Prior].context_features.shape[1]), config.settings, config.seed
         )
         _standardise(self.network, context, self.train[0])
         self.place_on(device)
@@ -252,7 +252,7 @@ class CalibrationRun:
         self.network.settings = replace(settings, **kept)
         self.network = self.network.eval().requires_grad_(False)
         weights = GnnWeights(self.network, scene_fingerprint(self.data.complete), {})
-        if self.config.bits and weights.improves:
+        if self.config.bits and weights.is_used:
             weights = rounded_weights(weights, self.data.complete, self.config.bits)
             self.network = weights.network
         repaired = [repair(self.context, graph, self.network) for graph in self.held_out]

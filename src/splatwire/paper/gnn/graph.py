@@ -100,7 +100,9 @@ def source_inputs(context: ReceivedScene, rows: Int64[Tensor, "S"]) -> Float[Ten
         rows: Indices in the scene of the S known anchors.
     """
     anchors = context.scene.anchors.select(rows)
-    return torch.cat([context.positions[rows], context[Prior].context[rows], attribute_columns(anchors)], dim=1)
+    return torch.cat(
+        [context.positions[rows], context[Prior].context_features[rows], attribute_columns(anchors)], dim=1
+    )
 
 
 def query_inputs(context: ReceivedScene, graph: RepairGraph) -> Float[Tensor, "Q D"]:
@@ -111,9 +113,9 @@ def query_inputs(context: ReceivedScene, graph: RepairGraph) -> Float[Tensor, "Q
     """
     # The prior does not predict offset masks; zeros take the place of their means.
     rows, prior = graph.queries, context[Prior]
-    no_mask = prior.context.new_zeros(len(rows), context[AnchorLayout].num_offsets)
+    no_mask = prior.context_features.new_zeros(len(rows), context[AnchorLayout].num_offsets)
     means = [part.mean[rows] for part in (prior.feature, prior.scaling, prior.offset)]
-    own = [context.positions[rows], prior.context[rows], *means, no_mask]
+    own = [context.positions[rows], prior.context_features[rows], *means, no_mask]
     return torch.cat([*own, attribute_columns(graph.given)], dim=1)
 
 
@@ -123,4 +125,4 @@ def prior_rows(prior: Prior, rows: Int64[Tensor, "Q"]) -> Prior:
         name: replace(part, mean=part.mean[rows], scale=part.scale[rows], step=part.step[rows])
         for name, part in (("feature", prior.feature), ("scaling", prior.scaling), ("offset", prior.offset))
     }
-    return Prior(**parts, context=prior.context[rows])
+    return Prior(**parts, context_features=prior.context_features[rows])

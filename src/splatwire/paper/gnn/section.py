@@ -56,7 +56,7 @@ def write_section(weights: GnnWeights, bits: int) -> bytes:
     # The heads of attributes with a threshold above 1 are omitted, because a receiver does not use them.
     check_bits(bits)
     settings = weights.settings
-    if not weights.improves:
+    if not weights.is_used:
         raise InvalidValueError("these GNN weights improve nothing on the interpolation: they are not worth a byte")
     if settings.hidden > MAX_HIDDEN or settings.layers > MAX_LAYERS:
         raise InvalidValueError(
@@ -99,7 +99,7 @@ def read_section(data: bytes, context: ReceivedScene) -> GnnWeights:
         raise InvalidValueError("the GNN weights in this stream were calibrated on another scene; calibrate this one")
     try:
         network = InpaintingNetwork(
-            InputSizes(context[AnchorLayout], context[Prior].context.shape[1]), _read_settings(reader)
+            InputSizes(context[AnchorLayout], context[Prior].context_features.shape[1]), _read_settings(reader)
         )
     except ValueError as error:
         raise BitstreamError(f"GNN weights: {error}") from error

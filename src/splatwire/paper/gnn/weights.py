@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,11 +45,17 @@ class GnnWeights:
         return self.network.settings
 
     @property
-    def improves(self) -> bool:
+    def is_used(self) -> bool:
         """True if the network's output is used for at least one attribute."""
         # An attribute with a confidence threshold above 1 always uses the interpolation.
         settings = self.settings
         return min(settings.feature_threshold, settings.scaling_threshold, settings.offset_threshold) <= 1
+
+    @property
+    def improves(self) -> bool:
+        """Deprecated name of `is_used`."""
+        warnings.warn("GnnWeights.improves is deprecated, use is_used", DeprecationWarning, stacklevel=2)
+        return self.is_used
 
 
 def scene_fingerprint(context: ReceivedScene) -> str:
@@ -57,7 +64,7 @@ def scene_fingerprint(context: ReceivedScene) -> str:
     A receiver knows layout and positions even if packets are lost.
     """
     digest = hashlib.sha256(b"splatwire/gnn-scene/1\0")
-    digest.update(f"{context[AnchorLayout]} {context[Prior].context.shape[1]}".encode())
+    digest.update(f"{context[AnchorLayout]} {context[Prior].context_features.shape[1]}".encode())
     digest.update(np.ascontiguousarray(to_numpy(context.positions), "<f4").tobytes())
     return digest.hexdigest()
 
@@ -69,10 +76,10 @@ def check_fits(weights: GnnWeights, context: ReceivedScene) -> None:
         InvalidValueError: If the layout of the anchors or the fingerprint differs.
     """
     sizes = weights.network.sizes
-    if sizes != InputSizes(context[AnchorLayout], context[Prior].context.shape[1]):
+    if sizes != InputSizes(context[AnchorLayout], context[Prior].context_features.shape[1]):
         raise InvalidValueError(
             f"these GNN weights are for anchors of {sizes.layout} with {sizes.context_dim} hash features, "
-            f"not {context[AnchorLayout]} with {context[Prior].context.shape[1]}"
+            f"not {context[AnchorLayout]} with {context[Prior].context_features.shape[1]}"
         )
     if not scene_fingerprint(context).startswith(weights.fingerprint):
         raise InvalidValueError("these GNN weights were calibrated on another scene; calibrate this one")

@@ -148,7 +148,7 @@ def _curves(
     )
 
 
-def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
+def smoothed(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
     """Smooths the measured distortion models of several encodings of one sequence.
 
     Errors caused by losses are assumed to grow in the same way with the lost share, up to a factor for each encoding.

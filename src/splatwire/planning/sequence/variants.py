@@ -14,9 +14,9 @@ from splatwire.planning.sequence.delivery import SequenceLoad
 from splatwire.planning.sequence.distortion import (
     Pictures,
     measure_sequence_distortion,
-    pooled,
     render_sampled_frames,
     sampled_frames,
+    smoothed,
 )
 from splatwire.planning.sequence.planner import SequenceVariant
 from splatwire.render import iterate_views
@@ -77,7 +77,7 @@ def sequence_variants(
         damages.append(
             measure_sequence_distortion(stream, load, method, cameras, references, floor, seed=seed, progress=on_share)
         )
-    return [SequenceVariant(load, damage) for load, damage in zip(loads, pooled(damages), strict=True)]
+    return [SequenceVariant(load, damage) for load, damage in zip(loads, smoothed(damages), strict=True)]
 
 
 def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictures:

@@ -205,4 +205,4 @@ class CausalDecoder(AnchorDecoder):
             "offset": np.full((num, 1), info.steps[-1], np.float32),
         }
         parts = {name: AttributePrior(self._means[name], self._spreads[name], step) for name, step in steps.items()}
-        return Prior(**parts, context=self._position_outputs)
+        return Prior(**parts, context_features=self._position_outputs)

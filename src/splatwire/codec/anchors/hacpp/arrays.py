@@ -47,14 +47,14 @@ class DecodedArrays:
         mask: Mask of the offsets that exist, bool (N, K).
         values: Feature (N, F), scaling (N, 6) and offset (N, 3 K), float32.
         outputs: Outputs of the prior network, int32 (N, outputs).
-        context: Hash-grid features, float32 (N, H), with `ACTIVATION_BITS` fractional bits.
+        context_features: Hash-grid features, float32 (N, H), with `ACTIVATION_BITS` fractional bits.
     """
 
     received: np.ndarray
     mask: np.ndarray
     values: tuple[np.ndarray, np.ndarray, np.ndarray]
     outputs: np.ndarray
-    context: np.ndarray
+    context_features: np.ndarray
 
     @staticmethod
     def empty(info: SideInfo) -> "DecodedArrays":
@@ -62,7 +62,7 @@ class DecodedArrays:
 
         Masks and attributes are 0. Outputs of the prior network and hash-grid features are uninitialised.
         """
-        # `outputs` and `context` are uninitialised.
+        # `outputs` and `context_features` are uninitialised.
         num, layout, config = len(info.voxels), info.config.layout, info.config
         widths = (layout.feature_dim, 6, 3 * layout.num_offsets)
         return DecodedArrays(
@@ -155,7 +155,7 @@ def _float_prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
             )
         )
     feature, scaling, offset = attributes
-    return Prior(feature, scaling, offset, arrays.context * np.float32(2.0**-ACTIVATION_BITS))
+    return Prior(feature, scaling, offset, arrays.context_features * np.float32(2.0**-ACTIVATION_BITS))
 
 
 def _to_float(outputs: np.ndarray) -> np.ndarray:

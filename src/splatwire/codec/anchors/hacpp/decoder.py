@@ -101,7 +101,7 @@ class HacppDecoder(AnchorDecoder):
     _arrays: DecodedArrays | None
 
     @property
-    def _room(self) -> DecodedArrays:
+    def _allocated(self) -> DecodedArrays:
         assert self._arrays is not None, "allocate comes first"
         return self._arrays
 
@@ -116,7 +116,7 @@ class HacppDecoder(AnchorDecoder):
             ranks: Indices of the n anchors in coding order, int64 (n).
         """
         features, outputs = self._context.predict(self._info.voxels[ranks])
-        self._room.outputs[ranks], self._room.context[ranks] = outputs, features
+        self._allocated.outputs[ranks], self._allocated.context_features[ranks] = outputs, features
 
     def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes packets of anchors to integers: offset masks and quantised attributes.
@@ -143,15 +143,15 @@ class HacppDecoder(AnchorDecoder):
             rows: Result of `decode` for these packets.
         """
         ranks = batch.indices
-        factors = factor_table()[step_indices(self._room.outputs[ranks], self._info.config)]
-        store_symbols(self._room, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
+        factors = factor_table()[step_indices(self._allocated.outputs[ranks], self._info.config)]
+        store_symbols(self._allocated, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
 
     def scene(self) -> ReceivedScene[AnchorScene]:
         """Returns the scene decoded so far, with the mask of received attributes and the stream's metadata.
 
         The scene shares memory with the arrays that `store` fills.
         """
-        return assemble_scene(self._info, self._room).with_records(*self._records)
+        return assemble_scene(self._info, self._allocated).with_records(*self._records)
 
 
 class SeparatedDecoder(HacppDecoder):
@@ -177,7 +177,7 @@ class SeparatedDecoder(HacppDecoder):
     def _allocate_arrays(self) -> None:
         """Allocates arrays for all anchors, with the offset masks from the side information."""
         super()._allocate_arrays()
-        self._room.mask[:], self._room.received[:, Attribute.MASK] = self._masks, True
+        self._allocated.mask[:], self._allocated.received[:, Attribute.MASK] = self._masks, True
 
     def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes the received packets of one spatial block.
@@ -196,7 +196,7 @@ class SeparatedDecoder(HacppDecoder):
         empty = Symbols.of_rows(np.empty((0, self.row_bytes // 4), np.int32), self._layout).rows()
         rows: list[SymbolRows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
         for ranks, payloads in _payloads_by_group(batch):
-            decoded = decode_parts(self._context, self._room.outputs[ranks], self._masks[ranks], payloads)
+            decoded = decode_parts(self._context, self._allocated.outputs[ranks], self._masks[ranks], payloads)
             rows.append((decoded.symbols.rows(), decoded.factors, decoded.received))
         return tuple(np.concatenate(parts) for parts in zip(*rows, strict=True))
 
@@ -210,7 +210,7 @@ class SeparatedDecoder(HacppDecoder):
         """
         symbols, factors, received = rows
         ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _payloads_by_group(batch))])
-        store_symbols(self._room, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)
+        store_symbols(self._allocated, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)
 
 
 def _payloads_by_group(batch: PacketBatch) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:

@@ -40,7 +40,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: 
     Raises:
         InvalidValueError: If the box of the hash grid is too thin for the voxels.
     """
-    config, context = scene.hacpp.config, scene.hacpp.context
+    config, context = scene.hacpp.config, scene.hacpp.context_model
     if network_tolerance is None:
         network_tolerance = float(
             np.clip(TOLERANCE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.05)
@@ -110,7 +110,7 @@ def _fit_channel(
             deviation.
     """
     fitted, before = [], 0
-    for network, size in zip(scene.hacpp.context.channel, scene.hacpp.config.layout.feature_groups, strict=True):
+    for network, size in zip(scene.hacpp.context_model.channel, scene.hacpp.config.layout.feature_groups, strict=True):
         inputs = np.concatenate([features[:, :before], prior], axis=1)
         scale = np.maximum(network(inputs)[:, size : 2 * size], MIN_SCALE)
         spread = typical_spread(scale, scene.hacpp.config.base_steps[0])
