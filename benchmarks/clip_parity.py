@@ -51,7 +51,7 @@ def encoded(files: list[Path], levels: list[float]) -> dict[float, SceneStream]:
     named = [tracker.add(frame) for frame in read_frames(files)]
     groups = [group_of(named[begin : begin + GROUP]) for begin in range(0, len(named), GROUP)]
     everyone = np.arange(len(groups[0].keys))
-    classes, found = precision_classes(groups[0].first(everyone)), {}
+    classes, found = precision_classes(groups[0].keyframe_gaussians(everyone)), {}
     for level in levels:
         writer = TracksEncoder(RATE, GROUP, Quality(level=level))
         for number, group in enumerate(groups):
