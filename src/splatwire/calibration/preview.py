@@ -328,7 +328,7 @@ class _DifferentiablePicture:
 
     def __init__(self, gaussians: Gaussians, cameras: Cameras, view: int, background: np.ndarray) -> None:
         self._arrays = float_arrays(gaussians)
-        self._picture = ViewRasterizer(self._arrays, cameras, view, kept=True)
+        self._picture = ViewRasterizer(self._arrays, cameras, view, for_gradients=True)
         self.image, self._left_over = self._picture.draw(background)
 
     def gradients(self, d_image: np.ndarray) -> tuple[list[np.ndarray], Float[np.ndarray, "3"]]:

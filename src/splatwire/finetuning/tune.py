@@ -239,7 +239,7 @@ def picture_gradients(
     if scene.antialiased:
         seen = compensated(seen, cameras, view)
     arrays = float_arrays(seen)
-    picture = ViewRasterizer(arrays, cameras, view, kept=True)
+    picture = ViewRasterizer(arrays, cameras, view, for_gradients=True)
     image, _ = picture.draw(np.array(scene.background, np.float32))
     difference = np.clip(image, 0, 1) - target
     if mask is not None:
