@@ -98,15 +98,15 @@ async function receiver() {
 }
 
 /**
- * Returns a script with the same effect: 6 % fewer compressed bytes than esbuild alone. Getters must have no side
- * effects, and those whose value is not used are not evaluated.
+ * Returns a script with the same effect: 6 % fewer compressed bytes than esbuild alone. `pure_getters` would save 0.1 %
+ * more, but removes checks that read a property and do not use its value.
  */
 async function smallest(script) {
   const format = { comments: /^ splatwire/ };
   return (
     await minify(script, {
       ecma: 2022,
-      compress: { passes: 2, lhs_constants: false, if_return: false, conditionals: false, pure_getters: true },
+      compress: { passes: 2, lhs_constants: false, if_return: false, conditionals: false },
       mangle: { toplevel: true },
       format,
     })
