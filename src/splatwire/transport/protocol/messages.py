@@ -1,4 +1,7 @@
-"""Messages of the wire protocol as named tuples. A datagram has one message (docs/wire.md)."""
+"""Messages of the wire protocol as named tuples (docs/wire.md).
+
+A datagram has one message. On the reliable stream of QUIC, the size of each message (u16) precedes it.
+"""
 
 from typing import NamedTuple
 
