@@ -162,7 +162,7 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     found = quantise(context, positions, masks, values, 0.0)
     without = replace(found, positions=replace(positions, num_low_bits=np.zeros_like(known.num_low_bits)))
     place = float((anchor_bits(context, found) - anchor_bits(context, without)).mean())
-    spread = -torch.from_numpy(np.log2(inverse_scale_table()[found.scales] / 2.0**20))
+    spread = -torch.from_numpy(np.log2(inverse_scale_table()[found.scale_indices] / 2.0**20))
     each = value_bits(torch.from_numpy(found.symbols), torch.zeros(1), spread).numpy()
     each[:, context.stages[-1].first :] *= np.repeat(masks, 3, axis=1)
     p = 1 / (1 + np.exp(-found.logits * 2.0**-16))

@@ -1,7 +1,9 @@
-"""Sockets of one UDP port among which the Linux kernel distributes datagrams, so that a flood fills few of them.
+"""Sockets of one UDP port among which the Linux kernel distributes datagrams.
 
 A single socket loses datagrams of all clients once its receive buffer is full. In a group of sockets, the kernel puts
-datagrams of new and of known clients into different buffers, and those of different addresses, too.
+datagrams of new and of known clients into different buffers, and those of different addresses, too. A flood from one
+address then fills few of the buffers. A flood with forged addresses fills those for new clients, but not those for
+known ones.
 """
 
 import asyncio
