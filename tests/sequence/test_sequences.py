@@ -304,7 +304,7 @@ def test_missing_or_invalid_frame_is_reported(tmp_path, caplog):
         assert len(frame_files(tmp_path)) == 4
     assert "missing after frame_01.ply: the clip continues with the next frame" in caplog.text
     (tmp_path / "frame_02.ply").write_bytes(b"")
-    with pytest.raises(DatasetError, match=r"frame_02.ply is no frame, .*an empty file"):
+    with pytest.raises(DatasetError, match=r"frame_02.ply: not a frame, .*an empty file"):
         frame_files(tmp_path)
 
 

@@ -79,10 +79,10 @@ def test_the_waiting_scene_is_replaced_by_a_newer_one(monkeypatch: pytest.Monkey
     started, go_on = threading.Event(), threading.Event()
     start, encoded = PartialUpdates.start, []
 
-    def slow(splats: Splats, antialiased: bool) -> PartialUpdates:
+    def slow(*arguments: Any) -> PartialUpdates:
         started.set()
         assert go_on.wait(240)
-        return start(splats, antialiased)
+        return start(*arguments)
 
     def pushed(state: PartialUpdates, splats: Splats, share: float) -> PartialUpdates:
         encoded.append(float(splats.means[0, 0]))
@@ -233,10 +233,10 @@ def test_waiting_for_a_server_that_is_closed_is_an_error(monkeypatch: pytest.Mon
     started, go_on, raised = threading.Event(), threading.Event(), []
     start = PartialUpdates.start
 
-    def slow(splats: Splats, antialiased: bool) -> PartialUpdates:
+    def slow(*arguments: Any) -> PartialUpdates:
         started.set()
         assert go_on.wait(240)
-        return start(splats, antialiased)
+        return start(*arguments)
 
     def push() -> None:
         with pytest.raises(InvalidValueError) as error:
