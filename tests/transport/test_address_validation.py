@@ -20,7 +20,6 @@ from aioquic.quic.configuration import QuicConfiguration
 from aioquic.quic.connection import QuicConnection
 from aioquic.quic.packet import QuicProtocolVersion, encode_quic_retry, pull_quic_header
 
-from splatwire.transport.lanes import TOKEN_PREFIX, TURN_DATAGRAMS, LaneClass
 from splatwire.transport.protocol import response_budget
 from splatwire.transport.protocol.response_budget import MAX_RESPONSES
 from splatwire.transport.quic import address_validation
@@ -36,6 +35,7 @@ from splatwire.transport.quic.address_validation import (
 )
 from splatwire.transport.quic.common import ALPN, MAX_PROBE_INTERVAL_S, configuration, limit_backoff
 from splatwire.transport.quic.server import RETRY_HANDSHAKES
+from splatwire.transport.socket_group import TOKEN_PREFIX, TURN_DATAGRAMS, DatagramClass
 from transport.test_quic import IDENTITY, OTHER, fetch, run, serving
 
 VERSIONS = (QuicProtocolVersion.VERSION_1, QuicProtocolVersion.VERSION_2)
@@ -179,11 +179,11 @@ def test_many_datagrams_are_read_in_one_turn_of_the_event_loop(monkeypatch):
             seen = []
             monkeypatch.setattr(server._endpoint, "datagram_received", lambda data, address: seen.append(data))
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-                for n in range(TURN_DATAGRAMS[LaneClass.KNOWN]):
+                for n in range(TURN_DATAGRAMS[DatagramClass.KNOWN]):
                     sender.sendto(bytes([n]), ("127.0.0.1", server.port))
             for _ in range(3):
                 await asyncio.sleep(0)
-            assert len(seen) == TURN_DATAGRAMS[LaneClass.KNOWN]
+            assert len(seen) == TURN_DATAGRAMS[DatagramClass.KNOWN]
 
     run(work())
 

@@ -24,9 +24,9 @@ from splatwire.transport import (
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
-from splatwire.transport.lanes import bound_socket
 from splatwire.transport.protocol.messages import Hello
 from splatwire.transport.protocol.wire import encode
+from splatwire.transport.socket_group import bound_socket
 from splatwire.transport.udp import (
     MAX_PENDING_RESPONSES,
     UdpServer,

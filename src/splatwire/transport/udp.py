@@ -14,7 +14,6 @@ from typing import Any
 from splatwire.errors import UnknownHostError
 from splatwire.transport.address import Address
 from splatwire.transport.event_log import RepeatedEvent
-from splatwire.transport.lanes import SOCKET_BUFFER, UDP_CLASSES, Instruction, LaneSockets
 from splatwire.transport.pcap import Endpoint
 from splatwire.transport.protocol.events import Event, Interrupted
 from splatwire.transport.protocol.receiver import Receiver
@@ -24,6 +23,7 @@ from splatwire.transport.protocol.sender import Server
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.server_limits import ServerLimits
 from splatwire.transport.protocol.wire import HELLO, TO_SERVER, message_kind
+from splatwire.transport.socket_group import SOCKET_BUFFER, UDP_CLASSES, Instruction, SocketGroup
 
 LOG = logging.getLogger(__name__)
 BATCH = 256
@@ -56,7 +56,7 @@ class SocketServer(abc.ABC):
         core: Server without sockets, which decides what is sent and when.
         host: Address to listen on.
         port: UDP port; 0 selects a free port.
-        classes: Program that classifies received datagrams, as in `LaneSockets`.
+        classes: Program that classifies received datagrams, as in `SocketGroup`.
 
     Attributes:
         bytes_sent: Bytes of all UDP datagrams that were sent.
@@ -68,9 +68,9 @@ class SocketServer(abc.ABC):
 
     def __init__(self, core: Server, host: str, port: int, classes: Sequence[Instruction]) -> None:
         self.core = core
-        self._lanes = LaneSockets(host, port, classes)
-        self._socket = self._lanes.sockets[0]
-        self._port = self._lanes.port
+        self._group = SocketGroup(host, port, classes)
+        self._socket = self._group.sockets[0]
+        self._port = self._group.port
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self.bytes_sent = self.num_dropped = 0
@@ -140,19 +140,19 @@ class UdpServer(SocketServer):
         self._backlog: deque[tuple[Hashable, bytes]] = deque()
         self._blocked = False
         self._responses = ResponseBudget()
-        self._lanes.add_readers(self._loop, self._readable)
+        self._group.add_readers(self._loop, self._readable)
 
     def close(self) -> None:
         """Stops the server by closing its socket, which cuts off running transfers."""
-        self._lanes.remove_readers(self._loop)
+        self._group.remove_readers(self._loop)
         self._loop.remove_writer(self._socket)
         self._cancel_timer()
-        self._lanes.close()
+        self._group.close()
 
-    def _readable(self, lane: socket.socket, max_datagrams: int) -> None:
+    def _readable(self, source: socket.socket, max_datagrams: int) -> None:
         for _ in range(max_datagrams):
             try:
-                data, address = lane.recvfrom(MAX_DATAGRAM_READ)
+                data, address = source.recvfrom(MAX_DATAGRAM_READ)
             except BlockingIOError:
                 break
             except OSError:  # ICMP error of an earlier datagram, e.g. port unreachable

@@ -12,8 +12,8 @@ from typing import Any
 
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
-from splatwire.transport.lanes import TOKEN_PREFIX
 from splatwire.transport.protocol.response_budget import network_key
+from splatwire.transport.socket_group import TOKEN_PREFIX
 
 MIN_INITIAL_BYTES = 1200
 """Minimum UDP payload of a client's Initial packet, bytes (RFC 9000, 14.1)."""

@@ -15,7 +15,6 @@ from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
 
 from splatwire.transport.event_log import RepeatedEvent
-from splatwire.transport.lanes import QUIC_CLASSES, TOKEN_PREFIX, LaneSockets
 from splatwire.transport.protocol.admission import Network, choose_eviction, network_of
 from splatwire.transport.protocol.response_budget import ResponseBudget
 from splatwire.transport.protocol.sender import Server
@@ -43,6 +42,7 @@ from splatwire.transport.quic.common import (
     limit_backoff,
 )
 from splatwire.transport.quic.sessions import NativeSession, Session, WebTransportSessions
+from splatwire.transport.socket_group import QUIC_CLASSES, TOKEN_PREFIX, SocketGroup
 from splatwire.transport.udp import EVENT_INTERVAL_S, MAX_DATAGRAM_READ, SocketServer
 
 LOG = logging.getLogger(__name__)
@@ -106,7 +106,7 @@ class QuicServer(SocketServer):
     async def start(self) -> "QuicServer":
         """Starts to listen for connections and returns this server."""
         self._endpoint = _LimitedEndpoint(self, self._configuration)
-        self._endpoint.connection_made(_SocketTransport(self._lanes, self._endpoint, self._on_sent))
+        self._endpoint.connection_made(_SocketTransport(self._group, self._endpoint, self._on_sent))
         return self
 
     def load_identity(self) -> None:
@@ -133,7 +133,7 @@ class QuicServer(SocketServer):
     def close(self) -> None:
         """Closes all connections and stops the server."""
         self._cancel_timer()
-        (self._endpoint or self._lanes).close()
+        (self._endpoint or self._group).close()
 
     def _on_sent(self, num_bytes: int) -> None:
         """Counts the bytes of a UDP datagram that was sent."""
@@ -331,21 +331,21 @@ class _SocketTransport:
     asyncio's own transport reads one datagram in each turn of the event loop, which is too slow for a flood.
 
     Args:
-        lanes: Bound sockets.
+        group: Bound sockets of the port.
         protocol: Object that gets the received datagrams.
         on_sent: Called with the size of each sent datagram, bytes.
     """
 
-    def __init__(self, lanes: LaneSockets, protocol: asyncio.DatagramProtocol, on_sent: Callable[[int], None]) -> None:
-        self._lanes, self._socket, self._protocol, self._on_sent = lanes, lanes.sockets[0], protocol, on_sent
+    def __init__(self, group: SocketGroup, protocol: asyncio.DatagramProtocol, on_sent: Callable[[int], None]) -> None:
+        self._group, self._socket, self._protocol, self._on_sent = group, group.sockets[0], protocol, on_sent
         self._loop = asyncio.get_running_loop()
         self._unsent: deque[tuple[bytes, Any]] = deque()
-        lanes.add_readers(self._loop, self._readable)
+        group.add_readers(self._loop, self._readable)
 
-    def _readable(self, lane: socket.socket, max_datagrams: int) -> None:
+    def _readable(self, source: socket.socket, max_datagrams: int) -> None:
         for _ in range(max_datagrams):
             try:
-                data, address = lane.recvfrom(MAX_DATAGRAM_READ)
+                data, address = source.recvfrom(MAX_DATAGRAM_READ)
             except OSError:  # nothing is left, an ICMP error of an earlier datagram, or closed meanwhile
                 return
             self._protocol.datagram_received(data, address)
@@ -380,9 +380,9 @@ class _SocketTransport:
     def close(self) -> None:
         """Closes the socket; waiting datagrams are lost."""
         if self._socket.fileno() >= 0:
-            self._lanes.remove_readers(self._loop)
+            self._group.remove_readers(self._loop)
             self._loop.remove_writer(self._socket)
-            self._lanes.close()
+            self._group.close()
 
 
 class _Connection(QuicConnectionProtocol):

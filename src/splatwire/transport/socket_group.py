@@ -26,14 +26,14 @@ SOCKET_BUFFER = 4 << 20
 NEW_BUFFER = 1 << 18
 """Size of the receive buffer of a socket for new clients, bytes. Datagrams that wait long in it are useless."""
 TOKEN_PREFIX = b"SWRT"
-"""First bytes of each token in a QUIC Retry packet. Tokens without them are of other servers: a browser returns a token
-to whatever server it finds at an address later (RFC 9000, 8.1.3), and these tokens must not keep it away.
+"""First bytes of each token in a QUIC Retry packet. Tokens without them are of other servers: a browser keeps the token
+of an address and may present it to a later server there (RFC 9000, 8.1.3). Such a client is treated as a new one.
 """
-LANES_PER_CLASS = 8
+SOCKETS_PER_CLASS = 8
 """Number of sockets per class. Address and port of a client choose its socket.
 
-Of `LaneClass.NEW`, each datagram goes at random to one of two halves. The client's network chooses the socket in the
-first half, address and port choose it in the second half. A flood from one network, with many ports, then leaves most
+Each datagram of `DatagramClass.NEW` goes at random to one of two halves. The client's network chooses the socket in
+the first half, address and port choose it in the second half. A flood from one network, with many ports, then leaves most
 sockets of the first half to other networks. A flood from one port leaves most sockets of the second half to others.
 Datagrams of other classes are not distributed at random, which would change their order.
 """
@@ -50,7 +50,7 @@ Instruction = tuple[int, int] | tuple[int, int, str, str] | str
 """Operation code and operand; with labels to jump to if the comparison holds or fails; or a label."""
 
 
-class LaneClass(enum.IntEnum):
+class DatagramClass(enum.IntEnum):
     """Class of datagrams, by what the server must do for them.
 
     Attributes:
@@ -64,7 +64,7 @@ class LaneClass(enum.IntEnum):
     KNOWN = 2
 
 
-TURN_DATAGRAMS = {LaneClass.NEW: 16, LaneClass.TOKEN: 32, LaneClass.KNOWN: 64}
+TURN_DATAGRAMS = {DatagramClass.NEW: 16, DatagramClass.TOKEN: 32, DatagramClass.KNOWN: 64}
 """Maximum number of datagrams that are read from a socket in one turn of the event loop, by class. Sockets are read in
 turn, and timers run between turns.
 """
@@ -109,7 +109,7 @@ QUIC_CLASSES: tuple[Instruction, ...] = (
 """Program that classifies UDP datagrams of QUIC by their header."""
 
 
-def lane_program(classes: Sequence[Instruction], salts: tuple[int, int]) -> bytes:
+def group_program(classes: Sequence[Instruction], salts: tuple[int, int]) -> bytes:
     """Returns a program of classic BPF that chooses the socket of a datagram.
 
     Args:
@@ -117,9 +117,9 @@ def lane_program(classes: Sequence[Instruction], salts: tuple[int, int]) -> byte
         salts: Two odd numbers of 32 bits, which keep the sockets of an address secret.
     """
     class_labels: list[Instruction] = []
-    for lane_class in LaneClass:
+    for each in DatagramClass:
         class_labels += [
-            lane_class.name.lower(), (_LD_IMM, LANES_PER_CLASS * lane_class), (_ST, 0), (_JUMP, 0, "source", ""),
+            each.name.lower(), (_LD_IMM, SOCKETS_PER_CLASS * each), (_ST, 0), (_JUMP, 0, "source", ""),
         ]  # fmt: skip
     return _assembled((
         *classes, *class_labels,
@@ -130,7 +130,7 @@ def lane_program(classes: Sequence[Instruction], salts: tuple[int, int]) -> byte
         "mix", (_MUL, salts[0]), (_TAX, 0), (_LD_MEM, 0), (_JUMP_EQ, 0, "new client", "by port"),
         "new client", (_LD_W, _RANDOM), (_JUMP_SET, 1, "second half", "first half"),
         "first half", (_TXA, 0), (_RSH, 30), (_JUMP, 0, "end", ""),
-        "second half", (_LD_MEM, 1), (_ADD_X, 0), (_MUL, salts[1]), (_RSH, 30), (_ADD, LANES_PER_CLASS // 2),
+        "second half", (_LD_MEM, 1), (_ADD_X, 0), (_MUL, salts[1]), (_RSH, 30), (_ADD, SOCKETS_PER_CLASS // 2),
         (_JUMP, 0, "end", ""),
         "by port", (_LD_MEM, 1), (_ADD_X, 0), (_MUL, salts[1]), (_RSH, 29),
         "end", (_TAX, 0), (_LD_MEM, 0), (_ADD_X, 0), (_RETURN_A, 0),
@@ -156,11 +156,11 @@ def _assembled(program: Sequence[Instruction]) -> bytes:
     return out
 
 
-class LaneSockets:
+class SocketGroup:
     """Non-blocking UDP sockets of one address and port, which share its datagrams.
 
-    Linux has `LANES_PER_CLASS` sockets for each `LaneClass`. Other systems have one socket for all datagrams, and so
-    does a Linux that has no programs for groups of sockets (kernels before 4.5, emulation), with a warning.
+    Linux has `SOCKETS_PER_CLASS` sockets for each `DatagramClass`. Other systems have one socket for all datagrams. So
+    has a Linux without programs for groups of sockets (kernels before 4.5, emulation), with a warning.
 
     Args:
         host: Address to listen on.
@@ -168,7 +168,7 @@ class LaneSockets:
         classes: Program that classifies datagrams: `UDP_CLASSES` or `QUIC_CLASSES`.
 
     Attributes:
-        sockets: The sockets, those of `LaneClass.NEW` first. The first one sends all datagrams.
+        sockets: The sockets, those of `DatagramClass.NEW` first. The first one sends all datagrams.
 
     Raises:
         InvalidValueError: If the address cannot be bound.
@@ -182,7 +182,7 @@ class LaneSockets:
         try:
             # Not before the first one is bound: another server must not be able to share its port.
             first.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-            for _ in range(len(LaneClass) * LANES_PER_CLASS - 1):
+            for _ in range(len(DatagramClass) * SOCKETS_PER_CLASS - 1):
                 other = _socket_like(first)
                 self.sockets.append(other)
                 other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
@@ -192,7 +192,7 @@ class LaneSockets:
             raise cannot_listen("UDP", host, port, error) from error
         salts = random.SystemRandom().getrandbits(32) | 1, random.SystemRandom().getrandbits(32) | 1
         try:
-            _attach(first, lane_program(classes, salts))
+            _attach(first, group_program(classes, salts))
         except OSError as error:
             LOG.warning("UDP port %d has one receive buffer, which a flood may fill: %s", self.port, error.strerror)
             for other in self.sockets[1:]:
@@ -200,7 +200,7 @@ class LaneSockets:
             self.sockets = [first]
             first.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
             return
-        for new in self.sockets[:LANES_PER_CLASS]:
+        for new in self.sockets[:SOCKETS_PER_CLASS]:
             with suppress(OSError):
                 new.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, NEW_BUFFER)
 
@@ -220,9 +220,9 @@ class LaneSockets:
         """
         for index, one in enumerate(self.sockets):
             if len(self.sockets) == 1:
-                most = sum(TURN_DATAGRAMS.values()) * LANES_PER_CLASS
+                most = sum(TURN_DATAGRAMS.values()) * SOCKETS_PER_CLASS
             else:
-                most = TURN_DATAGRAMS[LaneClass(index // LANES_PER_CLASS)]
+                most = TURN_DATAGRAMS[DatagramClass(index // SOCKETS_PER_CLASS)]
             loop.add_reader(one, callback, one, most)
 
     def remove_readers(self, loop: asyncio.AbstractEventLoop) -> None:

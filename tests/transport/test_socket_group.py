@@ -13,19 +13,8 @@ from collections.abc import Iterator
 import pytest
 
 from splatwire.errors import InvalidValueError
-from splatwire.transport import ReceiverOptions
-from splatwire.transport import lanes as lane_sockets
+from splatwire.transport import ReceiverOptions, socket_group
 from splatwire.transport.address import Address
-from splatwire.transport.lanes import (
-    LANES_PER_CLASS,
-    QUIC_CLASSES,
-    TOKEN_PREFIX,
-    TURN_DATAGRAMS,
-    UDP_CLASSES,
-    Instruction,
-    LaneClass,
-    LaneSockets,
-)
 from splatwire.transport.protocol import response_budget
 from splatwire.transport.protocol.messages import Bye, Hello, Request
 from splatwire.transport.protocol.response_budget import (
@@ -38,6 +27,16 @@ from splatwire.transport.protocol.response_budget import (
 from splatwire.transport.protocol.send_schedule import Protection
 from splatwire.transport.protocol.served_stream import make_served_stream
 from splatwire.transport.protocol.wire import encode
+from splatwire.transport.socket_group import (
+    QUIC_CLASSES,
+    SOCKETS_PER_CLASS,
+    TOKEN_PREFIX,
+    TURN_DATAGRAMS,
+    UDP_CLASSES,
+    DatagramClass,
+    Instruction,
+    SocketGroup,
+)
 from splatwire.transport.udp import MIN_DROPPED, UdpServer, receive_udp
 from transport.network import datagram_stream
 
@@ -58,17 +57,17 @@ QUIC_2 = bytes.fromhex("6b3343cf")
 
 
 @pytest.fixture
-def lanes(request: pytest.FixtureRequest) -> Iterator[LaneSockets]:
+def group(request: pytest.FixtureRequest) -> Iterator[SocketGroup]:
     host, classes = getattr(request, "param", ("127.0.0.1", QUIC_CLASSES))
-    sockets = LaneSockets(host, 0, classes)
-    yield sockets
-    sockets.close()
+    group = SocketGroup(host, 0, classes)
+    yield group
+    group.close()
 
 
-def arrived(sockets: LaneSockets) -> Counter[int]:
+def arrived(group: SocketGroup) -> Counter[int]:
     """Number of datagrams that wait, by index of the socket."""
     counts: Counter[int] = Counter()
-    for index, one in enumerate(sockets.sockets):
+    for index, one in enumerate(group.sockets):
         while True:
             try:
                 one.recv(2048)
@@ -78,92 +77,92 @@ def arrived(sockets: LaneSockets) -> Counter[int]:
     return counts
 
 
-def send(sockets: LaneSockets, data: bytes, source: str = "127.0.0.1", count: int = 1, ports: int = 1) -> None:
+def send(group: SocketGroup, data: bytes, source: str = "127.0.0.1", count: int = 1, ports: int = 1) -> None:
     for _ in range(ports):
         family = socket.AF_INET6 if ":" in source else socket.AF_INET
         with socket.socket(family, socket.SOCK_DGRAM) as sender:
             sender.bind((source, 0))
             for _ in range(count):
-                sender.sendto(data, (source if ":" in source else "127.0.0.1", sockets.port))
+                sender.sendto(data, (source if ":" in source else "127.0.0.1", group.port))
 
 
 @ON_LINUX
-@pytest.mark.parametrize("lanes", [("127.0.0.1", QUIC_CLASSES), ("::", QUIC_CLASSES)], indirect=True)
+@pytest.mark.parametrize("group", [("127.0.0.1", QUIC_CLASSES), ("::", QUIC_CLASSES)], indirect=True)
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
-        (initial(), LaneClass.NEW),
-        (initial(token=b"token of another server"), LaneClass.NEW),
-        (initial(token=TOKEN), LaneClass.TOKEN),
-        (initial(ids=(20, 0), token=TOKEN), LaneClass.TOKEN),
-        (initial(ids=(0, 20), token=TOKEN), LaneClass.TOKEN),
-        (initial(QUIC_2, 0xD0, token=TOKEN), LaneClass.TOKEN),
-        (initial(QUIC_2, 0xD0), LaneClass.NEW),
-        (initial(first=0xE0), LaneClass.KNOWN),  # Handshake
-        (initial(QUIC_2, 0xF0), LaneClass.KNOWN),
-        (initial(b"\xfa\xfa\xfa\xfa", token=TOKEN), LaneClass.NEW),
-        (b"\x41" + bytes(30), LaneClass.KNOWN),
-        (initial(ids=(255, 255))[:300], LaneClass.NEW),
-        (b"\xc0", LaneClass.NEW),
-        (b"", LaneClass.NEW),
+        (initial(), DatagramClass.NEW),
+        (initial(token=b"token of another server"), DatagramClass.NEW),
+        (initial(token=TOKEN), DatagramClass.TOKEN),
+        (initial(ids=(20, 0), token=TOKEN), DatagramClass.TOKEN),
+        (initial(ids=(0, 20), token=TOKEN), DatagramClass.TOKEN),
+        (initial(QUIC_2, 0xD0, token=TOKEN), DatagramClass.TOKEN),
+        (initial(QUIC_2, 0xD0), DatagramClass.NEW),
+        (initial(first=0xE0), DatagramClass.KNOWN),  # Handshake
+        (initial(QUIC_2, 0xF0), DatagramClass.KNOWN),
+        (initial(b"\xfa\xfa\xfa\xfa", token=TOKEN), DatagramClass.NEW),
+        (b"\x41" + bytes(30), DatagramClass.KNOWN),
+        (initial(ids=(255, 255))[:300], DatagramClass.NEW),
+        (b"\xc0", DatagramClass.NEW),
+        (b"", DatagramClass.NEW),
     ],
 )
-def test_quic_packets_are_classified_by_their_header(lanes: LaneSockets, data: bytes, expected: LaneClass) -> None:
-    send(lanes, data, "::1" if lanes.sockets[0].family == socket.AF_INET6 else "127.0.0.1", 20)
-    assert {index // LANES_PER_CLASS for index in arrived(lanes)} == {expected}
+def test_quic_packets_are_classified_by_their_header(group: SocketGroup, data: bytes, expected: DatagramClass) -> None:
+    send(group, data, "::1" if group.sockets[0].family == socket.AF_INET6 else "127.0.0.1", 20)
+    assert {index // SOCKETS_PER_CLASS for index in arrived(group)} == {expected}
 
 
 @ON_LINUX
-@pytest.mark.parametrize("lanes", [("127.0.0.1", UDP_CLASSES)], indirect=True)
+@pytest.mark.parametrize("group", [("127.0.0.1", UDP_CLASSES)], indirect=True)
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
-        (encode(Hello(1, "")), LaneClass.NEW),
-        (encode(Request(1, bytes(16), "")), LaneClass.TOKEN),
-        (encode(Bye(1)), LaneClass.KNOWN),
-        (bytes([encode(Hello(1, ""))[0] ^ 0x10]) + bytes(1199), LaneClass.NEW),  # another version
-        (initial(token=TOKEN), LaneClass.NEW),
+        (encode(Hello(1, "")), DatagramClass.NEW),
+        (encode(Request(1, bytes(16), "")), DatagramClass.TOKEN),
+        (encode(Bye(1)), DatagramClass.KNOWN),
+        (bytes([encode(Hello(1, ""))[0] ^ 0x10]) + bytes(1199), DatagramClass.NEW),  # another version
+        (initial(token=TOKEN), DatagramClass.NEW),
     ],
 )
-def test_datagrams_are_classified_by_their_kind(lanes: LaneSockets, data: bytes, expected: LaneClass) -> None:
-    send(lanes, data, count=20)
-    assert {index // LANES_PER_CLASS for index in arrived(lanes)} == {expected}
+def test_datagrams_are_classified_by_their_kind(group: SocketGroup, data: bytes, expected: DatagramClass) -> None:
+    send(group, data, count=20)
+    assert {index // SOCKETS_PER_CLASS for index in arrived(group)} == {expected}
 
 
 @ON_LINUX
-def test_datagrams_of_a_connection_wait_in_one_socket_and_keep_their_order(lanes: LaneSockets) -> None:
-    send(lanes, b"\x41" + bytes(30), count=60)
-    assert list(arrived(lanes).values()) == [60]
+def test_datagrams_of_a_connection_wait_in_one_socket_and_keep_their_order(group: SocketGroup) -> None:
+    send(group, b"\x41" + bytes(30), count=60)
+    assert list(arrived(group).values()) == [60]
 
 
 @ON_LINUX
-def test_a_flood_fills_one_socket_of_each_half_or_half_of_them(lanes: LaneSockets) -> None:
-    half = LANES_PER_CLASS // 2
-    send(lanes, initial(), "127.7.0.1", count=200)
-    one_port = arrived(lanes)
+def test_a_flood_fills_one_socket_of_each_half_or_half_of_them(group: SocketGroup) -> None:
+    half = SOCKETS_PER_CLASS // 2
+    send(group, initial(), "127.7.0.1", count=200)
+    one_port = arrived(group)
     assert [sum(index // half == part for index in one_port) for part in range(2)] == [1, 1]
     assert min(one_port.values()) > 40
-    send(lanes, initial(), "127.7.0.1", count=4, ports=100)
-    one_network = arrived(lanes)
+    send(group, initial(), "127.7.0.1", count=4, ports=100)
+    one_network = arrived(group)
     assert [sum(index // half == part for index in one_network) for part in range(2)] == [1, half]
-    networks = {next(iter(arrived(lanes))) for n in range(60) if send(lanes, b"\x41", f"127.7.{n}.1") is None}
-    assert len(networks) == LANES_PER_CLASS
+    networks = {next(iter(arrived(group))) for n in range(200) if send(group, b"\x41", f"127.7.{n}.1") is None}
+    assert len(networks) == SOCKETS_PER_CLASS
 
 
 @ON_LINUX
-def test_a_flood_of_new_clients_loses_no_datagram_of_a_connection(lanes: LaneSockets) -> None:
+def test_a_flood_of_new_clients_loses_no_datagram_of_a_connection(group: SocketGroup) -> None:
     """The sockets for new clients overflow, and nothing reads meanwhile."""
     for n in range(16):
-        send(lanes, initial(), f"127.7.{n}.1", count=500)
-    send(lanes, b"\x41" + bytes(30), count=50)
-    counts = arrived(lanes)
-    assert sum(counts[index] for index in range(LANES_PER_CLASS)) < 16 * 500
-    assert sum(counts[LaneClass.KNOWN * LANES_PER_CLASS + index] for index in range(LANES_PER_CLASS)) == 50
+        send(group, initial(), f"127.7.{n}.1", count=500)
+    send(group, b"\x41" + bytes(30), count=50)
+    counts = arrived(group)
+    assert sum(counts[index] for index in range(SOCKETS_PER_CLASS)) < 16 * 500
+    assert sum(counts[DatagramClass.KNOWN * SOCKETS_PER_CLASS + index] for index in range(SOCKETS_PER_CLASS)) == 50
 
 
-def test_another_server_cannot_listen_on_the_same_port(lanes: LaneSockets) -> None:
-    with pytest.raises(InvalidValueError, match=f"cannot listen on UDP port {lanes.port}"):
-        LaneSockets("127.0.0.1", lanes.port, QUIC_CLASSES)
+def test_another_server_cannot_listen_on_the_same_port(group: SocketGroup) -> None:
+    with pytest.raises(InvalidValueError, match=f"cannot listen on UDP port {group.port}"):
+        SocketGroup("127.0.0.1", group.port, QUIC_CLASSES)
 
 
 @pytest.mark.parametrize("classes", [UDP_CLASSES, QUIC_CLASSES])
@@ -171,10 +170,10 @@ def test_systems_without_socket_groups_have_one_socket(
     classes: tuple[Instruction, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
-    sockets = LaneSockets("127.0.0.1", 0, classes)
-    send(sockets, b"anything", count=3)
-    assert arrived(sockets) == Counter({0: 3})
-    sockets.close()
+    group = SocketGroup("127.0.0.1", 0, classes)
+    send(group, b"anything", count=3)
+    assert arrived(group) == Counter({0: 3})
+    group.close()
 
 
 @ON_LINUX
@@ -184,35 +183,37 @@ def test_a_linux_without_programs_for_socket_groups_has_one_socket(
     def unsupported(*_: object) -> None:
         raise OSError(errno.ENOPROTOOPT, os.strerror(errno.ENOPROTOOPT))
 
-    monkeypatch.setattr(lane_sockets, "_attach", unsupported)
-    sockets = LaneSockets("127.0.0.1", 0, QUIC_CLASSES)
-    send(sockets, b"anything", count=3, ports=20)
-    assert arrived(sockets) == Counter({0: 60})
+    monkeypatch.setattr(socket_group, "_attach", unsupported)
+    group = SocketGroup("127.0.0.1", 0, QUIC_CLASSES)
+    send(group, b"anything", count=3, ports=20)
+    assert arrived(group) == Counter({0: 60})
     assert "one receive buffer" in caplog.text
-    with pytest.raises(InvalidValueError, match=f"cannot listen on UDP port {sockets.port}"):
-        LaneSockets("127.0.0.1", sockets.port, QUIC_CLASSES)
-    sockets.close()
+    with pytest.raises(InvalidValueError, match=f"cannot listen on UDP port {group.port}"):
+        SocketGroup("127.0.0.1", group.port, QUIC_CLASSES)
+    group.close()
 
 
 @ON_LINUX
-def test_each_turn_of_the_event_loop_reads_few_datagrams_of_each_socket(lanes: LaneSockets) -> None:
+def test_each_turn_of_the_event_loop_reads_few_datagrams_of_each_socket(group: SocketGroup) -> None:
     async def work() -> None:
         read: list[tuple[socket.socket, int]] = []
         for _ in range(2):
-            send(lanes, initial(), count=5)
-            send(lanes, b"\x41", count=5)
-        lanes.add_readers(asyncio.get_running_loop(), lambda lane, most: read.append((lane, most)))
+            send(group, initial(), count=5)
+            send(group, b"\x41", count=5)
+        group.add_readers(asyncio.get_running_loop(), lambda source, most: read.append((source, most)))
         for _ in range(2):
             await asyncio.sleep(0)
-        lanes.remove_readers(asyncio.get_running_loop())
+        group.remove_readers(asyncio.get_running_loop())
         by_class = {
-            lane_class: {most for lane, most in read if lanes.sockets.index(lane) // LANES_PER_CLASS == lane_class}
-            for lane_class in LaneClass
+            datagram_class: {
+                most for source, most in read if group.sockets.index(source) // SOCKETS_PER_CLASS == datagram_class
+            }
+            for datagram_class in DatagramClass
         }
         assert by_class == {
-            LaneClass.NEW: {TURN_DATAGRAMS[LaneClass.NEW]},
-            LaneClass.TOKEN: set(),
-            LaneClass.KNOWN: {TURN_DATAGRAMS[LaneClass.KNOWN]},
+            DatagramClass.NEW: {TURN_DATAGRAMS[DatagramClass.NEW]},
+            DatagramClass.TOKEN: set(),
+            DatagramClass.KNOWN: {TURN_DATAGRAMS[DatagramClass.KNOWN]},
         }
 
     asyncio.run(work())
