@@ -20,7 +20,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -120,22 +120,22 @@ async def hostile(target: tuple[str, int], source: str, alpn: str) -> Hostile:
     return client
 
 
-async def flood_handshakes(target: tuple[str, int], sources: Iterator[str], end: float) -> int:
+async def flood_handshakes(target: tuple[str, int], source: str, end: float) -> int:
     """Completes handshakes, and disappears after each of them."""
     num = 0
     while time.monotonic() < end:
         with contextlib.suppress(TimeoutError, OSError):
-            (await hostile(target, next(sources), ALPN)).shut()
+            (await hostile(target, source, ALPN)).shut()
             num += 1
     return num
 
 
-async def flood_streams(target: tuple[str, int], sources: Iterator[str], end: float) -> int:
+async def flood_streams(target: tuple[str, int], source: str, end: float) -> int:
     """Opens WebTransport sessions with streams, and sends small pieces and datagrams on them without end."""
     num = 0
     while time.monotonic() < end:
         try:
-            client = await hostile(target, next(sources), ALPN_HTTP)
+            client = await hostile(target, source, ALPN_HTTP)
         except (TimeoutError, OSError):
             continue
         http, quic = H3Connection(client.quic, enable_webtransport=True), client.quic
@@ -156,14 +156,14 @@ async def flood_streams(target: tuple[str, int], sources: Iterator[str], end: fl
     return num
 
 
-def flood_http(target: tuple[str, int], sources: Iterator[str], end: float, *, slow: bool) -> int:
+def flood_http(target: tuple[str, int], source: str, end: float, *, slow: bool) -> int:
     """Opens HTTP connections: with requests that never end (`slow`), or with one whole request each."""
     poll, num = selectors.DefaultSelector(), 0
     while time.monotonic() < end:
         while len(poll.get_map()) < (600 if slow else 60):
             connection = socket.socket()
             connection.setblocking(False)
-            connection.bind((next(sources), 0))
+            connection.bind((source, 0))
             connection.connect_ex(target)
             poll.register(connection, selectors.EVENT_WRITE)
         for key, events in poll.select(0.05):
@@ -196,12 +196,12 @@ def flood(kind: str, target: tuple[str, int], source: str, seconds: float, rate:
         return flood_datagrams(kind, target, sources, end, rate)
     if kind in ("handshakes", "streams"):
         work = flood_handshakes if kind == "handshakes" else flood_streams
-        return asyncio.run(work(target, itertools.cycle(sources[:1]), end))
+        return asyncio.run(work(target, sources[0], end))
     if kind in ("none", "busy core"):  # a process that only computes shows the effect of its processor time
         while kind == "busy core" and time.monotonic() < end:
             pass
         return 0
-    return flood_http(target, itertools.cycle(sources[:1]), end, slow=kind == "slow requests")
+    return flood_http(target, sources[0], end, slow=kind == "slow requests")
 
 
 async def read_page(port: int) -> None:

@@ -29,11 +29,11 @@ MAX_RECHECKS = 16
 """Maximum number of changes of an unreadable file or folder; it is then ignored until it is removed."""
 MAX_ENTRIES = 4096
 """Maximum number of entries of a folder that are checked for changes; no frame has as many files."""
-LISTING_COST_S = 5e-6
+LISTING_INTERVAL_S = 5e-6
 """Minimum interval between two listings of a folder, seconds per entry, so that a folder with many old frames does not
 take the processor time of the encoder.
 """
-RECHECK_COST_S = 40e-6
+RECHECK_INTERVAL_S = 40e-6
 """Minimum interval between two checks of all earlier files for changes, seconds per file."""
 MAX_NAMES = 4096
 """Maximum number of file names read from a pipe before their frames are read."""
@@ -133,9 +133,9 @@ class FolderSource:
         """Returns the files that are complete and were not returned before, sorted by name.
 
         A large folder is listed at most once in 5 ms per 1,000 files. A new file is returned after two listings, which
-        show that it no longer grows. Changes of earlier files are found within 40 ms per 1,000 files, plus one listing.
+        show that it no longer grows, or after one if its last change is older than `COMPLETE_AGE_S`. Changes of earlier files are found within 40 ms per 1,000 files, plus one listing.
         """
-        if now - self._listed_at < self._num_names * LISTING_COST_S:
+        if now - self._listed_at < self._num_names * LISTING_INTERVAL_S:
             return []
         try:
             names = set(os.listdir(self._folder))
@@ -145,7 +145,7 @@ class FolderSource:
         self._listed_at, self._num_names = now, len(names)
         self._forget(names)
         candidates = (names - self._done.keys()) | self._seen.keys()
-        if now - self._rechecked_at >= len(self._done) * RECHECK_COST_S:
+        if now - self._rechecked_at >= len(self._done) * RECHECK_INTERVAL_S:
             self._rechecked_at = now
             candidates = names
         return self._complete(self._new(candidates), now)
@@ -213,7 +213,7 @@ class FolderSource:
 
         Args:
             path: The file.
-            signature: State of the file when it was read (`signature_of`), so that a changed file is returned again;
+            signature: State of the file when it was read (`signature_at`), so that a changed file is returned again;
                 `NO_FILE` if the file was missing. None to ignore the file until it is removed.
         """
         if signature is not None and path.name in self._done:

@@ -155,7 +155,7 @@ class LiveIngest:
         """Removes the first file from the queue and marks the file as read.
 
         Args:
-            signature: State of the file when it was read (`signature_of`), so that a later change is noticed. None to
+            signature: State of the file when it was read (`signature_at`), so that a later change is noticed. None to
                 ignore the file for as long as it exists.
         """
         self._unreadable.clear()

@@ -2,15 +2,15 @@
 
 A single socket loses datagrams of all clients once its receive buffer is full. In a group of sockets, the kernel puts
 datagrams of new and of known clients into different buffers, and those of different addresses, too. A flood from one
-address then fills few of the buffers. A flood with forged addresses fills those for new clients, but not those for
-known ones.
+address and port then fills few of the buffers. A flood of first datagrams, also with forged addresses, fills those for
+new clients, but not those for known ones.
 """
 
 import asyncio
 import ctypes
 import enum
 import logging
-import random
+import secrets
 import socket
 import struct
 import sys
@@ -33,14 +33,15 @@ SOCKETS_PER_CLASS = 8
 """Number of sockets per class. Address and port of a client choose its socket.
 
 Each datagram of `DatagramClass.NEW` goes at random to one of two halves. The client's network chooses the socket in
-the first half, address and port choose it in the second half. A flood from one network, with many ports, then leaves most
-sockets of the first half to other networks. A flood from one port leaves most sockets of the second half to others.
+the first half, address and port choose it in the second half. A flood from one network, with many ports, then leaves
+most sockets of the first half to other networks. A flood from one port leaves most sockets of the second half to others.
 Datagrams of other classes are not distributed at random, which would change their order.
 """
 _SO_ATTACH_REUSEPORT_CBPF = 51
 _NET, _RANDOM = 0xFFF00000, 0xFFFFF000 + 56
 """Offsets of the IP header and of a random number (SKF_NET_OFF; SKF_AD_OFF, SKF_AD_RANDOM)."""
-_QUIC_2 = 0x6B3343CF
+QUIC_2 = 0x6B3343CF
+"""Number of QUIC version 2 (RFC 9369)."""
 _LD_W, _LD_H, _LD_B, _LD_W_X, _LD_B_X, _LD_MEM, _LD_IMM, _ST = 0x20, 0x28, 0x30, 0x40, 0x50, 0x60, 0x00, 0x02
 _ADD, _ADD_X, _MUL, _RSH, _AND, _TAX, _TXA = 0x04, 0x0C, 0x24, 0x74, 0x54, 0x07, 0x87
 _JUMP, _JUMP_EQ, _JUMP_SET, _RETURN_A = 0x05, 0x15, 0x45, 0x16
@@ -88,7 +89,7 @@ QUIC_CLASSES: tuple[Instruction, ...] = (
     (_LD_W, 1),
     (_JUMP_EQ, 1, "version 1", "no version 1"),
     "no version 1",
-    (_JUMP_EQ, _QUIC_2, "version 2", "new"),
+    (_JUMP_EQ, QUIC_2, "version 2", "new"),
     "version 1",
     (_LD_B, 0),
     (_AND, 0x30),
@@ -190,7 +191,7 @@ class SocketGroup:
         except OSError as error:
             self.close()
             raise cannot_listen("UDP", host, port, error) from error
-        salts = random.SystemRandom().getrandbits(32) | 1, random.SystemRandom().getrandbits(32) | 1
+        salts = secrets.randbits(32) | 1, secrets.randbits(32) | 1
         try:
             _attach(first, group_program(classes, salts))
         except OSError as error:

@@ -78,7 +78,7 @@ export class Transfer {
   /** Number of received heads. A growing stream has one per group of frames. */
   numInitSegments = 0;
   /** Number of later welcome messages since the last head. */
-  #numHeadless = 0;
+  #numWelcomesSinceHead = 0;
   readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, packetBytes: 0 };
   /** Time until which the request is not repeated, because a live stream has not begun. */
   waitUntil = 0;
@@ -147,11 +147,12 @@ export class Transfer {
   }
 
   /**
-   * Number that changes with everything new. Later datagrams count where a server may have nothing new to send. Nothing
-   * counts after a second welcome message without a head in between.
+   * Number that changes when something new arrives. If the server may have nothing new to send (a view, a live stream),
+   * any later datagram counts as new. After two later welcome messages without a head it stays 0. Before the first
+   * welcome it contains 0.5, which differs from every number of missing symbols.
    */
   get progress(): number {
-    if (this.#numHeadless > 1) return 0;
+    if (this.#numWelcomesSinceHead > 1) return 0;
     const mayIdle = this.head && (this.viewing || this.welcome!.isLive);
     return this.counts.packets - (this.#initSegment?.missing ?? 0.5) + (mayIdle ? this.#largestSequence : 0);
   }
@@ -320,7 +321,7 @@ export class Transfer {
     if (isSame ? next.packets < before.packets : next.streamId === this.#streamBefore) return;
     if (isSame && next.isLive === before.isLive && hex(next.digest) === hex(before.digest)) return;
     this.welcome = next;
-    this.#numHeadless++;
+    this.#numWelcomesSinceHead++;
     this.#initSegment = new InitSegment(next);
     this.head = null;
     this.ended = false;
@@ -363,7 +364,7 @@ export class Transfer {
       const { head, bundled } = this.#initSegment!.read();
       this.head = head;
       this.numInitSegments++;
-      this.#numHeadless = 0;
+      this.#numWelcomesSinceHead = 0;
       if (this.before) this.isSameStream ??= this.#initSegment!.hasManifestOf(this.before.initSegment);
       bundled.forEach((packet, packetIndex) => this.#acceptPacket(packetIndex, packet));
       this.#checkFinished();

@@ -214,7 +214,7 @@ async def _keep_session(
     Raises:
         InvalidValueError: If the first session cannot be opened.
     """
-    # Not left to the client of moq-rs: it stops to reconnect after ten seconds, and hides the reason of a failure.
+    # Not left to the client of moq-rs: it stops reconnecting after ten seconds, and hides the reason of a failure.
     moq, loop = need_moq(), asyncio.get_running_loop()
     ready_called = warned = False
     pause = MIN_PAUSE_S
@@ -229,10 +229,9 @@ async def _keep_session(
                 await client.session.closed()
         except moq.Error as error:
             reason = error_text(error) or reason
-        except InvalidValueError as error:
+        except InvalidValueError:
             if not ready_called:
                 raise
-            reason = str(error)
         if opened_at is not None and loop.time() - opened_at >= STABLE_S:
             pause, warned = MIN_PAUSE_S, False
         if not warned:

@@ -7,8 +7,8 @@ from typing import Any
 WINDOW_S = 0.1
 """Period over which responses to unvalidated addresses are counted, seconds."""
 MAX_RESPONSES = 1000
-"""Maximum number of responses to unvalidated addresses per window. A response takes about 25 µs, so that a flood takes
-at most a quarter of a core.
+"""Maximum number of responses to unvalidated addresses per window. A response takes about 25 µs, so that
+responses take at most a quarter of a core. The cost of reading and dropping further datagrams comes on top of that.
 """
 MAX_ADDRESS_RESPONSES = 4
 """Maximum number of these responses per window to one address and port. Clients repeat their first datagram after 0.1

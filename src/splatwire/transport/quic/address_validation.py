@@ -13,7 +13,7 @@ from typing import Any
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
 from splatwire.transport.protocol.response_budget import network_key
-from splatwire.transport.socket_group import TOKEN_PREFIX
+from splatwire.transport.socket_group import QUIC_2, TOKEN_PREFIX
 
 MIN_INITIAL_BYTES = 1200
 """Minimum UDP payload of a client's Initial packet, bytes (RFC 9000, 14.1)."""
@@ -27,11 +27,11 @@ HANDSHAKE_WINDOW_S = 10.0
 MAX_COUNTED_NETWORKS = 4096
 """Maximum number of networks whose handshakes are counted; all counts are dropped beyond it."""
 _STAMP_BYTES, _MAC_BYTES, _TICKS = 4, 16, 100.0
-_LONG_INITIAL = {1: (0xC0, 0xF0), 0x6B3343CF: (0xD0, 0xC0)}
+_LONG_INITIAL = {1: (0xC0, 0xF0), QUIC_2: (0xD0, 0xC0)}
 """First byte of Initial and Retry packets by QUIC version (1 and 2), without the low 4 bits."""
 _INTEGRITY = {  # RFC 9001, 5.8, and RFC 9369, 3.3.3
     1: (AESGCM(bytes.fromhex("be0c690b9f66575a1d766b54e368c84e")), bytes.fromhex("461599d35d632bf2239825bb")),
-    0x6B3343CF: (AESGCM(bytes.fromhex("8fb4b01b56ac48e260fbcbcead7ccc92")), bytes.fromhex("d86969bc2d7c6d9990efb04a")),
+    QUIC_2: (AESGCM(bytes.fromhex("8fb4b01b56ac48e260fbcbcead7ccc92")), bytes.fromhex("d86969bc2d7c6d9990efb04a")),
 }
 """Key and nonce of the integrity tag of Retry packets by QUIC version."""
 
