@@ -34,8 +34,8 @@ SOCKETS_PER_CLASS = 8
 
 Each datagram of `DatagramClass.NEW` goes at random to one of two halves. The client's network chooses the socket in
 the first half, address and port choose it in the second half. A flood from one network, with many ports, then leaves
-most sockets of the first half to other networks. A flood from one port leaves most sockets of the second half to others.
-Datagrams of other classes are not distributed at random, which would change their order.
+most sockets of the first half to other networks. A flood from one port leaves most sockets of the second half to
+others. Datagrams of other classes are not distributed at random, which would change their order.
 """
 _SO_ATTACH_REUSEPORT_CBPF = 51
 _NET, _RANDOM = 0xFFF00000, 0xFFFFF000 + 56
