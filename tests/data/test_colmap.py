@@ -14,6 +14,7 @@ from splatwire.data import dataset_layout, open_dataset
 from splatwire.data._checks import child
 from splatwire.data.colmap import find_reconstruction, read_points, read_views
 from splatwire.errors import DatasetError
+from splatwire.files.kinds import DATASET, PHOTOS, file_kind
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a colon is not allowed in names of Windows")
@@ -245,7 +246,8 @@ def test_the_reconstruction_with_the_lowest_number_is_read(capture, caplog, pare
     shutil.rmtree(folder)
     assert find_reconstruction(capture.root) == capture.root / parent / "2"
     assert open_dataset(capture.root).num_views == 2
-    assert "reconstructions beside it are not read: 10" in caplog.text
+    folder = "" if parent == "." else f"{parent}/"
+    assert f"{folder}2 (12 images) is read; the others are not: {folder}10 (12 images)" in caplog.text
 
 
 def test_photos_may_be_beside_the_numbered_reconstruction(capture):
@@ -301,7 +303,56 @@ def test_other_reconstructions_give_a_warning(capture, caplog):
     assert not caplog.text
     shutil.copytree(folder, folder.parent / "1")
     open_dataset(capture.root)
-    assert "reconstructions beside it are not read: 1; their photos are not used" in caplog.text
+    assert "of 2 reconstructions, sparse/0 (12 images) is read; the others are not: sparse/1 (12 images)" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("read", "other", "message"),
+    [
+        (".", "sparse/1", "the one in the folder itself (12 images) is read; the others are not: sparse/1 (3 images)"),
+        ("sparse", "0", "sparse (12 images) is read; the others are not: 0 (3 images)"),
+        ("sparse/0", "sparse", "sparse/0 (12 images) is read; the others are not: sparse (3 images)"),
+        ("colmap/sparse/0", ".", "colmap/sparse/0 (12 images) is read; the others are not: the one in the folder "),
+    ],
+)
+def test_a_reconstruction_elsewhere_that_is_not_read_is_named_with_its_images(capture, caplog, read, other, message):
+    capture.write_images()
+    kept = shutil.move(capture.write_binary(), capture.root.parent / "kept")
+    capture.names, capture.quaternions = capture.names[:3], capture.quaternions[:3]
+    fewer = capture.write_text()
+    shutil.move(fewer, capture.root.parent / "fewer")
+    (capture.root / "sparse").rmdir()
+    shutil.copytree(kept, capture.root / read, dirs_exist_ok=True)
+    shutil.copytree(capture.root.parent / "fewer", capture.root / other, dirs_exist_ok=True)
+    assert open_dataset(capture.root, split="all").num_views == 12
+    assert message in caplog.text
+
+
+def test_a_damaged_reconstruction_that_is_not_read_is_named(capture, caplog):
+    capture.write_images()
+    folder = capture.write_binary()
+    shutil.copytree(folder, folder.parent / "1")
+    (folder.parent / "1" / "images.bin").write_bytes(b"damaged")
+    open_dataset(capture.root)
+    assert "the others are not: sparse/1 (damaged)" in caplog.text
+
+
+def test_a_reconstruction_that_two_paths_reach_is_one(capture, caplog):
+    capture.write_images()
+    folder = capture.write_binary()
+    (folder.parent / "1").symlink_to("0")
+    open_dataset(capture.root)
+    assert not caplog.text
+
+
+def test_photos_beside_a_numbered_reconstruction_are_posed_photos(capture):
+    shutil.copytree(capture.write_binary(), capture.root / "0")
+    shutil.rmtree(capture.root / "sparse")
+    for name, pixels in zip(capture.names, capture.pixels, strict=True):
+        Image.fromarray(pixels).save(capture.root / name)
+    assert file_kind(capture.root) == DATASET
+    shutil.rmtree(capture.root / "0")
+    assert file_kind(capture.root) == PHOTOS
 
 
 @pytest.mark.parametrize(("name", "what", "count"), [("images", "images", 12), ("points3D", "points", 5)])

@@ -232,7 +232,7 @@ def _read_scene(reader: SceneReader) -> AnchorScene:
         left_out = reader.tensor("hints.left_out", (count,), np.bool_)
         opacity_gain = reader.tensor("hints.opacity_gain", (count,)) if reader.has("hints.opacity_gain") else None
         hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out, opacity_gain)
-    metadata = metadata_from_json(reader.header.get("metadata"))
+    metadata = metadata_from_json(reader.header.get("metadata"), reader.path)
     return AnchorScene(anchors, heads, coding, hints, reader.background(), reader.origin(), metadata)
 
 

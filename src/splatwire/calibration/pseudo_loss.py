@@ -22,12 +22,17 @@ class CalibrationData:
     Attributes:
         complete: The complete scene as a decoder returns it.
         members: Indices of the anchors in each packet.
-        cameras: Cameras of the pictures for the training of a concealer; None to train without pictures.
+        cameras: Cameras of the pictures for the training of a concealer; they become relative to the origin of the
+            scene. None to train without pictures.
     """
 
     complete: ReceivedScene[AnchorScene]
     members: PacketMembers
     cameras: Cameras | None = None
+
+    def __post_init__(self) -> None:
+        if self.cameras is not None:
+            object.__setattr__(self, "cameras", self.cameras.relative_to(self.complete.scene.origin))
 
     @property
     def scene(self) -> AnchorScene:
@@ -65,7 +70,6 @@ def calibration_data(
         raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
     if len(members.starts) < 3:
         raise InvalidValueError("calibration needs a stream of at least two packets")
-    cameras = None if cameras is None else cameras.relative_to(complete.scene.origin)
     return CalibrationData(to_arrays(complete), members, cameras)
 
 

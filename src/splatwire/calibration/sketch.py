@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene
+from splatwire.anchors.appearance import Scene, origin_of
 from splatwire.arguments import checked
 from splatwire.bitstream import SceneStream
 from splatwire.bitstream.sections import with_section
@@ -159,6 +159,7 @@ def sketch_of(
     if len(stream.packets) < 2:
         raise InvalidValueError("calibration needs a stream of at least two packets")
     complete = replace(to_arrays(complete), scene=views.in_front(to_arrays(complete.scene)))
+    views = views.relative_to(origin_of(complete.scene))
     fit: Callable[..., Sketch] = GaussianSketch.fitted if complete.get(Prior) is None else AnchorSketch.fitted
     most = round(config.share * stream.num_bytes)
     sketch = fit(stream, complete, views.reduced(config.views, config.width).cameras, most, config, show)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from PIL import Image
 
-from splatwire.anchors.appearance import Scene
+from splatwire.anchors.appearance import Scene, origin_of
 from splatwire.arguments import CheckedFields, checked
 from splatwire.data import Dataset
 from splatwire.errors import whole_number
@@ -17,6 +17,7 @@ from splatwire.ops.arrays import to_numpy
 from splatwire.render import iterate_views
 from splatwire.types import Cameras
 from splatwire.types.background import Background
+from splatwire.types.origin import Origin
 
 AnyScene = TypeVar("AnyScene", bound=Scene)
 Progress = Callable[[str, float], None]
@@ -66,6 +67,10 @@ class CalibrationViews(CheckedFields):
             None if mask is None else lambda view: _resized_mask(_array(mask(chosen[view])), size),
         )
 
+    def relative_to(self, origin: Origin) -> "CalibrationViews":
+        """Returns the views with cameras relative to a different origin."""
+        return replace(self, cameras=self.cameras.relative_to(origin))
+
     def in_front(self, scene: AnyScene) -> AnyScene:
         """Returns a scene with the background colour of these views, or the unchanged scene if the views have none."""
         return scene if self.background is None else replace(scene, background=self.background)
@@ -76,7 +81,7 @@ class References:
     """Reference pictures with which rendered views are compared.
 
     Attributes:
-        cameras: The cameras of the views.
+        cameras: The cameras of the views, relative to the origin of the scene.
         images: Reference picture of each view, (H, W, 3).
         masks: Mask of each view, True for pixels that are compared, (H, W); None if all pixels are compared.
     """
@@ -88,6 +93,7 @@ class References:
     @staticmethod
     def of(scene: Scene, views: CalibrationViews) -> "References":
         """Returns the reference pictures of views: photos or, if the views have none, pictures of the scene."""
+        views = views.relative_to(origin_of(scene))
         photo, mask, numbers = views.photo, views.mask, range(views.cameras.num_views)
         images = (
             list(iterate_views(scene, views.cameras)) if photo is None else [to_numpy(photo(view)) for view in numbers]

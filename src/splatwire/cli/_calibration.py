@@ -1,10 +1,9 @@
 """Common code of `calibrate`: reads the stream, chooses views for image comparison, and writes the changed stream."""
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
-from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.anchors.appearance import Scene
 from splatwire.bitstream import SceneStream, is_stream, read_stream, write_stream
 from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import QUICK
@@ -48,8 +47,8 @@ def calibration_views(options: ReferenceOptions, scene: Scene) -> tuple[Calibrat
     if (photos := photos_of(options, "train", scene)) is not None:
         return photos, f"against training photos{'' if photos.mask is None else ' inside their masks'}"
     if options.cameras is not None:
-        cameras = load_cameras(options.cameras).relative_to(origin_of(scene))
-        return CalibrationViews(cameras, background=behind), "against the complete scene in the cameras given"
+        views = CalibrationViews(load_cameras(options.cameras), background=behind)
+        return views, "against the complete scene in the cameras given"
     around = CalibrationViews(surrounding_cameras(scene), background=behind)
     return around, "against the complete scene on a sphere of views"
 
@@ -60,13 +59,12 @@ def photos_of(options: ReferenceOptions, split: str, scene: Scene) -> Calibratio
     Args:
         options: Command-line options that select the reference pictures.
         split: `train` or `test`.
-        scene: The scene; the cameras become relative to its origin.
+        scene: The scene, for the background of its training.
     """
     if options.data is None:
         return None
     photos = open_dataset(options.data, split=split, background=_behind(options, scene))
-    views = CalibrationViews.of_photos(photos)
-    return replace(views, cameras=views.cameras.relative_to(origin_of(scene)))
+    return CalibrationViews.of_photos(photos)
 
 
 def _behind(options: ReferenceOptions, scene: Scene) -> Background:

@@ -1,14 +1,19 @@
 """Metadata of a scene, stored in named sections of the side information."""
 
 import json
+import logging
+import math
 from collections.abc import Mapping
 
-from splatwire.codec.viewpoint import SECTION as VIEWPOINT
-from splatwire.codec.viewpoint import UP_SECTION
-from splatwire.errors import BitstreamError
-from splatwire.files.byte_io import ByteReader, ByteWriter
-from splatwire.types.metadata import UP_AXES, SceneMetadata, StartView, metadata_from_json, metadata_to_json
+import numpy as np
 
+from splatwire.codec.viewpoint import MAX_UP, MIN_UP, UP_SECTION
+from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+from splatwire.errors import BitstreamError
+from splatwire.files.byte_io import ByteReader
+from splatwire.types.metadata import UP_AXES, SceneMetadata, metadata_from_json, metadata_to_json
+
+LOG = logging.getLogger(__name__)
 SECTION = "metadata"
 """Name of the section; its content is a JSON object with `title`, `author`, `license` and `orbit`, as far as known."""
 _MAX_BYTES = 1 << 16
@@ -21,20 +26,35 @@ def metadata_sections(metadata: SceneMetadata) -> dict[str, bytes]:
     up, view = content.pop("up", None), content.pop("view", None)
     if up is not None:
         sections[UP_SECTION] = up.encode()
-    if view is not None:
-        writer = ByteWriter()
-        for value in view:
-            writer.f32(value)
-        sections[VIEWPOINT] = writer.bytes()
+    if view is not None and (data := _viewpoint_section(view)) is not None:
+        sections[VIEWPOINT] = data
     if content:
         sections[SECTION] = json.dumps(content, sort_keys=True, ensure_ascii=False).encode()
     return sections
 
 
+def _viewpoint_section(view: list[float]) -> bytes | None:
+    """Serialises an initial view; None, with a warning, if eye and target are the same in float32.
+
+    Args:
+        view: Eye, target and up, nine numbers.
+    """
+    numbers = np.array(view, np.float32)
+    if (numbers[:3] == numbers[3:6]).all():
+        LOG.warning(
+            "the initial view is left out: its eye and target, %s and %s, are the same point in float32",
+            tuple(view[:3]), tuple(view[3:6]),
+        )  # fmt: skip
+        return None
+    if not MIN_UP < (length := math.hypot(*view[6:])) < MAX_UP:
+        numbers[6:] = np.array(view[6:]) / length
+    return numbers.astype("<f4").tobytes()
+
+
 def read_metadata(sections: Mapping[str, bytes]) -> SceneMetadata:
     """Parses the metadata in named sections.
 
-    Initial view and up axis are not validated; the caller must have checked them with `check_viewpoint`.
+    The caller must have checked initial view and up axis with `check_viewpoint`.
 
     Raises:
         BitstreamError: If the section `metadata` is not a JSON object, or is larger than 64 KiB.
@@ -48,11 +68,8 @@ def read_metadata(sections: Mapping[str, bytes]) -> SceneMetadata:
         raise BitstreamError(f"section '{SECTION}' is no JSON object of at most {_MAX_BYTES:,} bytes")
     texts = {name: value for name, value in content.items() if name not in ("up", "view")}
     up = sections.get(UP_SECTION, b"").decode("latin-1")
-    metadata = metadata_from_json(texts | ({"up": up} if up in UP_AXES else {}))
-    if VIEWPOINT not in sections:
-        return metadata
-    reader = ByteReader(sections[VIEWPOINT], f"section '{VIEWPOINT}'")
-    numbers = [reader.f32() for _ in range(9)]
-    return SceneMetadata(
-        metadata.title, metadata.author, metadata.license, metadata.up, StartView.of(numbers), metadata.orbit
-    )
+    fields: dict[str, object] = {**texts, **({"up": up} if up in UP_AXES else {})}
+    if VIEWPOINT in sections:
+        reader = ByteReader(sections[VIEWPOINT], f"section '{VIEWPOINT}'")
+        fields["view"] = [reader.f32() for _ in range(9)]
+    return metadata_from_json(fields, "the stream")

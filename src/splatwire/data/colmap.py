@@ -15,6 +15,7 @@ from splatwire.data.fisheye import DivisionLens, EucmLens, FisheyeLens, FovLens,
 from splatwire.data.lens import NO_LENS, Lens, LensModel
 from splatwire.data.point_cloud import SparsePoints, positions_from
 from splatwire.errors import DatasetError
+from splatwire.files.colmap_folders import SUFFIXES, has_table, reconstructions
 from splatwire.ops.quaternions import rotation_rows
 from splatwire.types.origin import NO_ORIGIN, Origin
 
@@ -22,11 +23,10 @@ LOG = logging.getLogger(__name__)
 _MAX_SIDE = 1 << 20
 _MAX_POSE = 1e12
 _MAX_BEND = 1e3
-_MAX_DIGITS = 20
+_MAX_NAMED = 8
+"""Maximum number of reconstructions that a warning names."""
 _SAME = 1e-3
 """Largest relative difference of the same number in a binary and a text file."""
-_SUFFIXES = ("bin", "txt")
-"""Suffixes of the files of a reconstruction, the preferred one first."""
 _LENSES: dict[str, tuple[int, Callable[..., LensModel]]] = {
     "SIMPLE_PINHOLE": (1, Lens),
     "PINHOLE": (2, Lens),
@@ -72,42 +72,39 @@ class ColmapView:
 
 
 def find_reconstruction(root: Path) -> Path | None:
-    """Returns the folder below `root` that contains a COLMAP reconstruction; None if there is none."""
-    for name in ("sparse/0", "sparse", "colmap/sparse/0"):
-        if _has(root / name, "images"):
-            return root / name
-    if _has(root, "images") and _has(root, "cameras"):  # layout of RealityScan exports
-        return root
-    for name in ("sparse", "colmap/sparse", ""):  # the last one for `colmap mapper --output_path ROOT`
-        if numbered := [folder for folder in _numbered_folders(root / name) if _has(folder, "images")]:
-            return numbered[0]
-    return None
+    """Returns the folder below `root` with the COLMAP reconstruction that is read; None if there is none."""
+    return next(iter(reconstructions(root)), None)
 
 
-def _numbered_folders(folder: Path) -> list[Path]:
-    """Returns the subfolders of `folder` whose names are numbers, in ascending order of the numbers."""
-    folders = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
-    return sorted(folders, key=lambda path: int(path.name[:_MAX_DIGITS]))
-
-
-def warn_of_other_reconstructions(folder: Path) -> None:
-    """Logs a warning about unused reconstructions in a COLMAP folder.
+def warn_of_other_reconstructions(root: Path, folder: Path) -> None:
+    """Logs a warning about the reconstructions of a dataset that are not read, with the number of images of each.
 
     COLMAP writes several if it cannot connect all photos.
+
+    Args:
+        root: Folder of the dataset.
+        folder: Folder of the reconstruction that is read.
     """
-    if not folder.name.isdecimal():
-        return
-    others = [other.name for other in _numbered_folders(folder.parent) if other != folder and _has(other, "images")]
-    if others:
+    if others := [other for other in reconstructions(root) if other != folder]:
+        names = [f"{_relative_name(other, root)} ({_count_images(other)})" for other in others[:_MAX_NAMED]]
+        more = f" and {len(others) - _MAX_NAMED} more" if len(others) > _MAX_NAMED else ""
         LOG.warning(
-            "%s: reconstructions beside it are not read: %s; their photos are not used. COLMAP's `model_merger` joins "
-            "models; of several, the one in sparse/0 is read first",
-            folder, ", ".join(others[:8]),
+            "%s: of %d reconstructions, %s (%s) is read; the others are not: %s%s. COLMAP's `model_merger` joins "
+            "models; the one in sparse/0 is preferred",
+            root, len(others) + 1, _relative_name(folder, root), _count_images(folder), ", ".join(names), more,
         )  # fmt: skip
 
 
-def _has(folder: Path, table: str) -> bool:
-    return any((folder / f"{table}.{suffix}").is_file() for suffix in _SUFFIXES)
+def _relative_name(folder: Path, root: Path) -> str:
+    return "the one in the folder itself" if folder == root else folder.relative_to(root).as_posix()
+
+
+def _count_images(folder: Path) -> str:
+    """Returns the number of images of a reconstruction for a message, or "damaged"."""
+    try:
+        return f"{len(_read(folder, 'images')):,} images"
+    except DatasetError:
+        return "damaged"
 
 
 def read_views(folder: Path) -> list[ColmapView]:
@@ -119,8 +116,8 @@ def read_views(folder: Path) -> list[ColmapView]:
     Raises:
         DatasetError: If a file is missing or damaged, a pose is not finite, or a camera model is not supported.
     """
-    views = _views(folder, _SUFFIXES)
-    if all((folder / f"{table}.{suffix}").is_file() for table in ("cameras", "images") for suffix in _SUFFIXES):
+    views = _views(folder, SUFFIXES)
+    if all((folder / f"{table}.{suffix}").is_file() for table in ("cameras", "images") for suffix in SUFFIXES):
         _warn_of_other_text(folder, views)
     return views
 
@@ -189,7 +186,7 @@ def read_points(folder: Path, origin: Origin = NO_ORIGIN) -> SparsePoints | None
     Raises:
         DatasetError: If the file is damaged or a point is not finite.
     """
-    if not _has(folder, "points3D"):
+    if not has_table(folder, "points3D"):
         return None
     positions, colors = _read(folder, "points3D")
     positions = positions_from(positions, origin)
@@ -198,7 +195,7 @@ def read_points(folder: Path, origin: Origin = NO_ORIGIN) -> SparsePoints | None
     return SparsePoints(positions, colors.astype(np.float32) / 255, origin)
 
 
-def _read(folder: Path, table: str, suffixes: tuple[str, ...] = _SUFFIXES):  # type: ignore[no-untyped-def]  # the return type depends on `table`
+def _read(folder: Path, table: str, suffixes: tuple[str, ...] = SUFFIXES):  # type: ignore[no-untyped-def]  # the return type depends on `table`
     for suffix in suffixes:
         module = _colmap_binary if suffix == "bin" else _colmap_text
         path = folder / f"{table}.{suffix}"

@@ -27,7 +27,7 @@ from splatwire.data.photos import limited_size, load_mask, load_photo, photo_siz
 from splatwire.data.point_cloud import SparsePoints, read_point_cloud
 from splatwire.data.transforms_json import Transforms, TransformsView, listed_photos, names_masks, read_transforms
 from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError, whole_number
-from splatwire.files.kinds import DATASET, PHOTOS, file_kind, folder_nearby, format_error
+from splatwire.files.kinds import DATASET, PHOTOS, contains_photos, file_kind, folder_nearby, format_error
 from splatwire.files.names import path_of
 from splatwire.types import Cameras
 from splatwire.types.background import BLACK, Background
@@ -128,7 +128,7 @@ def open_dataset(
     Photos are loaded on demand. Four layouts are supported:
 
     * COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`, `0`) and `images`, as in Mip-NeRF 360, Tanks & Temples and
-      Deep Blending. Of several numbered reconstructions, the lowest number is read, with a warning.
+      Deep Blending. Of several reconstructions, the first one in this order is read, with a warning.
     * BungeeNeRF: `poses_enu.json` and `images`.
     * Blender: `transforms_train.json` and `transforms_test.json`.
     * nerfstudio: one `transforms.json`, optionally with masks, points and splits.
@@ -159,7 +159,7 @@ def open_dataset(
     chosen = test_views or ("first_31" if (path / bungee.FILE).is_file() else "every_8th")
     views: Sequence[ColmapView | TransformsView]
     if (folder := find_reconstruction(path)) is not None:
-        warn_of_other_reconstructions(folder)
+        warn_of_other_reconstructions(path, folder)
         beside = path in (folder, folder.parent) and images is None and not (path / "images").is_dir()
         views, image_paths = _colmap_views(folder, path if beside else path / (images or "images"), split, chosen)
         cloud, source = None, folder
@@ -319,7 +319,7 @@ def _has_photos(folder: Path) -> bool:
     """True if a dataset folder contains photos in the folder that its layout prescribes."""
     layout = dataset_layout(folder)
     beside = layout == "colmap" and find_reconstruction(folder) in (folder, *folder.glob("[0-9]*"))
-    if beside and file_kind(folder) == PHOTOS:
+    if beside and contains_photos(folder):
         return True
     return layout is not None and ((folder / "images").is_dir() or layout in ("blender", "nerfstudio"))
 

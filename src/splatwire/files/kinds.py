@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from splatwire.errors import ACCESS_ADVICE
+from splatwire.files.colmap_folders import reconstructions
 from splatwire.files.opened import OpenedFile
 from splatwire.files.scene_formats import FORMATS, FileFormat
 
@@ -586,9 +587,19 @@ def _folder_kind(folder: Path) -> Kind:
         return DATASET
     if names & {"manifest.json", "side_info.bin"} or any(name.endswith(".pak") for name in names):
         return STREAM_FOLDER
-    inside = {entry.name for entry in (folder / "images").iterdir()} if (folder / "images").is_dir() else set()
-    if any(Path(name).suffix.lower() in _PHOTO_SUFFIXES for name in names | inside):
-        return PHOTOS
+    if contains_photos(folder):
+        return DATASET if reconstructions(folder) else PHOTOS
     if any(Path(name).suffix.lower() in _GAUSSIAN_SUFFIXES for name in names):
         return FRAMES
     return next((kind for name, kind in _RESULTS.items() if name in names or folder.name == name), FOLDER)
+
+
+def contains_photos(folder: Path) -> bool:
+    """True if there are photos in a folder or in its subfolder `images`.
+
+    Raises:
+        OSError: If the folder cannot be listed.
+    """
+    images = folder / "images"
+    entries = (entry for parent in (folder, images) if parent.is_dir() for entry in parent.iterdir())
+    return any(entry.suffix.lower() in _PHOTO_SUFFIXES for entry in entries)

@@ -219,7 +219,7 @@ def picture_gradients(
 
     Args:
         scene: The Gaussians.
-        cameras: The cameras, relative to the origin of the scene.
+        cameras: The cameras.
         view: Index of the camera of this view.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
@@ -234,7 +234,7 @@ def picture_gradients(
     # pixels of the view, also with a mask. Small Gaussians of antialiased scenes are drawn with reduced opacity;
     # the gradients treat this reduction, and the viewing directions of the spherical harmonics, as constants.
     # Division by the error gives the gradients of its logarithm.
-    splats = scene.splats
+    splats, cameras = scene.splats, cameras.relative_to(scene.origin)
     plain = seen = splats.seen_from(cameras.centers[view])
     if scene.antialiased:
         seen = compensated(seen, cameras, view)

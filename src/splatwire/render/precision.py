@@ -108,7 +108,8 @@ def precision_classes(
 
     Args:
         splats: The Gaussians.
-        cameras: Cameras of the images; None to generate cameras around the Gaussians.
+        cameras: Cameras of the images, relative to the same point as the Gaussians. None to generate cameras around the
+            Gaussians.
         probes: Number of back-propagations per view; more give a more precise estimate.
         seed: Random seed.
         part: Maximum number of Gaussians that are measured at a time. A larger scene is divided into spatial parts of
@@ -174,11 +175,14 @@ def measure_gaussians(
     """
     # Both results are estimated from gradients of the same rendered views.
     splats = scene.splats
+    given, given_framing, given_closeups = (
+        None if views is None else views.relative_to(scene.origin) for views in (cameras, framing, closeups)
+    )
     measured = MeasuredGaussians(np.empty(splats.num_gaussians, np.int8), np.empty(splats.num_gaussians))
 
     def measure(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = MEASURED_VIEWS if whole else MEASURED_VIEWS_OF_PART
-        around, frame, close = cameras, framing, closeups
+        around, frame, close = given, given_framing, given_closeups
         if around is None:
             around = surrounding_cameras(SplatScene(splats), count, SIZE)
         if cameras is None and whole:  # views around a part are close to its surfaces
@@ -230,7 +234,7 @@ def measure_further_removal(
 
     Args:
         pruned: The remaining Gaussians.
-        cameras: Cameras of the images, relative to the origin of the scene.
+        cameras: Cameras of the images.
         references: Images of the complete scene, RGB in [0, 1].
         seed: Random seed.
     """
@@ -238,6 +242,7 @@ def measure_further_removal(
     # error of the difference R = pruned - complete becomes |R - D|^2 = |R|^2 + |D|^2 - 2 <R, D>. The gradient with R as
     # the gradient of the image gives <R, D>; |D|^2 is estimated with random signs (see `splatwire.render.pruning`).
     rng, splats, behind = Twister(seed), pruned.splats, np.array(pruned.background, np.float32)
+    cameras = cameras.relative_to(pruned.origin)
     own_error, interaction = np.zeros(splats.num_gaussians), np.zeros(splats.num_gaussians)
     for view in range(cameras.num_views):
         seen = splats.seen_from(to_numpy(cameras.centers[view]))

@@ -48,6 +48,7 @@ def quick_sensitivity(
         progress: Called with the finished share of views.
     """
     a, rng, behind = scene.anchors, Twister(seed), np.array(scene.background, np.float32)
+    cameras = cameras.relative_to(scene.origin)
     (num, count), width, first = a.mask.shape, a.features.shape[1] + a.scalings.shape[1], cameras.num_views // 2
     removal, offsets = np.zeros(num), np.zeros((num, count))
     rows, parts = np.empty(0, np.int64), list[_NetworkErrors]()

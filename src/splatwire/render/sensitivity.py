@@ -62,7 +62,7 @@ def render_sensitivity(
         progress: Called with the finished share of views, 0 to 1.
     """
     # Errors of changed attributes are estimated from one back-propagation.
-    a, rng = scene.anchors, Twister(seed)
+    a, rng, cameras = scene.anchors, Twister(seed), cameras.relative_to(scene.origin)
     (num, count), width = a.mask.shape, a.features.shape[1] + a.scalings.shape[1]
     behind = np.array(scene.background, np.float32) if background is None else background
     sizes = ((num,), (num, count), (num, width), (num, count), (width, width))

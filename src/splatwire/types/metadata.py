@@ -1,8 +1,9 @@
 """Metadata of a scene: title, author, license, up axis and initial view."""
 
+import logging
 import math
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -10,6 +11,7 @@ from splatwire.arguments import CheckedFields, checked
 from splatwire.errors import InvalidValueError, shown
 from splatwire.types.origin import Origin
 
+LOG = logging.getLogger(__name__)
 MAX_TEXT = 500
 """Maximum number of characters of a text; longer texts are truncated."""
 UP_AXES = ("x", "-x", "y", "-y", "z", "-z")
@@ -25,30 +27,40 @@ class StartView(CheckedFields):
 
     Attributes:
         eye: Position of the camera, world coordinates relative to the scene's origin.
-        target: The point that the camera looks at.
-        up: Up direction of the camera.
+        target: The point that the camera looks at, another one than `eye`.
+        up: Up direction of the camera, of any length above 1e-6. It may be parallel to the direction of view: viewers
+            then tilt the view slightly.
 
     Raises:
-        InvalidValueError: If a field is not three finite numbers.
+        InvalidValueError: If a field is not three finite numbers, or is not as above.
     """
 
     eye: Vector
     target: Vector
     up: Vector
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not all(map(_is_coordinate, self.numbers())):
+            raise InvalidValueError(f"StartView: a coordinate is beyond {_MAX_COORDINATE:g}")
+        if not math.dist(self.eye, self.target) > 0:
+            raise InvalidValueError(f"StartView: eye and target are the same point, {self.eye}")
+        if not math.hypot(*self.up) > _MIN_LENGTH:
+            raise InvalidValueError(f"StartView: the up direction {self.up} has no length")
+
     def numbers(self) -> tuple[float, ...]:
         """Returns eye, target and up as nine numbers."""
         return (*self.eye, *self.target, *self.up)
 
     @staticmethod
-    def of(values: object) -> "StartView | None":
-        """Builds a view from nine numbers (eye, target, up), or returns None for invalid numbers."""
-        if not isinstance(values, Sequence) or len(values) != 9 or not all(map(_is_coordinate, values)):
-            return None
-        numbers = [float(value) for value in values]
-        view = StartView(_vector(numbers[:3]), _vector(numbers[3:6]), _vector(numbers[6:]))
-        apart, length = math.dist(view.eye, view.target), math.hypot(*view.up)
-        return view if apart > 0 and length > _MIN_LENGTH else None
+    def of(values: object) -> "StartView":
+        """Builds a view from nine numbers (eye, target, up).
+
+        Raises:
+            InvalidValueError: If they are not nine finite numbers, or not a view.
+        """
+        numbers = _coordinates(values, 9, "nine numbers (eye, target, up)")
+        return StartView(_vector(numbers[:3]), _vector(numbers[3:6]), _vector(numbers[6:]))
 
 
 @dataclass(frozen=True)
@@ -116,19 +128,78 @@ def metadata_to_json(metadata: SceneMetadata) -> dict[str, Any]:
     return fields
 
 
-def metadata_from_json(content: object) -> SceneMetadata:
-    """Parses the result of `metadata_to_json`; fields of a wrong type are ignored."""
+def metadata_from_json(content: object, source: object = None) -> SceneMetadata:
+    """Parses the result of `metadata_to_json`; invalid fields are left out.
+
+    Args:
+        content: The JSON object.
+        source: Name of the file, for a warning about each field that is left out; None for no warning.
+    """
     if not isinstance(content, dict):
+        if content is not None and source is not None:
+            LOG.warning("%s: its metadata are %s, not a JSON object: they are left out", source, shown(content))
         return NO_METADATA
-    up, orbit = content.get("up"), content.get("orbit")
-    return SceneMetadata(
-        title=clean_text(content.get("title")),
-        author=clean_text(content.get("author")),
-        license=clean_text(content.get("license")),
-        up=up if isinstance(up, str) and up in UP_AXES else None,
-        view=StartView.of(content.get("view")),
-        orbit=_vector(orbit) if isinstance(orbit, Sequence) and _are_three(orbit) else None,
-    )
+    fields: dict[str, Any] = {}
+    for name in _PARSERS:
+        if content.get(name) is None:
+            continue
+        try:
+            fields[name] = parse_field(name, content[name])
+        except InvalidValueError as error:
+            if source is not None:
+                LOG.warning("%s: '%s' of its metadata is left out: %s", source, name, error)
+    return SceneMetadata(**fields)
+
+
+def parse_field(name: str, value: object) -> Any:
+    """Parses the JSON value of a field of `SceneMetadata`.
+
+    Raises:
+        InvalidValueError: If the value is invalid.
+    """
+    return _PARSERS[name](value)
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise InvalidValueError(f"expected text, not {shown(value)}")
+    return clean_text(value)
+
+
+def _up(value: object) -> str:
+    if not (isinstance(value, str) and value in UP_AXES):
+        raise InvalidValueError(f"expected one of {', '.join(UP_AXES)}, not {shown(value)}")
+    return value
+
+
+def _orbit(value: object) -> Vector:
+    return _vector(_coordinates(value, 3, "three numbers"))
+
+
+def _coordinates(values: object, count: int, expected: str) -> Sequence[float]:
+    """Checks a list of finite numbers.
+
+    Args:
+        values: The list.
+        count: Number of numbers.
+        expected: Description of the list for the message.
+
+    Raises:
+        InvalidValueError: If it is not such a list, or a number is not finite or beyond the limit of coordinates.
+    """
+    if not isinstance(values, Sequence) or isinstance(values, str):
+        raise InvalidValueError(f"expected {expected}, not {shown(values)}")
+    if len(values) != count:
+        raise InvalidValueError(f"expected {expected}, not {len(values)}")
+    if wrong := [value for value in values if not _is_coordinate(value)]:
+        raise InvalidValueError(f"expected {expected} within {_MAX_COORDINATE:g}, not {shown(wrong[0])}")
+    return values
+
+
+_PARSERS: dict[str, Callable[[Any], Any]] = {
+    "title": _text, "author": _text, "license": _text, "up": _up, "view": StartView.of, "orbit": _orbit,
+}  # fmt: skip
+"""Parser of each field of metadata."""
 
 
 def clean_text(value: object) -> str:
@@ -141,10 +212,6 @@ def clean_text(value: object) -> str:
     text = "".join(" " if unicodedata.category(char) in ("Cc", "Zl", "Zp") else char for char in value[: 4 * MAX_TEXT])
     text = "".join(char for char in text if unicodedata.category(char) not in ("Cf", "Cs", "Co", "Cn"))
     return " ".join(text.split())[:MAX_TEXT].strip()
-
-
-def _are_three(values: Sequence[object]) -> bool:
-    return len(values) == 3 and all(map(_is_coordinate, values))
 
 
 def _is_coordinate(value: object) -> bool:

@@ -3,9 +3,11 @@
 import dataclasses
 import json
 import logging
+import math
 import re
 import struct
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,11 +19,11 @@ from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.metadata import SECTION, read_metadata
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.io import open_scene, save_scene
-from splatwire.io.formats import write_splats
+from splatwire.io.formats import _asset, write_splats
 from splatwire.io.formats.dispatch import read_content
 from splatwire.io.formats.ply_metadata import stated_metadata
 from splatwire.types import SplatScene
-from splatwire.types.metadata import MAX_TEXT, NO_METADATA, SceneMetadata, StartView, clean_text
+from splatwire.types.metadata import MAX_TEXT, NO_METADATA, SceneMetadata, StartView, clean_text, metadata_to_json
 
 VIEW = StartView((1.5, -2.0, 3.0), (0.0, 0.25, -1.0), (0.0, -1.0, 0.0))
 ALL = SceneMetadata("Räume 2, 日本", "Jürgen: & <Söhne>", "CC BY-SA 4.0", "z", VIEW, (-0.5, 1.25, 2.0))
@@ -171,7 +173,7 @@ def test_views_that_cannot_be_read_give_a_warning(
     data = (tmp_path / "a.ply").read_bytes()
     (tmp_path / "a.ply").write_bytes(data.replace(b"element", f"comment {comment}\nelement".encode(), 1))
     read_content(tmp_path / "a.ply")
-    assert ("is not nine numbers (eye, target, up)" in caplog.text) == warned
+    assert (f"comment '{comment}' is left out: " in caplog.text) == warned
 
 
 def test_comments_with_a_colon_precede_those_without() -> None:
@@ -234,10 +236,20 @@ def test_orbit_limits_follow_the_extension(tmp_path: Path) -> None:
     assert read_content(path).metadata == SceneMetadata(orbit=(-0.5, 0.25, 1.0))
 
 
-@pytest.mark.parametrize("record", [(0xADBE0002, b"abc"), (0x53570001, b"{"), (0x53570001, b"[1]")])
-def test_damaged_records_of_metadata_are_left_out(record: tuple[int, bytes], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("record", "message"),
+    [((0xADBE0002, b"abc"), "its limits of the orbit have 3 bytes, not 12"),
+     ((0xADBE0002, struct.pack("<3f", 0, 0, math.nan)), "'orbit' of its metadata is left out: expected three numbers"),
+     ((0x53570001, b"{"), "its metadata are damaged"), ((0x53570001, b"[1]"), "its metadata are list"),
+     ((0x53570001, b'{"view": [1, 2, 3, 1, 2, 3, 0, 1, 0]}'), "eye and target are the same point, (1.0, 2.0, 3.0)")],
+)  # fmt: skip
+def test_damaged_records_of_metadata_are_left_out_with_a_warning(
+    record: tuple[int, bytes], message: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     path = write(tmp_path / "a.spz", extended(modern_spz(legacy_spz(3)), record))
     assert read_content(path).metadata == NO_METADATA
+    assert f"{path}: " in caplog.text
+    assert message in caplog.text
 
 
 @pytest.mark.parametrize("up", ["up", "Z", ""])
@@ -250,3 +262,47 @@ def test_an_unknown_up_axis_is_refused(up: str) -> None:
 def test_coordinates_of_an_initial_view_are_finite_numbers() -> None:
     with pytest.raises(InvalidValueError, match=r"StartView\.eye: expected a tuple of 3 numbers"):
         StartView((float("nan"), 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("view", "problem"),
+    [(((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), (0.0, 1.0, 0.0)), r"eye and target are the same point, \(1.0, 2.0, 3.0\)"),
+     (((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), r"the up direction \(0.0, 0.0, 0.0\) has no length"),
+     (((1e13, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)), r"a coordinate is beyond 1e\+12")],
+)  # fmt: skip
+def test_views_in_which_nothing_can_be_seen_are_refused(view: Any, problem: str) -> None:
+    with pytest.raises(InvalidValueError, match=f"StartView: {problem}"):
+        StartView(*view)
+
+
+@pytest.mark.parametrize("end", [".glb", ".sog"])
+@pytest.mark.parametrize(
+    ("view", "problem"),
+    [([1, 2, 3, 1, 2, 3, 0, 1, 0], "eye and target are the same point"), ([1, 2, 3], "not 3"),
+     ([1, 2, math.nan, 0, 0, 0, 0, 1, 0], "not nan"), ("front", "not 'front'")],
+)  # fmt: skip
+def test_a_view_in_metadata_that_is_left_out_is_named(
+    end: str, view: object, problem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:  # fmt: skip
+    path = tmp_path / f"a{end}"
+    with monkeypatch.context() as patched:
+        patched.setattr(_asset, "metadata_to_json", lambda known: {**metadata_to_json(known), "view": view})
+        write_splats([some_splats(20, 0)], path, metadata=ALL)
+    assert read_content(path).metadata == dataclasses.replace(ALL, view=None)
+    assert f"{path}: 'view' of its metadata is left out: " in caplog.text
+    assert problem in caplog.text
+
+
+@pytest.mark.parametrize("scale", [1e-3, 10.0])
+def test_a_view_with_an_up_direction_of_any_length_is_encoded(scale: float) -> None:
+    view = dataclasses.replace(VIEW, up=(0.0, -scale, 0.0))
+    stream = encode_scene(SplatScene(some_splats(30, 0), metadata=SceneMetadata(view=view)))
+    same(decode_stream(stream).scene.metadata, SceneMetadata(view=VIEW))
+
+
+def test_a_view_that_float32_cannot_express_is_left_out_with_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    view = StartView((5e6, 0.0, 0.0), (5e6 + 0.01, 0.0, 0.0), (0.0, -1.0, 0.0))
+    stream = encode_scene(SplatScene(some_splats(30, 0), metadata=SceneMetadata(view=view)))
+    assert decode_stream(stream).scene.metadata.view is None
+    assert "its eye and target, (5000000.0, 0.0, 0.0) and (5000000.01, 0.0, 0.0), are the same point" in caplog.text

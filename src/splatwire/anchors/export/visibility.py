@@ -74,7 +74,7 @@ def visible_areas(
     Raises:
         InvalidValueError: If nothing is visible in any view.
     """
-    areas = VisibleAreas(cameras.num_views, slots.num_slots)
+    areas, cameras = VisibleAreas(cameras.num_views, slots.num_slots), cameras.relative_to(scene.origin)
     for view in range(cameras.num_views):
         seen = np.flatnonzero(visible_anchors(scene.anchors, cameras, view)[slots.anchor_index])
         part = Slots(slots.anchor_index[seen], slots.offset_index[seen], slots.means[seen])

@@ -38,8 +38,13 @@ def asset_of(metadata: SceneMetadata, origin: Origin = NO_ORIGIN) -> dict[str, A
     }
 
 
-def metadata_of_asset(asset: object) -> SceneMetadata:
-    """Parses the metadata of a glTF or SOG `asset` object."""
+def metadata_of_asset(asset: object, path: Path) -> SceneMetadata:
+    """Parses the metadata of a glTF or SOG `asset` object; logs a warning about invalid fields.
+
+    Args:
+        asset: The object.
+        path: The file, for warnings.
+    """
     if not isinstance(asset, dict):
         return NO_METADATA
     extras_value = asset.get("extras")
@@ -48,7 +53,7 @@ def metadata_of_asset(asset: object) -> SceneMetadata:
     texts = {name: extras[name] for name in _TEXTS if name in extras}
     if not {"author", "license"} & set(texts) and clean_text(asset.get("copyright")):
         texts["license"] = asset["copyright"]
-    return metadata_from_json((own_fields if isinstance(own_fields, dict) else {}) | texts)
+    return metadata_from_json((own_fields if isinstance(own_fields, dict) else {}) | texts, path)
 
 
 def origin_of_asset(asset: object) -> Origin:

@@ -12,7 +12,7 @@ from pathlib import Path
 from splatwire.errors import DatasetError
 from splatwire.files.read_limited import read_at_most
 from splatwire.io.formats.ply_comments import OFFSET, ORIGIN, stated_origin
-from splatwire.io.formats.ply_metadata import is_invalid_view, is_metadata, named_up, names_up
+from splatwire.io.formats.ply_metadata import invalid_view, is_metadata, named_up, names_up
 from splatwire.types.origin import describe_origin
 
 LOG = logging.getLogger(__name__)
@@ -155,11 +155,8 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
                     "%s: comment %.80r differs from an earlier one: (%s) is used",
                     path, comment, "no origin" if used is None else describe_origin(used),
                 )  # fmt: skip
-        elif is_invalid_view(comment):
-            LOG.warning(
-                "%s: comment %.80r is not nine numbers (eye, target, up), or three of an orbit: it is left out",
-                path, comment,
-            )  # fmt: skip
+        elif (problem := invalid_view(comment)) is not None:
+            LOG.warning("%s: comment %.80r is left out: %s", path, comment, problem)
         elif word in ([ORIGIN], [OFFSET]):
             _warn(path, comment, "a shift of the positions")
         elif (meaning := _unapplied_change(comment)) is not None:

@@ -1,6 +1,7 @@
 """Extension records of SPZ files, each of which has a type, a size and content."""
 
 import json
+import logging
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +10,8 @@ from splatwire.errors import DatasetError
 from splatwire.io.formats._asset import ORIGIN, origin_of_json
 from splatwire.types.metadata import NO_METADATA, SceneMetadata, metadata_from_json, metadata_to_json
 from splatwire.types.origin import NO_ORIGIN, Origin
+
+LOG = logging.getLogger(__name__)
 
 MAX_EXTENSION_BYTES = 1 << 20
 """Maximum total size of the records of a file, bytes."""
@@ -25,22 +28,25 @@ KNOWN = (SAFE_ORBIT, COORDINATE_SYSTEM, _METADATA)
 _ORBIT = struct.Struct("<3f")
 
 
-def metadata_of_records(extensions: dict[int, bytes]) -> SceneMetadata:
-    """Parses the scene metadata in the extension records of an SPZ file; damaged records are ignored.
+def metadata_of_records(path: Path, extensions: dict[int, bytes]) -> SceneMetadata:
+    """Parses the scene metadata in the extension records of an SPZ file; logs a warning about invalid ones.
 
     Args:
+        path: The file, for warnings.
         extensions: Content of each extension record by its type.
     """
     metadata = NO_METADATA
     if _METADATA in extensions:
         try:
-            metadata = metadata_from_json(json.loads(extensions[_METADATA].decode("utf-8")))
+            metadata = metadata_from_json(json.loads(extensions[_METADATA].decode("utf-8")), path)
         except (ValueError, RecursionError):
-            metadata = NO_METADATA
-    orbit = extensions.get(SAFE_ORBIT, b"")
-    if len(orbit) != _ORBIT.size:
+            LOG.warning("%s: its metadata are damaged: they are left out", path)
+    if SAFE_ORBIT not in extensions:
         return metadata
-    return metadata_from_json({"orbit": list(_ORBIT.unpack(orbit))}).over(metadata)
+    if len(orbit := extensions[SAFE_ORBIT]) != _ORBIT.size:
+        LOG.warning("%s: its limits of the orbit have %d bytes, not %d: left out", path, len(orbit), _ORBIT.size)
+        return metadata
+    return metadata_from_json({"orbit": list(_ORBIT.unpack(orbit))}, path).over(metadata)
 
 
 def origin_of_records(extensions: dict[int, bytes]) -> Origin:

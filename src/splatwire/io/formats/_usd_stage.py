@@ -222,7 +222,7 @@ class Stage:
             [(one, signs @ part_placement[:3, :3], signs @ part_placement[:3, 3]) for one, part_placement in parts]
         )
         moved = [_transformed(splats, placement, flips, origin) for splats, placement in parts]
-        metadata = metadata_of_asset(own_axes.get("asset"))
+        metadata = metadata_of_asset(own_axes.get("asset"), self._path)
         if metadata.up is None and flips == KEPT_AXES:
             metadata = SceneMetadata(up=UsdGeom.GetStageUpAxis(self._stage).lower()).over(metadata)
         splats = concatenate(moved) if moved else Splats.empty(0, 0)

@@ -191,7 +191,7 @@ class _Gltf:
         primitives = [primitive for index in read for primitive in primitives_by_mesh[index]]
         antialiased = all(_extras(primitive).get("antialiased") is True for primitive in primitives)
         warn_of_unused_extras(self._path, self._document.get("asset"))
-        metadata = metadata_of_asset(self._document.get("asset")).moved_origin(NO_ORIGIN, origin)
+        metadata = metadata_of_asset(self._document.get("asset"), self._path).moved_origin(NO_ORIGIN, origin)
         return FileContent(concatenate(moved), origin, antialiased, metadata)
 
     def _instances(self, primitives: dict[int, list[dict[str, Any]]]) -> list[Instance]:

@@ -7,7 +7,8 @@ other programs are read too, such as `Vertical Axis: z`, `Copyright 2024 A. B.` 
 import re
 from collections.abc import Iterable
 
-from splatwire.types.metadata import SceneMetadata, metadata_from_json, metadata_to_json
+from splatwire.errors import InvalidValueError
+from splatwire.types.metadata import SceneMetadata, metadata_from_json, metadata_to_json, parse_field
 
 _NAMES = {
     "title": r"title|name|scene",
@@ -91,19 +92,23 @@ def is_metadata(comment: str) -> bool:
     return any(line.fullmatch(comment.strip()) for line in lines)
 
 
-def is_invalid_view(comment: str) -> bool:
-    """True if a PLY comment is meant as the initial view or the orbit limits of the scene, but its value is invalid.
+def invalid_view(comment: str) -> str | None:
+    """Returns the reason why a PLY comment that is meant as the initial view or the orbit limits is invalid.
 
-    Comments of other programs may start with the same words, `view` or `orbit`: sentences, addresses, and the viewpoint
-    of the Point Cloud Library (position and quaternion). The result is False for such comments.
+    The result is None for a valid comment, and for any other comment. Comments of other programs may start with the
+    same words, `view` or `orbit`: sentences, addresses, and the viewpoint of the Point Cloud Library (position and
+    quaternion).
     """
     for name in ("view", "orbit"):
         if (match := _LINES[name].fullmatch(comment.strip())) is not None:
             text = match[1].strip()
             numbers = _numbers(text)
             meant = text.isalpha() if numbers is None else name == "orbit" or len(numbers) != _PCL_VIEWPOINT
-            return meant and not metadata_from_json({name: numbers}).known()
-    return False
+            try:
+                parse_field(name, text if numbers is None else numbers)
+            except InvalidValueError as error:
+                return str(error) if meant else None
+    return None
 
 
 def names_up(comment: str) -> bool:

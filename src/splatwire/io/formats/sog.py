@@ -77,7 +77,7 @@ def read_sog(path: Path) -> FileContent:
             sog.splats(),
             origin_of_asset(sog.meta.get("asset")),
             antialiased=sog.is_antialiased(),
-            metadata=metadata_of_asset(sog.meta.get("asset")),
+            metadata=metadata_of_asset(sog.meta.get("asset"), path),
         )
 
 

@@ -75,7 +75,7 @@ def read_streamed_sog(path: Path) -> FileContent:
     if coarser:
         LOG.warning("%s: %d leaves are read at a coarser level, or not at all, for lack of chunks", index, coarser)
     asset = sog.read_asset(chunks[min(pieces)])
-    metadata = metadata_of_asset(content.get("asset")).over(metadata_of_asset(asset))
+    metadata = metadata_of_asset(content.get("asset"), index).over(metadata_of_asset(asset, index))
     stated = {sog.is_antialiased(chunks[number]) for number in pieces}
     if len(stated) > 1:
         LOG.warning("%s: some chunks ask for antialiasing, others do not: the scene is drawn with it", index)
