@@ -166,6 +166,18 @@ def test_an_empty_folder_is_kept_and_filled(tmp_path):
     assert (target.stat().st_ino, target.stat().st_mode & 0o777) == (number, 0o750)
 
 
+def test_a_folder_with_only_the_leftovers_of_a_killed_writer_is_kept_and_filled(tmp_path):
+    target = tmp_path / "a"
+    target.mkdir()
+    number = target.stat().st_ino
+    (workspace(target) / "new" / "a").mkdir(parents=True)
+    with atomic_output(target) as new:
+        new.mkdir()
+        (new / "x").touch()
+    assert os.listdir(target) == ["x"]
+    assert target.stat().st_ino == number
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not remove the working directory")
 def test_the_working_directory_can_be_the_output(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

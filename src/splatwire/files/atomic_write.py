@@ -52,6 +52,8 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
     if parents:
         goal.parent.mkdir(parents=True, exist_ok=True)
     check_parent(goal)
+    if goal.is_dir():  # after a kill, a temporary folder is left in a folder that is otherwise empty
+        _tidy_once(goal)
     keeps = goal.is_dir() and not any(goal.iterdir())
     parent = goal if keeps else goal.parent
     _tidy_once(parent)

@@ -54,26 +54,37 @@ def modern_spz(legacy: bytes) -> bytes:
     return head + table + b"".join(streams)
 
 
-def ksplat(level: int = 1, degree: int = 1, count: int = 3, sections: int = 1) -> bytes:
-    """A `.ksplat` with a full bucket of two Gaussians at (10, 20, 30) and one in a partial bucket at (40, 50, 60)."""
+def ksplat(level: int = 1, degree: int = 1, count: int = 3, sections: int = 1, spare: int = 0) -> bytes:
+    """A `.ksplat` of sections with a full bucket of two Gaussians at (10, 20, 30) and a partial one at (40, 50, 60).
+
+    Args:
+        level: Compression level.
+        degree: Degree of the harmonics.
+        count: Number of Gaussians of each section, 3 unless the level is 0.
+        sections: Number of sections. In each, x is 100 larger than in the one before.
+        spare: Number of further section headers without a section.
+    """
     rest = 3 * ((degree + 1) ** 2 - 1)
     header = bytearray(4096)
     struct.pack_into("<BB", header, 0, 0, 1)
-    struct.pack_into("<4IH", header, 4, sections, sections, count, count, level)
+    struct.pack_into("<4IH", header, 4, sections + spare, sections, sections * count, sections * count, level)
     struct.pack_into("<ff", header, 36, -2.0, 2.0)
-    section = bytearray(1024)
-    struct.pack_into("<4IfH2xI4xIIH", section, 0, count, count, 2, 2, 4.0, 12, 32767, 1, 1, degree)
-    body = struct.pack("<I6f", 1, 10, 20, 30, 40, 50, 60)
-    for row in range(count):
-        color = bytes((255, 0, 128, 200))
-        if level == 0:
-            numbers = struct.pack("<10f", row, 2, 3, 0.1, 0.2, 0.3, 1, 0, 0, 0)
-            body += numbers + color + struct.pack(f"<{rest}f", *range(rest))
-        else:
-            numbers = np.array([0.1, 0.2, 0.3, 1, 0, 0, 0], "<f2").tobytes()
-            tail = np.arange(rest).astype("<f2").tobytes() if level == 1 else bytes(range(rest))
-            body += struct.pack("<3H", 32767, 0, 65534) + numbers + color + tail
-    return bytes(header) + bytes(section) + body
+    heads, bodies = b"", b""
+    for number in range(sections):
+        shift = 100 * number
+        body = struct.pack("<I6f", 1, 10 + shift, 20, 30, 40 + shift, 50, 60)
+        for row in range(count):
+            color = bytes((255, 0, 128, 200))
+            if level == 0:
+                numbers = struct.pack("<10f", row + shift, 2, 3, 0.1, 0.2, 0.3, 1, 0, 0, 0)
+                body += numbers + color + struct.pack(f"<{rest}f", *range(rest))
+            else:
+                numbers = np.array([0.1, 0.2, 0.3, 1, 0, 0, 0], "<f2").tobytes()
+                tail = np.arange(rest).astype("<f2").tobytes() if level == 1 else bytes(range(rest))
+                body += struct.pack("<3H", 32767, 0, 65534) + numbers + color + tail
+        fields = (count, count, 2, 2, 4.0, 12, 32767, len(body), 1, 1, degree)
+        heads, bodies = heads + struct.pack("<4IfH2x5IH", *fields).ljust(1024, b"\0"), bodies + body
+    return bytes(header) + heads + bytes(1024 * spare) + bodies
 
 
 def glb(splats: Splats, change: dict[str, object] | None = None) -> bytes:

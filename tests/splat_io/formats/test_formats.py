@@ -144,6 +144,29 @@ def test_handmade_ksplat_is_read(level: int, tmp_path: Path) -> None:
     assert_close(splats.sh[1, 1:], numbers.reshape(3, 3).T, atol=1e-4, rtol=0)  # red, then green, then blue
 
 
+@pytest.mark.parametrize("level", range(3))
+@pytest.mark.parametrize(("sections", "spare"), [(3, 0), (1, 2), (2, 1)])
+def test_ksplat_of_several_sections_is_read(level: int, sections: int, spare: int, tmp_path: Path) -> None:
+    one = read_splats(write(tmp_path / "a.ksplat", ksplat(level)))
+    splats = read_splats(write(tmp_path / "b.ksplat", ksplat(level, sections=sections, spare=spare)))
+    assert splats.num_gaussians == 3 * sections
+    for number in range(sections):
+        rows = slice(3 * number, 3 * number + 3)
+        assert_close(splats.means[rows] - [100 * number, 0, 0], one.means, atol=1e-4, rtol=0)
+        for name in ("quats", "scales", "opacities", "sh"):
+            assert np.array_equal(getattr(splats, name)[rows], getattr(one, name))
+
+
+def test_ksplat_whose_sections_have_another_size_is_refused(tmp_path: Path) -> None:
+    """Early files state the degree of the harmonics in the header of the file instead of those of the sections."""
+    data = bytearray(ksplat(level=0, degree=1))
+    data[4096 + 40] = 0
+    with pytest.raises(
+        DatasetError, match="section has 268 bytes, but its 3 Gaussians with harmonics of degree 0 take"
+    ):
+        read_splats(write(tmp_path / "a.ksplat", bytes(data)))
+
+
 @pytest.mark.parametrize("degree", range(4))
 def test_handmade_gltf_is_read(degree: int, tmp_path: Path) -> None:
     splats = some_splats(degree=degree)

@@ -1,7 +1,8 @@
 """Reader of `.ksplat` files of GaussianSplats3D (github.com/mkkellogg/GaussianSplats3D), version 0.1; RDF axes.
 
-A file has a header of 4096 bytes, a header of 1024 bytes for each section, and the sections. A section has the sizes of
-its partially filled buckets (spatial groups of Gaussians), the centres of all buckets, and the Gaussians.
+A file has a header of 4096 bytes, space for a header of 1024 bytes for each possible section, and the sections. A
+section has the sizes of its partially filled buckets (spatial groups of Gaussians), the centres of all buckets, and the
+Gaussians.
 
 Colours and opacities have 8 bits. Other values have 32 bits at compression level 0, and 16 bits at levels 1 and 2;
 level 2 has spherical harmonics in 8 bits. Positions of 16 bits are relative to the centre of the bucket.
@@ -24,7 +25,7 @@ from splatwire.types.splats import Splats
 LOG = logging.getLogger(__name__)
 _HEADER_BYTES, _SECTION_BYTES = 4096, 1024
 _MAX_SECTIONS, _MAX_DEGREE, _MAX_LEVEL = 4096, 2, 2
-_SECTION = struct.Struct("<4IfH2xI4xIIH")
+_SECTION = struct.Struct("<4IfH2x5IH")
 _MINOR = 1
 _DEFAULT_RANGE = 32767
 _DEFAULT_HARMONICS = 1.5
@@ -54,6 +55,7 @@ class _Section:
         bucket_bytes: Bytes per bucket centre.
         range: 16-bit position code of the bucket's centre. The codes 0 and `2 * range` are the ends of the bucket along
             an axis. 0 stands for the default, 32767.
+        num_bytes: Size of the section in bytes; 0 if not stated.
         full: Number of full buckets.
         partial: Number of partially filled buckets.
         degree: Degree of the spherical harmonics.
@@ -66,6 +68,7 @@ class _Section:
     block_size: float
     bucket_bytes: int
     range: int
+    num_bytes: int
     full: int
     partial: int
     degree: int
@@ -83,24 +86,24 @@ def read_ksplat(path: Path) -> Splats:
     if len(data) < _HEADER_BYTES + _SECTION_BYTES or head[0] != 0 or not 1 <= head[1] < 10:
         why = f"{len(data)} bytes, and {list(head[:2])} is its version"
         raise DatasetError(format_error(path, "a .ksplat file of version 0.1", why))
-    num_sections, _, _, count, level = struct.unpack_from("<IIIIH", head, 4)
+    max_sections, num_sections, _, count, level = struct.unpack_from("<IIIIH", head, 4)
     check_count(path, count, len(data))
-    if not 0 < num_sections <= _MAX_SECTIONS or level > _MAX_LEVEL or not count:
-        raise DatasetError(f"{path}: {num_sections} sections, compression level {level}, {count} Gaussians: impossible")
+    if not 0 < num_sections <= max_sections <= _MAX_SECTIONS or level > _MAX_LEVEL:
+        raise DatasetError(f"{path}: {num_sections} of {max_sections} sections, compression level {level}: impossible")
     low, high = (float(value) for value in struct.unpack_from("<ff", head, 36))
     bounds = (low or -_DEFAULT_HARMONICS, high or _DEFAULT_HARMONICS)
     if level == _MAX_LEVEL and not bounds[0] < bounds[1]:
         raise DatasetError(f"{path}: harmonics from {bounds[0]:g} to {bounds[1]:g}: the bounds are swapped or damaged")
     if head[1] != _MINOR:
         LOG.warning("%s: .ksplat of version 0.%d is not known: it is read as version 0.%d", path, head[1], _MINOR)
-    offset = _HEADER_BYTES + num_sections * _SECTION_BYTES
+    offset = _HEADER_BYTES + max_sections * _SECTION_BYTES
     if offset > len(data):
-        raise DatasetError(f"{path}: {num_sections} sections do not fit into {len(data)} bytes")
+        raise DatasetError(f"{path}: {max_sections} sections do not fit into {len(data)} bytes")
     parts: list[dict[str, np.ndarray]] = []
-    for index in range(num_sections):
+    for index in range(max_sections):
         section = _parse_section(path, data, index)
-        if section.capacity:
-            part, offset = _read_section(path, data, offset, section, level, bounds)
+        part, offset = _read_section(path, data, offset, section, level, bounds)
+        if section.count:
             parts.append(part)
     if (num_read := sum(len(part["means"]) for part in parts)) != count:
         raise DatasetError(f"{path}: the sections have {num_read} Gaussians, the header says {count}")
@@ -128,6 +131,11 @@ def _read_section(
     centers_at = offset + 4 * section.partial
     rows_at = centers_at + section.bucket_bytes * section.buckets
     end = rows_at + record.itemsize * section.capacity
+    if section.num_bytes not in (0, end - offset):
+        raise DatasetError(
+            f"{path}: a section has {section.num_bytes} bytes, but its {section.capacity} Gaussians with harmonics of "
+            f"degree {section.degree} take {end - offset}: the file is damaged, or of another layout"
+        )
     if end > len(data):
         raise DatasetError(f"{path}: a section of {section.capacity} Gaussians ends at byte {end} of {len(data)}")
     rows = np.frombuffer(data[rows_at : rows_at + record.itemsize * section.count], record)
@@ -136,7 +144,7 @@ def _read_section(
     if section.degree:
         sh = np.concatenate([sh, _harmonics(rows["harmonics"], compression_level, section.degree, bounds)], axis=1)
     means = rows["position"].astype(np.float32)
-    if compression_level:
+    if compression_level and section.count:
         means = _from_bucket(path, data, offset, centers_at, section, means)
     columns: dict[str, np.ndarray] = {
         "means": means,
