@@ -176,8 +176,8 @@ def _orbit(value: object) -> Vector:
     return _vector(_coordinates(value, 3, "three numbers"))
 
 
-def _coordinates(values: object, count: int, expected: str) -> Sequence[float]:
-    """Checks a list of finite numbers.
+def _coordinates(values: object, count: int, expected: str) -> list[float]:
+    """Checks and converts a list of finite numbers.
 
     Args:
         values: The list.
@@ -193,7 +193,7 @@ def _coordinates(values: object, count: int, expected: str) -> Sequence[float]:
         raise InvalidValueError(f"expected {expected}, not {len(values)}")
     if wrong := [value for value in values if not _is_coordinate(value)]:
         raise InvalidValueError(f"expected {expected} within {_MAX_COORDINATE:g}, not {shown(wrong[0])}")
-    return values
+    return [float(value) for value in values]
 
 
 _PARSERS: dict[str, Callable[[Any], Any]] = {

@@ -83,7 +83,7 @@ def ksplat(level: int = 1, degree: int = 1, count: int = 3, sections: int = 1, s
                 tail = np.arange(rest).astype("<f2").tobytes() if level == 1 else bytes(range(rest))
                 body += struct.pack("<3H", 32767, 0, 65534) + numbers + color + tail
         fields = (count, count, 2, 2, 4.0, 12, 32767, len(body), 1, 1, degree)
-        heads, bodies = heads + struct.pack("<4IfH2x5IH", *fields).ljust(1024, b"\0"), bodies + body
+        heads, bodies = heads + struct.pack("<4IfH2x4IH", *fields).ljust(1024, b"\0"), bodies + body
     return bytes(header) + heads + bytes(1024 * spare) + bodies
 
 

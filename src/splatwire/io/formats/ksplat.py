@@ -25,7 +25,7 @@ from splatwire.types.splats import Splats
 LOG = logging.getLogger(__name__)
 _HEADER_BYTES, _SECTION_BYTES = 4096, 1024
 _MAX_SECTIONS, _MAX_DEGREE, _MAX_LEVEL = 4096, 2, 2
-_SECTION = struct.Struct("<4IfH2x5IH")
+_SECTION = struct.Struct("<4IfH2x4IH")
 _MINOR = 1
 _DEFAULT_RANGE = 32767
 _DEFAULT_HARMONICS = 1.5
