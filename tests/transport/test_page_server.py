@@ -2,11 +2,14 @@
 
 import asyncio
 import contextlib
+import gc
 import logging
 import os
 import random
 import socket
+import struct
 import tracemalloc
+import weakref
 from collections.abc import AsyncIterator, Callable, Coroutine
 from dataclasses import replace
 from typing import Any
@@ -116,6 +119,54 @@ def test_slowly_sent_request_has_the_common_deadline():
             await until(dribbled)
 
     run(work())
+
+
+class Watched(PageServer):
+    """A page server that keeps weak references to its connections."""
+
+    references: tuple[weakref.ref[Any], ...] = ()
+
+    def _begin(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.references += tuple(map(weakref.ref, (reader, writer, writer.transport)))
+        super()._begin(reader, writer)
+
+
+@pytest.mark.parametrize(
+    ("said", "end"),
+    [
+        (b"GET / HTTP/1.1\r\n", "timeout"), (b"GET / HTTP/1.1\r\n", "eviction"), (b"GET / HTTP/1.1\r\n", "close"),
+        (b"GET / HTTP/1.1\r\n", "reset"), (BIG, "reset"), (BIG, "too slow"), (PAGE, "close"), (b"x" * 9000, "close"),
+    ],
+)  # fmt: skip
+def test_ended_connections_free_their_memory_without_the_garbage_collector(said: bytes, end: str):
+    limits = {
+        "timeout": replace(PATIENT, request_s=0.2), "eviction": replace(PATIENT, waiting=1),
+        "too slow": replace(PATIENT, chunk_s=0.2),
+    }.get(end, PATIENT)  # fmt: skip
+
+    async def work() -> None:
+        async with Watched(CONTENT, limits=limits) as server:
+            async with clients(server.port, 5, said) as opened:
+                await until(lambda: len(server.references) == 15)
+                await asyncio.sleep(0.05)  # the request is read
+                if end == "reset":
+                    for client in opened:
+                        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                        client.close()
+                elif end == "eviction":
+                    await until(lambda: len(server._clients) == 1)
+                elif end != "close":
+                    await until(lambda: not server._clients)
+            await until(lambda: not server._clients)
+            await asyncio.sleep(0.05)
+            assert [reference() for reference in server.references] == [None] * 15
+
+    gc.collect()
+    gc.disable()
+    try:
+        run(work())
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize("wanted", [b"", b"Range: bytes=1-\r\n"], ids=["whole", "range"])

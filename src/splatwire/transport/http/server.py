@@ -32,6 +32,8 @@ YIELD_S = 0.002
 LINGER_S, LINGER_BYTES = 1.0, 1 << 22
 """Limits on reading the rest of a refused request, seconds and bytes. Unread bytes would reset the connection, and the
 client could lose the response (RFC 9112, 9.6)."""
+_BOUND_METHODS = ("_read_ready_cb", "_write_ready")
+"""Attributes of asyncio's transports with bound methods of the same object."""
 _LAST_TURNS = 5
 """Number of iterations of the event loop in which a closing server ends connections."""
 
@@ -169,9 +171,10 @@ class PageServer:
         client.add_done_callback(self._end)
 
     def _end(self, client: asyncio.Task[None]) -> None:
-        writer = self._clients.pop(client)
-        if not writer.is_closing():
-            writer.transport.abort()  # `close` would keep unread data as long as the client does not read
+        transport = self._clients.pop(client).transport
+        if not transport.is_closing():
+            transport.abort()  # `close` would keep unread data as long as the client does not read
+        asyncio.get_running_loop().call_soon(_release, transport)  # after the end of the connection, in the next turn
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         peer, limits = writer.get_extra_info("peername"), self._limits
@@ -180,11 +183,10 @@ class PageServer:
             self._waiting.take(network, writer.transport)
             try:
                 async with asyncio.timeout(limits.request_s):
-                    try:
-                        head = await reader.readuntil(b"\r\n\r\n")
-                    except asyncio.LimitOverrunError:
-                        head = await reader.read(MAX_HEAD_BYTES)
-                        await self._respond(b"", _too_long(head), network, writer, close=False)
+                    head = await _read_head(reader)
+                    if head is None:
+                        start = await reader.read(MAX_HEAD_BYTES)
+                        await self._respond(b"", _too_long(start), network, writer, close=False)
                         await _linger(reader, writer)
                         return
             finally:
@@ -204,8 +206,10 @@ class PageServer:
                     await _linger(reader, writer)
             finally:
                 self._slots.leave(network, writer.transport)
-        except (asyncio.IncompleteReadError, TimeoutError, OSError):
-            pass  # the client disconnected, or sent no valid request
+        except (asyncio.IncompleteReadError, TimeoutError, OSError) as error:
+            # The client disconnected, or sent no valid request. The reader refers to the error of a reset connection,
+            # and its traceback to the reader.
+            error.__traceback__ = None
 
     async def _respond(
         self, head: bytes, answer: Answer, network: Network, writer: asyncio.StreamWriter, *, close: bool = True
@@ -287,6 +291,19 @@ class PageServer:
             pacer.sent(num_bytes, loop.time())
 
 
+async def _read_head(reader: asyncio.StreamReader) -> bytes | None:
+    """Returns the head of a request, with its final empty line; None if the head is too long.
+
+    Raises:
+        asyncio.IncompleteReadError: If the connection ends before.
+        OSError: If the connection fails.
+    """
+    try:
+        return await reader.readuntil(b"\r\n\r\n")
+    except asyncio.LimitOverrunError:
+        return None
+
+
 def _too_long(start: bytes) -> Answer:
     """Returns the error response to a request whose head (request line and header fields) is too long.
 
@@ -305,6 +322,17 @@ async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) ->
             remaining = LINGER_BYTES
             while remaining > 0 and (data := await reader.read(CHUNK_BYTES)):
                 remaining -= len(data)
+
+
+def _release(transport: asyncio.WriteTransport) -> None:
+    """Frees the memory of an ended connection.
+
+    A transport of asyncio refers to itself by its bound methods. Its memory, and that of the reader that refers to it,
+    would otherwise wait for the garbage collector, which runs rarely in a process with many objects.
+    """
+    state = getattr(transport, "__dict__", {})  # none in other event loops
+    for name in _BOUND_METHODS:
+        state.pop(name, None)
 
 
 async def _wait_for_pacer(pacer: Pacer) -> None:
