@@ -145,7 +145,8 @@ def test_ended_connections_free_their_memory_without_the_garbage_collector(said:
     }.get(end, PATIENT)  # fmt: skip
 
     async def work() -> None:
-        async with Watched(CONTENT, limits=limits) as server:
+        server = Watched(CONTENT, limits=limits)
+        async with server:
             async with clients(server.port, 5, said) as opened:
                 await until(lambda: len(server.references) == 15)
                 await asyncio.sleep(0.05)  # the request is read

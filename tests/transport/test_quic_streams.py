@@ -10,7 +10,9 @@ import pytest
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.buffer import encode_uint_var
 from aioquic.quic.connection import stream_is_unidirectional
+from aioquic.tls import Epoch
 
+from splatwire.transport.quic import server as quic_server
 from splatwire.transport.quic.common import ALPN, MAX_OUTSIDE_BYTES, MAX_STREAMS, MAX_UNREAD_BYTES, length_prefixed
 from transport.test_quic import run, serving
 from transport.test_quic_hostile import Client, close_client, connected, request, still_serves, until
@@ -93,6 +95,53 @@ def test_data_buffered_behind_a_gap_is_bounded(alpn: str, failures: list[Any]):
             await pour(client, 0)
             await until(lambda: client.ended)
             assert limit.used < MAX_UNREAD_BYTES + 4000
+            await still_serves(server.port)
+            await close_client(client)
+
+    run(work())
+
+
+def test_handshake_data_buffered_behind_a_gap_are_bounded(failures: list[Any]):
+    async def work() -> None:
+        watch(failures)
+        async with serving() as server:
+            client = await connected(server.port, ALPN)
+            (connection,) = server.connections
+            receiver = connection.quic._crypto_streams[Epoch.ONE_RTT].receiver  # an ended connection releases it
+            sender = client.quic._crypto_streams[Epoch.ONE_RTT].sender
+            sender.write(bytes(4 * MAX_UNREAD_BYTES))
+            sender._pending.subtract(0, 1)
+            while not client.ended:
+                client.transmit()
+                await asyncio.sleep(0.002)
+            assert len(receiver._buffer) < MAX_UNREAD_BYTES + 4000
+            assert server.num_malformed == 1
+            await still_serves(server.port)
+            await close_client(client)
+
+    run(work())
+
+
+def test_packets_that_a_client_never_acknowledges_are_bounded(
+    failures: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server keeps the number of each packet of acknowledgements until the client acknowledges it."""
+    monkeypatch.setattr(quic_server, "MAX_UNACKNOWLEDGED", 50)
+
+    async def work() -> None:
+        watch(failures)
+        async with serving() as server:
+            client = await connected(server.port, ALPN)
+            client.quic._loss._cc.congestion_window = 1 << 40
+            monkeypatch.setattr(client, "datagram_received", lambda *_: None)
+            for _ in range(1000):
+                client.quic.send_datagram_frame(b"noise")
+                client.transmit()
+                await asyncio.sleep(0)
+                if server.num_malformed:
+                    break
+            assert server.num_malformed == 1
+            assert not server.connections
             await still_serves(server.port)
             await close_client(client)
 

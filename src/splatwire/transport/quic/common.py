@@ -27,7 +27,13 @@ MAX_DATAGRAM_FRAME = 1 << 16
 WINDOW_BYTES = 4 << 20
 """Maximum number of bytes in flight per connection, and flow-control window of the peer's streams in bytes."""
 MAX_UNREAD_BYTES = 1 << 16
-"""Maximum number of bytes, over all streams of a client, that are buffered because earlier bytes are missing."""
+"""Maximum number of bytes, over all streams and the handshake of a client, that are buffered because earlier bytes are
+missing.
+"""
+MAX_UNACKNOWLEDGED = 1 << 13
+"""Maximum number of sent QUIC packets per connection that wait for an acknowledgement. Twice as many as `WINDOW_BYTES`
+has room for.
+"""
 MAX_OUTSIDE_BYTES = 1 << 13
 """Maximum number of bytes that an HTTP/3 client may send during a connection outside the stream of its WebTransport
 session: settings, requests and header compression. The limit is needed because aioquic buffers incomplete HTTP/3 frames

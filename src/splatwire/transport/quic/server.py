@@ -4,6 +4,7 @@ import asyncio
 import logging
 import os
 import socket
+import time
 from collections import Counter, deque
 from collections.abc import Callable, Hashable, Mapping
 from contextlib import suppress
@@ -36,11 +37,13 @@ from splatwire.transport.quic.common import (
     INTERNAL,
     MALFORMED,
     MAX_STREAMS,
+    MAX_UNACKNOWLEDGED,
     MAX_UNREAD_BYTES,
     QuicLimits,
     configuration,
     limit_backoff,
 )
+from splatwire.transport.quic.input_budget import HandshakeTime, InputBudget
 from splatwire.transport.quic.sessions import NativeSession, Session, WebTransportSessions
 from splatwire.transport.socket_group import QUIC_CLASSES, TOKEN_PREFIX, SocketGroup
 from splatwire.transport.udp import EVENT_INTERVAL_S, MAX_DATAGRAM_READ, SocketServer
@@ -60,6 +63,8 @@ MAX_HANDSHAKES_FACTOR = 4
 """Number of handshakes that a network may start within `HANDSHAKE_WINDOW_S`, as a multiple of
 `QuicLimits.per_network`, plus `SPARE`.
 """
+MIN_EXCESS = 1000
+"""Minimum number of excess datagrams of connections for a log line."""
 MIN_MALFORMED = 10
 """Minimum number of malformed connections for a log line."""
 FULL_REASON = "the server is full, or your network has its share of it"
@@ -95,6 +100,11 @@ class QuicServer(SocketServer):
         self.num_malformed = 0
         malformed = "malformed connections ended"
         self.malformed_event = RepeatedEvent(LOG, malformed, interval_s=EVENT_INTERVAL_S, min_count=MIN_MALFORMED)
+        self.num_excess = 0
+        excess = "excess datagrams dropped"
+        self._excess_event = RepeatedEvent(LOG, excess, interval_s=EVENT_INTERVAL_S, min_count=MIN_EXCESS)
+        self.handshake_time = HandshakeTime()
+        self._pump_soon: asyncio.Handle | None = None
         self.connections: dict[_Connection, None] = {}  # the oldest first
         self.networks: Counter[Network] = Counter()
         self.handshaking: set[_Connection] = set()
@@ -106,7 +116,7 @@ class QuicServer(SocketServer):
     async def start(self) -> "QuicServer":
         """Starts to listen for connections and returns this server."""
         self._endpoint = _LimitedEndpoint(self, self._configuration)
-        self._endpoint.connection_made(_SocketTransport(self._group, self._endpoint, self._on_sent))
+        self._endpoint.connection_made(_SocketTransport(self._group, self._endpoint, self._on_sent, self._on_batch))
         return self
 
     def load_identity(self) -> None:
@@ -132,8 +142,23 @@ class QuicServer(SocketServer):
 
     def close(self) -> None:
         """Closes all connections and stops the server."""
-        self._cancel_timer()
         (self._endpoint or self._group).close()
+        self._cancel_timer()
+        self._cancel_pump()
+
+    def _cancel_pump(self) -> None:
+        if self._pump_soon is not None:
+            self._pump_soon.cancel()
+            self._pump_soon = None
+
+    def drop_excess(self, now: float) -> None:
+        """Counts a dropped datagram of a connection whose datagrams take too much processor time.
+
+        Args:
+            now: Time, seconds.
+        """
+        self.num_excess += 1
+        self._excess_event.record(now)
 
     def _on_sent(self, num_bytes: int) -> None:
         """Counts the bytes of a UDP datagram that was sent."""
@@ -152,7 +177,14 @@ class QuicServer(SocketServer):
         answer = self.core.receive(session, data, self._loop.time(), reliable=True, network=network)
         if answer is not None:
             session.send(answer)
-        self.pump()
+        if self._pump_soon is None:  # once for all messages that arrive together
+            self._pump_soon = self._loop.call_soon(self.pump)
+
+    def _on_batch(self) -> None:
+        """Sends the datagrams that are due after those of one socket were read, so that a flood does not delay them."""
+        due_at = self.core.next_at()
+        if self._pump_soon is not None or (due_at is not None and due_at <= self._loop.time()):
+            self.pump()
 
     def on_closed(self, session: Hashable) -> None:
         """Ends the transfers of a session after its connection was closed."""
@@ -161,6 +193,7 @@ class QuicServer(SocketServer):
     def pump(self) -> None:
         """Sends all datagrams that are due, over QUIC, and sets a timer for later datagrams."""
         self._cancel_timer()
+        self._cancel_pump()
         now = self._loop.time()
         due = self.core.poll(now, BATCH)
         touched: set[Any] = set()
@@ -334,10 +367,15 @@ class _SocketTransport:
         group: Bound sockets of the port.
         protocol: Object that gets the received datagrams.
         on_sent: Called with the size of each sent datagram, bytes.
+        on_batch: Called after the datagrams that could be read from a socket in one turn of the event loop.
     """
 
-    def __init__(self, group: SocketGroup, protocol: asyncio.DatagramProtocol, on_sent: Callable[[int], None]) -> None:
-        self._group, self._socket, self._protocol, self._on_sent = group, group.sockets[0], protocol, on_sent
+    def __init__(
+        self, group: SocketGroup, protocol: asyncio.DatagramProtocol, on_sent: Callable[[int], None],
+        on_batch: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self._group, self._socket, self._protocol = group, group.sockets[0], protocol
+        self._on_sent, self._on_batch = on_sent, on_batch
         self._loop = asyncio.get_running_loop()
         self._unsent: deque[tuple[bytes, Any]] = deque()
         group.add_readers(self._loop, self._readable)
@@ -347,8 +385,9 @@ class _SocketTransport:
             try:
                 data, address = source.recvfrom(MAX_DATAGRAM_READ)
             except OSError:  # nothing is left, an ICMP error of an earlier datagram, or closed meanwhile
-                return
+                break
             self._protocol.datagram_received(data, address)
+        self._on_batch()
 
     def sendto(self, data: bytes, addr: Any = None) -> None:
         """Sends a datagram now, or as soon as the socket accepts it.
@@ -396,6 +435,8 @@ class _Connection(QuicConnectionProtocol):
         self._sessions: NativeSession | WebTransportSessions | None = None
         self._over = False
         self._read = 0
+        self._budget: InputBudget | None = None
+        self._sending_s = 0.0
         self._patience = self._loop.call_later(REQUEST_TIMEOUT_S, self._impatient)
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
@@ -405,10 +446,27 @@ class _Connection(QuicConnectionProtocol):
             data: Payload of the datagram.
             addr: Socket address of the client.
         """
+        now = self._loop.time()
+        if self._has_spent(now):
+            self.owner.drop_excess(now)
+            return
+        began, self._sending_s = time.thread_time(), 0.0
         self.guarded(super().datagram_received, data, addr)
-        # aioquic extends flow-control windows even for data that have not been read.
-        if not self._over and self.quic._local_max_data.used - self._read > MAX_UNREAD_BYTES:
+        self._spend(time.thread_time() - began - self._sending_s)
+        if not self._over:
+            self._limit_memory()
+
+    def _limit_memory(self) -> None:
+        """Ends the connection if aioquic keeps too much for this client.
+
+        The limits of aioquic are higher: it extends flow-control windows even for data that have not been read, and
+        keeps every packet of acknowledgements until the client acknowledges it.
+        """
+        handshake_bytes = (len(stream.receiver._buffer) for stream in self.quic._crypto_streams.values())
+        if self.quic._local_max_data.used - self._read + sum(handshake_bytes) > MAX_UNREAD_BYTES:
             self.malformed("too much waits for what is missing before it")
+        elif any(len(space.sent_packets) > MAX_UNACKNOWLEDGED for space in self.quic._spaces.values()):
+            self.malformed("the client acknowledges nothing")
 
     def quic_event_received(self, event: events.QuicEvent) -> None:
         """Processes an event of aioquic, such as the end of the handshake or received data."""
@@ -419,6 +477,7 @@ class _Connection(QuicConnectionProtocol):
                 self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
             case events.HandshakeCompleted():
                 self.owner.handshaking.discard(self)
+                self._budget = InputBudget(self._loop.time())
                 while not self._over and self.owner.is_full(self.network):
                     # Not refused earlier: the reason would not reach the client before the handshake.
                     self.owner.num_refused += 1
@@ -432,7 +491,28 @@ class _Connection(QuicConnectionProtocol):
     def transmit(self) -> None:
         """Sends the datagrams that are due, and sets the timer of QUIC."""
         limit_backoff(self.quic)
+        quic, began = self.quic, time.thread_time()
+        num_pending, num_stream_bytes = len(quic._datagrams_pending), quic._remote_max_data_used
         super().transmit()
+        # A client may provoke any number of acknowledgements and other replies of QUIC.
+        if len(quic._datagrams_pending) < num_pending or quic._remote_max_data_used > num_stream_bytes:
+            seconds = time.thread_time() - began
+            self._sending_s += seconds
+            if self._budget is not None:
+                self._budget.earn(seconds)
+
+    def _has_spent(self, now: float) -> bool:
+        """Returns True if the datagrams of this client have taken too much processor time."""
+        if self._budget is None:
+            return self.owner.handshake_time.is_spent(self.network, now)
+        return self._budget.is_spent(self.owner.networks[self.network], now)
+
+    def _spend(self, seconds: float) -> None:
+        """Counts the processor time for a datagram of this client, seconds."""
+        if self._budget is None:
+            self.owner.handshake_time.spend(self.network, seconds)
+        else:
+            self._budget.spend(seconds)
 
     def guarded(self, work: Callable[..., object], *arguments: object) -> None:
         """Calls a function for this connection.
