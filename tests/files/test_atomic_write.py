@@ -211,6 +211,19 @@ def test_next_writer_removes_leftovers_of_a_killed_writer(tmp_path, name):
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.parametrize("inside", [False, True])
+def test_leftovers_of_a_check_that_was_killed_are_removed(tmp_path, monkeypatch, inside):
+    target = tmp_path / "a"
+    target.mkdir()
+    with monkeypatch.context() as patched:
+        patched.setattr(whole.shutil, "rmtree", lambda *_, **__: None)
+        check_writable(target, inside=inside)
+    folder = target if inside else tmp_path
+    assert len(hidden(folder)) == 1
+    remove_unfinished(folder)
+    assert not hidden(folder)
+
+
 def test_workspaces_of_running_writers_are_kept(tmp_path):
     with atomic_output(tmp_path / "a") as new:
         new.write_bytes(b"a")

@@ -13,7 +13,7 @@ from splatwire.concealment.temporal.concealment import conceal_group
 from splatwire.concealment.temporal.poses import ConcealmentState
 from splatwire.sequence import Frame, SequenceEncoder, SequenceOptions, encode_sequence
 from splatwire.sequence.group_builder import GroupBuilder, group_of
-from splatwire.sequence.partial_tracks import TrackedFrame
+from splatwire.sequence.partial_tracks import TrackedFrame, extrapolate_partial_tracks
 from splatwire.types.sequence_scene import GroupMotion, SequenceScene
 from splatwire.types.splats import Splats
 
@@ -158,3 +158,18 @@ def test_live_encoding_is_bit_identical_to_offline_encoding(body):
         streams.append(encoder.finish())
     assert streams[0].packets == streams[1].packets
     assert streams[0].manifest == streams[1].manifest
+
+
+@pytest.mark.parametrize("far", [1e20, 3e38])
+def test_a_track_at_the_end_of_the_range_of_float32_is_not_coherent_with_the_others(far: float) -> None:
+    rng, steps = np.random.default_rng(0), np.linspace(0, 1, 5, dtype=np.float32)[None, :, None]
+    means = rng.normal(size=(200, 1, 3)).astype(np.float32) + steps
+    begins, ends = np.where(np.arange(200) < 20, 2, 0), np.full(200, 5)
+    begins[3:5] = 0
+    means[3, 2:], means[4, 2:] = far, -far
+    expected = means[:3, 2:3] - steps[:, 2:3] + steps
+    means[:3, :2] = 0
+    before = means[3:5].copy()
+    assert extrapolate_partial_tracks(means, begins, ends, [], None)
+    assert np.abs(means[:3] - expected).max() < 0.2
+    assert np.array_equal(means[3:5], before)

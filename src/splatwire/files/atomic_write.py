@@ -117,11 +117,12 @@ def check_writable(path: Path, *, inside: bool = False) -> None:
     try:
         goal = _resolved_target(path)
         inside = inside and goal.is_dir()
-        into, name = (goal, _NEW) if inside else (goal.parent, goal.name)
+        into = goal if inside else goal.parent
         if not inside:
             check_parent(goal)
         with _workspace(into) as space:
-            (space / name).touch()
+            (space / _NEW).mkdir()  # the content of other folders is not removed after a kill
+            (space / _NEW / goal.name).touch()
         replaceable = inside or not goal.exists() or _replaceable(goal)
     except OSError as error:
         raise InvalidValueError(f"{path}: nothing can be written into {into}: {error.strerror}") from error

@@ -111,9 +111,11 @@ class NeighborSet:
             means: Positions of all tracks, float32 (T, F, 3).
         """
         start, positions = means[self.tracks, self.frames][:, None], means[self.neighbors, self.frames[:, None]]
-        moved: np.ndarray = start + np.einsum(
-            "nk,nkfa->nfa", self.weights, means[self.neighbors] - positions[:, :, None]
-        )
+        # Motion beyond the range of float32 becomes infinite or NaN, so that no track moves like it.
+        with np.errstate(over="ignore", invalid="ignore"):
+            moved: np.ndarray = start + np.einsum(
+                "nk,nkfa->nfa", self.weights, means[self.neighbors] - positions[:, :, None]
+            )
         return moved
 
 
@@ -235,7 +237,7 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighb
         means[tracks],
         neighbors.interpolated_motion(means),
     )
-    reference_positions = means[tracks, neighbors.frames][:, None]
+    reference_positions = means[tracks, neighbors.frames][:, None].astype(np.float64)
     away = (begin == at) & (numbers < at) | (end == at + 1) & (end < frames) & (numbers > at)
     along = (
         away
@@ -260,7 +262,7 @@ def _is_coherent(means: np.ndarray, full_length: np.ndarray, sample: NeighborSet
         tested = sample_neighbors(means, NeighborIndex.of(means, 0, np.flatnonzero(full_length))).only(
             full_length, means
         )
-    own_positions, moved = means[tested.tracks], tested.interpolated_motion(means)
+    own_positions, moved = means[tested.tracks].astype(np.float64), tested.interpolated_motion(means)
     return bool(
         _moves_like(
             own_positions - own_positions[:, :1], moved - own_positions[:, :1], np.ones(own_positions.shape[:2], bool)
@@ -273,11 +275,13 @@ def _moves_like(motion: np.ndarray, neighbor_motion: np.ndarray, exists: np.ndar
     """Returns a mask of tracks whose motion is similar to that of their neighbours, bool (n).
 
     Args:
-        motion: Motion of the tracks, (n, F, 3).
-        neighbor_motion: Motion interpolated from the neighbours, (n, F, 3).
+        motion: Motion of the tracks, float64 (n, F, 3).
+        neighbor_motion: Motion interpolated from the neighbours, float64 (n, F, 3).
         exists: Frames in which each track exists, bool (n, F).
     """
-    moved, apart = ((np.square(v).sum(axis=2) * exists).sum(axis=1) for v in (motion, motion - neighbor_motion))
+    moved, apart = (
+        np.where(exists, np.square(v).sum(axis=2), 0).sum(axis=1) for v in (motion, motion - neighbor_motion)
+    )
     alike: np.ndarray = apart <= MAX_DEVIATION * moved
     return alike
 
