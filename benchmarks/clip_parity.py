@@ -34,7 +34,8 @@ from splatwire.render.precision import precision_classes
 from splatwire.sequence import frame_files, read_frames
 from splatwire.sequence.group_builder import group_of
 from splatwire.sequence.importance import stream_importance
-from splatwire.sequence.tracking import SECTION, Tracker
+from splatwire.sequence.tracking import SECTION as TRACKING
+from splatwire.sequence.tracking import Tracker
 from splatwire.transport import Protection
 
 RESULTS = Path(__file__).parent / "results" / "clip_parity.json"
@@ -56,7 +57,7 @@ def encoded(files: list[Path], levels: list[float]) -> dict[float, SceneStream]:
         writer = TracksEncoder(RATE, GROUP, Quality(level=level))
         for number, group in enumerate(groups):
             writer.add(group, None if number else classes)
-        found[level] = writer.finish({SECTION: tracker.report.section()})
+        found[level] = writer.finish({TRACKING: tracker.report.section()})
     return found
 
 

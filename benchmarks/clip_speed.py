@@ -101,7 +101,7 @@ def live(path: Path, tracks: int) -> dict:
         edition = broadcast.add(manifest, side_info, packets)
         times.append(time.process_time())
         arrived = [packet_from_bytes(data, 1) for data in edition.packets[edition.newest :]]
-        shown = [*decoder.grow(manifest, side_info), *decoder.add(arrived[:-1])]
+        shown = [*decoder.update_header(manifest, side_info), *decoder.add(arrived[:-1])]
         times.append(time.process_time())
         frames = decoder.add(arrived[-1:])
         shown.append(next(frames))

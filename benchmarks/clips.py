@@ -86,7 +86,8 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
     still = frame_by_frame(files, cameras)
     gaussians = sum(int(frame.drawn.sum()) for frame in read_frames(files))
     return {
-        "name": name, "frames": len(files), "tracks": tracks, "matched": tracking.matched, "share": tracking.share,
+        "name": name, "frames": len(files), "tracks": tracks, "matched": tracking.num_matched_frames,
+        "share": tracking.matched_share,
         "bytes": stream.num_bytes, "bytes_per_gaussian_and_frame": stream.num_bytes / gaussians, "psnr": decibels,
         "quality": arguments.quality.level, "frame_by_frame": still,
         "ratio": stream.num_bytes / (len(files) * bytes_at(still, decibels)),

@@ -19,7 +19,7 @@ from splatwire.bitstream import SceneStream
 from splatwire.channel import parse_loss
 from splatwire.channel.transmit import arrival_groups, draw_mask
 from splatwire.codec import decode_stream
-from splatwire.codec.sequence.known_tracks import weights_of
+from splatwire.codec.sequence.known_tracks import visibility_of
 from splatwire.evaluation.sequence.evaluation import available_by_group, frame_psnr
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
@@ -42,14 +42,14 @@ def best_packets(stream: SceneStream, share: float) -> np.ndarray:
 
 def best_tracks(clip: SequenceScene, share: float) -> list[np.ndarray]:
     """Masks of the tracks with the longest visible path in each group, up to a share of the tracks, bool (T)."""
-    weights, found = weights_of(clip.tracks.splats.scales, clip.tracks.splats.opacities), []
+    visibility, found = visibility_of(clip.tracks.splats.scales, clip.tracks.splats.opacities), []
     everyone = np.ones(clip.num_gaussians, bool)
     for group in range(clip.timeline.num_groups):
         motion, length = clip.motion(group, everyone), np.zeros(clip.num_gaussians)
         positions = [motion.at(frame)[:, :3] for frame in range(len(clip.timeline.frames_of(group)))]
         for one, other in itertools.pairwise(positions):
             length[motion.tracks] += np.linalg.norm(other - one, axis=1)
-        worth = weights * length
+        worth = visibility * length
         best = np.zeros(clip.num_gaussians, bool)
         best[np.argsort(-worth, kind="stable")[: round(share * len(motion.tracks))]] = True
         found.append(best & (worth > 0))
@@ -88,7 +88,7 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
     cameras = surrounding_cameras(SplatScene(frames[0].splats.select(frames[0].drawn)), arguments.views, 160)
     complete, loss = decode_stream(stream).scene, parse_loss(arguments.loss, "datagram")
     packets, tracks = best_packets(stream, arguments.share), best_tracks(complete, arguments.share)
-    found: dict = {"name": name, "matched": tracking.share, "complete": psnr_of(complete, frames, cameras)}
+    found: dict = {"name": name, "matched": tracking.matched_share, "complete": psnr_of(complete, frames, cameras)}
     for way in ("none", "packets", "tracks"):
         found[way] = []
         for seed in arguments.seeds:

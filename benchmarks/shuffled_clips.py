@@ -252,7 +252,7 @@ def measure(name: str, arguments: argparse.Namespace) -> dict:
         for concealer in arguments.concealers for seed in arguments.seeds
     ]  # fmt: skip
     complete, *others = score_sequence(stream, iter(frames), cameras, rows)
-    found = {"name": name, "tuned": name in TUNED, "frames": len(frames), "matched": tracking.share,
+    found = {"name": name, "tuned": name in TUNED, "frames": len(frames), "matched": tracking.matched_share,
              "group_frames": describe_sequence(stream)["group_frames"],
              "packets": len(stream.packets), "bytes": stream.num_bytes, "seconds": seconds,
              "complete": complete.mean}  # fmt: skip

@@ -89,20 +89,22 @@ def oversized_clips(real: SceneStream) -> Iterator[tuple[str, SceneStream]]:
 def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion: int) -> SceneStream:
     """Sequence of one group with tracks in several blocks, some of them without bytes, and motion packets."""
     info, num = open_clip(real.manifest, real.side_info), blocks * CUT.block_size
-    base, none = info.keyframes, np.zeros((blocks, 3), np.int64)
+    base, none = info.keyframe_info, np.zeros((blocks, 3), np.int64)
     boxes = replace(base.boxes, shifts=none[:, 0], grid_corners=none, extents=none)
     base = replace(base, boxes=boxes, block_means=np.repeat(base.block_means[:1], blocks, axis=0))
     every = np.arange(MAX_CANDIDATES)
     coder = MotionCoder(
         *moving_rows(frames), every, first_new=0, max_payload_bytes=60_000, costs=np.ones(MAX_CANDIDATES)
     )
-    zero = coder.fit_zero_probabilities([(0, MAX_CANDIDATES)], 1)
+    zero_probabilities = coder.fit_zero_probabilities([(0, MAX_CANDIDATES)], 1)
     timeline = Timeline(info.timeline.rate, frames, frames)
-    info = replace(info, timeline=timeline, shots=(Shot(0, 0, base),), zero_probabilities=zero, sections={})
+    info = replace(
+        info, timeline=timeline, shots=(Shot(0, 0, base),), zero_probabilities=zero_probabilities, sections={}
+    )
     tiers, sizes = (TierCounts(num, 1), TierCounts(num, 1)), [CUT.block_size] * blocks
     stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_CANDIDATES)
     packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes[:bases])]
-    payloads = coder.encode(zero, (0, MAX_CANDIDATES)).payloads
+    payloads = coder.encode(zero_probabilities, (0, MAX_CANDIDATES)).payloads
     for n in range(motion):
         block, begin = divmod(n * MAX_CANDIDATES, CUT.block_size)
         packets.append(make_packet(PacketId(blocks + block, begin), MAX_CANDIDATES, payloads[0], 7))

@@ -73,7 +73,7 @@ class World:
         self.plan: list[tuple[float, object]] = []
         self.end = 3.0
         self.editions = list[Any]()
-        source = FolderSource(folder, self.said.append, wall=lambda: 0.0)  # no file is old
+        source = FolderSource(folder, self.said.append, wall_clock=lambda: 0.0)  # no file is old
         self.live = LiveIngest(
             source, self.clip, SequenceOptions(Fraction(RATE), GROUP), self.editions.append,
             lambda: self.now >= self.end, self.said.append, clock=lambda: self.now, sleep=self.pass_time,
@@ -273,7 +273,7 @@ def test_repeated_file_name_is_a_new_frame(tmp_path, how):
 
 
 def test_file_that_was_missing_when_it_was_read_is_returned_once_it_is_there(tmp_path):
-    source = FolderSource(tmp_path, print, wall=lambda: 0.0)
+    source = FolderSource(tmp_path, print, wall_clock=lambda: 0.0)
     path = tmp_path / "frame_0.ply"
     path.write_bytes(b"x")
     assert [source.poll(now) for now in (0.0, 1.0)] == [[], [path]]
@@ -295,7 +295,7 @@ def test_many_earlier_files_are_checked_rarely_and_new_files_at_once(tmp_path, m
         return real(path, status)
 
     monkeypatch.setattr(frame_sources, "signature_of", counted)
-    source = FolderSource(tmp_path, print, wall=lambda: 0.0)
+    source = FolderSource(tmp_path, print, wall_clock=lambda: 0.0)
     source.poll(0.0)
     assert source.poll(0.5) == earlier
     for path in earlier:
@@ -342,7 +342,7 @@ def decoded(editions):
     decoder, frames, known = LiveDecoder(), [], set()
     for edition in editions:
         manifest, side_info, _ = split_init_segment(b"".join(head_of(edition)))
-        frames += decoder.grow(manifest, side_info)
+        frames += decoder.update_header(manifest, side_info)
         new = [data for data in edition.packets if data and data not in known]
         known.update(new)
         frames += decoder.add([packet_from_bytes(data, edition.stream_id) for data in new])

@@ -12,7 +12,7 @@ import pytest
 
 import splatwire
 from splatwire.codec import ProgressiveDecoder
-from splatwire.sequence import SequenceEncoder, SequenceOptions
+from splatwire.sequence import SequenceEncoder, SequenceOptions, TrackingReport
 from splatwire.transport import Welcomed
 from splatwire.types import LossMask
 
@@ -95,6 +95,16 @@ def test_deprecated_header_of_a_sequence_encoder_warns_and_gives_the_new_result(
     encoder.push(scene.splats.slice_range(0, 50))
     with pytest.warns(DeprecationWarning, match="use current_header"):
         assert encoder.so_far(1) == encoder.current_header(1)
+
+
+@pytest.mark.parametrize(("old", "new"), [
+    ("tracked", "num_same_order_frames"), ("matched", "num_matched_frames"), ("share", "matched_share"),
+    ("born", "num_births"),
+])  # fmt: skip
+def test_deprecated_statistics_of_tracking_warn_and_give_the_new_value(old, new):
+    report = TrackingReport(1, 2, 0.5, 3)
+    with pytest.warns(DeprecationWarning, match=f"use {new}"):
+        assert getattr(report, old) == getattr(report, new)
 
 
 def test_deprecated_size_of_an_init_segment_warns_and_gives_the_new_value():

@@ -262,13 +262,13 @@ def test_decoder_refuses_a_manifest_that_contradicts_earlier_ones(frames):
         encoder.push(splats)
     manifest, side_info = encoder.current_header(STREAM_ID)
     decoder = LiveDecoder()
-    list(decoder.grow(manifest, side_info))
+    list(decoder.update_header(manifest, side_info))
     first, second = manifest.tiers
     other = dataclasses.replace(
         manifest, tiers=(TierCounts(first.num_elements - 1, 1), TierCounts(second.num_elements + 1, 1))
     )
     with pytest.raises(BitstreamError, match="contradicts the previous one"):
-        list(decoder.grow(other, side_info))
+        list(decoder.update_header(other, side_info))
 
 
 def test_stream_updates_with_a_wrong_packet_count_are_refused(frames):
@@ -388,7 +388,7 @@ def test_announced_millions_of_tracks_allocate_no_memory():
     real, _ = read_stream(Path(__file__).parents[1] / "golden" / "tiny_clip.swz")
     announced = of_tracks(real, 1600, 64, bases=False, motion=1)
     decoder = LiveDecoder()
-    assert list(decoder.grow(announced.manifest, announced.side_info)) == []
+    assert list(decoder.update_header(announced.manifest, announced.side_info)) == []
     assert list(decoder.add(announced.packets)) == []
     with pytest.raises(BitstreamError, match=VARIABLE):
         list(decoder.finish())

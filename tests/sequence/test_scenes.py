@@ -44,7 +44,7 @@ def test_unrelated_frames_are_coded_independently(caplog):
     clip = decode_stream(stream).scene
     assert clip.timeline.group_frames == 1
     assert "4 of the first 4 frames show another scene" in caplog.text
-    assert (tracking.matched, tracking.share, tracking.born) == (3, 0.0, 3 * COUNT)
+    assert (tracking.num_matched_frames, tracking.matched_share, tracking.num_births) == (3, 0.0, 3 * COUNT)
     motion = [packet for packet in stream.packets if not stream.manifest.plan.is_keyframe(packet.id.block)]
     assert sum(packet.num_bytes for packet in motion) < 0.01 * stream.num_bytes  # Gaussians that disappeared
     for frame, shown in zip(frames, decode_frames(clip), strict=True):

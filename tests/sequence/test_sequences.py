@@ -198,8 +198,8 @@ def test_seek_decodes_one_group(stream):
 
 def test_shuffled_frames_are_matched(frames):
     found, tracking = encode_sequence(shuffled(frames), OPTIONS)
-    assert tracking.matched == FRAMES - 1
-    assert tracking.share > 0.97
+    assert tracking.num_matched_frames == FRAMES - 1
+    assert tracking.matched_share > 0.97
     assert sum(tier.num_elements for tier in found.manifest.tiers[::2]) < 1.05 * frames[0].num_gaussians
     for frame, wanted in zip(decode_frames(decode_stream(found).scene), frames, strict=True):
         assert error(frame.scene.splats, drawn(wanted)) < 0.02

@@ -36,7 +36,7 @@ def info_of(stream: SceneStream) -> SequenceInfo:
 def test_scenes_of_other_sizes_get_shots_of_their_own(stream):
     shots = info_of(stream).shots
     assert [shot.first_group for shot in shots] == [0, 1, 2]
-    assert len({write_header(shot.info) for shot in shots}) == 3
+    assert len({write_header(shot.keyframe_info) for shot in shots}) == 3
 
 
 def test_frames_of_all_shots_decode_precisely(stream):
@@ -162,12 +162,12 @@ def test_side_information_round_trips(stream):
 def changed(info: SequenceInfo, first: int = 1, **fields: Any) -> SequenceInfo:
     """Side information with a second shot that begins with group `first` and has other `fields`."""
     one, two, three = info.shots
-    return replace(info, shots=(one, Shot(first, two.first_block, replace(two.info, **fields)), three))
+    return replace(info, shots=(one, Shot(first, two.first_block, replace(two.keyframe_info, **fields)), three))
 
 
 def with_lattice(info: SequenceInfo, octaves: int) -> SequenceInfo:
     """Side information with a second shot on a position lattice that is some octaves coarser than the first one's."""
-    level = info.keyframes.size_log - info.keyframes.lattice_bits + octaves
+    level = info.keyframe_info.size_log - info.keyframe_info.lattice_bits + octaves
     return changed(info, size_log=max(level, 0), lattice_bits=max(-level, 0))
 
 
@@ -180,7 +180,7 @@ def with_unit(info: SequenceInfo, number: int, octaves: int) -> SequenceInfo:
 
 def test_impossible_shots_are_refused(stream):
     info = info_of(stream)
-    shot = info.shots[1].info
+    shot = info.shots[1].keyframe_info
     whole = {"degree": 1, "transform": np.zeros((3, 3), np.int64)}
     for bad, message in [
         (changed(info, first=2), "divide"),
@@ -234,4 +234,4 @@ def test_scenes_too_small_for_the_lattice_give_a_warning(caplog, live, size):
 def test_unmatched_frames_of_one_size_share_a_lattice():
     frames = [cloud(COUNT, seed) for seed in range(3)]
     shots = info_of(encode_sequence(frames)[0]).shots
-    assert len({write_header(shot.info) for shot in shots}) == 1
+    assert len({write_header(shot.keyframe_info) for shot in shots}) == 1

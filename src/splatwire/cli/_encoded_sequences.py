@@ -39,6 +39,6 @@ def encode_sequence_of(command: Encode, source: Path) -> None:
     if command.json:
         print_json({"output": command.output, "num_bytes": stream.num_bytes, **facts, "encoding_seconds": seconds})
         return
-    how = f"{tracking.share:.1%} matched" if tracking.matched else "rows keep their Gaussians"
+    how = f"{tracking.matched_share:.1%} matched" if tracking.num_matched_frames else "rows keep their Gaussians"
     text = f"{facts['frames']} frames of {facts['num_tracks']:,} tracks ({how}), {stream.num_bytes:,} bytes"
     print_summary(f"{text}, {seconds:.1f} s -> {command.output}", command.output)

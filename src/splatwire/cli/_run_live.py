@@ -91,26 +91,27 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
         def publish(state: ServedStream) -> None:
             loop.call_soon_threadsafe(server.update, STREAM_NAME, state)
 
-        work = _encoding(command, options, protection, publish, stop.is_set, warn)
+        ingest = _live_ingest(command, options, protection, publish, stop.is_set, warn)
         with rate_limited_warnings(warn):
-            encoding = start_thread(work.run, "encoding")
-            await first_of(encoding, stop, min(COMPILING_TIMEOUT_S, STOP_TIMEOUT_S))
-            compiles = await _is_compiling_at_end(encoding)
-        if encoding.done():
-            encoding.result()
+            ingest_future = start_thread(ingest.run, "encoding")
+            await first_of(ingest_future, stop, min(COMPILING_TIMEOUT_S, STOP_TIMEOUT_S))
+            compiles = await _is_compiling_at_end(ingest_future)
+        if ingest_future.done():
+            ingest_future.result()
             await _await_last_packets(running)
         elif compiles:
             warn("stopped while kernels were compiled: the frames since the last group were not sent")
         else:
             warn(f"the encoder did not end within {STOP_TIMEOUT_S:g} s and was abandoned")
-    left_out = f", {work.num_skipped:,} skipped, {work.num_dropped:,} dropped"
-    print_if_read(f"{work.num_frames} frames{left_out}, {running.served()}")
-    if encoding.done():
+    left_out = f", {ingest.num_skipped:,} skipped, {ingest.num_dropped:,} dropped"
+    print_if_read(f"{ingest.num_frames} frames{left_out}, {running.served()}")
+    if ingest_future.done():
         return None
     return 0 if compiles else EXIT_STUCK
 
 
-def _encoding(command: Live, options: SequenceOptions, protection: Protection, publish: Callable[[ServedStream], None],
+def _live_ingest(
+    command: Live, options: SequenceOptions, protection: Protection, publish: Callable[[ServedStream], None],
     stop: Callable[[], bool], warn: Warnings,
 ) -> LiveIngest:  # fmt: skip
     source: FrameSource
@@ -122,11 +123,11 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
     return LiveIngest(source, encoder, options, publish, stop, warn)
 
 
-async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
+async def _is_compiling_at_end(ingest_future: "asyncio.Future[Any]") -> bool:
     """Waits, after a stop request, until the encoder ends, starts to compile kernels, or exceeds a time limit.
 
     Args:
-        encoding: The running encoder.
+        ingest_future: Result of the encoder's thread.
 
     Returns:
         True if the encoder is compiling kernels, which takes too long to wait for. False if the encoder has ended, or
@@ -134,12 +135,12 @@ async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
     """
     # Compiling takes too long to wait for.
     end = time.monotonic() + STOP_TIMEOUT_S - COMPILING_TIMEOUT_S
-    while not encoding.done():
+    while not ingest_future.done():
         if is_compiling():
             return True
         if (remaining := end - time.monotonic()) <= 0:
             return False
-        await asyncio.wait({encoding}, timeout=min(remaining, 0.1))
+        await asyncio.wait({ingest_future}, timeout=min(remaining, 0.1))
     return False
 
 

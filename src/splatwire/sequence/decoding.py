@@ -21,7 +21,7 @@ from splatwire.types import LossMask, ReceivedScene, RenderHints, SplatScene
 from splatwire.types.sequence_scene import SequenceScene
 from splatwire.types.splats import Splats
 
-AT_ONCE = 1 << 13
+MOVE_BATCH = 1 << 13
 """Number of Gaussians that a thread moves at a time."""
 
 
@@ -65,19 +65,19 @@ def decode_frames(
     """
     method = temporal_concealer(concealer) if isinstance(concealer, str) else concealer
     begin = sequence.timeline.group_of(first)
-    memory: ConcealmentState | None = None
+    concealment_state: ConcealmentState | None = None
     for group in range(begin, sequence.timeline.num_groups):
         received = sequence.tracks.received if available is None else sequence.tracks.received & available(group)
-        frames, after = decode_group(sequence, group, received, memory, method)
+        frames, state_after = decode_group(sequence, group, received, concealment_state, method)
         yield from (frame for frame in frames if frame.number >= first)
-        memory = after()
+        concealment_state = state_after()
 
 
 def decode_group(
     sequence: SequenceScene,
     group: int,
     available: np.ndarray,
-    memory: ConcealmentState | None,
+    concealment_state: ConcealmentState | None,
     method: TemporalConcealer,
 ) -> tuple[Iterator[SequenceFrame], Callable[[], ConcealmentState]]:
     """Decodes one group of pictures (GOP) of a sequence.
@@ -86,17 +86,20 @@ def decode_group(
         sequence: Received sequence.
         group: Index of the group of pictures.
         available: Mask of available keyframe Gaussians, bool (T).
-        memory: State of the loss concealment after the previous group; None if the previous group was not decoded.
+        concealment_state: State of the loss concealment after the previous group; None if the previous group was not
+            decoded.
         method: Concealer for tracks with lost motion.
 
     Returns:
         Iterator that decodes the frames of the group; and function that returns the state of the loss concealment after
         these frames, for the next group.
     """
-    poses, hidden, after = conceal_group(sequence, sequence.motion(group, available), group, available, memory, method)
+    poses, hidden, state_after = conceal_group(
+        sequence, sequence.motion(group, available), group, available, concealment_state, method
+    )
     hints = covering_gains(sequence, available, group, poses, hidden) if method.grow else None
     numbers = enumerate(sequence.timeline.frames_of(group))
-    return (pose_frame(sequence, poses, index, number, hints) for index, number in numbers), after
+    return (pose_frame(sequence, poses, index, number, hints) for index, number in numbers), state_after
 
 
 @checked
@@ -208,7 +211,7 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
     def move(rows: slice) -> None:
         kernels.move(keyframes, tracks[rows], offsets[rows], tuple(values[rows] for values in whole))
 
-    parallel_map(move, [slice(begin, begin + AT_ONCE) for begin in range(0, len(tracks), AT_ONCE)])
+    parallel_map(move, [slice(begin, begin + MOVE_BATCH) for begin in range(0, len(tracks), MOVE_BATCH)])
     return moved
 
 
@@ -235,17 +238,17 @@ def covering_gains(
     """
     # Missing are tracks whose keyframe packet was lost, or which the concealer hides. Gaussians that appear in later
     # groups do not count.
-    splats, born = sequence.tracks.splats, np.flatnonzero(sequence.tracks.born <= group)
-    if bool(available[born].all()) and not len(hidden.tracks):
+    splats, begun_tracks = sequence.tracks.splats, np.flatnonzero(sequence.tracks.born <= group)
+    if bool(available[begun_tracks].all()) and not len(hidden.tracks):
         return None
-    size, opacity = _growth_factors(splats, born, available)
+    size, opacity = _growth_factors(splats, begun_tracks, available)
     if len(hidden.tracks):
         means, is_drawn = splats.means.copy(), np.ones(sequence.num_gaussians, bool)
         is_drawn[hidden.tracks] = False
         for motion in (poses, hidden):
             means[motion.tracks] += motion.at(0)[:, POSITION]
-        around = _growth_factors(replace(splats, means=means), np.union1d(poses.tracks, hidden.tracks), is_drawn)
-        size, opacity = size * around[0], opacity * around[1]
+        growth = _growth_factors(replace(splats, means=means), np.union1d(poses.tracks, hidden.tracks), is_drawn)
+        size, opacity = size * growth[0], opacity * growth[1]
     return RenderHints(size, np.zeros(sequence.num_gaussians, np.bool_), opacity)
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.sequence.side_info import open_side_info
-from splatwire.sequence.tracking import SECTION, TrackingReport
+from splatwire.sequence.tracking import SECTION as TRACKING
+from splatwire.sequence.tracking import TrackingReport
 
 
 def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
@@ -18,7 +19,7 @@ def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
     for packet in stream.packets:
         sizes[plan.is_keyframe(packet.id.block)] += packet.num_bytes
     births, time_ = [group.num_births for group in info.groups], info.timeline
-    tracking = TrackingReport.read(info.sections[SECTION]) if SECTION in info.sections else None
+    tracking = TrackingReport.read(info.sections[TRACKING]) if TRACKING in info.sections else None
     return {
         "frames": time_.num_frames,
         "frame_rate": float(time_.rate),
@@ -27,12 +28,12 @@ def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
         "num_tracks": sum(births),
         "born_later": sum(births[1:]),
         "groups": len(births),
-        "groups_without_motion": sum(not group.num_moving for group in info.groups),
+        "groups_without_motion": sum(not group.num_motion_tracks for group in info.groups),
         "base_bytes": sizes[True],
         "motion_bytes": sizes[False],
         "bytes_per_track_and_frame": stream.num_bytes / max(sum(births) * time_.num_frames, 1),
-        "frames_matched": None if tracking is None else tracking.matched,
-        "share_matched": None if tracking is None else tracking.share,
+        "frames_matched": None if tracking is None else tracking.num_matched_frames,
+        "share_matched": None if tracking is None else tracking.matched_share,
     }
 
 

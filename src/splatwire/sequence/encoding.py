@@ -30,7 +30,8 @@ from splatwire.sequence.frames import Frame
 from splatwire.sequence.group_builder import GroupBuilder, group_of
 from splatwire.sequence.options import DEFAULT_OPTIONS, SequenceOptions
 from splatwire.sequence.partial_tracks import TrackedFrame
-from splatwire.sequence.tracking import SECTION, Tracker, TrackingReport
+from splatwire.sequence.tracking import SECTION as TRACKING
+from splatwire.sequence.tracking import Tracker, TrackingReport
 from splatwire.types import SplatScene
 from splatwire.types.origin import describe_origin
 from splatwire.types.splats import Splats
@@ -71,12 +72,12 @@ class SequenceEncoder:
         self._last_group_ends: tuple[TrackedFrame, TrackedFrame] | None = None
         self._last_splats: Splats | None = None
         self._degree: int | None = None
-        self._num_groups, self._warned = 0, False
+        self._num_groups, self._warned_of_harmonics = 0, False
         self._warned_kinds: set[str] = set()
         self._sections: dict[str, bytes] = {}
         self._num_frames = self._first_frame = 0
         self._extent: BoundingSphere | None = None
-        self._known_classes: tuple[np.ndarray, np.ndarray] | None = None
+        self._known_class_offsets: tuple[np.ndarray, np.ndarray] | None = None
         self._newest_key = -1
         self._tracks_encoder = self._new_tracks_encoder()
 
@@ -100,18 +101,22 @@ class SequenceEncoder:
         assert not self._group_builder
         self._finish_deferred_work()
         other = SequenceEncoder(self._options, self._choose_class_offsets, live=self._live)
-        other._tracker, other._degree, other._warned = self._tracker, self._degree, self._warned
+        other._tracker, other._degree, other._warned_of_harmonics = (
+            self._tracker,
+            self._degree,
+            self._warned_of_harmonics,
+        )
         other._warned_kinds = self._warned_kinds
         other._first_frame = other._num_frames = self._num_frames
         number = ByteWriter()
         number.unsigned(self._num_frames)
         other._sections = {**self._sections, FIRST_FRAME: number.bytes()}
         old_keys = self._tracker.renumber()
-        if self._known_classes is not None:
+        if self._known_class_offsets is not None:
             _, new_keys, rows = np.intersect1d(
-                old_keys, self._known_classes[0], assume_unique=True, return_indices=True
+                old_keys, self._known_class_offsets[0], assume_unique=True, return_indices=True
             )
-            other._known_classes = new_keys, self._known_classes[1][rows]
+            other._known_class_offsets = new_keys, self._known_class_offsets[1][rows]
         return other
 
     def restarted(self, first_frame: int) -> "SequenceEncoder":
@@ -122,7 +127,7 @@ class SequenceEncoder:
         """
         other = SequenceEncoder(self._options, self._choose_class_offsets, live=self._live)
         other._first_frame = other._num_frames = first_frame
-        other._warned, other._warned_kinds = self._warned, self._warned_kinds
+        other._warned_of_harmonics, other._warned_kinds = self._warned_of_harmonics, self._warned_kinds
         other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
         number = ByteWriter()
         number.unsigned(first_frame)
@@ -154,8 +159,8 @@ class SequenceEncoder:
             }
             self._sections |= metadata_sections(checked_frame.metadata)
         origin = ORIGIN.read(self._sections)
-        moved, checked_frame = checked_frame.origin != origin, checked_frame.relative_to(origin)
-        self._warn_of_other_frame(checked_frame, moved=moved)
+        from_other_origin, checked_frame = checked_frame.origin != origin, checked_frame.relative_to(origin)
+        self._warn_of_other_frame(checked_frame, from_other_origin=from_other_origin)
         self._degree = checked_frame.splats.degree
         self._last_splats = checked_frame.splats
         self._group_builder.add(self._tracker.add(checked_frame))
@@ -168,7 +173,7 @@ class SequenceEncoder:
         self._finish_deferred_work()
         return []
 
-    def _warn_of_other_frame(self, frame: Frame, *, moved: bool) -> None:
+    def _warn_of_other_frame(self, frame: Frame, *, from_other_origin: bool) -> None:
         """Logs a warning if a frame does not fit the first frame of the sequence.
 
         There are two such warnings, each logged once per sequence: the Gaussians are too far from the origin of the
@@ -176,9 +181,10 @@ class SequenceEncoder:
 
         Args:
             frame: The frame, relative to the origin of the sequence.
-            moved: True if the frame was converted from another origin.
+            from_other_origin: True if the frame was converted from another origin.
         """
-        if moved and "position" not in self._warned_kinds and (coarse := coarse_positions(frame.splats)) is not None:
+        is_new = from_other_origin and "position" not in self._warned_kinds
+        if is_new and (coarse := coarse_positions(frame.splats)) is not None:
             self._warned_kinds.add("position")
             LOG.warning(
                 "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the first frame (%s), where "
@@ -205,8 +211,10 @@ class SequenceEncoder:
         if not self._num_groups:
             raise InvalidValueError("a clip has one frame at least")
         extent = self._extent  # unknown for a live sequence
-        where = {EXTENT_SECTION: extent_section(extent.middle, extent.radius)} if extent and extent.radius > 0 else {}
-        return self._tracks_encoder.finish({**self._all_sections, **where})
+        sections = self._all_sections
+        if extent and extent.radius > 0:
+            sections[EXTENT_SECTION] = extent_section(extent.middle, extent.radius)
+        return self._tracks_encoder.finish(sections)
 
     def current_header(self, stream_id: int) -> tuple[Manifest, bytes]:
         """Returns manifest and side information of the groups of pictures encoded so far.
@@ -223,7 +231,7 @@ class SequenceEncoder:
 
     @property
     def _all_sections(self) -> dict[str, bytes]:
-        return {SECTION: self.tracking.section(), **self._sections}
+        return {TRACKING: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
         """Returns the importance of packets of the last group of pictures: the visible motion in each packet."""
@@ -239,14 +247,14 @@ class SequenceEncoder:
         new = group.keys > self._newest_key
         self._newest_key = max(self._newest_key, int(group.keys[-1]) if len(group.keys) else -1)
         cuts = _scene_cuts(group, frames, new)
-        class_offsets = self._precision(group, cuts, new)
-        unrelated = len(frames) > 1 and len(frames[0].keys) > 0 and len(cuts) > MIN_CUT_SHARE * len(frames)
-        first, was_coherent, self._num_groups = (
+        class_offsets = self._class_offsets_of(group, cuts, new)
+        mostly_cuts = len(frames) > 1 and len(frames[0].keys) > 0 and len(cuts) > MIN_CUT_SHARE * len(frames)
+        is_first_group, was_coherent, self._num_groups = (
             not self._num_groups,
             self._live and self._group_builder.is_coherent,
             self._num_groups + 1,
         )
-        if first and unrelated and not self._live:
+        if is_first_group and mostly_cuts and not self._live:
             assert class_offsets is not None
             return self._encode_single_frames(group, frames, cuts, class_offsets)
         self._group_builder = GroupBuilder(self._options.group_frames, was_coherent=was_coherent)
@@ -291,7 +299,7 @@ class SequenceEncoder:
             )
         return packets
 
-    def _precision(self, group: TrackGroup, cuts: list[int], new: np.ndarray) -> np.ndarray | None:
+    def _class_offsets_of(self, group: TrackGroup, cuts: list[int], new: np.ndarray) -> np.ndarray | None:
         """Chooses the precision class (set of quantisation steps) of each track in a group with a scene cut.
 
         A track is one Gaussian over time. The classes of new tracks that begin at or after the first cut are chosen by
@@ -309,17 +317,17 @@ class SequenceEncoder:
         """
         if not cuts or (self._live and self._num_groups):  # too slow for a live sequence
             return None
-        class_offsets = self._median_classes(len(group.keys))
-        if not self._num_groups and self._known_classes is not None:
+        class_offsets = self._default_class_offsets(len(group.keys))
+        if not self._num_groups and self._known_class_offsets is not None:
             _, tracks, rows = np.intersect1d(
-                group.keys, self._known_classes[0], assume_unique=True, return_indices=True
+                group.keys, self._known_class_offsets[0], assume_unique=True, return_indices=True
             )
             if len(tracks) >= MIN_CLASSIFIED_SHARE * len(group.keys):
-                class_offsets[tracks] = self._known_classes[1][rows]
+                class_offsets[tracks] = self._known_class_offsets[1][rows]
                 return class_offsets
-        scene = np.where(new, np.searchsorted(cuts, group.begins, side="right") - 1, -1)
+        cut_of_track = np.where(new, np.searchsorted(cuts, group.begins, side="right") - 1, -1)
         for number in range(len(cuts)):
-            members = np.flatnonzero(scene == number)
+            members = np.flatnonzero(cut_of_track == number)
             first = group.keyframe_gaussians(members)
             class_offsets[members] = self._choose_class_offsets(first)
             if not number and not self._num_groups and not self._first_frame:
@@ -329,10 +337,10 @@ class SequenceEncoder:
                     self._sections |= up_sections(up)
                 elif not {UP_SECTION, VIEWPOINT} & set(self._sections):  # unless the frames state it
                     self._sections |= up_sections(estimate_up_axis(SplatScene(first)))
-        self._known_classes = group.keys, class_offsets
+        self._known_class_offsets = group.keys, class_offsets
         return class_offsets
 
-    def _median_classes(self, count: int) -> np.ndarray:
+    def _default_class_offsets(self, count: int) -> np.ndarray:
         """Returns a default precision class (set of quantisation steps) for tracks: the median of the known classes.
 
         Args:
@@ -341,7 +349,7 @@ class SequenceEncoder:
         Returns:
             The same class for each track, int8 (count); 0 if no class is known yet.
         """
-        return np.full(count, int(np.median(self._known_classes[1])) if self._known_classes else 0, np.int8)
+        return np.full(count, int(np.median(self._known_class_offsets[1])) if self._known_class_offsets else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
         """Does deferred work on the last group: updates the extent of the scene, and checks for changing colours.
@@ -357,13 +365,13 @@ class SequenceEncoder:
     def _warn_of_changing_harmonics(self) -> None:
         """Logs a warning once if view-dependent colours change over time, because such changes are not coded."""
         (first, last), self._last_group_ends = self._last_group_ends or (None, None), None
-        if first is None or last is None or self._warned or not self._degree:
+        if first is None or last is None or self._warned_of_harmonics or not self._degree:
             return
         _, in_first, in_last = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)
         before, after = first.splats.sh[in_first, 1:], last.splats.sh[in_last, 1:]
         changed = int((np.abs(before - after) > MIN_VISIBLE_CHANGE).any(axis=(1, 2)).sum())
         if changed:
-            self._warned = True
+            self._warned_of_harmonics = True
             LOG.warning(
                 "harmonics above degree 0 of %s of %s Gaussians change from frame to frame: a clip keeps those of the "
                 "first frame that each is in", f"{changed:,}", f"{len(in_first):,}",

@@ -7,10 +7,10 @@ import numpy as np
 from splatwire.ops.arrays import lower_median
 from splatwire.types.splats import Splats
 
-SAMPLES = 6000
-FAINT = 0.1
+SAMPLE_SIZE = 6000
+MIN_OPACITY = 0.1
 """Opacity below which Gaussians do not count for the extent."""
-NEARLY_ALL, MAX_DISTANCE_OCTAVES = 0.998, 5.0
+INSIDE_SHARE, MAX_MEDIAN_DISTANCES = 0.998, 5.0
 """Fraction of Gaussians inside the sphere of a frame, and its maximum radius in median distances from the centre."""
 
 
@@ -28,22 +28,22 @@ class BoundingSphere:
 
     def union(self, other: "BoundingSphere") -> "BoundingSphere":
         """Returns the smallest sphere that contains two spheres."""
-        apart = float(np.linalg.norm(other.middle - self.middle))
-        if apart + other.radius <= self.radius:
+        distance = float(np.linalg.norm(other.middle - self.middle))
+        if distance + other.radius <= self.radius:
             return self
-        if apart + self.radius <= other.radius:
+        if distance + self.radius <= other.radius:
             return other
-        radius = (apart + self.radius + other.radius) / 2
-        return BoundingSphere(self.middle + (other.middle - self.middle) * ((radius - self.radius) / apart), radius)
+        radius = (distance + self.radius + other.radius) / 2
+        return BoundingSphere(self.middle + (other.middle - self.middle) * ((radius - self.radius) / distance), radius)
 
 
 def bounding_sphere(splats: Splats) -> BoundingSphere | None:
     """Returns a sphere around nearly all Gaussians; None without Gaussians."""
     if not splats.num_gaussians:
         return None
-    few = slice(None, None, -(-splats.num_gaussians // SAMPLES))
-    means, seen = splats.means[few].astype(np.float64), splats.opacities[few] >= FAINT
-    return sphere_around(means[seen] if bool(seen.any()) else means)
+    sample = slice(None, None, -(-splats.num_gaussians // SAMPLE_SIZE))
+    means, visible = splats.means[sample].astype(np.float64), splats.opacities[sample] >= MIN_OPACITY
+    return sphere_around(means[visible] if bool(visible.any()) else means)
 
 
 def sphere_around(positions: np.ndarray) -> BoundingSphere:
@@ -53,6 +53,8 @@ def sphere_around(positions: np.ndarray) -> BoundingSphere:
         positions: The points, (n, 3), at least one.
     """
     middle = lower_median(positions)
-    away = np.linalg.norm(positions - middle, axis=1)
-    last = np.sort(away)[int(np.ceil(NEARLY_ALL * len(away))) - 1]
-    return BoundingSphere(middle.astype(np.float64), min(float(last), MAX_DISTANCE_OCTAVES * float(lower_median(away))))
+    distances = np.linalg.norm(positions - middle, axis=1)
+    radius = np.sort(distances)[int(np.ceil(INSIDE_SHARE * len(distances))) - 1]
+    return BoundingSphere(
+        middle.astype(np.float64), min(float(radius), MAX_MEDIAN_DISTANCES * float(lower_median(distances)))
+    )

@@ -116,13 +116,13 @@ class FolderSource:
     Args:
         folder: The folder; it may be missing temporarily.
         warn: Called with the text of each warning.
-        wall: Returns the current time, seconds since 1970.
+        wall_clock: Returns the current time, seconds since 1970.
     """
 
-    def __init__(self, folder: Path, warn: Callable[[str], None], wall: Callable[[], float] = time.time) -> None:
-        self._folder, self._warn, self._wall = folder, warn, wall
-        self._done: dict[str, Signature | None] = {}  # None: returned but not read yet, or given up
-        self._seen: dict[str, tuple[Signature, float, float]] = {}
+    def __init__(self, folder: Path, warn: Callable[[str], None], wall_clock: Callable[[], float] = time.time) -> None:
+        self._folder, self._warn, self._wall_clock = folder, warn, wall_clock
+        self._processed: dict[str, Signature | None] = {}  # None: returned but not read yet, or given up
+        self._pending: dict[str, tuple[Signature, float, float]] = {}
         self._num_changes: dict[str, int] = {}
         self._reported: set[str] = set()
         self._listed_at = self._rechecked_at = -math.inf
@@ -145,8 +145,8 @@ class FolderSource:
             return []
         self._listed_at, self._num_names = now, len(names)
         self._forget(names)
-        candidates = (names - self._done.keys()) | self._seen.keys()
-        if now - self._rechecked_at >= len(self._done) * RECHECK_INTERVAL_S:
+        candidates = (names - self._processed.keys()) | self._pending.keys()
+        if now - self._rechecked_at >= len(self._processed) * RECHECK_INTERVAL_S:
             self._rechecked_at = now
             candidates = names
         return self._complete(self._new(candidates), now)
@@ -157,7 +157,7 @@ class FolderSource:
         for name in names:  # no Path for each: a folder has many files
             if name.startswith(".") or name.lower().endswith(TEMPORARY_SUFFIXES):
                 continue
-            known = self._done.get(name, NO_FILE)
+            known = self._processed.get(name, NO_FILE)
             if known is None:
                 continue
             location = os.path.join(folder, name)
@@ -179,9 +179,9 @@ class FolderSource:
         ready: list[Path] = []
         is_blocked = False
         for number, (path, status, signature) in enumerate(new):
-            before, changed, first = self._seen.get(path.name, (None, now, now))
+            before, changed, first = self._pending.get(path.name, (None, now, now))
             changed = changed if before == signature else now
-            self._seen[path.name] = signature, changed, first
+            self._pending[path.name] = signature, changed, first
             if is_blocked:
                 continue
             frame_like = path.suffix.lower() in FRAME_SUFFIXES
@@ -190,23 +190,23 @@ class FolderSource:
                 is_blocked = frame_like and not (has_later and now - first >= GROWING_TIMEOUT_S)
                 if frame_like and not is_blocked:
                     self._warn(f"{path} still grows after {GROWING_TIMEOUT_S:g} s: skipped")
-                    self._done[path.name] = None
+                    self._processed[path.name] = None
                 elif not frame_like and now - first >= GROWING_TIMEOUT_S:
                     self._give_up(path)
                 continue
             if frame_like or is_frame(path):
                 ready.append(path)
-                self._done[path.name] = None
+                self._processed[path.name] = None
             else:
-                self._done[path.name] = signature
+                self._processed[path.name] = signature
                 self._num_changes[path.name] = self._num_changes.get(path.name, 0) + 1
                 if self._num_changes[path.name] > MAX_RECHECKS:
                     self._give_up(path)
-            del self._seen[path.name]
+            del self._pending[path.name]
         return ready
 
     def _give_up(self, path: Path) -> None:
-        self._done[path.name] = None
+        self._processed[path.name] = None
         self._warn(f"{path} is no frame and keeps changing: ignored until it is removed")
 
     def mark_read(self, path: Path, signature: Signature | None) -> None:
@@ -217,8 +217,8 @@ class FolderSource:
             signature: State of the file when it was read (`signature_at`), so that a changed file is returned again;
                 `NO_FILE` if the file was missing. None to ignore the file until it is removed.
         """
-        if signature is not None and path.name in self._done:
-            self._done[path.name] = signature
+        if signature is not None and path.name in self._processed:
+            self._processed[path.name] = signature
 
     def _is_complete(
         self, path: Path, status: os.stat_result, unchanged: float, *, is_first: bool, has_later: bool
@@ -233,7 +233,7 @@ class FolderSource:
             has_later: True if later frames exist.
         """
         if is_first:
-            return self._wall() - status.st_mtime > COMPLETE_AGE_S
+            return self._wall_clock() - status.st_mtime > COMPLETE_AGE_S
         moved = status.st_ctime_ns > status.st_mtime_ns  # renamed after it was written
         if path.suffix.lower() in SUFFIXES_WITHOUT_COUNT and not moved and not has_later:
             return unchanged >= UNCHANGED_S
@@ -245,7 +245,7 @@ class FolderSource:
         Args:
             names: Names of the files that exist.
         """
-        for records in (self._done, self._seen, self._num_changes):
+        for records in (self._processed, self._pending, self._num_changes):
             for name in records.keys() - names:
                 del records[name]
         self._reported &= names
@@ -281,11 +281,11 @@ class UnreadableFrame:
             now: Current time, seconds.
             blocks_others: True if later frames wait for this frame.
         """
-        if self._signature in (None, NO_FILE) or (blocks_others and self.grows(now)):
+        if self._signature in (None, NO_FILE) or (blocks_others and self.is_still_written(now)):
             return True
         return now - self._changed >= (UNREADABLE_TIMEOUT_QUEUED_S if blocks_others else UNREADABLE_TIMEOUT_S)
 
-    def grows(self, now: float) -> bool:
+    def is_still_written(self, now: float) -> bool:
         """True if the file has been unreadable for so long that another program probably keeps writing it.
 
         The time since the first failed attempt to read the file is then at least `GROWING_TIMEOUT_S`.
@@ -363,9 +363,9 @@ def signature_of(path: str | Path, status: os.stat_result) -> Signature:
         return status.st_mtime_ns, status.st_size, status.st_ino
     # For a folder: the newest modification time of its files, their total size, and its own inode.
     with os.scandir(path) as entries:
-        inside = [entry.stat() for entry in itertools.islice(entries, MAX_ENTRIES)]
-    newest = max((status.st_mtime_ns, *(one.st_mtime_ns for one in inside)))
-    return newest, sum(one.st_size for one in inside), status.st_ino
+        children = [entry.stat() for entry in itertools.islice(entries, MAX_ENTRIES)]
+    newest = max((status.st_mtime_ns, *(one.st_mtime_ns for one in children)))
+    return newest, sum(one.st_size for one in children), status.st_ino
 
 
 def signature_at(path: Path) -> Signature | None:

@@ -45,7 +45,7 @@ _SEQUENCE_READERS = {
     SPLAT4D: ("splat4d_file", "splat4d_frames"),
 }
 """Module in `splatwire.io.formats` and function that opens a file with all frames of a sequence, by kind of file."""
-FAINTEST = 1 / 1024
+MIN_OPACITY = 1 / 1024
 """Opacity below which a Gaussian is invisible in pictures of eight bits."""
 
 
@@ -140,11 +140,11 @@ def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
     logged = False
     for time in times:
         splats = moving.at(time)
-        rows = validity_of_splats(splats)
-        if rows.num_invalid and not logged:
+        validity = validity_of_splats(splats)
+        if validity.num_invalid and not logged:
             logged = True
-            rows.log_removed(f"{moving.path} at time {time:.3g}", "Gaussians")
-        yield Frame.from_rows(splats, rows)
+            validity.log_removed(f"{moving.path} at time {time:.3g}", "Gaussians")
+        yield Frame.from_checked(splats, validity)
 
 
 @checked
@@ -174,13 +174,13 @@ def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
 
 def _warn_of_gaps(source: Path, names: list[str]) -> None:
     """Logs a warning if file names are numbered and a number is missing."""
-    counted = [re.split(r"(\d+)(?=\D*$)", name, maxsplit=1) for name in names]
-    if len({(parts[0], parts[-1]) for parts in counted}) != 1 or any(len(parts) != 3 for parts in counted):
+    name_parts = [re.split(r"(\d+)(?=\D*$)", name, maxsplit=1) for name in names]
+    if len({(parts[0], parts[-1]) for parts in name_parts}) != 1 or any(len(parts) != 3 for parts in name_parts):
         return
-    numbers = [int(parts[1]) for parts in counted]
+    numbers = [int(parts[1]) for parts in name_parts]
     steps = [after - before for before, after in itertools.pairwise(numbers)]
-    usual = min(steps, default=0)
-    missing = [names[index] for index, step in enumerate(steps) if step > usual > 0]
+    usual_step = min(steps, default=0)
+    missing = [names[index] for index, step in enumerate(steps) if step > usual_step > 0]
     if missing:
         LOG.warning(
             "%s: frames are missing after %s%s: the clip continues with the next frame", source, ", ".join(missing[:3]),
@@ -223,20 +223,20 @@ class Frame(FileContent):
             source: Name of their source in log messages.
             **properties: Other attributes of the frame: `origin`, `antialiased`, `metadata`.
         """
-        rows = validity_of_splats(splats)
-        rows.log_removed(source, "Gaussians")
-        return Frame.from_rows(splats, rows, **properties)
+        validity = validity_of_splats(splats)
+        validity.log_removed(source, "Gaussians")
+        return Frame.from_checked(splats, validity, **properties)
 
     @staticmethod
-    def from_rows(splats: Splats, rows: ElementValidity, **properties: Any) -> "Frame":
+    def from_checked(splats: Splats, validity: ElementValidity, **properties: Any) -> "Frame":
         """Creates a frame from Gaussians whose values were already checked.
 
         Args:
             splats: The Gaussians.
-            rows: Result of the check of the values, with the mask of valid Gaussians.
+            validity: Result of the check of the values, with the mask of valid Gaussians.
             **properties: Other attributes of the frame: `origin`, `antialiased`, `metadata`.
         """
-        return Frame(splats, drawn=rows.kept & (splats.opacities >= FAINTEST), **properties)
+        return Frame(splats, drawn=validity.kept & (splats.opacities >= MIN_OPACITY), **properties)
 
     def scene(self, background: Background = BLACK) -> SplatScene:
         """Returns the visible Gaussians as a scene."""

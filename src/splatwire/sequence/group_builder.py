@@ -30,13 +30,13 @@ class GroupBuilder:
     """Collects the frames of a group of pictures, and joins their Gaussians to tracks (one Gaussian over time).
 
     Args:
-        frames: Maximum number of frames of the group.
+        max_frames: Maximum number of frames of the group.
         was_coherent: True if most tracks of the previous group moved like their neighbours. Neighbours are then
             searched while frames arrive, which saves time at the end of the group.
     """
 
-    def __init__(self, frames: int, *, was_coherent: bool = False) -> None:
-        self._max_frames, self._search_early = frames, was_coherent
+    def __init__(self, max_frames: int, *, was_coherent: bool = False) -> None:
+        self._max_frames, self._search_early = max_frames, was_coherent
         self.frames: list[TrackedFrame] = []
         self._keys = self._key_order = self._begins = self._ends = np.zeros(0, np.int64)
         self._capacity = 0
@@ -54,7 +54,7 @@ class GroupBuilder:
         number = len(self.frames)
         self.frames.append(frame)
         rows = self._rows_of(frame.keys)
-        for name, values in _moving(frame.splats).items():
+        for name, values in _varying_attributes(frame.splats).items():
             self._values[name][rows, number] = values
         self._ends[rows] = number + 1
         if self._search_early:
@@ -86,7 +86,7 @@ class GroupBuilder:
     def _grow(self, count: int) -> None:
         """Enlarges the arrays of the group to `count` tracks."""
         self._capacity = count
-        for name, values in _moving(self.frames[-1].splats).items():
+        for name, values in _varying_attributes(self.frames[-1].splats).items():
             grown = np.zeros((count, self._max_frames, *values.shape[1:]), np.float32)
             if name in self._values:
                 grown[: len(self._values[name])] = self._values[name]
@@ -144,11 +144,11 @@ class GroupBuilder:
             values = {name: array[self._key_order] for name, array in values.items()}
         values = {name: np.ascontiguousarray(array) for name, array in values.items()}
 
-        def first(rows: np.ndarray) -> Splats:
+        def keyframe_gaussians(rows: np.ndarray) -> Splats:
             keyframes = first_gaussians(frames, keys[rows], begins[rows])
             return replace(keyframes, means=values["means"][rows, 0])
 
-        return TrackGroup(keys, begins, ends, Trajectories(**values), first)
+        return TrackGroup(keys, begins, ends, Trajectories(**values), keyframe_gaussians)
 
 
 def group_of(frames: Sequence[TrackedFrame]) -> TrackGroup:
@@ -159,7 +159,7 @@ def group_of(frames: Sequence[TrackedFrame]) -> TrackGroup:
     return builder.group()
 
 
-def _moving(splats: Splats) -> dict[str, np.ndarray]:
+def _varying_attributes(splats: Splats) -> dict[str, np.ndarray]:
     """Returns the attributes of Gaussians that can change over time, by name."""
     names = ("means", "quats", "scales", "opacities")
     return {**{name: getattr(splats, name) for name in names}, "colours": splats.sh[:, 0]}
@@ -173,11 +173,11 @@ def _repeat_ends(values: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> No
         begins: First frame of each track.
         ends: First frame after each track.
     """
-    frames = values.shape[1]
-    dying, late = np.flatnonzero(ends < frames), np.flatnonzero(begins > 0)
-    for frame in range(1, frames):
+    num_frames = values.shape[1]
+    dying, late = np.flatnonzero(ends < num_frames), np.flatnonzero(begins > 0)
+    for frame in range(1, num_frames):
         gone = dying[ends[dying] <= frame]
         values[gone, frame] = values[gone, frame - 1]
-    for frame in range(frames - 2, -1, -1):
+    for frame in range(num_frames - 2, -1, -1):
         unborn = late[begins[late] > frame]
         values[unborn, frame] = values[unborn, frame + 1]

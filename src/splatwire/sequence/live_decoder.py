@@ -48,7 +48,7 @@ class LiveDecoder:
         self._concealment_state: ConcealmentState | None = None
         self._num_bytes = 0
 
-    def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[SequenceFrame]:
+    def update_header(self, manifest: Manifest, side_info: bytes) -> Iterator[SequenceFrame]:
         """Updates manifest and side information when the server adds a group of pictures; yields frames now complete.
 
         Raises:
@@ -68,7 +68,7 @@ class LiveDecoder:
         if self._decoder is not None:  # optional while packets are missing: many declared tracks may be unjustified yet
             with suppress(BitstreamError):
                 self._current_decoder()
-        yield from self._complete()
+        yield from self._complete_group()
 
     def add(self, packets: Iterable[Packet]) -> Iterator[SequenceFrame]:
         """Adds packets; yields the frames of a group of pictures that is now complete.
@@ -91,18 +91,18 @@ class LiveDecoder:
             else:
                 motion.append(packet)
         if motion and self._decoder is not None:
-            opened = self._current_decoder()
-            self._store_keyframes(opened, self._manifest, complete_only=True)
+            decoder = self._current_decoder()
+            self._store_keyframes(decoder, self._manifest, complete_only=True)
             for _, packets_of_tier in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
-                opened.predecode(list(packets_of_tier), self._num_bytes, self._threads)
-        yield from self._complete()
+                decoder.predecode(list(packets_of_tier), self._num_bytes, self._threads)
+        yield from self._complete_group()
 
     def finish(self) -> Iterator[SequenceFrame]:
         """Ends the stream; yields the frames that were not output yet."""
         if self._manifest is not None:
             yield from self._frames_before(len(self._manifest.tiers) // 2)
 
-    def _complete(self) -> Iterator[SequenceFrame]:
+    def _complete_group(self) -> Iterator[SequenceFrame]:
         """Yields the frames of the next group of pictures, if all its packets have arrived."""
         assert self._manifest is not None
         tiers = self._manifest.tiers[2 * self._next_group : 2 * self._next_group + 2]
@@ -113,7 +113,7 @@ class LiveDecoder:
         """Yields the frames of all groups of pictures with an index below `end` that were not yet output."""
         while self._next_group < end:
             group, self._next_group = self._next_group, self._next_group + 1
-            yield from self._group(group)
+            yield from self._frames_of(group)
 
     def _current_decoder(self) -> TracksDecoder:
         """Returns the decoder for the current manifest of the stream."""
@@ -121,28 +121,28 @@ class LiveDecoder:
         if self._decoder is not None and self._decoder.manifest is self._manifest:
             return self._decoder
         num_bytes, activity = len(self._side_info) + self._num_bytes, f"decoding {self._manifest.num_elements:,} tracks"
-        opened = TracksDecoder(self._manifest, self._side_info, num_bytes)
-        check_memory(opened.scene_bytes, num_bytes, activity)
+        decoder = TracksDecoder(self._manifest, self._side_info, num_bytes)
+        check_memory(decoder.scene_bytes, num_bytes, activity)
         with allocating(activity):
-            opened.allocate(None)
+            decoder.allocate(None)
             if self._decoder is not None:
                 # The keyframe Gaussians are not decoded again.
-                opened.copy_keyframes_from(self._decoder)
-        self._decoder, self._first_frame = opened, first_frame(opened.sections)
-        return opened
+                decoder.copy_keyframes_from(self._decoder)
+        self._decoder, self._first_frame = decoder, first_frame(decoder.sections)
+        return decoder
 
-    def _group(self, group: int) -> Iterator[SequenceFrame]:
+    def _frames_of(self, group: int) -> Iterator[SequenceFrame]:
         assert self._manifest is not None
-        opened = self._current_decoder()
+        decoder = self._current_decoder()
         with allocating(f"decoding {self._manifest.num_elements:,} tracks"):
-            self._store(opened, self._manifest, group)
-            sequence = opened.scene().scene
-            frames, after = decode_group(
+            self._store(decoder, self._manifest, group)
+            sequence = decoder.scene().scene
+            frames, state_after = decode_group(
                 sequence, group, sequence.tracks.received, self._concealment_state, self._method
             )
             for frame in frames:
                 yield replace(frame, number=frame.number + self._first_frame)
-            self._concealment_state = after()
+            self._concealment_state = state_after()
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
         """Passes the received keyframe packets and motion packets of a group of pictures to a decoder.
@@ -209,7 +209,7 @@ def frames_of_events(decoder: LiveDecoder, waiting: WaitingEvents) -> Iterator[S
             yield from decoder.add(packets)
             packets = []
         if isinstance(event, SideInfoArrived):
-            yield from decoder.grow(event.manifest, event.side_info)
+            yield from decoder.update_header(event.manifest, event.side_info)
     if packets:
         yield from decoder.add(packets)
     yield from decoder.finish()

@@ -55,9 +55,9 @@ class LiveEncoder:
         self.num_frames += 1
         if self.num_frames % self._options.group_frames:
             return None
-        update = self._add(packets)
+        snapshot = self._add(packets)
         self._num_served = self.num_frames
-        return update
+        return snapshot
 
     def restart(self) -> None:
         """Drops the frames of the incomplete group of pictures. The next frame starts a new, independent stream."""

@@ -145,7 +145,7 @@ class LiveIngest:
                 self._remove_first(signature)
                 return self._checked(path, frame)
         if self._unreadable.is_expired(now, blocks_others=len(self._queue) > 1):
-            self._remove_first(None if self._unreadable.grows(now) else signature)
+            self._remove_first(None if self._unreadable.is_still_written(now) else signature)
             self._skip(self._reason if str(path) in self._reason else f"{path}: {self._reason}")
         else:
             self._wait(POLL_INTERVAL_S)

@@ -100,7 +100,7 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
     if not len(positions) or not len(now):
         return Match(np.full(len(now), -1, np.int64), np.zeros_like(now))
     extrapolated = positions + (before.velocity if before is not None else 0.0)
-    expected = _fit_affine(extrapolated, now)
+    expected = _move_affinely(extrapolated, now)
     appearance = [_appearance(splats) for splats in (previous, current)]
     appearance_scale = np.maximum(np.median(np.abs(appearance[0] - np.median(appearance[0], axis=0)), axis=0), 1e-3)
     # A colour change of the whole scene is no difference.
@@ -109,7 +109,7 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
     partner = np.full(len(now), -1, np.int64)
     for candidates, weight in ROUNDS:
         partner, is_confident = _match_one_to_one(expected, now, appearance[0], appearance[1], candidates, weight)
-        expected = _smooth(positions, now, partner, is_confident, expected)
+        expected = _correct_expected(positions, now, partner, is_confident, expected)
     partner, _ = _match_one_to_one(expected, now, appearance[0], appearance[1], ROUNDS[-1][0], 1.0)
     partner[_implausible_matches(expected, now, appearance[0], appearance[1], partner)] = -1
     if (partner >= 0).sum() < MIN_MATCHED_SHARE * min(len(positions), len(now)):
@@ -148,7 +148,7 @@ def _appearance(splats: Splats) -> np.ndarray:
     return np.concatenate([logs, logits[:, None] / 2, splats.sh[:, 0].astype(np.float64) * 2], axis=1)
 
 
-def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
+def _move_affinely(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
     """Fits an affine motion between two frames and applies the motion to the previous positions.
 
     Args:
@@ -289,7 +289,7 @@ def _one_to_one(score: np.ndarray, candidates: np.ndarray, count: int) -> np.nda
     return partner
 
 
-def _smooth(
+def _correct_expected(
     positions: np.ndarray, now: np.ndarray, partner: np.ndarray, confident: np.ndarray, expected: np.ndarray
 ) -> np.ndarray:
     """Corrects predicted positions by the median prediction error of nearby confident matches.

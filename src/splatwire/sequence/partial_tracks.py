@@ -198,19 +198,21 @@ def extrapolate_partial_tracks(
     """
     # The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly
     # the true position in the first frame of the track.
-    frames = means.shape[1]
-    stays = (begins == 0) & (ends == frames)
+    num_frames = means.shape[1]
+    stays = (begins == 0) & (ends == num_frames)
     whole = np.flatnonzero(stays)
     if len(whole) <= NUM_NEIGHBORS or not _is_coherent(means, stays, sample):
         return False
     parts = [found.only(stays, means) for found in ([NeighborSet.joined(neighbor_sets)] if neighbor_sets else [])]
-    begin_later, end_earlier = np.flatnonzero(begins > 0), np.flatnonzero(ends < frames)
-    needed = np.union1d(begin_later * frames + begins[begin_later], end_earlier * frames + ends[end_earlier] - 1)
+    begin_later, end_earlier = np.flatnonzero(begins > 0), np.flatnonzero(ends < num_frames)
+    needed = np.union1d(
+        begin_later * num_frames + begins[begin_later], end_earlier * num_frames + ends[end_earlier] - 1
+    )
     missing = needed[
-        ~np.isin(needed, np.concatenate([needed[:0], *(part.tracks * frames + part.frames for part in parts)]))
+        ~np.isin(needed, np.concatenate([needed[:0], *(part.tracks * num_frames + part.frames for part in parts)]))
     ]
-    for frame in np.unique(missing % frames).tolist():
-        tracks, index = missing[missing % frames == frame] // frames, NeighborIndex.of(means, frame, whole)
+    for frame in np.unique(missing % num_frames).tolist():
+        tracks, index = missing[missing % num_frames == frame] // num_frames, NeighborIndex.of(means, frame, whole)
         batches = np.array_split(tracks, -(-len(tracks) // BATCH_SIZE))
         parts += [index.nearest(means, batch, NUM_NEIGHBORS) for batch in batches]
     for part in parts:
@@ -230,7 +232,8 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighb
         ends: First frame after the end of each track, int64 (n).
         neighbors: Neighbours of the tracks to extrapolate.
     """
-    tracks, at, numbers, frames = neighbors.tracks, neighbors.frames[:, None], np.arange(means.shape[1]), means.shape[1]
+    tracks, at, num_frames = neighbors.tracks, neighbors.frames[:, None], means.shape[1]
+    numbers = np.arange(num_frames)
     begin, end, own_positions, moved = (
         begins[tracks, None],
         ends[tracks, None],
@@ -238,7 +241,7 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighb
         neighbors.interpolated_motion(means),
     )
     reference_positions = means[tracks, neighbors.frames][:, None].astype(np.float64)
-    away = (begin == at) & (numbers < at) | (end == at + 1) & (end < frames) & (numbers > at)
+    away = (begin == at) & (numbers < at) | (end == at + 1) & (end < num_frames) & (numbers > at)
     along = (
         away
         & _moves_like(

@@ -1,6 +1,8 @@
 """Tracking: gives a Gaussian the same key in all frames in which it occurs."""
 
+import warnings
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +17,15 @@ from splatwire.types.splats import Splats
 FRAME_ORDERS = ("auto", "tracked", "shuffled")
 SECTION = "tracking"
 """Name of the side information section with the tracking statistics."""
-_SHARE = 1_000_000
+_SHARE_UNITS = 1_000_000
+"""Number of units of a stored share that are 1."""
+_RENAMED = {
+    "tracked": "num_same_order_frames",
+    "matched": "num_matched_frames",
+    "share": "matched_share",
+    "born": "num_births",
+}
+"""Current name of each deprecated attribute of `TrackingReport`."""
 
 
 @dataclass(frozen=True)
@@ -23,21 +33,29 @@ class TrackingReport(CheckedFields):
     """Statistics on tracking: finding the same Gaussian again in each frame of a sequence.
 
     Attributes:
-        tracked: Number of frames with the same order of Gaussians as the previous frame.
-        matched: Number of frames with Gaussians matched to the previous frame by position and appearance.
-        share: Mean fraction of Gaussians with a match in matched frames.
-        born: Number of Gaussians that appear after the first frame.
+        num_same_order_frames: Number of frames with the same order of Gaussians as the previous frame.
+        num_matched_frames: Number of frames with Gaussians matched to the previous frame by position and appearance.
+        matched_share: Mean fraction of Gaussians with a match in matched frames.
+        num_births: Number of Gaussians that appear after the first frame.
     """
 
-    tracked: int = 0
-    matched: int = 0
-    share: float = 1.0
-    born: int = 0
+    num_same_order_frames: int = 0
+    num_matched_frames: int = 0
+    matched_share: float = 1.0
+    num_births: int = 0
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in _RENAMED:
+            raise AttributeError(f"'TrackingReport' object has no attribute '{name}'")
+        text = f"TrackingReport.{name} is deprecated, use {_RENAMED[name]}"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return getattr(self, _RENAMED[name])
 
     def section(self) -> bytes:
         """Serialises the statistics as a section of the side information."""
         writer = ByteWriter()
-        for value in (self.tracked, self.matched, round(self.share * _SHARE), self.born):
+        share = round(self.matched_share * _SHARE_UNITS)
+        for value in (self.num_same_order_frames, self.num_matched_frames, share, self.num_births):
             writer.unsigned(value)
         return writer.bytes()
 
@@ -49,9 +67,9 @@ class TrackingReport(CheckedFields):
             BitstreamError: If the section is damaged.
         """
         reader = ByteReader(section, f"section '{SECTION}'")
-        tracked, matched, share, born = (reader.unsigned() for _ in range(4))
+        num_same_order, num_matched, share, num_births = (reader.unsigned() for _ in range(4))
         reader.finish()
-        return TrackingReport(tracked, matched, share / _SHARE, born)
+        return TrackingReport(num_same_order, num_matched, share / _SHARE_UNITS, num_births)
 
 
 class Tracker:
@@ -70,7 +88,7 @@ class Tracker:
     def __init__(self, order: str = "auto") -> None:
         if order not in FRAME_ORDERS:
             raise InvalidValueError(f"frames are {', '.join(FRAME_ORDERS)}, not {order!r:.40}")
-        self._order, self._next = order, 0
+        self._order, self._next_key = order, 0
         self._previous_splats: Splats | None = None
         self._keys = np.zeros(0, np.int64)
         self._last: TrackedFrame | None = None
@@ -83,7 +101,7 @@ class Tracker:
         Raises:
             InvalidValueError: If the order is `tracked` and the number of Gaussians changes.
         """
-        tracked_frame = self._first(frame) if self._last is None else self._next_frame(frame)
+        tracked_frame = self._first_frame(frame) if self._last is None else self._next_frame(frame)
         self._previous_splats, self._last = frame.splats, tracked_frame
         return tracked_frame
 
@@ -97,12 +115,12 @@ class Tracker:
         old = np.unique(self._last.keys)
         self._last = replace(self._last, keys=np.searchsorted(old, self._last.keys))
         self._keys = np.where(self._keys >= 0, np.searchsorted(old, self._keys), -1)
-        self._next = len(old)
+        self._next_key = len(old)
         return old
 
-    def _first(self, frame: Frame) -> TrackedFrame:
+    def _first_frame(self, frame: Frame) -> TrackedFrame:
         self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
-        return self._by_index(frame, count=False)
+        return self._by_index(frame, count_births=False)
 
     def _next_frame(self, frame: Frame) -> TrackedFrame:
         assert self._previous_splats is not None
@@ -117,21 +135,21 @@ class Tracker:
             self._order == "auto" and same and has_same_order(self._previous_splats, frame.splats)
         ):
             self._match = None
-            self.report = replace(self.report, tracked=self.report.tracked + 1)
-            return self._by_index(frame, count=True)
+            self.report = replace(self.report, num_same_order_frames=self.report.num_same_order_frames + 1)
+            return self._by_index(frame, count_births=True)
         return self._matched(frame)
 
-    def _by_index(self, frame: Frame, count: bool) -> TrackedFrame:
+    def _by_index(self, frame: Frame, *, count_births: bool) -> TrackedFrame:
         """Gives each Gaussian of a frame the track key of the Gaussian with the same index in the previous frame.
 
         Args:
             frame: The frame.
-            count: True to count Gaussians that were not visible in the previous frame as new, in the statistics.
+            count_births: True to count Gaussians that were not visible in the previous frame as new, in the statistics.
         """
         keys = np.where(frame.drawn, self._keys, -1)
         # Gaussians that were invisible in the previous frame get new keys.
         new = frame.drawn & (keys < 0)
-        keys[new] = self._new_keys(int(new.sum()), count)
+        keys[new] = self._new_keys(int(new.sum()), count_births=count_births)
         self._keys = keys
         return TrackedFrame(_drawn(frame), keys[frame.drawn])
 
@@ -142,18 +160,18 @@ class Tracker:
         matches = match(self._last.splats, current, self._match)
         old, keys = matches.partner >= 0, matches.partner.copy()
         keys[old] = self._last.keys[keys[old]]
-        keys[~old] = self._new_keys(int((~old).sum()), born=True)
+        keys[~old] = self._new_keys(int((~old).sum()), count_births=True)
         self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
         self._keys[frame.drawn], self._match = keys, matches
-        number, share = self.report.matched, float(old.mean()) if len(old) else 1.0
-        mean = (self.report.share * number + share) / (number + 1)
-        self.report = replace(self.report, matched=number + 1, share=mean)
+        number, share = self.report.num_matched_frames, float(old.mean()) if len(old) else 1.0
+        mean = (self.report.matched_share * number + share) / (number + 1)
+        self.report = replace(self.report, num_matched_frames=number + 1, matched_share=mean)
         return TrackedFrame(aligned(self._last.splats, current, matches.partner), keys)
 
-    def _new_keys(self, count: int, born: bool) -> np.ndarray:
-        first, self._next = self._next, self._next + count
-        if born:
-            self.report = replace(self.report, born=self.report.born + count)
+    def _new_keys(self, count: int, *, count_births: bool) -> np.ndarray:
+        first, self._next_key = self._next_key, self._next_key + count
+        if count_births:
+            self.report = replace(self.report, num_births=self.report.num_births + count)
         return np.arange(first, first + count)
 
 

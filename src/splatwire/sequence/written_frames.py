@@ -26,7 +26,7 @@ LOG = logging.getLogger(__name__)
 Report = Callable[[str, float], None]
 MAX_FILES = 20_000
 """Default limit of the number of frame files written: eleven minutes at 30 frames per second."""
-_SIZE = 1e-3
+_PLACEHOLDER_SCALE = 1e-3
 """Standard deviation of the transparent Gaussian in the file of an empty frame, world units."""
 LIVE_DIGITS = 6
 """Number of digits of the frame number in file names of a live sequence, whose number of frames is unknown."""
@@ -117,19 +117,21 @@ def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Rep
             origin=frame.origin,
             metadata=frame.metadata,
         )
-        written += 1
-        report("writing frames", written / sequence.num_frames)
-    return written
+        on_frame += 1
+        report("writing frames", on_frame / sequence.num_frames)
+    return on_frame
 
 
-def write_live_frames(waiting: WaitingEvents, folder: Path, concealer: str | None, written: Callable[[], None]) -> None:
+def write_live_frames(
+    waiting: WaitingEvents, folder: Path, concealer: str | None, on_frame: Callable[[], None]
+) -> None:
     """Writes a PLY for each frame of a live sequence as soon as it can be decoded.
 
     Args:
         waiting: Queue of the events of the receiver.
         folder: Output folder.
         concealer: Concealer for tracks with lost motion; None for the default.
-        written: Called after each frame.
+        on_frame: Called after each frame.
     """
     for frame, number in numbered(frames_of_events(LiveDecoder(concealer or DEFAULT), waiting)):
         scene, path = frame.scene, folder / f"frame_{number:0{LIVE_DIGITS}}.ply"
@@ -140,7 +142,7 @@ def write_live_frames(waiting: WaitingEvents, folder: Path, concealer: str | Non
             origin=scene.origin,
             metadata=scene.metadata,
         )
-        written()
+        on_frame()
 
 
 def _never_empty(splats: Splats, path: Path) -> Splats:
@@ -156,7 +158,7 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
     return Splats(
         means=np.zeros((1, 3), np.float32),
         quats=np.array([[1, 0, 0, 0]], np.float32),
-        scales=np.full((1, 3), _SIZE, np.float32),
+        scales=np.full((1, 3), _PLACEHOLDER_SCALE, np.float32),
         opacities=np.zeros(1, np.float32),
         sh=np.zeros((1, num_functions(splats.degree), 3), np.float32),
     )

@@ -40,7 +40,7 @@ def test_splatv_clip_has_births_and_deaths(tmp_path):
     assert [int(frame.drawn.sum()) for frame in sequence.read()] == [20, 20, 20, 40, 40, 40, 20, 20, 20]
     assert open_sequence(path).num_frames == 50
     _, tracking = encode_sequence(sequence.read(), SequenceOptions(order=sequence.order))
-    assert (tracking.matched, tracking.share) == (0, 1.0)
+    assert (tracking.num_matched_frames, tracking.matched_share) == (0, 1.0)
     with pytest.raises(InvalidValueError, match="frames, not 0"):
         open_sequence(path, 0)
 

@@ -6,18 +6,18 @@ import numpy as np
 
 from splatwire.codec._coder_kernels import code_below, code_bit, code_escape, code_raw
 from splatwire.codec.sequence.layout import (
-    AFTER,
-    BEFORE,
     BEGINS,
+    C_ABSENT,
     C_BEGINS,
     C_ENDS,
-    C_GONE,
     C_MOVING,
     C_OCTAVE,
     C_ZERO,
     CANDIDATE_BITS,
     DEGREE_CONTEXTS,
     ENDS,
+    GAP_AFTER,
+    GAP_BEFORE,
     KIND_OF,
     MAX_CANDIDATES,
     MAX_OCTAVE,
@@ -47,49 +47,49 @@ from splatwire.ops.compiled import njit
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_headers(coder, headers, n, frames, first_new):
+def _code_headers(coder, headers, n, num_frames, first_new):
     """Encodes or decodes the headers of a packet's tracks (Gaussians over time): index, motion flag and lifetime.
 
     Args:
         coder: Entropy coder.
         headers: Headers, int64 (n, fields), ascending by track index: input of an encoder, output of a decoder.
         n: Number of tracks in the packet.
-        frames: Number of frames in the group.
+        num_frames: Number of frames in the group.
         first_new: Index in the stream of the first track that begins in the group.
 
     Returns:
         Number of headers; less than `n` if a decoded packet is damaged.
     """
     first = code_raw(coder, headers[0, TRACK], TRACK_BITS)
-    lead = code_escape(coder, headers[0, BEFORE])
+    gap_before = code_escape(coder, headers[0, GAP_BEFORE])
     count = code_raw(coder, headers[n - 1, TRACK] + 1 - first, CANDIDATE_BITS)
-    tail = code_escape(coder, headers[n - 1, AFTER])
-    num_headers, gone_before, moved, before = 0, 0, 0, first - lead
+    gap_after = code_escape(coder, headers[n - 1, GAP_AFTER])
+    num_headers, previous_absent, recent_states, previous_end = 0, 0, 0, first - gap_before
     for track in range(first, first + min(count, MAX_CANDIDATES)):
         is_present = not coder.decoding and headers[num_headers, TRACK] == track
-        gone_before = code_bit(coder, C_GONE + gone_before, 0 if is_present else 1)
-        if gone_before:
+        previous_absent = code_bit(coder, C_ABSENT + previous_absent, 0 if is_present else 1)
+        if previous_absent:
             continue
         if num_headers == n:
             break
-        state = code_bit(coder, C_MOVING + moved, headers[num_headers, STATE])
-        moved = ((moved << 1) | state) & 3
-        begins, ends = np.int64(0), frames
+        state = code_bit(coder, C_MOVING + recent_states, headers[num_headers, STATE])
+        recent_states = ((recent_states << 1) | state) & 3
+        begins, ends = np.int64(0), num_frames
         if track >= first_new and code_bit(coder, np.int64(C_BEGINS), 1 if headers[num_headers, BEGINS] else 0):
-            begins = code_below(coder, headers[num_headers, BEGINS], frames)
-        if code_bit(coder, np.int64(C_ENDS), 1 if headers[num_headers, ENDS] < frames else 0):
-            ends = code_below(coder, headers[num_headers, ENDS], frames)
+            begins = code_below(coder, headers[num_headers, BEGINS], num_frames)
+        if code_bit(coder, np.int64(C_ENDS), 1 if headers[num_headers, ENDS] < num_frames else 0):
+            ends = code_below(coder, headers[num_headers, ENDS], num_frames)
         (
             headers[num_headers, TRACK],
             headers[num_headers, STATE],
             headers[num_headers, BEGINS],
             headers[num_headers, ENDS],
         ) = track, state, begins, ends
-        headers[num_headers, BEFORE], headers[num_headers, AFTER] = track - before, 0
-        before = track + 1
+        headers[num_headers, GAP_BEFORE], headers[num_headers, GAP_AFTER] = track - previous_end, 0
+        previous_end = track + 1
         num_headers += 1
     if num_headers:
-        headers[num_headers - 1, AFTER] = tail
+        headers[num_headers - 1, GAP_AFTER] = gap_after
     return num_headers
 
 
@@ -97,10 +97,10 @@ def _code_headers(coder, headers, n, frames, first_new):
 @no_type_check
 def _magnitude_context(magnitude):
     """Returns the context of a residual, given the magnitude of previously coded residuals."""
-    level = 0
-    while magnitude >> level and level < NEIGHBOUR_CONTEXTS - 1:
-        level += 1
-    return level
+    octave = 0
+    while magnitude >> octave and octave < NEIGHBOUR_CONTEXTS - 1:
+        octave += 1
+    return octave
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -167,16 +167,16 @@ def _code_bit(coder, low, span, num_bytes, context, bit):
     Returns:
         The bit, and the new state: `low`, `span` and `num_bytes`.
     """
-    zero = zero_probability(coder.models, context)
+    p_zero = zero_probability(coder.models, context)
     if coder.decoding:
-        bit = ONE if low >= zero * (span >> ADAPTIVE_BITS) else ZERO
+        bit = ONE if low >= p_zero * (span >> ADAPTIVE_BITS) else ZERO
     else:
         coder.bit_counts[context, bit] += 1
     adaptive_update(coder.models, context, bit)
     if bit:
-        low, span, num_bytes = _code_interval(coder, low, span, num_bytes, zero, 65536 - zero, ADAPTIVE_BITS)
+        low, span, num_bytes = _code_interval(coder, low, span, num_bytes, p_zero, 65536 - p_zero, ADAPTIVE_BITS)
     else:
-        low, span, num_bytes = _code_interval(coder, low, span, num_bytes, ZERO, zero, ADAPTIVE_BITS)
+        low, span, num_bytes = _code_interval(coder, low, span, num_bytes, ZERO, p_zero, ADAPTIVE_BITS)
     return bit, low, span, num_bytes
 
 
@@ -210,7 +210,7 @@ def _code_raw(coder, low, span, num_bytes, value, bits):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_coefficient(coder, low, span, num_bytes, kind, order, neighbour_context, value):
+def _code_coefficient(coder, low, span, num_bytes, kind, degree, neighbour_context, value):
     """Encodes or decodes the prediction residual of one motion coefficient of a track (Gaussian over time).
 
     Args:
@@ -219,15 +219,16 @@ def _code_coefficient(coder, low, span, num_bytes, kind, order, neighbour_contex
         span: State of the range coder.
         num_bytes: State of the range coder.
         kind: Kind of motion (position, rotation, scale, opacity or colour); selects the context.
-        order: Degree of the coefficient's polynomial; selects the context.
+        degree: Degree of the coefficient's polynomial; selects the context.
         neighbour_context: Octave of the magnitude of neighbouring residuals; selects the context.
         value: The residual; ignored by a decoder.
 
     Returns:
         The residual, and the new state: `low`, `span` and `num_bytes`.
     """
-    zero = C_ZERO + (kind * DEGREE_CONTEXTS + min(order, DEGREE_CONTEXTS - 1)) * NEIGHBOUR_CONTEXTS + neighbour_context
-    is_nonzero, low, span, num_bytes = _code_bit(coder, low, span, num_bytes, np.int64(zero), ONE if value else ZERO)
+    degree_context = kind * DEGREE_CONTEXTS + min(degree, DEGREE_CONTEXTS - 1)
+    zero_context = np.int64(C_ZERO + degree_context * NEIGHBOUR_CONTEXTS + neighbour_context)
+    is_nonzero, low, span, num_bytes = _code_bit(coder, low, span, num_bytes, zero_context, ONE if value else ZERO)
     if not is_nonzero:
         return ZERO, low, span, num_bytes
     magnitude, octave = abs(value), ZERO
@@ -249,7 +250,7 @@ def _code_coefficient(coder, low, span, num_bytes, kind, order, neighbour_contex
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def code_motion(coder, headers, n, num_coefficients, quantised, frames, first_new):
+def code_motion(coder, headers, n, num_coefficients, quantised, num_frames, first_new):
     """Encodes or decodes the motion of a packet's n tracks (Gaussians over time).
 
     Args:
@@ -261,36 +262,36 @@ def code_motion(coder, headers, n, num_coefficients, quantised, frames, first_ne
             coefficients coded per channel, int64 (kinds): input of an encoder, output of a decoder.
         quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames): input of an encoder,
             output of a decoder. A decoder must be given an array of zeros.
-        frames: Number of frames in the group, F.
+        num_frames: Number of frames in the group, F.
         first_new: Index in the stream of the first track that begins in the group.
     """
     if coder.decoding:
         headers[:] = -1
-    num_headers = _code_headers(coder, headers, n, frames, first_new)
+    num_headers = _code_headers(coder, headers, n, num_frames, first_new)
     for kind in range(NUM_KINDS):
-        num_coefficients[kind] = code_below(coder, num_coefficients[kind], frames + 1)
-    before, low, span, num_bytes = -1, coder.state[0], coder.state[1], coder.state[2]
+        num_coefficients[kind] = code_below(coder, num_coefficients[kind], num_frames + 1)
+    previous_row, low, span, num_bytes = -1, coder.state[0], coder.state[1], coder.state[2]
     for i in range(num_headers):
         if headers[i, STATE] != MOVING:
             continue
         largest = np.int64(0)
         for c in range(NUM_CHANNELS):
             kind, largest_of_channel = KIND_OF[c], np.int64(0)
-            first = c == 0 or KIND_OF[c - 1] != kind
-            if first:
+            is_first_of_kind = c == 0 or KIND_OF[c - 1] != kind
+            if is_first_of_kind:
                 largest = np.int64(0)
-                if before >= 0:
-                    largest_of_channel = abs(np.int64(quantised[before, c, 0]))
+                if previous_row >= 0:
+                    largest_of_channel = abs(np.int64(quantised[previous_row, c, 0]))
             for k in range(num_coefficients[kind]):
                 expected_magnitude = max(largest_of_channel, largest)
-                if not first:
+                if not is_first_of_kind:
                     expected_magnitude = max(expected_magnitude, 2 * abs(np.int64(quantised[i, c - 1, k])))
                 value = np.int64(quantised[i, c, k])
                 value, low, span, num_bytes = _code_coefficient(
                     coder, low, span, num_bytes, kind, k, _magnitude_context(expected_magnitude), value
                 )
                 quantised[i, c, k] = value
-                largest_of_channel = abs(value) if k == 0 and first else max(largest_of_channel, abs(value))
+                largest_of_channel = abs(value) if k == 0 and is_first_of_kind else max(largest_of_channel, abs(value))
             largest = max(largest, largest_of_channel)
-        before = i
+        previous_row = i
     coder.state[0], coder.state[1], coder.state[2] = low, span, num_bytes

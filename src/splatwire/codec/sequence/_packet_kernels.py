@@ -50,7 +50,7 @@ def _no_tables():
 
 @njit(error_model="numpy")
 @no_type_check
-def _needed_coefficients(targets, rows, states, shifts, frames, num_coefficients):
+def _needed_coefficients(targets, rows, states, shifts, num_frames, num_coefficients):
     """Determines how many motion coefficients a packet must contain for each kind of channel.
 
     A packet contains the coefficients of the lowest degrees. All other coefficients are below half a quantisation step
@@ -61,7 +61,7 @@ def _needed_coefficients(targets, rows, states, shifts, frames, num_coefficients
         rows: Index in `targets` of each track, int64 (n).
         states: `STILL` or `MOVING` for each track, int64 (n).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
-        frames: Number of frames in the group.
+        num_frames: Number of frames in the group.
         num_coefficients: Output: for each kind of channel (position, rotation, scale, opacity, colour), number of
             polynomial coefficients coded per channel, int64 (kinds).
     """
@@ -71,7 +71,7 @@ def _needed_coefficients(targets, rows, states, shifts, frames, num_coefficients
             continue
         for c in range(NUM_CHANNELS):
             kind = KIND_OF[c]
-            for k in range(frames - 1, num_coefficients[kind] - 1, -1):
+            for k in range(num_frames - 1, num_coefficients[kind] - 1, -1):
                 if 2 * abs(targets[rows[i], c, k]) >= np.float64(np.int64(1) << shifts[i, c]):
                     num_coefficients[kind] = k + 1
                     break
@@ -106,41 +106,42 @@ def _trim(quantised, num_coefficients):
 
 @njit(error_model="numpy")
 @no_type_check
-def _encode_packet(models, counts, frames, first_new, dead, headers, positions, shifts, targets, rows, buffer, out):
+def _encode_packet(
+    models, bit_counts, num_frames, first_new, dead_zone, headers, positions, shifts, targets, rows, buffer, residuals
+):
     """Encodes the motion of n tracks (Gaussians over time) as one packet, and returns the packet's size in bytes.
 
     Args:
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
-        counts: Number of zeros and ones coded with each model, int64 (contexts, 2). The bits of this packet are added
-            in place.
-        frames: Number of frames in the group.
+        bit_counts: Number of zeros and ones coded with each model, int64 (contexts, 2). The bits of this packet are
+            added in place.
+        num_frames: Number of frames in the group.
         first_new: Index in the stream of the first track that begins in the group.
-        dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
+        dead_zone: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
         headers: Headers of the packet's tracks, int64 (n, fields), ascending by track index.
         positions: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
         rows: Index in `targets` of each track, int64 (n).
         buffer: Output: bytes of the packet, uint8.
-        out: Output: residuals of coefficients, int32 (n, channels, frames).
+        residuals: Output: residuals of coefficients, int32 (n, channels, frames).
     """
-    n, used = len(headers), 0
+    n, num_used = len(headers), 0
     num_coefficients, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()
-    _needed_coefficients(targets, rows, states, shifts, frames, num_coefficients)
+    _needed_coefficients(targets, rows, states, shifts, num_frames, num_coefficients)
     for c in range(NUM_CHANNELS):
-        used += num_coefficients[KIND_OF[c]]
-    wanted = np.empty((n, used))
-    pack_coefficients(targets, rows, states, num_coefficients, wanted)
-    out[:] = 0
+        num_used += num_coefficients[KIND_OF[c]]
+    used_targets = np.empty((n, num_used))
+    pack_coefficients(targets, rows, states, num_coefficients, used_targets)
+    residuals[:] = 0
     predict_from_neighbours(
-        positions, states, shifts, num_coefficients, out, wanted, dead, np.zeros((0, 1, 1), np.float32)
+        positions, states, shifts, num_coefficients, residuals, used_targets, dead_zone, np.zeros((0, 1, 1), np.float32)
     )
-    _trim(out, num_coefficients)
-    coder = new_coder(
-        ENCODING, buffer, np.empty(0, np.int64), models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _no_tables()
-    )  # fmt: skip
+    _trim(residuals, num_coefficients)
+    statistics = bit_counts, np.zeros((1, 1, 1, 2), np.int64)
+    coder = new_coder(ENCODING, buffer, np.empty(0, np.int64), models.copy(), statistics, _no_tables())
     encoder_start(coder.state)
-    code_motion(coder, headers.copy(), n, num_coefficients, out, frames, first_new)
+    code_motion(coder, headers.copy(), n, num_coefficients, residuals, num_frames, first_new)
     return encoder_finish(buffer, coder.state)
 
 
@@ -185,10 +186,10 @@ def _expected_tracks(costs, begin, end, scale, target_bytes):
 @no_type_check
 def encode_limited(
     models,
-    counts,
-    frames,
+    bit_counts,
+    num_frames,
     first_new,
-    dead,
+    dead_zone,
     headers,
     positions,
     shifts,
@@ -197,19 +198,19 @@ def encode_limited(
     max_bytes,
     costs,
     buffer,
-    out,
-    sizes,
+    residuals,
+    counts,
     ends,
 ):
     """Encodes a block of motion in packets of limited size, each with as many tracks (Gaussians over time) as fit.
 
     Args:
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
-        counts: Number of zeros and ones coded with each model, int64 (contexts, 2). The bits of all returned packets
-            are added in place. Packets that were encoded only to find out how many tracks fit are not counted.
-        frames: Number of frames in the group, F.
+        bit_counts: Number of zeros and ones coded with each model, int64 (contexts, 2). The bits of all returned
+            packets are added in place. Packets that were encoded only to find out how many tracks fit are not counted.
+        num_frames: Number of frames in the group, F.
         first_new: Index in the stream of the first track that begins in the group.
-        dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
+        dead_zone: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
         headers: Headers of the tracks, int64 (n, fields), ascending by track index.
         positions: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
@@ -218,27 +219,27 @@ def encode_limited(
         max_bytes: Maximum size of a packet's payload, bytes.
         costs: Expected number of bytes for each track, above 0, float64 (n).
         buffer: Output: the payloads one after another, uint8.
-        out: Output: residuals of coefficients, int32 (n, channels, frames).
-        sizes: Output: number of tracks in each packet, int64 (n).
+        residuals: Output: residuals of coefficients, int32 (n, channels, frames).
+        counts: Output: number of tracks in each packet, int64 (n).
         ends: Output: end of each payload in the buffer, int64 (n).
 
     Returns:
         Number of packets.
     """
-    total, begin, at, packets = len(headers), 0, 0, 0
+    total, begin, at, num_packets = len(headers), 0, 0, 0
     aim, scale = max_bytes - (max_bytes >> TARGET_FILL_BITS), 1.0
-    kept = np.zeros((NUM_CONTEXTS, 2), np.int64)
+    packet_bit_counts = np.zeros((NUM_CONTEXTS, 2), np.int64)
     while begin < total:
         num_left = _max_tracks(headers, begin, total - begin)
         low, high, tries, last, length = 0, num_left + 1, 0, 0, 0
         n = _expected_tracks(costs, begin, begin + num_left, scale, aim)
         while high - low > 1 or last != low:
             n = n if high - low > 1 else low
-            kept[:] = 0
+            packet_bit_counts[:] = 0
             tracks = slice(begin, begin + n)
             length = _encode_packet(
-                models, kept, frames, first_new, dead, headers[tracks], positions[tracks], shifts[tracks], targets,
-                rows[tracks], buffer[at:], out[tracks],
+                models, packet_bit_counts, num_frames, first_new, dead_zone, headers[tracks], positions[tracks],
+                shifts[tracks], targets, rows[tracks], buffer[at:], residuals[tracks],
             )  # fmt: skip
             tries, last = tries + 1, n
             scale = max(length, 1) / costs[begin : begin + n].sum()
@@ -249,39 +250,40 @@ def encode_limited(
             else:
                 high = n
             n = min(max(_expected_tracks(costs, begin, begin + num_left, scale, aim), low + 1), high - 1)
-        counts += kept
+        bit_counts += packet_bit_counts
         at += length
-        sizes[packets], ends[packets] = low, at
+        counts[num_packets], ends[num_packets] = low, at
         begin += low
-        packets += 1
-    return packets
+        num_packets += 1
+    return num_packets
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def decode_packets(models, frames, first_new, data, ends, starts, headers, num_coefficients, quantised):
+def decode_packets(
+    models, num_frames, first_new, data, byte_starts, track_starts, headers, num_coefficients, quantised
+):
     """Decodes P packets with the motion of n tracks (Gaussians over time) in total.
 
     The caller initialises all output arrays with 0.
 
     Args:
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
-        frames: Number of frames in the group, F.
+        num_frames: Number of frames in the group, F.
         first_new: Index in the stream of the first track that begins in the group.
         data: Payloads of P packets, one after another, uint8.
-        ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
-        starts: int64 (P + 1); packet p has the tracks `starts[p]` to `starts[p + 1]` (exclusive).
+        byte_starts: int64 (P + 1); packet p has the bytes `data[byte_starts[p]:byte_starts[p + 1]]`.
+        track_starts: int64 (P + 1); packet p has the tracks `track_starts[p]` to `track_starts[p + 1]` (exclusive).
         headers: Output: headers of the tracks, int64 (n, fields).
         num_coefficients: Output: for each packet and kind of channel (position, rotation, scale, opacity, colour),
             number of polynomial coefficients coded per channel, int64 (P, kinds).
         quantised: Output: residuals of coefficients, int32 (n, channels, frames).
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
-    for p in range(len(starts) - 1):
-        payload = data[ends[p] : ends[p + 1]]
+    for p in range(len(track_starts) - 1):
+        payload = data[byte_starts[p] : byte_starts[p + 1]]
         coder = new_coder(DECODING, payload, words_of(payload), models.copy(), statistics, _no_tables())
         decoder_start(payload, ZERO, len(payload), coder.state)
-        rows = slice(starts[p], starts[p + 1])
-        code_motion(
-            coder, headers[rows], starts[p + 1] - starts[p], num_coefficients[p], quantised[rows], frames, first_new
-        )  # fmt: skip
+        rows = slice(track_starts[p], track_starts[p + 1])
+        num_tracks = track_starts[p + 1] - track_starts[p]
+        code_motion(coder, headers[rows], num_tracks, num_coefficients[p], quantised[rows], num_frames, first_new)

@@ -32,7 +32,7 @@ object.
 """
 _TILT_BITS = 20
 """Number of fractional bits of the correction of a neighbour's weight for the slope of the fitted plane (tilt)."""
-_OCTAVES = 1
+_STEP_RANGE_BITS = 1
 """Octave range of quantisation steps, as log2: tracks are sorted by the product of their steps of position and
 rotation, and tracks with products within `2 ** _OCTAVES` octaves are predicted together.
 """
@@ -92,16 +92,16 @@ def prediction_order(positions, moving, shifts):
     while (1 << bits) < n:
         bits += 1
     for slot in range(1 << bits):
-        back = np.int64(0)
+        reversed_slot = np.int64(0)
         for bit in range(bits):
-            back |= ((slot >> bit) & 1) << (bits - 1 - bit)
-        if back < n:
-            order[count] = moving[curve_order[back]]
+            reversed_slot |= ((slot >> bit) & 1) << (bits - 1 - bit)
+        if reversed_slot < n:
+            order[count] = moving[curve_order[reversed_slot]]
             count += 1
     # In this order, most tracks have known neighbours on all sides.
     keys = np.empty(n, np.int64)
     for i in range(n):
-        keys[i] = (shifts[order[i], 0] + shifts[order[i], 3]) >> _OCTAVES
+        keys[i] = (shifts[order[i], 0] + shifts[order[i], 3]) >> _STEP_RANGE_BITS
     return order[np.argsort(keys, kind="mergesort")]
 
 
@@ -129,7 +129,9 @@ def _neighbour_weights(positions, i, neighbours, squared_distances, num_neighbou
         for m in range(num_neighbours):
             for a in range(3):
                 radius = max(radius, abs(positions[neighbours[m], a] - positions[i, a]))
-        _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, distance_weights, weights)
+        _plane_weights(
+            positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, distance_weights, weights
+        )
     left = ONE << WEIGHT_BITS
     for m in range(num_neighbours):
         left -= weights[m]
@@ -139,7 +141,9 @@ def _neighbour_weights(positions, i, neighbours, squared_distances, num_neighbou
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, distance_weights, weights):
+def _plane_weights(
+    positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, distance_weights, weights
+):
     total = np.int64(0)
     x = y = z = xx = xy = xz = yy = yz = zz = np.int64(0)
     for m in range(num_neighbours):
@@ -182,7 +186,7 @@ def _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _predict_coefficients(coefficients, moving, neighbours, weights, num_neighbours, means):
+def _predict_coefficients(coefficients, moving, neighbours, weights, num_neighbours, predicted):
     """Predicts the motion coefficients of a track (Gaussian over time) as a weighted mean over its neighbours.
 
     Args:
@@ -191,52 +195,52 @@ def _predict_coefficients(coefficients, moving, neighbours, weights, num_neighbo
         neighbours: Indices of the neighbours.
         weights: Weights of the neighbours, from `_neighbour_weights`.
         num_neighbours: Number of neighbours.
-        means: Output: predicted coefficients, float64 (U).
+        predicted: Output: predicted coefficients, float64 (U).
     """
     # Sums of products stay below 2**53, so that they are exact in float64.
-    means[:] = 0.0
+    predicted[:] = 0.0
     for m in range(num_neighbours):
         if moving[neighbours[m]]:
             weight, row = np.float64(weights[m]), coefficients[neighbours[m]]
-            for u in range(len(means)):
-                means[u] += weight * row[u]
-    for u in range(len(means)):
-        means[u] = np.floor(means[u] * (1.0 / (1 << WEIGHT_BITS)) + 0.5)
+            for u in range(len(predicted)):
+                predicted[u] += weight * row[u]
+    for u in range(len(predicted)):
+        predicted[u] = np.floor(predicted[u] * (1.0 / (1 << WEIGHT_BITS)) + 0.5)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _quantise(targets, means, octaves, dead, steps):
+def _quantise(targets, predicted, log2_steps, dead_zone, residuals):
     """Quantises the differences of a Gaussian's motion coefficients from their prediction.
 
     Args:
         targets: The U coefficients before quantisation, float64 (U).
-        means: Predicted coefficients, float64 (U).
-        octaves: log2 of the quantisation step of each coefficient, int64 (U).
-        dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
-        steps: Output: residuals, int64 (U).
+        predicted: Predicted coefficients, float64 (U).
+        log2_steps: log2 of the quantisation step of each coefficient, int64 (U).
+        dead_zone: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
+        residuals: Output: residuals, int64 (U).
     """
     # Small differences become 0 even if they exceed half a step, because zeros take few bits.
-    for u in range(len(means)):
-        value = np.int64(np.rint(targets[u]) - means[u])
-        magnitude = (abs(value) + ((ONE << octaves[u]) >> 1) - ((dead << octaves[u]) >> 6)) >> octaves[u]
+    for u in range(len(predicted)):
+        value = np.int64(np.rint(targets[u]) - predicted[u])
+        magnitude = (abs(value) + ((ONE << log2_steps[u]) >> 1) - ((dead_zone << log2_steps[u]) >> 6)) >> log2_steps[u]
         magnitude = min(max(magnitude, 0), MAX_QUANTISED)
-        steps[u] = magnitude if value >= 0 else -magnitude
+        residuals[u] = magnitude if value >= 0 else -magnitude
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _reconstruct(means, octaves, steps, row):
+def _reconstruct(predicted, log2_steps, residuals, row):
     """Reconstructs the motion coefficients of a track (Gaussian over time): prediction plus dequantised residuals.
 
     Args:
-        means: The U predicted coefficients, float64 (U).
-        octaves: log2 of the quantisation step of each coefficient, int64 (U).
-        steps: Residuals in quantisation steps, int64 (U).
+        predicted: The U predicted coefficients, float64 (U).
+        log2_steps: log2 of the quantisation step of each coefficient, int64 (U).
+        residuals: Residuals in quantisation steps, int64 (U).
         row: Output: the coefficients, float64 (U).
     """
-    for u in range(len(means)):
-        value = means[u] + np.float64(steps[u] << octaves[u])
+    for u in range(len(predicted)):
+        value = predicted[u] + np.float64(residuals[u] << log2_steps[u])
         row[u] = min(max(value, -_MAX_VALUE), _MAX_VALUE)
 
 
@@ -285,7 +289,7 @@ def pack_coefficients(values, rows, states, num_coefficients, flat):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def predict_from_neighbours(positions, states, shifts, num_coefficients, quantised, targets, dead, coefficients):
+def predict_from_neighbours(positions, states, shifts, num_coefficients, quantised, targets, dead_zone, coefficients):
     """Quantises or reconstructs the motion of a packet's M tracks (Gaussians over time), predicted from neighbours.
 
     The motion of a track is described by U polynomial coefficients: U is the total number of coefficients of all
@@ -303,8 +307,8 @@ def predict_from_neighbours(positions, states, shifts, num_coefficients, quantis
         quantised: Residuals, int32 (M, channels, frames): output of an encoder, input of a decoder.
         targets: Input of an encoder: the coefficients from `pack_coefficients`, float64 (M, U). An array of length 0
             selects decoding.
-        dead: For an encoder, dead zone of the quantiser: extra width of the interval that is rounded to 0, in 64ths of
-            a quantisation step.
+        dead_zone: For an encoder, dead zone of the quantiser: extra width of the interval that is rounded to 0, in
+            64ths of a quantisation step.
         coefficients: Output of a decoder: the reconstructed coefficients, float32 (M, channels, K), where K
             is the largest of `num_coefficients`. The array must be 0 before the call. An encoder passes an array of
             length 0.
@@ -325,14 +329,14 @@ def predict_from_neighbours(positions, states, shifts, num_coefficients, quantis
         if not moving[i]:
             count = add_known(relative, i, known_tracks, known_positions, count)
     group_minima, nearest_candidates = np.empty(LANES), np.empty(len(positions), np.int64)
-    values, means, steps = (
+    decoded, predicted, residuals = (
         np.zeros((len(positions), num_used)),
         np.empty(num_used),
         np.zeros((len(positions), num_used), np.int64),
     )
-    octaves = np.empty(num_used, np.int64)
+    log2_steps = np.empty(num_used, np.int64)
     if not len(targets):
-        pack_coefficients(quantised, np.arange(len(positions)), states, num_coefficients, steps)
+        pack_coefficients(quantised, np.arange(len(positions)), states, num_coefficients, residuals)
     neighbours, squared_distances = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, distance_weights = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)
@@ -352,16 +356,16 @@ def predict_from_neighbours(positions, states, shifts, num_coefficients, quantis
         _neighbour_weights(
             relative, i, neighbours, squared_distances, num_neighbours, offsets, distance_weights, weights
         )
-        _predict_coefficients(values, moving, neighbours, weights, num_neighbours, means)
+        _predict_coefficients(decoded, moving, neighbours, weights, num_neighbours, predicted)
         u = 0
         for c in range(NUM_CHANNELS):
             for _ in range(num_coefficients[KIND_OF[c]]):
-                octaves[u] = shifts[i, c]
+                log2_steps[u] = shifts[i, c]
                 u += 1
         if len(targets):
-            _quantise(targets[i], means, octaves, dead, steps[i])
-        _reconstruct(means, octaves, steps[i], values[i])
+            _quantise(targets[i], predicted, log2_steps, dead_zone, residuals[i])
+        _reconstruct(predicted, log2_steps, residuals[i], decoded[i])
         count = add_known(relative, i, known_tracks, known_positions, count)
     if len(targets):
-        _unpack_coefficients(steps, num_coefficients, quantised)
-    _unpack_coefficients(values, num_coefficients, coefficients)
+        _unpack_coefficients(residuals, num_coefficients, quantised)
+    _unpack_coefficients(decoded, num_coefficients, coefficients)

@@ -41,18 +41,20 @@ def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, f
             )
             + 1
         )
-        turn = DIRECTION_BITS - step_exponent(
+        rotation_shift = DIRECTION_BITS - step_exponent(
             base_exponents, STEP_DIRECTION, precision_class, area, elongation, flatness, opacity
         )
         for a in range(3):
             shifts[i, a] = position_step
-            shifts[i, 3 + a] = min(max(turn, 0), DIRECTION_BITS - 2)
+            shifts[i, 3 + a] = min(max(rotation_shift, 0), DIRECTION_BITS - 2)
         first = 2 * s0 - (2 << BITS)
         shifts[i, 6] = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         shifts[i, 7] = step_shift(base_exponents, STEP_SCALE1, precision_class, first, ZERO, ZERO, opacity, BITS - 1)
         # The ratio to the second scale is companded: its logarithm is coarser for thin Gaussians.
-        last = step_shift(base_exponents, STEP_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
-        shifts[i, 8] = min(last + (flatness >> BITS), BITS - 1)
+        scale2_shift = step_shift(
+            base_exponents, STEP_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1
+        )
+        shifts[i, 8] = min(scale2_shift + (flatness >> BITS), BITS - 1)
         shifts[i, 9] = step_shift(base_exponents, STEP_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
         colour = step_shift(base_exponents, STEP_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
         shifts[i, 10] = shifts[i, 11] = shifts[i, 12] = colour

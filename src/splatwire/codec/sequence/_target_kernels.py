@@ -8,13 +8,13 @@ from splatwire.codec.gaussians.layout import BITS, DIRECTION_BITS
 from splatwire.codec.sequence.layout import NUM_CHANNELS
 from splatwire.ops.compiled import njit
 
-_TURN, _FIXED = 4.0 * (1 << DIRECTION_BITS), 1.0 * (1 << BITS)
+_ROTATION_UNITS, _FIXED_POINT_ONE = 4.0 * (1 << DIRECTION_BITS), 1.0 * (1 << BITS)
 _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _relative_rotations(quats, keyframe_quat, begin, end, last, largest, values):
+def _relative_rotations(quats, keyframe_quat, begin, end, last_rotation, largest, values):
     """Computes the rotation of one track (a Gaussian over time) relative to its keyframe Gaussian, in each frame.
 
     The frames `begin` to `end - 1` of a group of F frames are added; earlier calls have added the frames before.
@@ -24,8 +24,8 @@ def _relative_rotations(quats, keyframe_quat, begin, end, last, largest, values)
         keyframe_quat: Orientation of the keyframe Gaussian, as a quaternion, (4).
         begin: First frame to add.
         end: End of the frames to add (exclusive).
-        last: Relative rotation in the frame before `begin`, as a unit quaternion, (4). Replaced by the relative
-            rotation in frame `end - 1`.
+        last_rotation: Relative rotation in the frame before `begin`, as a unit quaternion, (4). Replaced by the
+            relative rotation in frame `end - 1`.
         largest: tan(angle / 4) of the largest relative rotation in the frames before `begin`.
         values: Motion of the track, (channels, F). Rows 3 to 5 of the added frames are overwritten with rotation
             vectors in fixed point, of length proportional to tan(angle / 4).
@@ -36,7 +36,7 @@ def _relative_rotations(quats, keyframe_quat, begin, end, last, largest, values)
     length, b0, b1, b2, b3 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
     # The sign of each quaternion is chosen so that the rotation continues that of the preceding frame.
     for f in range(begin, end):
-        same = last[0] == _ONE and last[1] == 0 and last[2] == 0 and last[3] == 0
+        same = last_rotation[0] == _ONE and last_rotation[1] == 0 and last_rotation[2] == 0 and last_rotation[3] == 0
         for a in range(4):
             same &= quats[f, a] == keyframe_quat[a]
         if same:
@@ -58,19 +58,19 @@ def _relative_rotations(quats, keyframe_quat, begin, end, last, largest, values)
             np.float64(quats[f, 2]),
             np.float64(quats[f, 3]),
         )
-        size = np.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
-        q0, q1, q2, q3 = q0 / size, q1 / size, q2 / size, q3 / size
+        norm = np.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
+        q0, q1, q2, q3 = q0 / norm, q1 / norm, q2 / norm, q3 / norm
         w = q0 * b0 + q1 * b1 + q2 * b2 + q3 * b3
         x = b0 * q1 - q0 * b1 - (q2 * b3 - q3 * b2)
         y = b0 * q2 - q0 * b2 - (q3 * b1 - q1 * b3)
         z = b0 * q3 - q0 * b3 - (q1 * b2 - q2 * b1)
-        if w * last[0] + x * last[1] + y * last[2] + z * last[3] < 0:
+        if w * last_rotation[0] + x * last_rotation[1] + y * last_rotation[2] + z * last_rotation[3] < 0:
             w, x, y, z = -w, -x, -y, -z
-        last[0], last[1], last[2], last[3] = w, x, y, z
-        below = max(_ONE + w, 1e-3)
-        x, y, z = x / below, y / below, z / below
+        last_rotation[0], last_rotation[1], last_rotation[2], last_rotation[3] = w, x, y, z
+        denominator = max(_ONE + w, 1e-3)
+        x, y, z = x / denominator, y / denominator, z / denominator
         largest = max(largest, np.sqrt(x * x + y * y + z * z))
-        values[3, f], values[4, f], values[5, f] = x * _TURN, y * _TURN, z * _TURN
+        values[3, f], values[4, f], values[5, f] = x * _ROTATION_UNITS, y * _ROTATION_UNITS, z * _ROTATION_UNITS
     return largest
 
 
@@ -110,21 +110,23 @@ def _log_scale_changes(scales, opacities, keyframe_scales, opacity, begin, end, 
                 _ZERO
                 if same
                 else (np.log2(np.float64(scales[f, axis_of_rank])) - np.log2(np.float64(keyframe_scales[axis_of_rank])))
-                * _FIXED
+                * _FIXED_POINT_ONE
             )
     for f in range(begin, end):
         same = opacities[f] == opacity
-        values[9, f] = _ZERO if same else (np.log2(np.float64(opacities[f])) - np.log2(np.float64(opacity))) * _FIXED
+        values[9, f] = (
+            _ZERO if same else (np.log2(np.float64(opacities[f])) - np.log2(np.float64(opacity))) * _FIXED_POINT_ONE
+        )
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _project(values, table, begin, end, coefficients):
+def _project(values, basis, begin, end, coefficients):
     """Adds a range of frames to the fit of a track's motion: projects the motion onto the basis polynomials.
 
     Args:
         values: Motion of the track in each frame, by channel, (channels, F).
-        table: Basis polynomials, float64 (F, F).
+        basis: Basis polynomials, float64 (F, F).
         begin: First frame.
         end: End of the frames (exclusive).
         coefficients: Polynomial coefficients of the track, changed in place.
@@ -133,8 +135,8 @@ def _project(values, table, begin, end, coefficients):
         for f in range(begin, end):
             value = values[c, f]
             if value != 0:
-                for k in range(len(table)):
-                    coefficients[c, k] += value * table[f, k]
+                for k in range(len(basis)):
+                    coefficients[c, k] += value * basis[f, k]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -143,15 +145,15 @@ def fit_motion(
     trajectories,
     keyframes,
     keyframe_indices,
-    unit,
-    luma,
-    table,
+    world_to_units,
+    to_luma_chroma,
+    basis,
     begin,
     end,
     coefficients,
     largest,
     largest_rotation,
-    last,
+    last_rotation,
 ):
     """Fits polynomials over time to the motion of n tracks (Gaussians over time), before quantisation.
 
@@ -162,9 +164,9 @@ def fit_motion(
         keyframes: T keyframe Gaussians: means, quaternions, scales, opacities and colours, float32 (T, 1, ...).
         keyframe_indices: Index in `keyframes` of each track's keyframe Gaussian, int64 (n); tracks with a negative
             index are skipped.
-        unit: Factor from world units to the fixed-point unit of motion.
-        luma: Matrix from colours to Y Co Cg, float64 (3, 3).
-        table: Basis polynomials, float64 (F, F).
+        world_to_units: Factor from world units to the fixed-point unit of motion.
+        to_luma_chroma: Matrix from colours to Y Co Cg, float64 (3, 3).
+        basis: Basis polynomials, float64 (F, F).
         begin: First frame of this call.
         end: End of the frames of this call (exclusive).
         coefficients: Polynomial coefficients, float64 (n, channels, frames), zero before the first call; changed in
@@ -173,33 +175,35 @@ def fit_motion(
             frame.
         largest_rotation: tan(angle / 4) of the largest rotation of each track so far, relative to its keyframe
             Gaussian, float64 (n); zero before the first call, changed in place.
-        last: Rotation of each track in the last added frame, as a quaternion, float64 (n, 4); the identity before the
-            first call, changed in place.
+        last_rotation: Rotation of each track in the last added frame, as a quaternion, float64 (n, 4); the identity
+            before the first call, changed in place.
     """
     means, quats, scales, opacities, colours = trajectories
     m, q, s, o, c = keyframes
-    values = np.empty((NUM_CHANNELS, len(table)))
+    values = np.empty((NUM_CHANNELS, len(basis)))
     for i in range(len(keyframe_indices)):
         j = keyframe_indices[i]
         if j < 0:
             continue
         for f in range(begin, end):
             for a in range(3):
-                values[a, f] = (np.float64(means[i, f, a]) - np.float64(m[j, 0, a])) * unit
+                values[a, f] = (np.float64(means[i, f, a]) - np.float64(m[j, 0, a])) * world_to_units
                 total = _ZERO
                 for b in range(3):
-                    total += (np.float64(colours[i, f, b]) - np.float64(c[j, 0, b])) * luma[a, b]
+                    total += (np.float64(colours[i, f, b]) - np.float64(c[j, 0, b])) * to_luma_chroma[a, b]
                 values[10 + a, f] = total
-        largest_rotation[i] = _relative_rotations(quats[i], q[j, 0], begin, end, last[i], largest_rotation[i], values)
+        largest_rotation[i] = _relative_rotations(
+            quats[i], q[j, 0], begin, end, last_rotation[i], largest_rotation[i], values
+        )
         _log_scale_changes(scales[i], opacities[i], s[j, 0], o[j, 0], begin, end, values)
-        _project(values, table, begin, end, coefficients[i])
-        if end < len(table):
+        _project(values, basis, begin, end, coefficients[i])
+        if end < len(basis):
             continue
         for channel in range(NUM_CHANNELS):
-            most = _ZERO
-            for k in range(len(table)):
-                most = max(most, abs(coefficients[i, channel, k]))
-            largest[i, channel] = most
+            max_magnitude = _ZERO
+            for k in range(len(basis)):
+                max_magnitude = max(max_magnitude, abs(coefficients[i, channel, k]))
+            largest[i, channel] = max_magnitude
 
 
 @njit(nogil=True, error_model="numpy")
@@ -216,7 +220,7 @@ def find_moving(largest, rotations, shifts, track_indices, limits, too_far, movi
         rotations: tan(angle / 4) of the largest rotation of each track relative to its keyframe Gaussian, float64 (n).
         shifts: log2 of the quantisation step of each channel's motion, for all T tracks, int64 (T, channels).
         track_indices: Row in `shifts` of each of the n tracks, int64 (n).
-        limits: Thresholds, float64 (4), from `fitting.LIMITS`.
+        limits: Thresholds, float64 (4), from `fitting.MOTION_LIMITS`.
         too_far: Output: mask of tracks that move too far, bool (n).
         moving: Output: mask of tracks that move, bool (n).
     """

@@ -19,10 +19,10 @@ from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import PacketBatch, SymbolRows
 from splatwire.codec.sequence.keyframes import to_motion_units
 from splatwire.codec.sequence.layout import (
-    AFTER,
-    BEFORE,
     BEGINS,
     ENDS,
+    GAP_AFTER,
+    GAP_BEFORE,
     HEADER_FIELDS,
     MOVING,
     NUM_CHANNELS,
@@ -70,18 +70,19 @@ class TracksDecoder:
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         info, self.manifest = open_side_info(manifest, side_info), manifest
-        self.info, self._plan, self._num = info, manifest.plan, manifest.num_elements
+        self.info, self._plan, self._num_elements = info, manifest.plan, manifest.num_elements
         self.sections = info.sections
         self._block_map = _BlockMap(info, manifest)
         self._log2_motion_units = info.log2_motion_units
         self._num_tracks = sum(group.num_births for group in info.groups)
-        self._num_bytes, side = num_bytes, 3 * (info.keyframes.degree + 1) ** 2
+        self._num_bytes, num_sh_values = num_bytes, 3 * (info.keyframe_info.degree + 1) ** 2
         self.scene_bytes = (
-            self._num_tracks * (4 * (12 + side) + 24 + NUM_CHANNELS + 24 + BYTES_PER_SHOWN_TRACK) + self._num
+            self._num_tracks * (4 * (12 + num_sh_values) + 24 + NUM_CHANNELS + 24 + BYTES_PER_SHOWN_TRACK)
+            + self._num_elements
         )
-        frames = info.timeline.group_frames
+        group_frames = info.timeline.group_frames
         self.row_bytes = max(
-            8 * int(COLUMNS) + 4 * info.keyframes.num_harmonics, 8 * HEADER_FIELDS + 4 * NUM_CHANNELS * frames
+            8 * int(COLUMNS) + 4 * info.keyframe_info.num_harmonics, 8 * HEADER_FIELDS + 4 * NUM_CHANNELS * group_frames
         )
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
@@ -98,15 +99,15 @@ class TracksDecoder:
             progress: Not used.
         """
         self._lifetimes = self.info.lifetimes.by_track(self._num_tracks, self.info.timeline.num_frames)
-        self._splats = blank_splats(self._num_tracks, self.info.keyframes.degree)
+        self._splats = blank_splats(self._num_tracks, self.info.keyframe_info.degree)
         self._positions = np.zeros((self._num_tracks, 3), np.int64)
         self._shifts = np.zeros((self._num_tracks, NUM_CHANNELS), np.int8)
         self._rounding = np.zeros(self._num_tracks, np.float32)
         self._received = np.zeros(self._num_tracks, dtype=np.bool_)
-        self._loss_mask = LossMask.of_elements(np.zeros(self._num, dtype=np.bool_))
-        self._packets: dict[int, tuple[Packet, ...]] = {}
-        self._sizes: dict[int, int] = {}
-        self._ready: dict[PacketId, _DecodedMotion] = {}
+        self._loss_mask = LossMask.of_elements(np.zeros(self._num_elements, dtype=np.bool_))
+        self._motion_packets: dict[int, tuple[Packet, ...]] = {}
+        self._block_bytes: dict[int, int] = {}
+        self._predecoded: dict[PacketId, _DecodedMotion] = {}
         self._memory_bytes = self.scene_bytes
 
     def copy_keyframes_from(self, other: "TracksDecoder") -> None:
@@ -123,7 +124,7 @@ class TracksDecoder:
         self._positions[:num_earlier], self._shifts[:num_earlier] = other._positions, other._shifts
         self._received[:num_earlier] = other._received
         self._rounding[:num_earlier] = other._rounding
-        self._loss_mask.received[: other._num] = other._loss_mask.received
+        self._loss_mask.received[: other._num_elements] = other._loss_mask.received
 
     def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes the received packets of one block to integers.
@@ -153,27 +154,25 @@ class TracksDecoder:
             # Packets take a hundredth of the memory of decoded motion.
             self.store_motion(batch.block, batch.packets)
             return
-        self._sizes[batch.block] = sum(packet.num_bytes for packet in batch.packets)
+        self._block_bytes[batch.block] = sum(packet.num_bytes for packet in batch.packets)
         first, count = self._block_map.track_range(keyframe_block)
         received = np.zeros(count, dtype=bool)
-        whole, harmonics = empty_keyframes(count, self.info.keyframes.num_harmonics)
+        block_rows, harmonics = empty_keyframes(count, self.info.keyframe_info.num_harmonics)
         begin = 0
         for packet in batch.packets:
             start, end = packet.id.index_in_block, begin + packet.num_elements
             members = slice(start, start + packet.num_elements)
             received[members] = True
-            whole[members], harmonics[members] = rows[0][begin:end], rows[1][begin:end]
+            block_rows[members], harmonics[members] = rows[0][begin:end], rows[1][begin:end]
             begin = end
         tracks = np.arange(first, first + count)
-        keyframes, block = self.info.shot_of(keyframe_block)
+        info, block = self.info.shot_of(keyframe_block)
         lattice_shift = self.info.lattice_shift(keyframe_block)
-        store_block(self._splats, tracks, whole, harmonics, received, keyframes, block)
-        self._positions[tracks] = to_motion_units(whole, keyframes, block, lattice_shift)
-        self._shifts[tracks] = motion_shifts(whole, keyframes, self.info.log_step_ratios, lattice_shift)
+        store_block(self._splats, tracks, block_rows, harmonics, received, info, block)
+        self._positions[tracks] = to_motion_units(block_rows, info, block, lattice_shift)
+        self._shifts[tracks] = motion_shifts(block_rows, info, self.info.log_step_ratios, lattice_shift)
         self._received[tracks] = received
-        exponents = (
-            self._shifts[tracks, 0].astype(np.int32) + keyframes.size_log - keyframes.lattice_bits - lattice_shift - 1
-        )
+        exponents = self._shifts[tracks, 0].astype(np.int32) + info.size_log - info.lattice_bits - lattice_shift - 1
         self._rounding[tracks] = np.ldexp(received.astype(np.float32), exponents)
 
     def store_motion(self, block: int, packets: tuple[Packet, ...]) -> None:
@@ -183,8 +182,8 @@ class TracksDecoder:
             block: Index of the block.
             packets: The packets, in coding order.
         """
-        self._packets[block] = packets
-        self._sizes[block] = sum(packet.num_bytes for packet in packets)
+        self._motion_packets[block] = packets
+        self._block_bytes[block] = sum(packet.num_bytes for packet in packets)
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
         """Adds the decoded integers of one block to a hash, with which receivers verify their decoding."""
@@ -196,7 +195,7 @@ class TracksDecoder:
         tracks = Tracks(self._splats, self._block_map.born, self._received, blocks, self._rounding, *self._lifetimes)
         background, antialiased = BACKGROUND.read(self.sections), ANTIALIASED in self.sections
         sequence = SequenceScene(
-            self.info.timeline, tracks, self._motion, self._num, background, antialiased,
+            self.info.timeline, tracks, self._motion, self._num_elements, background, antialiased,
             origin=ORIGIN.read(self.sections),
             metadata=read_metadata(self.sections),
         )  # fmt: skip
@@ -212,24 +211,25 @@ class TracksDecoder:
         Raises:
             BitstreamError: If the decoded motion exceeds the stream's memory limit.
         """
-        blocks, keyframes, time = self._block_map.motion_blocks(group), self.info.keyframes, self.info.timeline
-        headers, moving_packets, held = list[np.ndarray](), list[PacketMotion](), self.scene_bytes
-        covered, num = np.zeros(self._num_tracks, bool), 0
-        num_bytes = max(self._num_bytes, sum(self._sizes.values()))
-        for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
-            num += packet.num_elements
-            moved = self._ready.get(packet.id) or self._decode_packets([packet], received)[0]
-            if moved is None:
+        blocks, info = self._block_map.motion_blocks(group), self.info.keyframe_info
+        headers, moving_packets, memory_bytes = list[np.ndarray](), list[PacketMotion](), self.scene_bytes
+        covered, num_received = np.zeros(self._num_tracks, bool), 0
+        num_bytes = max(self._num_bytes, sum(self._block_bytes.values()))
+        for packet in (packet for block in blocks for packet in self._motion_packets.get(block, ())):
+            num_received += packet.num_elements
+            motion = self._predecoded.get(packet.id) or self._decode_packets([packet], received)[0]
+            if motion is None:
                 continue
-            rows, packet_motion = moved
-            covered[max(rows[0, TRACK] - rows[0, BEFORE], 0) : rows[-1, TRACK] + rows[-1, AFTER] + 1] = True
+            rows, packet_motion = motion
+            covered[max(rows[0, TRACK] - rows[0, GAP_BEFORE], 0) : rows[-1, TRACK] + rows[-1, GAP_AFTER] + 1] = True
             headers.append(rows)
             moving_packets.append(packet_motion)
-            held += rows.nbytes + 2 * packet_motion.nbytes
-            check_memory(held, num_bytes, f"the motion of {num:,} tracks")
-        frames, complete = len(time.frames_of(group)), num == self.info.groups[group].num_moving
-        size_log = keyframes.size_log + int(self._log2_motion_units[group])
-        evaluator = MotionEvaluator(moving_packets, frames, keyframes.lattice_bits, size_log)
+            memory_bytes += rows.nbytes + 2 * packet_motion.nbytes
+            check_memory(memory_bytes, num_bytes, f"the motion of {num_received:,} tracks")
+        num_frames = len(self.info.timeline.frames_of(group))
+        complete = num_received == self.info.groups[group].num_motion_tracks
+        size_log = info.size_log + int(self._log2_motion_units[group])
+        evaluator = MotionEvaluator(moving_packets, num_frames, info.lattice_bits, size_log)
         return _combine_packets(
             np.concatenate([np.zeros((0, HEADER_FIELDS), np.int64), *headers]), evaluator, covered, complete, not blocks
         )
@@ -250,12 +250,12 @@ class TracksDecoder:
         decoded = ordered_map(
             lambda part: self._decode_packets(part, received), parts, 1 if len(parts) == 1 else threads
         )
-        for part, moved_packets in zip(parts, decoded, strict=True):
-            for packet, moved in zip(part, moved_packets, strict=True):
-                if moved is None:
+        for part, motions in zip(parts, decoded, strict=True):
+            for packet, motion in zip(part, motions, strict=True):
+                if motion is None:
                     continue
-                self._ready[packet.id] = moved
-                self._memory_bytes += moved[0].nbytes + moved[1].nbytes
+                self._predecoded[packet.id] = motion
+                self._memory_bytes += motion[0].nbytes + motion[1].nbytes
                 check_memory(self._memory_bytes, num_bytes, "motion that is ready")
 
     def _decode_packets(self, packets: Sequence[Packet], received: np.ndarray) -> list["_DecodedMotion | None"]:
@@ -273,17 +273,17 @@ class TracksDecoder:
         payloads, first_new = [packet.payload for packet in packets], self._block_map.first_new[group]
         headers, residuals, num_coefficients = decode_motion(self.info, group, counts, payloads, first_new)
         tracks = headers[:, TRACK]
-        good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
-        clipped_tracks = np.where(good, tracks, 0)
+        is_valid = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
+        clipped_tracks = np.where(is_valid, tracks, 0)
         log2_ratios = self._log2_motion_units[self._block_map.born[clipped_tracks]] - self._log2_motion_units[group]
         positions, shifts = in_other_units(
             self._positions[clipped_tracks], self._shifts[clipped_tracks].astype(np.int64), log2_ratios
         )
-        moved_packets, end = list["_DecodedMotion | None"](), 0
+        motions, end = list["_DecodedMotion | None"](), 0
         for count, per_kind in zip(counts.tolist(), num_coefficients, strict=True):
             begin, end = end, end + count
-            selection = slice(begin, end) if good[begin:end].all() else begin + np.flatnonzero(good[begin:end])
-            has_all_keyframes = good[begin:end].any() and received[tracks[selection]].all()
+            selection = slice(begin, end) if is_valid[begin:end].all() else begin + np.flatnonzero(is_valid[begin:end])
+            has_all_keyframes = is_valid[begin:end].any() and received[tracks[selection]].all()
             coefficients = (
                 coefficients_of(
                     headers[selection], residuals[selection], per_kind, positions[selection], shifts[selection]
@@ -291,10 +291,8 @@ class TracksDecoder:
                 if has_all_keyframes
                 else None
             )
-            moved_packets.append(
-                None if coefficients is None else (headers[selection], PacketMotion(coefficients, per_kind))
-            )
-        return moved_packets
+            motions.append(None if coefficients is None else (headers[selection], PacketMotion(coefficients, per_kind)))
+        return motions
 
 
 def _combine_packets(
@@ -310,14 +308,14 @@ def _combine_packets(
         unchanged: True if the group contains no motion packets because nothing changes.
     """
     tracks = headers[:, TRACK]
-    first = np.arange(len(tracks))
+    first_rows = np.arange(len(tracks))
     if (tracks[1:] <= tracks[:-1]).any():  # packets of an encoder are in order
-        tracks, first = np.unique(tracks, return_index=True)
+        tracks, first_rows = np.unique(tracks, return_index=True)
     moving = headers[:, STATE] == MOVING
-    rows, used_headers = np.where(moving, np.cumsum(moving) - 1, -1)[first], headers[first]
-    begins = np.clip(used_headers[:, BEGINS], 0, evaluator.frames - 1)
-    ends = np.clip(used_headers[:, ENDS], begins, evaluator.frames)
-    return GroupMotion(tracks, moving[first], begins, ends, evaluator.of(rows), covered, complete, unchanged)
+    rows, used_headers = np.where(moving, np.cumsum(moving) - 1, -1)[first_rows], headers[first_rows]
+    begins = np.clip(used_headers[:, BEGINS], 0, evaluator.num_frames - 1)
+    ends = np.clip(used_headers[:, ENDS], begins, evaluator.num_frames)
+    return GroupMotion(tracks, moving[first_rows], begins, ends, evaluator.of(rows), covered, complete, unchanged)
 
 
 class _BlockMap:
@@ -326,18 +324,18 @@ class _BlockMap:
     def __init__(self, info: SequenceInfo, manifest: Manifest) -> None:
         plan = manifest.plan
         self._blocks: list[tuple[int, int | None]] = []
-        self._tracks: list[tuple[int, int]] = []
-        self._motion: dict[int, range] = {}
+        self._track_ranges: list[tuple[int, int]] = []
+        self._motion_blocks: dict[int, range] = {}
         births = [group.num_births for group in info.groups]
         self.first_new = np.concatenate([[0], np.cumsum(births)]).astype(np.int64).tolist()
         self.born = np.repeat(np.arange(len(births)), births)
         track = 0
         for group, (keyframes, motion) in enumerate(plan.gop_spans):
             for block in keyframes.blocks:
-                self._blocks.append((group, len(self._tracks)))
-                self._tracks.append((track, keyframes.block_elements(block)))
+                self._blocks.append((group, len(self._track_ranges)))
+                self._track_ranges.append((track, keyframes.block_elements(block)))
                 track += keyframes.block_elements(block)
-            self._motion[group] = motion.blocks
+            self._motion_blocks[group] = motion.blocks
             self._blocks += [(group, None)] * motion.num_blocks
 
     def of(self, block: int) -> tuple[int, int | None]:
@@ -351,7 +349,7 @@ class _BlockMap:
     def blocks_of_tracks(self) -> np.ndarray:
         """Returns for each track the index of the block that contains its keyframe Gaussian, int64 (T)."""
         blocks = [block for block, (_, keyframe_block) in enumerate(self._blocks) if keyframe_block is not None]
-        return np.repeat(np.array(blocks, np.int64), [count for _, count in self._tracks])
+        return np.repeat(np.array(blocks, np.int64), [count for _, count in self._track_ranges])
 
     def track_range(self, keyframe_block: int) -> tuple[int, int]:
         """Returns the tracks whose keyframe Gaussians are in a block: index of the first track, number of tracks.
@@ -361,11 +359,11 @@ class _BlockMap:
         Args:
             keyframe_block: Index of the block among all blocks of keyframe Gaussians.
         """
-        return self._tracks[keyframe_block]
+        return self._track_ranges[keyframe_block]
 
     def motion_blocks(self, group: int) -> range:
         """Returns the range of blocks that contain the motion of a group of frames."""
-        return self._motion.get(group, range(0))
+        return self._motion_blocks.get(group, range(0))
 
 
 def update_digest(digest: Any, rows: SymbolRows) -> None:

@@ -28,7 +28,7 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.sequence.fitting import Fitting, fit, motion_masks
 from splatwire.codec.sequence.keyframes import KeyframeEncoder, even_block_size
 from splatwire.codec.sequence.known_tracks import KnownTracks
-from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, MOVING, NUM_CONTEXTS, STATE, TRACK
+from splatwire.codec.sequence.layout import BEGINS, ENDS, GAP_AFTER, GAP_BEFORE, MOVING, NUM_CONTEXTS, STATE, TRACK
 from splatwire.codec.sequence.lifetimes import PACKET_BYTES_PER_LIFETIME, Lifetimes, lifetimes_sections
 from splatwire.codec.sequence.motion_coder import INITIAL_TRACK_BYTES, MotionCoder, all_stay
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
@@ -43,7 +43,7 @@ from splatwire.types.sequence_scene import Timeline
 from splatwire.version import __version__
 
 LOG = logging.getLogger(__name__)
-DATAGRAMS = Packetization(block_size=4800, lanes=1, grouping="hashed", packet_bytes=1150)
+SEQUENCE_PACKETIZATION = Packetization(block_size=4800, lanes=1, grouping="hashed", packet_bytes=1150)
 """Default packetization of sequences: packets that fit a datagram, in blocks of thousands of tracks, so that most
 neighbours of a lost track are received. Blocks of 1200 tracks take 0.82 to 0.93 of the bytes, but a packet is then most
 of a block: 20 % packet loss costs 4.7 dB with such blocks, and 0.6 dB with this packetization.
@@ -78,14 +78,14 @@ class TracksEncoder:
 
     def __init__(
         self, rate: Fraction, group_frames: int, quality: Quality, background: Background = BLACK,
-        packetization: Packetization = DATAGRAMS, threads: int | None = None,
+        packetization: Packetization = SEQUENCE_PACKETIZATION, threads: int | None = None,
     ) -> None:  # fmt: skip
         if not packetization.hashed:
             raise InvalidValueError("packets of a clip are cut by their size: choose hashed grouping")
         self._rate, self._group_frames = rate, group_frames
         self._packetization, self._threads = packetization, threads
         self._sections: Mapping[str, bytes] = BACKGROUND.sections(background)
-        self._keyframes = KeyframeEncoder(quality, packetization, threads)
+        self._keyframe_encoder = KeyframeEncoder(quality, packetization, threads)
         self._zero_probabilities: np.ndarray | None = None
         self._groups: list[GroupCounts] = []
         self._lifetimes: list[Lifetimes] = []
@@ -144,41 +144,44 @@ class TracksEncoder:
             """Encodes the keyframe Gaussians of the tracks that begin in this group, and fits their motion."""
             packets = self._encode_keyframes(group, class_offsets, born, track_indices, cut=cut)
             threads, fitted_tracks = 1 if len(old) else self._threads, np.where(new, track_indices, -1)
-            frames = (0, group.trajectories.num_frames)
+            frame_range = (0, group.trajectories.num_frames)
             fit(
                 motion,
                 group.trajectories,
                 self._known,
-                self._keyframes.motion_unit_info,
+                self._keyframe_encoder.motion_unit_info,
                 fitted_tracks,
-                frames,
+                frame_range,
                 threads,
             )
-            of_births = motion.largest[born], motion.largest_rotation[born]
-            _, moving[born] = motion_masks(*of_births, self._known.shifts, track_indices[born])
+            largest, rotations = motion.largest[born], motion.largest_rotation[born]
+            _, moving[born] = motion_masks(largest, rotations, self._known.shifts, track_indices[born])
             coding_rows[len(old) :] = born[np.argsort(track_indices[born])]
             self._fill_coder(coder, slice(len(old), None), group, coding_rows, track_indices, moving)
             return packets
 
         self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
         if cut:
-            before = self._keyframes.log2_motion_unit
+            old_log2_unit = self._keyframe_encoder.log2_motion_unit
             encode_births()
-            self._change_unit(motion, old, track_indices, moving, before)
+            self._change_unit(motion, old, track_indices, moving, old_log2_unit)
             self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
-        num_moving, moved = self._encode_motion(group, coder, len(old), encode_births)
-        self._groups.append(GroupCounts(len(born), num_moving))
-        count = sum(packet.num_bytes for packet in [*encode_births(), *moved]) // PACKET_BYTES_PER_LIFETIME
+        num_motion_tracks, motion_packets = self._encode_motion(group, coder, len(old), encode_births)
+        self._groups.append(GroupCounts(len(born), num_motion_tracks))
+        packets = [*encode_births(), *motion_packets]
+        max_lifetimes = sum(packet.num_bytes for packet in packets) // PACKET_BYTES_PER_LIFETIME
         coded_tracks, begins, ends = track_indices[coding_rows], group.begins[coding_rows], group.ends[coding_rows]
-        begin, end = (coded_tracks >= first_new) & (begins > 0), ends < group.trajectories.num_frames
-        lifetimes = Lifetimes(coded_tracks[begin], begins[begin], coded_tracks[end], self._num_frames + ends[end])
+        begin_late, end_early = (coded_tracks >= first_new) & (begins > 0), ends < group.trajectories.num_frames
+        lifetimes = Lifetimes(
+            coded_tracks[begin_late], begins[begin_late], coded_tracks[end_early], self._num_frames + ends[end_early]
+        )
         ended = np.setdiff1d(self._known.alive, coded_tracks, assume_unique=True)
         lifetimes = lifetimes.with_ended(ended, self._num_frames)
-        self._lifetimes.append(lifetimes.without_least_visible(self._known.weights, count))
-        self._known = replace(self._known, alive=coded_tracks[~end])
+        self._lifetimes.append(lifetimes.without_least_visible(self._known.visibility, max_lifetimes))
+        self._known = replace(self._known, alive=coded_tracks[~end_early])
         self._num_frames += group.trajectories.num_frames
-        self._packets += [*encode_births(), *moved]
-        return by_importance(encode_births(), self.importance) + interleave_blocks(moved, self.importance)
+        self._packets += packets
+        return by_importance(encode_births(), self.importance) + interleave_blocks(motion_packets, self.importance)
 
     def finish(self, sections: Mapping[str, bytes]) -> SceneStream:
         """Returns the stream of all groups of frames.
@@ -223,9 +226,16 @@ class TracksEncoder:
         )
         all_sections = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
         info = SequenceInfo(
-            timeline, tuple(self._groups), self._keyframes.shots, LOG_STEP_RATIOS, zero_probabilities, all_sections
+            timeline,
+            tuple(self._groups),
+            self._keyframe_encoder.shots,
+            LOG_STEP_RATIOS,
+            zero_probabilities,
+            all_sections,
         )
-        tiers = tuple(TierCounts(count, 1) for group in self._groups for count in (group.num_births, group.num_moving))
+        tiers = tuple(
+            TierCounts(count, 1) for group in self._groups for count in (group.num_births, group.num_motion_tracks)
+        )
         return write_side_info(info), tiers
 
     def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, MotionCoefficients]:
@@ -238,29 +248,34 @@ class TracksEncoder:
             Four items: index of each track in the stream, -1 for new tracks, int64 (n); mask of the tracks that need a
             new keyframe Gaussian, bool (n); mask of the moving tracks, bool (n); and the motion of the tracks.
         """
-        count, frames = len(group.keys), group.trajectories.num_frames
+        count, num_frames = len(group.keys), group.trajectories.num_frames
         fitting, self._fitting = self._fitting, None
         if not self._groups:
             return (
                 np.full(count, -1),
                 np.ones(count, bool),
                 np.zeros(count, bool),
-                MotionCoefficients.zero(count, frames),
+                MotionCoefficients.zero(count, num_frames),
             )
-        if fitting is None or not fitting.can_continue(group.keys, frames):
+        if fitting is None or not fitting.can_continue(group.keys, num_frames):
             fitting = self._fit(group.keys, group.trajectories)
-            fitting.add_frames(group.trajectories, frames)
-        motion = fitting.finish(group.keys, group.trajectories, (group.begins == 0) & (group.ends == frames))
+            fitting.add_frames(group.trajectories, num_frames)
+        motion = fitting.finish(group.keys, group.trajectories, (group.begins == 0) & (group.ends == num_frames))
         new = fitting.track_indices < 0
         known_indices = np.maximum(fitting.track_indices, 0)
-        _, shifts = self._known.in_units(slice(None), self._keyframes.log2_motion_unit)
-        far, moving = motion_masks(motion.largest, motion.largest_rotation, shifts, known_indices)
-        needs_keyframe = np.flatnonzero(far & ~new)
-        motion.put(needs_keyframe, MotionCoefficients.zero(len(needs_keyframe), frames))
-        return fitting.track_indices, new | far, moving, motion
+        _, shifts = self._known.in_units(slice(None), self._keyframe_encoder.log2_motion_unit)
+        too_far, moving = motion_masks(motion.largest, motion.largest_rotation, shifts, known_indices)
+        needs_keyframe = np.flatnonzero(too_far & ~new)
+        motion.put(needs_keyframe, MotionCoefficients.zero(len(needs_keyframe), num_frames))
+        return fitting.track_indices, new | too_far, moving, motion
 
     def _change_unit(
-        self, motion: MotionCoefficients, old: np.ndarray, track_indices: np.ndarray, moving: np.ndarray, before: int
+        self,
+        motion: MotionCoefficients,
+        old: np.ndarray,
+        track_indices: np.ndarray,
+        moving: np.ndarray,
+        old_log2_unit: int,
     ) -> None:
         """Converts the motion of older tracks to the unit of positions of a new shot.
 
@@ -272,25 +287,27 @@ class TracksEncoder:
             old: Indices, among the tracks of the group, of the older tracks.
             track_indices: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            before: The unit of positions of the preceding shot, which is the unit of `motion` before the call. Given
-                as log2 of the ratio of this unit to the unit of the first shot.
+            old_log2_unit: The unit of positions of the preceding shot, which is the unit of `motion` before the call.
+                Given as log2 of the ratio of this unit to the unit of the first shot.
         """
-        after = self._keyframes.log2_motion_unit
-        if before == after or not len(old):
+        log2_unit = self._keyframe_encoder.log2_motion_unit
+        if log2_unit == old_log2_unit or not len(old):
             return
-        motion.rescale_positions(old, before - after)
-        _, shifts = self._known.in_units(track_indices[old], after)
-        far, _ = motion_masks(motion.largest[old], motion.largest_rotation[old], shifts, np.arange(len(old)))
-        lost = moving[old] & far
-        moving[old[lost]] = False
-        if lost.any():
+        motion.rescale_positions(old, old_log2_unit - log2_unit)
+        _, shifts = self._known.in_units(track_indices[old], log2_unit)
+        too_far, _ = motion_masks(motion.largest[old], motion.largest_rotation[old], shifts, np.arange(len(old)))
+        stopped = moving[old] & too_far
+        moving[old[stopped]] = False
+        if stopped.any():
             LOG.warning(
                 "%s Gaussians of the scene before a cut stand still in the %d frames around it: the new scene is too "
-                "small for their motion", f"{lost.sum():,}", self._group_frames,
+                "small for their motion", f"{stopped.sum():,}", self._group_frames,
             )  # fmt: skip
 
     def _fit(self, keys: np.ndarray, trajectories: Trajectories) -> Fitting:
-        return Fitting(keys, self._known, self._keyframes.motion_unit_info, trajectories.num_frames, self._threads)
+        return Fitting(
+            keys, self._known, self._keyframe_encoder.motion_unit_info, trajectories.num_frames, self._threads
+        )
 
     def _encode_keyframes(
         self,
@@ -312,7 +329,7 @@ class TracksEncoder:
         """
         if not len(born_rows):
             return []
-        coded = self._keyframes.encode(
+        coded = self._keyframe_encoder.encode(
             group.keyframe_gaussians(born_rows),
             None if class_offsets is None else class_offsets[born_rows],
             len(self._groups),
@@ -320,15 +337,15 @@ class TracksEncoder:
         )
         born = born_rows[coded.order]
         keyframes = group.trajectories.at(born, np.zeros_like(born))
-        shifts = self._keyframes.shifts_of(coded.rows, LOG_STEP_RATIOS)
+        shifts = self._keyframe_encoder.shifts_of(coded.rows, LOG_STEP_RATIOS)
         first_new = len(self._known.keys)
         self._known = self._known.with_births(
-            keyframes, group.keys[born], coded.positions, shifts, self._keyframes.log2_motion_unit
+            keyframes, group.keys[born], coded.positions, shifts, self._keyframe_encoder.log2_motion_unit
         )
-        for rows in coded.digested:
+        for rows in coded.digest_rows:
             digest_keyframes(self._digest, rows)
         track_indices[born] = np.arange(first_new, len(self._known.keys))
-        return self._renumbered(coded.packets, coded.num_blocks, self._known.weights[first_new:])
+        return self._renumbered(coded.packets, coded.num_blocks, self._known.visibility[first_new:])
 
     def _fill_coder(
         self, coder: MotionCoder, entries: slice, group: TrackGroup, group_rows: np.ndarray, track_indices: np.ndarray,
@@ -348,15 +365,15 @@ class TracksEncoder:
         """
         rows, known_tracks, tracks = group_rows[entries], self._known, track_indices[group_rows[entries]]
         headers = coder.headers[entries]
-        before = coder.headers[entries.start - 1, TRACK] if entries.start else -1
+        previous_track = coder.headers[entries.start - 1, TRACK] if entries.start else -1
         headers[:, TRACK], headers[:, BEGINS], headers[:, ENDS] = tracks, group.begins[rows], group.ends[rows]
-        headers[:, BEFORE] = np.diff(tracks, prepend=before) - 1
+        headers[:, GAP_BEFORE] = np.diff(tracks, prepend=previous_track) - 1
         headers[:, STATE] = np.where(moving[rows], MOVING, 0)
         if len(rows) and len(rows) + (entries.start or 0) == len(group_rows):
-            headers[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
+            headers[-1, GAP_AFTER] = self._num_tracks - 1 - tracks[-1]
         coder.rows[entries], coder.costs[entries] = rows, self._costs[tracks]
         coder.positions[entries], coder.shifts[entries] = known_tracks.in_units(
-            tracks, self._keyframes.log2_motion_unit
+            tracks, self._keyframe_encoder.log2_motion_unit
         )
 
     def _encode_motion(
@@ -376,10 +393,10 @@ class TracksEncoder:
         Returns:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes.
         """
-        headers, frames = coder.headers, group.trajectories.num_frames
-        if all_stay(headers[:num_known], frames) and np.array_equal(self._known.alive, headers[:num_known, TRACK]):
+        headers, num_frames = coder.headers, group.trajectories.num_frames
+        if all_stay(headers[:num_known], num_frames) and np.array_equal(self._known.alive, headers[:num_known, TRACK]):
             encode_births()
-            if all_stay(headers, frames):
+            if all_stay(headers, num_frames):
                 return 0, []
         packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(coder, num_known, encode_births)
         return len(headers), packets
@@ -401,42 +418,44 @@ class TracksEncoder:
             Packets of all tracks, and the number of bytes used for each track, float64.
         """
         headers = coder.headers
-        size = even_block_size(len(headers), self._packetization.block_size)
-        parts = list(itertools.pairwise([*range(0, len(headers), size), len(headers)]))
+        block_size = even_block_size(len(headers), self._packetization.block_size)
+        block_ranges = list(itertools.pairwise([*range(0, len(headers), block_size), len(headers)]))
         if self._zero_probabilities is None:
             encode_births()
-            self._zero_probabilities = coder.fit_zero_probabilities(parts, self._threads)
+            self._zero_probabilities = coder.fit_zero_probabilities(block_ranges, self._threads)
 
-        def ready() -> Iterator[tuple[int, int]]:
-            for begin, end in parts:
+        def ranges_to_encode() -> Iterator[tuple[int, int]]:
+            for begin, end in block_ranges:
                 if end > num_known:
                     encode_births()
                 yield begin, end
 
         packets, costs = [], []
-        coded = ordered_map(functools.partial(coder.encode, self._zero_probabilities), ready(), self._threads)
-        for block, ((begin, end), part) in enumerate(zip(parts, coded, strict=True)):
+        encode = functools.partial(coder.encode, self._zero_probabilities)
+        coded_blocks = ordered_map(encode, ranges_to_encode(), self._threads)
+        for block, ((begin, end), coded) in enumerate(zip(block_ranges, coded_blocks, strict=True)):
             encode_births()  # keyframe Gaussians first: this is the order of the digest
-            packets += part.packets(block)
-            digest_motion(self._digest, (headers[begin:end], part.residuals))
-            costs.append(part.costs)
-        seen = self._known.weights[headers[:, TRACK]] * (headers[:, STATE] == MOVING)
-        return self._renumbered(packets, len(parts), seen), np.concatenate(costs)
+            packets += coded.packets(block)
+            digest_motion(self._digest, (headers[begin:end], coded.residuals))
+            costs.append(coded.costs)
+        moving_visibility = self._known.visibility[headers[:, TRACK]] * (headers[:, STATE] == MOVING)
+        return self._renumbered(packets, len(block_ranges), moving_visibility), np.concatenate(costs)
 
-    def _renumbered(self, packets: list[Packet], num_blocks: int, seen: np.ndarray) -> list[Packet]:
+    def _renumbered(self, packets: list[Packet], num_blocks: int, visibility: np.ndarray) -> list[Packet]:
         """Gives newly encoded packets the next block numbers of the stream, and records the importance of each packet.
 
         Args:
             packets: The packets, with blocks numbered from 0.
             num_blocks: Number of blocks of the packets.
-            seen: Visibility of each element of the packets (squared opacity times area).
+            visibility: Visibility of each element of the packets (squared opacity times area); 0 for still tracks.
         """
-        first = self._num_blocks
+        first_block = self._num_blocks
         self._num_blocks += num_blocks
         renumbered = [
-            make_packet(PacketId(first + p.id.block, p.id.index_in_block), p.num_elements, p.payload) for p in packets
+            make_packet(PacketId(first_block + p.id.block, p.id.index_in_block), p.num_elements, p.payload)
+            for p in packets
         ]
-        ends = np.cumsum([0, *(packet.num_elements for packet in packets)])
-        sums = np.add.reduceat(seen, ends[:-1]).tolist()
-        self.importance |= {packet.id: importance for packet, importance in zip(renumbered, sums, strict=True)}
+        starts = np.cumsum([0, *(packet.num_elements for packet in packets)])[:-1]
+        importance = np.add.reduceat(visibility, starts).tolist()
+        self.importance |= {packet.id: value for packet, value in zip(renumbered, importance, strict=True)}
         return renumbered

@@ -9,15 +9,15 @@ from splatwire.codec.sequence.layout import MAX_COEFFICIENT, MAX_QUANTISED
 from splatwire.codec.sequence.motion_coder import DEAD_ZONE_WIDENING
 from splatwire.codec.sequence.trajectories import MotionCoefficients, Trajectories, add_frames
 
-WIDEST_TURN = 2.0
+MAX_ROTATION = 2.0
 """Largest rotation of a track from its keyframe Gaussian, as the tangent of a quarter of the angle: about 254 degrees.
 A track that rotates further gets a new keyframe Gaussian.
 """
-LIMITS = np.array([MAX_QUANTISED / 2, MAX_COEFFICIENT / 2, WIDEST_TURN, (32 + DEAD_ZONE_WIDENING) / 64])
-"""Limits of motion: largest coefficient in quantisation steps, largest coefficient, largest rotation (`WIDEST_TURN`),
+MOTION_LIMITS = np.array([MAX_QUANTISED / 2, MAX_COEFFICIENT / 2, MAX_ROTATION, (32 + DEAD_ZONE_WIDENING) / 64])
+"""Limits of motion: largest coefficient in quantisation steps, largest coefficient, largest rotation (`MAX_ROTATION`),
 and smallest coefficient that is coded, in quantisation steps.
 """
-SPARE = 8
+SPARE_DIVISOR = 8
 """Spare capacity for tracks that appear after the first call: the number of tracks divided by this value."""
 
 
@@ -28,7 +28,7 @@ class Fitting:
         keys: Keys (identifiers) of the tracks of the present group that have appeared so far, int64 (n).
         known_tracks: Tracks of earlier groups with their keyframe Gaussians.
         info: Side information whose lattice spacing determines the unit of fitted positions.
-        frames: Number of frames in the group.
+        num_frames: Number of frames in the group.
         threads: Number of threads; None for one per processor.
 
     Attributes:
@@ -36,23 +36,23 @@ class Fitting:
     """
 
     def __init__(
-        self, keys: np.ndarray, known_tracks: KnownTracks, info: KeyframeInfo, frames: int, threads: int | None
+        self, keys: np.ndarray, known_tracks: KnownTracks, info: KeyframeInfo, num_frames: int, threads: int | None
     ) -> None:  # fmt: skip
         self._keys, self._known, self._info, self._threads = keys.copy(), known_tracks, info, threads
         self.track_indices, self._end = known_tracks.indices_of(keys), 0
-        self._motion = MotionCoefficients.zero(len(keys) + len(keys) // SPARE, frames)
+        self._motion = MotionCoefficients.zero(len(keys) + len(keys) // SPARE_DIVISOR, num_frames)
 
-    def can_continue(self, keys: np.ndarray, frames: int) -> bool:
+    def can_continue(self, keys: np.ndarray, num_frames: int) -> bool:
         """True if this fit can be continued for a group of frames with the given tracks and length.
 
         Args:
             keys: Keys of all tracks of the group. The fit can only be continued if the first of these keys are the keys
                 of the fit's tracks, in the same order.
-            frames: Number of frames in the group.
+            num_frames: Number of frames in the group.
         """
         capacity, last = self._motion.coefficients.shape[0], self._motion.coefficients.shape[2]
         # Tracks that appeared later may follow.
-        return last == frames and len(keys) <= capacity and np.array_equal(keys[: len(self._keys)], self._keys)
+        return last == num_frames and len(keys) <= capacity and np.array_equal(keys[: len(self._keys)], self._keys)
 
     def add_frames(self, trajectories: Trajectories, end: int) -> None:
         """Continues the fit with all frames before `end` that were not added yet.
@@ -77,9 +77,9 @@ class Fitting:
         self.track_indices = np.concatenate([self.track_indices, self._known.indices_of(keys[len(self._keys) :])])
         # Some positions of a track that begins or ends in the group may have been unknown when the frames were added.
         incomplete, motion = np.flatnonzero(~full_length), self._motion.select(slice(len(keys)))
-        others = MotionCoefficients.zero(len(incomplete), trajectories.num_frames)
-        self._add(others, trajectories.select(incomplete), self.track_indices[incomplete], 0, trajectories.num_frames)
-        motion.put(incomplete, others)
+        refitted = MotionCoefficients.zero(len(incomplete), trajectories.num_frames)
+        self._add(refitted, trajectories.select(incomplete), self.track_indices[incomplete], 0, trajectories.num_frames)
+        motion.put(incomplete, refitted)
         return motion
 
     def _add(
@@ -91,7 +91,7 @@ class Fitting:
 
 def fit(
     motion: MotionCoefficients, trajectories: Trajectories, known_tracks: KnownTracks, info: KeyframeInfo,
-    track_indices: np.ndarray, frames: tuple[int, int], threads: int | None,
+    track_indices: np.ndarray, frame_range: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
     """Continues the least-squares fit of motion polynomials with the motion of tracks in further frames.
 
@@ -104,11 +104,18 @@ def fit(
         info: Side information whose lattice spacing determines the unit of fitted positions.
         track_indices: Index in `known_tracks` of each of the n tracks, int64 (n); tracks with a negative index are
             skipped.
-        frames: Range of frames to add: first frame and end (exclusive).
+        frame_range: Range of frames to add: first frame and end (exclusive).
         threads: Number of threads; None for one per processor.
     """
     add_frames(
-        motion, trajectories, known_tracks.keyframes, track_indices, *frames, info.lattice_bits, info.size_log, threads
+        motion,
+        trajectories,
+        known_tracks.keyframes,
+        track_indices,
+        *frame_range,
+        info.lattice_bits,
+        info.size_log,
+        threads,
     )
 
 
@@ -130,6 +137,6 @@ def motion_masks(
     Returns:
         Mask of the tracks that move too far, bool (n); and mask of the tracks that move, bool (n).
     """
-    far, moving = np.zeros((2, len(track_indices)), bool)
-    kernels.find_moving(largest, rotations, shifts, track_indices, LIMITS, far, moving)
-    return far, moving
+    too_far, moving = np.zeros((2, len(track_indices)), bool)
+    kernels.find_moving(largest, rotations, shifts, track_indices, MOTION_LIMITS, too_far, moving)
+    return too_far, moving

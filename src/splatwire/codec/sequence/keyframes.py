@@ -24,12 +24,13 @@ from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
-FINEST_UNIT = 28
-"""`-log2` of the smallest lattice spacing, relative to the scene's size. Float32 positions are rarely more precise. On
-a finer lattice, coefficients of fast motion exceed `layout.MAX_COEFFICIENT`, and the track needs a new keyframe
-Gaussian: this costs bytes, and its loss leaves a ghost (a stale Gaussian that is still drawn).
+MAX_KEYFRAME_LATTICE_BITS = 28
+"""Maximum number of lattice bits: `-log2` of the smallest lattice spacing, relative to the scene's size. Float32
+positions are rarely more precise. On a finer lattice, coefficients of fast motion exceed `layout.MAX_COEFFICIENT`, and
+the track needs a new keyframe Gaussian: this costs bytes, and its loss leaves a ghost (a stale Gaussian that is still
+drawn).
 """
-KEPT_UNITS = range(-3, 11)
+KEPT_UNIT_OCTAVES = range(-3, 11)
 """Lattice spacings of a new shot for which the unit of motion stays: log2 of half the spacing, in units of motion. If
 the lattice is finer by more than 3 octaves, the smallest steps of motion (see `encoder.LOG_STEP_RATIOS`) are finer than
 the unit.
@@ -38,7 +39,7 @@ WARNED_COUNT, WARNED_SHARE = 64, 0.5
 """Warning of a lattice that is too coarse: minimum number, and minimum fraction, of the new Gaussians of a group that
 are smaller than two lattice spacings. A lattice that is fitted to Gaussians is finer than this.
 """
-MIN_CHANGE = 16
+MIN_STEP_CHANGE = 16
 """Smallest change of quantisation steps at a scene cut for which a new shot begins, octaves with `STEP_BITS` fractional
 bits."""
 
@@ -52,7 +53,7 @@ class CodedKeyframes:
         rows: Decoded integers of the keyframe Gaussians, int64 (n, columns), with positions relative to their blocks.
         positions: Positions relative to the scene's origin, in the unit in which the motion of positions is coded,
             int64 (n, 3).
-        digested: Decoded integers of each block, from which the stream's digest is computed.
+        digest_rows: Decoded integers of each block, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.
     """
@@ -60,7 +61,7 @@ class CodedKeyframes:
     order: np.ndarray
     rows: np.ndarray
     positions: np.ndarray
-    digested: list[tuple[np.ndarray, np.ndarray]]
+    digest_rows: list[tuple[np.ndarray, np.ndarray]]
     packets: list[Packet]
     num_blocks: int
 
@@ -72,6 +73,21 @@ class _Fitted:
     source: SourceScene
     plan: PacketPlan
     info: SideInfo
+
+
+@dataclass(frozen=True, eq=False)
+class _EncodedShot:
+    """Side information of one shot: groups of frames whose keyframe Gaussians share quantisation steps.
+
+    Attributes:
+        first_group: Index of the first group.
+        group_infos: Side information of each group with keyframe Gaussians.
+        motion_unit_info: Side information that determines the unit of motion of the shot.
+    """
+
+    first_group: int
+    group_infos: list[SideInfo]
+    motion_unit_info: SideInfo
 
 
 def even_block_size(count: int, block_size: int) -> int:
@@ -95,8 +111,7 @@ class KeyframeEncoder:
 
     def __init__(self, quality: Quality, packetization: Packetization, threads: int | None) -> None:
         self._quality, self._packetization, self._threads = quality, packetization, threads
-        self._infos: list[tuple[int, list[SideInfo]]] = []
-        self._motion_unit_infos: list[SideInfo] = []
+        self._shots: list[_EncodedShot] = []
         self._template: SideInfo | None = None
         self._warned = False
         self._median_class = 0
@@ -109,13 +124,14 @@ class KeyframeEncoder:
         begin a new shot.
         """
         shots, block = list[Shot](), 0
-        for (first_group, infos), unit_info in zip(self._infos, self._motion_unit_infos, strict=True):
+        for shot in self._shots:
+            infos = shot.group_infos
             boxes = [info.boxes for info in infos]
             joined = Boxes(
                 *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "grid_corners", "extents"))
             )
             info = replace(infos[0], boxes=joined, block_means=np.concatenate([i.block_means for i in infos]))
-            shots.append(Shot(first_group, block, info, self._log2_ratio_to_first(unit_info)))
+            shots.append(Shot(shot.first_group, block, info, self._log2_ratio_to_first(shot.motion_unit_info)))
             block += len(info.block_means)
         return tuple(shots)
 
@@ -126,7 +142,7 @@ class KeyframeEncoder:
         The unit of motion is half the lattice spacing in this side information. The shot of the side information is the
         current one, or an earlier one with almost the same quantisation steps.
         """
-        return self._motion_unit_infos[-1]
+        return self._shots[-1].motion_unit_info
 
     @property
     def log2_motion_unit(self) -> int:
@@ -134,10 +150,10 @@ class KeyframeEncoder:
 
         A shot is a range of groups of frames that share quantisation parameters; a scene cut may begin a new shot.
         """
-        return self._log2_ratio_to_first(self.motion_unit_info) if self._motion_unit_infos else 0
+        return self._log2_ratio_to_first(self.motion_unit_info) if self._shots else 0
 
     def _log2_ratio_to_first(self, info: SideInfo) -> int:
-        return log2_lattice_ratio(info, self._infos[0][1][0])
+        return log2_lattice_ratio(info, self._shots[0].group_infos[0])
 
     def shifts_of(self, rows: np.ndarray, log_step_ratios: np.ndarray) -> np.ndarray:
         """Returns log2 of the quantisation steps of the motion of tracks (Gaussians over time), int64 (n, channels).
@@ -147,7 +163,7 @@ class KeyframeEncoder:
             log_step_ratios: For each kind of channel, log2 of the factor by which the quantisation steps of motion are
                 larger than those of the keyframe Gaussian, int64 (kinds).
         """
-        info = self._infos[-1][1][-1]
+        info = self._shots[-1].group_infos[-1]
         return motion_shifts(rows, info, log_step_ratios, log2_lattice_ratio(info, self.motion_unit_info))
 
     def encode(
@@ -169,21 +185,21 @@ class KeyframeEncoder:
         plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
         template, median_class = self._template, self._median_class
         if template is None:
-            return self._begin_shot(self._fitted(splats, class_offsets, plan, None, None), group)
+            return self._begin_shot(self._fit(splats, class_offsets, plan, None, None), group)
         if cut:
-            fresh = self._fitted(splats, class_offsets, plan, None, None)
-            if self._differs(fresh.info):
-                return self._begin_shot(fresh, group)
-        coding = self._coding(splats, class_offsets, template, median_class)
+            refitted = self._fit(splats, class_offsets, plan, None, None)
+            if self._needs_new_shot(refitted.info):
+                return self._begin_shot(refitted, group)
+        coding = self._shot_coding(splats, class_offsets, template, median_class)
         self._warn_of_coarse_lattice(splats, template)
-        shared = self._fitted(splats, class_offsets, plan, coding, template)
-        coded = self._coded(shared)
+        continued = self._fit(splats, class_offsets, plan, coding, template)
+        coded = self._encode_fitted(continued)
         if cut:
-            fresh = self._fitted(splats, class_offsets, plan, coding, None)
-            boxes = len(write_blocks(shared.info.boxes, shared.info.block_means))
-            if _num_bytes(self._coded(fresh)) + len(write_side_info(fresh.info)) < _num_bytes(coded) + boxes:
-                return self._begin_shot(fresh, group)
-        self._infos[-1][1].append(shared.info)
+            refitted = self._fit(splats, class_offsets, plan, coding, None)
+            new_shot_bytes = _num_bytes(self._encode_fitted(refitted)) + len(write_side_info(refitted.info))
+            if new_shot_bytes < _num_bytes(coded) + len(write_blocks(continued.info.boxes, continued.info.block_means)):
+                return self._begin_shot(refitted, group)
+        self._shots[-1].group_infos.append(continued.info)
         return coded
 
     def _warn_of_coarse_lattice(self, splats: Splats, info: SideInfo) -> None:
@@ -206,25 +222,25 @@ class KeyframeEncoder:
             fitted: The keyframe Gaussians, with quantisation steps and probability tables of the new shot.
             group: Index of the group of frames.
         """
-        self._infos.append((group, [fitted.info]))
-        keep = self._motion_unit_infos and log2_lattice_ratio(fitted.info, self.motion_unit_info) in KEPT_UNITS
-        self._motion_unit_infos.append(self.motion_unit_info if keep else fitted.info)
+        keeps_unit = self._shots and log2_lattice_ratio(fitted.info, self.motion_unit_info) in KEPT_UNIT_OCTAVES
+        motion_unit_info = self.motion_unit_info if keeps_unit else fitted.info
+        self._shots.append(_EncodedShot(group, [fitted.info], motion_unit_info))
         self._template, self._median_class = fitted.info, int(np.median(fitted.source.precision_classes))
-        return self._coded(fitted)
+        return self._encode_fitted(fitted)
 
-    def _differs(self, info: SideInfo) -> bool:
+    def _needs_new_shot(self, info: SideInfo) -> bool:
         """True if the quantisation steps of `info` differ enough from those of the current shot to begin a new shot.
 
         If the units of positions differ by more than the format allows (`MAX_LOG2_RATIO`), no new shot can begin, and
         the result is False.
         """
         assert self._template is not None
-        apart = np.abs(info.base_exponents - self._template.base_exponents).max() + (
+        step_change = np.abs(info.base_exponents - self._template.base_exponents).max() + (
             abs(info.size_log - self._template.size_log) << STEP_BITS
         )
-        return bool(apart >= MIN_CHANGE) and abs(self._log2_ratio_to_first(info)) <= MAX_LOG2_RATIO
+        return bool(step_change >= MIN_STEP_CHANGE) and abs(self._log2_ratio_to_first(info)) <= MAX_LOG2_RATIO
 
-    def _fitted(
+    def _fit(
         self, splats: Splats, class_offsets: np.ndarray | None, plan: PacketPlan, coding: SplatCoding | None,
         template: SideInfo | None,
     ) -> "_Fitted":  # fmt: skip
@@ -238,12 +254,14 @@ class KeyframeEncoder:
             coding: Quantisation parameters; None to choose them.
             template: Side information with probability tables to use; None to fit new tables.
         """
-        source = SourceScene.of(splats, plan, class_offsets, None, self._quality, coding, max_lattice_bits=FINEST_UNIT)
+        source = SourceScene.of(
+            splats, plan, class_offsets, None, self._quality, coding, max_lattice_bits=MAX_KEYFRAME_LATTICE_BITS
+        )
         fixed_transform = None if coding is None else coding.transform
         fitted = fit_side_info(source, {}, fixed_transform, template, self._threads_for(plan))
         return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
 
-    def _coding(
+    def _shot_coding(
         self, splats: Splats, class_offsets: np.ndarray | None, info: SideInfo, median_class: int
     ) -> SplatCoding:
         """Returns the quantisation parameters of the current shot for further Gaussians.
@@ -258,11 +276,11 @@ class KeyframeEncoder:
             median_class: Median precision class of the shot's first Gaussians, in the numbering of the bitstream (0 is
                 the coarsest).
         """
-        count, most = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
+        count, finest_class = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
         precision_classes = (
             np.full(count, median_class, np.uint8)
             if class_offsets is None
-            else to_precision_classes(class_offsets, count, most)
+            else to_precision_classes(class_offsets, count, finest_class)
         )
         transform, base_exponents = info.transform, tuple(info.base_exponents.tolist())
         return SplatCoding(
@@ -274,25 +292,30 @@ class KeyframeEncoder:
         # Starting a second thread takes as long as encoding a block.
         return 1 if plan.num_blocks == 1 else self._threads
 
-    def _coded(self, fitted: "_Fitted") -> CodedKeyframes:
+    def _encode_fitted(self, fitted: "_Fitted") -> CodedKeyframes:
         source, plan, info = fitted.source, fitted.plan, fitted.info
         max_payload_bytes = plan.packetization.packet_bytes - HEADER_BYTES
 
         def encode(block: int):  # type: ignore[no-untyped-def]
             return encode_block(source.block_source(block, info), info, block, np.zeros(0, np.int64), max_payload_bytes)
 
-        order, rows, positions, digested, packets = [], [], [], [], []
+        order, rows, positions, digest_rows, packets = [], [], [], [], []
         lattice_shift = log2_lattice_ratio(info, self.motion_unit_info)
         for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads_for(plan))):
             starts = np.cumsum(coded.sizes) - coded.sizes
             for start, count, payload in zip(starts.tolist(), coded.sizes.tolist(), coded.payloads, strict=True):
                 packets.append(make_packet(PacketId(block, start), count, payload))
             order.append(source.coding_order(block, info, coded.sizes))
-            digested.append((coded.rows, coded.harmonics))
+            digest_rows.append((coded.rows, coded.harmonics))
             rows.append(coded.rows)
             positions.append(to_motion_units(coded.rows, info, block, lattice_shift))
         return CodedKeyframes(
-            np.concatenate(order), np.concatenate(rows), np.concatenate(positions), digested, packets, plan.num_blocks
+            np.concatenate(order),
+            np.concatenate(rows),
+            np.concatenate(positions),
+            digest_rows,
+            packets,
+            plan.num_blocks,
         )
 
 

@@ -24,7 +24,7 @@ class KnownTracks:
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
         log2_units: For each track, log2 of the ratio of the unit of its position to the unit of the first shot, int64
             (T).
-        weights: Visibility of each track (squared opacity times area), float64 (T).
+        visibility: Visibility of each track (squared opacity times area), float64 (T).
         alive: Indices of the tracks present at the end of the last group, ascending, int64.
     """
 
@@ -34,7 +34,7 @@ class KnownTracks:
     positions: np.ndarray
     shifts: np.ndarray
     log2_units: np.ndarray
-    weights: np.ndarray
+    visibility: np.ndarray
     alive: np.ndarray
 
     @staticmethod
@@ -67,17 +67,17 @@ class KnownTracks:
         """
         return in_other_units(self.positions[tracks], self.shifts[tracks], self.log2_units[tracks] - log2_unit)
 
-    def empty_group(self, frames: int) -> TrackGroup:
+    def empty_group(self, num_frames: int) -> TrackGroup:
         """Returns a group of frames without visible Gaussians.
 
         The group has one track, which exists in none of the frames. A group without tracks would mean that all tracks
         stay unchanged.
 
         Args:
-            frames: Number of frames in the group.
+            num_frames: Number of frames in the group.
         """
         one, none = self.alive[-1:], np.zeros(1, np.int64)
-        poses = {name: np.repeat(values[one], frames, axis=1) for name, values in vars(self.keyframes).items()}
+        poses = {name: np.repeat(values[one], num_frames, axis=1) for name, values in vars(self.keyframes).items()}
         return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
 
     def with_births(
@@ -102,7 +102,7 @@ class KnownTracks:
             np.concatenate([self.positions, positions]),
             np.concatenate([self.shifts, shifts]),
             np.concatenate([self.log2_units, np.full(len(keys), log2_unit, np.int64)]),
-            np.concatenate([self.weights, weights_of(keyframes.scales[:, 0], keyframes.opacities[:, 0])]),
+            np.concatenate([self.visibility, visibility_of(keyframes.scales[:, 0], keyframes.opacities[:, 0])]),
             self.alive,
         )
 
@@ -111,13 +111,13 @@ def _no_births(_: np.ndarray) -> Splats:
     raise AssertionError("no track begins in a group without tracks")
 
 
-def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+def visibility_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
     """Returns the visibility of Gaussians: squared opacity times the product of the two largest scales, float64 (T).
 
     Args:
         scales: Scales of the Gaussians, (T, 3).
         opacities: Opacities of the Gaussians, (T).
     """
-    rising = np.sort(scales.astype(np.float64), axis=1)
-    weights: np.ndarray = rising[:, 1] * rising[:, 2] * opacities.astype(np.float64) ** 2
-    return weights
+    sorted_scales = np.sort(scales.astype(np.float64), axis=1)
+    visibility: np.ndarray = sorted_scales[:, 1] * sorted_scales[:, 2] * opacities.astype(np.float64) ** 2
+    return visibility

@@ -15,7 +15,7 @@ channels of a kind.
 KIND_OF = np.array([0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4], dtype=np.int64)
 NUM_KINDS = 5
 
-TRACK, STATE, BEGINS, ENDS, BEFORE, AFTER = np.arange(6)
+TRACK, STATE, BEGINS, ENDS, GAP_BEFORE, GAP_AFTER = np.arange(6)
 HEADER_FIELDS = 6
 """Number of integers in the header of a track in a motion packet: track number; state (`STILL` or `MOVING`); first
 frame, relative to the group; end frame (first frame without the track); number of absent track numbers just before this
@@ -48,7 +48,7 @@ NEIGHBOUR_CONTEXTS = 10
 OCTAVE_CONTEXTS = 16
 """Number of contexts of the bits of a coefficient's octave, by the position of the bit."""
 MAX_OCTAVE = 29
-C_GONE, C_MOVING, C_ENDS, C_BEGINS = 0, 2, 6, 7
+C_ABSENT, C_MOVING, C_ENDS, C_BEGINS = 0, 2, 6, 7
 C_ZERO = 8
 C_OCTAVE = C_ZERO + NUM_KINDS * DEGREE_CONTEXTS * NEIGHBOUR_CONTEXTS
 NUM_CONTEXTS = C_OCTAVE + NUM_KINDS * NEIGHBOUR_CONTEXTS * OCTAVE_CONTEXTS

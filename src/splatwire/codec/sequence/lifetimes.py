@@ -70,18 +70,18 @@ class Lifetimes:
         begins[self.begin_tracks], ends[self.end_tracks] = self.begin_frames, self.end_frames
         return begins, ends
 
-    def without_least_visible(self, seen: np.ndarray, count: int) -> "Lifetimes":
+    def without_least_visible(self, visibility: np.ndarray, max_tracks: int) -> "Lifetimes":
         """Returns the lifetimes without the entries of the least visible tracks, which saves bytes.
 
         Tracks without an entry are treated as if they existed from the first frame of their group to the end of the
         sequence.
 
         Args:
-            seen: Visibility of each track (squared opacity times area), float64 (T).
-            count: Maximum number of tracks that keep their entries.
+            visibility: Visibility of each track (squared opacity times area), float64 (T).
+            max_tracks: Maximum number of tracks that keep their entries.
         """
         listed_tracks = np.union1d(self.begin_tracks, self.end_tracks)
-        keep = listed_tracks[np.argsort(-seen[listed_tracks], kind="stable")[:count]]
+        keep = listed_tracks[np.argsort(-visibility[listed_tracks], kind="stable")[:max_tracks]]
         begin, end = np.isin(self.begin_tracks, keep), np.isin(self.end_tracks, keep)
         return Lifetimes(self.begin_tracks[begin], self.begin_frames[begin], self.end_tracks[end], self.end_frames[end])
 
@@ -96,8 +96,8 @@ def lifetimes_sections(lifetimes: Lifetimes) -> dict[str, bytes]:
         (lifetimes.end_tracks, lifetimes.end_frames),
     ):
         writer.unsigned(len(tracks))
-        for apart, frame in zip((np.diff(tracks, prepend=-1) - 1).tolist(), frames.tolist(), strict=True):
-            writer.unsigned(apart)
+        for gap, frame in zip((np.diff(tracks, prepend=-1) - 1).tolist(), frames.tolist(), strict=True):
+            writer.unsigned(gap)
             writer.unsigned(frame)
     return {SECTION: writer.bytes()}
 

@@ -26,38 +26,38 @@ class CodedMotion:
     """Encoded block with the motion of n tracks (Gaussians over time) over F frames.
 
     Attributes:
-        sizes: Number of tracks in each packet, int64 (packets).
+        counts: Number of tracks in each packet, int64 (packets).
         payloads: Content of each packet without its header.
         residuals: Quantised prediction residuals of the motion coefficients, int32 (n, channels * frames).
-        counts: Number of zeros and ones coded with each adaptive bit model, int64 (contexts, 2).
+        bit_counts: Number of zeros and ones coded with each adaptive bit model, int64 (contexts, 2).
     """
 
-    sizes: np.ndarray
+    counts: np.ndarray
     payloads: list[bytes]
     residuals: np.ndarray
-    counts: np.ndarray
+    bit_counts: np.ndarray
 
     def packets(self, block: int) -> list[Packet]:
         """Returns the coded motion as packets of the block with the given index."""
-        starts = (np.cumsum(self.sizes) - self.sizes).tolist()
-        parts = zip(starts, self.sizes.tolist(), self.payloads, strict=True)
+        starts = (np.cumsum(self.counts) - self.counts).tolist()
+        parts = zip(starts, self.counts.tolist(), self.payloads, strict=True)
         return [make_packet(PacketId(block, start), count, payload) for start, count, payload in parts]
 
     @property
     def costs(self) -> np.ndarray:
         """Number of bytes for the motion of each track, float64 (n)."""
         # The size of a packet is divided equally among its tracks.
-        return np.repeat((np.array([len(payload) for payload in self.payloads]) + 1.0) / self.sizes, self.sizes)
+        return np.repeat((np.array([len(payload) for payload in self.payloads]) + 1.0) / self.counts, self.counts)
 
 
-def all_stay(headers: np.ndarray, frames: int) -> bool:
+def all_stay(headers: np.ndarray, num_frames: int) -> bool:
     """True if no Gaussian of a group of frames moves, begins or ends.
 
     Args:
         headers: Header of each track in the motion packets (state, first frame, end and others), int64 (n, fields).
-        frames: Number of frames in the group.
+        num_frames: Number of frames in the group.
     """
-    return bool(((headers[:, STATE] == STILL) & (headers[:, BEGINS] == 0) & (headers[:, ENDS] == frames)).all())
+    return bool(((headers[:, STATE] == STILL) & (headers[:, BEGINS] == 0) & (headers[:, ENDS] == num_frames)).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,47 +103,56 @@ class MotionCoder:
         positions, shifts = np.zeros((count, 3), np.int64), np.zeros((count, NUM_CHANNELS), np.int64)
         return MotionCoder(headers, positions, shifts, targets, rows, first_new, max_payload_bytes, np.zeros(count))
 
-    def fit_zero_probabilities(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
+    def fit_zero_probabilities(self, block_ranges: list[tuple[int, int]], threads: int | None) -> np.ndarray:
         """Fits the initial states of the adaptive bit models to a sample of the blocks.
 
         Args:
-            blocks: First track and end (exclusive) of each block, as indices of the coder's tracks.
+            block_ranges: First track and end (exclusive) of each block, as indices of the coder's tracks.
             threads: Number of threads; None for one per processor.
 
         Returns:
             Initial probability that a bit is 0, for each model, out of 2**8, int64 (contexts).
         """
-        zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
+        zero_probabilities = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
         samples = [
-            blocks[i] for i in sorted({*np.linspace(0, len(blocks) - 1, min(len(blocks), FITTED_BLOCKS)).astype(int)})
+            block_ranges[i]
+            for i in sorted({*np.linspace(0, len(block_ranges) - 1, min(len(block_ranges), FITTED_BLOCKS)).astype(int)})
         ]
         coder = self
         for _ in range(FITTED_ROUNDS):
-            coded = list(ordered_map(functools.partial(coder.encode, zero), samples, threads))
-            zero = fit_zero_probabilities(np.sum([block.counts for block in coded], axis=0))
+            coded = list(ordered_map(functools.partial(coder.encode, zero_probabilities), samples, threads))
+            zero_probabilities = fit_zero_probabilities(np.sum([block.bit_counts for block in coded], axis=0))
             coder = replace(self, costs=self.costs.copy())
             for (begin, end), block in zip(samples, coded, strict=True):
                 coder.costs[begin:end] = block.costs
-        return zero
+        return zero_probabilities
 
-    def encode(self, zero: np.ndarray, track_range: tuple[int, int]) -> CodedMotion:
+    def encode(self, zero_probabilities: np.ndarray, track_range: tuple[int, int]) -> CodedMotion:
         """Encodes the motion of the tracks (Gaussians over time) of one block.
 
         Args:
-            zero: Initial probability that a bit is 0, for each adaptive bit model, out of 2**8, int64 (contexts).
+            zero_probabilities: Initial probability that a bit is 0, for each adaptive bit model, out of 2**8, int64
+                (contexts).
             track_range: Range of the block's tracks among the coder's tracks: first index and end (exclusive).
         """
         begin, end = track_range
-        count, frames, members = end - begin, self.targets.shape[2], slice(begin, end)
-        models, counts = np.repeat(zero[:, None] << 8, 2, axis=1), np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
-        residuals = np.zeros((count, NUM_CHANNELS, frames), dtype=np.int32)
+        count, num_frames, selected = end - begin, self.targets.shape[2], slice(begin, end)
+        models, bit_counts = (
+            np.repeat(zero_probabilities[:, None] << 8, 2, axis=1),
+            np.zeros((NUM_CONTEXTS, 2), dtype=np.int64),
+        )
+        residuals = np.zeros((count, NUM_CHANNELS, num_frames), dtype=np.int32)
         capacity = kernels.SPARE_BYTES + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
-        buffer, sizes, stops = np.zeros(capacity, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
-        used = kernels.encode_limited(
-            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD_ZONE_WIDENING),
-            self.headers[members], self.positions[members], self.shifts[members], self.targets, self.rows[members],
-            np.int64(self.max_payload_bytes), self.costs[members], buffer, residuals, sizes, stops,
+        buffer, counts, payload_ends = (
+            np.zeros(capacity, np.uint8),
+            np.zeros(count, np.int64),
+            np.zeros(count, np.int64),
+        )
+        num_packets = kernels.encode_limited(
+            models, bit_counts, np.int64(num_frames), np.int64(self.first_new), np.int64(DEAD_ZONE_WIDENING),
+            self.headers[selected], self.positions[selected], self.shifts[selected], self.targets, self.rows[selected],
+            np.int64(self.max_payload_bytes), self.costs[selected], buffer, residuals, counts, payload_ends,
         )  # fmt: skip
-        bounds = [0, *stops[:used].tolist()]
+        bounds = [0, *payload_ends[:num_packets].tolist()]
         payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(bounds)]
-        return CodedMotion(sizes[:used], payloads, residuals.reshape(count, -1), counts)
+        return CodedMotion(counts[:num_packets], payloads, residuals.reshape(count, -1), bit_counts)

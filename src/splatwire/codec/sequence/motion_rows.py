@@ -10,18 +10,18 @@ from splatwire.codec.sequence.layout import HEADER_FIELDS, MOVING, NUM_CHANNELS,
 from splatwire.codec.sequence.side_info import SequenceInfo
 
 
-def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
+def empty_rows(count: int, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
     """Allocates zero arrays for the decoded motion of tracks (Gaussians over time).
 
     Args:
         count: Number of tracks.
-        frames: Number of frames in the group, F.
+        num_frames: Number of frames in the group, F.
 
     Returns:
         Headers, int64 (count, fields), and prediction residuals of motion coefficients, int32 (count, channels *
         frames).
     """
-    return np.zeros((count, HEADER_FIELDS), np.int64), np.zeros((count, NUM_CHANNELS * frames), np.int32)
+    return np.zeros((count, HEADER_FIELDS), np.int64), np.zeros((count, NUM_CHANNELS * num_frames), np.int32)
 
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
@@ -52,15 +52,15 @@ def decode_motion(
         prediction residuals of the motion of these tracks, int32 (n, channels * frames). The third has, for each packet
         and kind of channel, the number of coefficients per channel, int64 (packets, kinds).
     """
-    frames = len(info.timeline.frames_of(group))
+    num_frames = len(info.timeline.frames_of(group))
     data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()
-    ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    headers, residuals = empty_rows(int(starts[-1]), frames)
+    byte_starts = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
+    track_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    headers, residuals = empty_rows(int(track_starts[-1]), num_frames)
     num_coefficients = np.zeros((len(payloads), NUM_KINDS), np.int64)
     _packet_kernels.decode_packets(
-        info.models(), np.int64(frames), np.int64(first_new), data, ends, starts, headers,
-        num_coefficients, residuals.reshape(len(headers), NUM_CHANNELS, frames),
+        info.models(), np.int64(num_frames), np.int64(first_new), data, byte_starts, track_starts, headers,
+        num_coefficients, residuals.reshape(len(headers), NUM_CHANNELS, num_frames),
     )  # fmt: skip
     return headers, residuals, num_coefficients
 

@@ -12,8 +12,8 @@ from splatwire.bitstream import Manifest
 from splatwire.bitstream.limits import MAX_FRAME_RATE, MAX_FRAMES, MAX_GROUP_FRAMES, SCHEMAS, TRACKS
 from splatwire.bitstream.sections import read_sections, write_sections
 from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
-from splatwire.codec.gaussians.side_info import read_side_info as read_keyframes
-from splatwire.codec.gaussians.side_info import write_side_info as write_keyframes
+from splatwire.codec.gaussians.side_info import read_side_info as read_keyframe_info
+from splatwire.codec.gaussians.side_info import write_side_info as write_keyframe_info
 from splatwire.codec.sequence.layout import MAX_LOG2_RATIO, NUM_CONTEXTS, NUM_KINDS
 from splatwire.codec.sequence.lifetimes import Lifetimes, read_lifetimes
 from splatwire.errors import BitstreamError, MissingSideInfoError, UnsupportedVersionError
@@ -21,10 +21,10 @@ from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.types.sequence_scene import Timeline
 
 VERSION = 1
-WITH_SHOTS = 2
-WITH_MOTION_UNITS = 3
+VERSION_WITH_SHOTS = 2
+VERSION_WITH_MOTION_UNITS = 3
 """Versions of the side information: with one shot; with several shots; and with a unit of motion for each shot."""
-MAX_OFFSET = 16
+MAX_LOG_STEP_RATIO = 16
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class GroupCounts:
 
     Attributes:
         num_births: Number of tracks that begin in the group.
-        num_moving: Number of tracks in the motion packets of the group.
+        num_motion_tracks: Number of tracks in the motion packets of the group.
     """
 
     num_births: int
-    num_moving: int
+    num_motion_tracks: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +47,13 @@ class Shot:
     Attributes:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
-        info: Side information of the shot's keyframe Gaussians.
+        keyframe_info: Side information of the shot's keyframe Gaussians.
         log2_motion_unit: log2 of the unit of coded position changes, relative to the unit in the first shot.
     """
 
     first_group: int
     first_block: int
-    info: KeyframeInfo
+    keyframe_info: KeyframeInfo
     log2_motion_unit: int = 0
 
 
@@ -82,9 +82,9 @@ class SequenceInfo:
     lifetimes: Lifetimes = field(default_factory=lambda: Lifetimes.joined([]))
 
     @property
-    def keyframes(self) -> KeyframeInfo:
+    def keyframe_info(self) -> KeyframeInfo:
         """Side information of the keyframe Gaussians of the first group."""
-        return self.shots[0].info
+        return self.shots[0].keyframe_info
 
     def shot_of(self, block: int) -> tuple[KeyframeInfo, int]:
         """Returns the side information that applies to a block of keyframe Gaussians.
@@ -96,7 +96,7 @@ class SequenceInfo:
             Side information of the block's shot, and the index of the block among the blocks of this shot.
         """
         shot = self._shot(block)
-        return shot.info, block - shot.first_block
+        return shot.keyframe_info, block - shot.first_block
 
     @property
     def log2_motion_units(self) -> np.ndarray:
@@ -115,7 +115,7 @@ class SequenceInfo:
             block: Index of the block among all blocks of keyframe Gaussians.
         """
         shot = self._shot(block)
-        return log2_lattice_ratio(shot.info, self.keyframes) - shot.log2_motion_unit
+        return log2_lattice_ratio(shot.keyframe_info, self.keyframe_info) - shot.log2_motion_unit
 
     def _shot(self, block: int) -> Shot:
         return self.shots[bisect.bisect_right(self.shots, block, key=lambda shot: shot.first_block) - 1]
@@ -127,10 +127,11 @@ class SequenceInfo:
 
 def write_side_info(info: SequenceInfo) -> bytes:
     """Serialises the side information of a sequence."""
-    clip, motion, time = ByteWriter(), ByteWriter(), info.timeline
+    clip, motion, timeline = ByteWriter(), ByteWriter(), info.timeline
     version = _version_of(info.shots)
     clip.u8(version)
-    for value in (time.rate.numerator, time.rate.denominator, time.num_frames, time.group_frames):
+    rate = timeline.rate
+    for value in (rate.numerator, rate.denominator, timeline.num_frames, timeline.group_frames):
         clip.unsigned(value)
     for octaves in info.log_step_ratios.tolist():
         motion.signed(octaves)
@@ -161,17 +162,17 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
     if not manifest.packetization.hashed:
         raise BitstreamError("packets of a clip are cut by their size, those of this manifest are not")
     reader = ByteReader(side_info, "side information")
-    clip, keyframes, motion = (reader.blob() for _ in SCHEMAS[TRACKS].sections)
-    (version, timeline), groups = _read_timeline(clip), _groups(manifest)
+    clip, shots_data, motion = (reader.blob() for _ in SCHEMAS[TRACKS].sections)
+    (version, timeline), groups = _read_timeline(clip), _group_counts(manifest)
     if len(groups) != timeline.num_groups:
         raise BitstreamError(
             f"side information: {timeline.num_groups} groups of frames, the manifest has {len(groups)}"
         )
     log_step_ratios, zero_probabilities = _read_motion(motion)
     sections = read_sections(reader.rest())
-    size = manifest.packetization.block_size
-    blocks = np.cumsum([0, *(-(-group.num_births // size) for group in groups)]).tolist()
-    shots = _read_shots(keyframes, version, blocks)
+    block_size = manifest.packetization.block_size
+    first_blocks = np.cumsum([0, *(-(-group.num_births // block_size) for group in groups)]).tolist()
+    shots = _read_shots(shots_data, version, first_blocks)
     lifetimes = read_lifetimes(sections, [group.num_births for group in groups], timeline)
     return SequenceInfo(timeline, groups, shots, log_step_ratios, zero_probabilities, sections, lifetimes)
 
@@ -187,25 +188,25 @@ def _version_of(shots: Sequence[Shot]) -> int:
     A shot is a range of groups of frames that share quantisation steps.
     """
     if any(shot.log2_motion_unit for shot in shots):
-        return WITH_MOTION_UNITS
-    return VERSION if len(shots) == 1 else WITH_SHOTS
+        return VERSION_WITH_MOTION_UNITS
+    return VERSION if len(shots) == 1 else VERSION_WITH_SHOTS
 
 
 def _write_shots(shots: Sequence[Shot], version: int) -> bytes:
     if version == VERSION:
-        return write_keyframes(shots[0].info)
+        return write_keyframe_info(shots[0].keyframe_info)
     writer, before = ByteWriter(), 0
     writer.unsigned(len(shots))
     for shot in shots:
         writer.unsigned(shot.first_group - before)
-        if version == WITH_MOTION_UNITS:
+        if version == VERSION_WITH_MOTION_UNITS:
             writer.signed(shot.log2_motion_unit)
-        writer.blob(write_keyframes(shot.info))
+        writer.blob(write_keyframe_info(shot.keyframe_info))
         before = shot.first_group
     return writer.bytes()
 
 
-def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot, ...]:
+def _read_shots(data: bytes, version: int, first_blocks: Sequence[int]) -> tuple[Shot, ...]:
     """Reads the side information of the keyframe Gaussians, one part for each shot.
 
     A shot is a range of groups of frames that share quantisation steps and probability tables.
@@ -213,33 +214,33 @@ def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot,
     Args:
         data: Serialised side information of all shots. For each shot, it contains the first group of frames, the unit
             of positions, and the side information of the keyframe Gaussians.
-        version: Version of the side information: `VERSION` for a single shot; `WITH_SHOTS` for several shots with the
-            same unit of positions; `WITH_MOTION_UNITS` for shots with different units.
-        blocks: Index of the first block of keyframe Gaussians of each group, then the number of all blocks.
+        version: Version of the side information: `VERSION` for a single shot; `VERSION_WITH_SHOTS` for several shots
+            with the same unit of positions; `VERSION_WITH_MOTION_UNITS` for shots with different units.
+        first_blocks: Index of the first block of keyframe Gaussians of each group, then the number of all blocks.
     """
     if version == VERSION:
-        return (Shot(0, 0, read_keyframes(data, blocks[-1])),)
-    reader, num_groups = ByteReader(data, "side information of shots"), len(blocks) - 1
-    firsts, log2_units, parts = list[int](), list[int](), list[bytes]()
+        return (Shot(0, 0, read_keyframe_info(data, first_blocks[-1])),)
+    reader, num_groups = ByteReader(data, "side information of shots"), len(first_blocks) - 1
+    first_groups, log2_units, parts = list[int](), list[int](), list[bytes]()
     for _ in range(reader.unsigned()):
-        firsts.append(reader.unsigned() + (firsts[-1] if firsts else 0))
-        log2_units.append(reader.signed() if version == WITH_MOTION_UNITS else 0)
+        first_groups.append(reader.unsigned() + (first_groups[-1] if first_groups else 0))
+        log2_units.append(reader.signed() if version == VERSION_WITH_MOTION_UNITS else 0)
         parts.append(reader.blob())
     reader.finish()
-    if firsts[:1] != [0] or any(group >= after for group, after in itertools.pairwise([*firsts, num_groups])):
-        raise BitstreamError(f"side information: {len(firsts)} shots do not divide {num_groups} groups of frames")
-    ends = [blocks[group] for group in [*firsts[1:], num_groups]]
+    if first_groups[:1] != [0] or any(a >= b for a, b in itertools.pairwise([*first_groups, num_groups])):
+        raise BitstreamError(f"side information: {len(first_groups)} shots do not divide {num_groups} groups of frames")
+    end_blocks = [first_blocks[group] for group in [*first_groups[1:], num_groups]]
     shots = tuple(
-        Shot(first, blocks[first], read_keyframes(part, end - blocks[first]), log2_unit)
-        for first, part, end, log2_unit in zip(firsts, parts, ends, log2_units, strict=True)
+        Shot(group, first_blocks[group], read_keyframe_info(part, end - first_blocks[group]), log2_unit)
+        for group, part, end, log2_unit in zip(first_groups, parts, end_blocks, log2_units, strict=True)
     )
     for number, shot in enumerate(shots):
-        _check_shot(number, shot, shots[0].info)
+        _check_shot(number, shot, shots[0].keyframe_info)
     return shots
 
 
 def _check_shot(number: int, shot: Shot, reference: KeyframeInfo) -> None:
-    info = shot.info
+    info = shot.keyframe_info
     if info.degree != reference.degree:
         raise BitstreamError(
             f"side information: shot {number} has harmonics of degree {info.degree}, the first one {reference.degree}"
@@ -251,13 +252,13 @@ def _check_shot(number: int, shot: Shot, reference: KeyframeInfo) -> None:
         raise BitstreamError(f"side information: the unit of motion of shot {number} is out of range")
 
 
-def _groups(manifest: Manifest) -> tuple[GroupCounts, ...]:
+def _group_counts(manifest: Manifest) -> tuple[GroupCounts, ...]:
     """Returns the numbers of new tracks and of tracks with coded motion in each group of frames, from the manifest."""
     counts = [tier.num_elements for tier in manifest.tiers]
     groups, alive = tuple(itertools.starmap(GroupCounts, zip(counts[::2], counts[1::2], strict=True))), 0
     for group in groups:
         alive += group.num_births
-        if group.num_moving > alive:
+        if group.num_motion_tracks > alive:
             raise BitstreamError(f"{group.num_moving} tracks move in a group where {alive} are born")
     return groups
 
@@ -266,25 +267,27 @@ def _read_timeline(data: bytes) -> tuple[int, Timeline]:
     """Reads the version of the side information, and the timeline."""
     reader = ByteReader(data, "side information of the clip")
     version = reader.u8()
-    if version not in (VERSION, WITH_SHOTS, WITH_MOTION_UNITS):
+    if version not in (VERSION, VERSION_WITH_SHOTS, VERSION_WITH_MOTION_UNITS):
         raise UnsupportedVersionError(
-            f"side information has version {version}, this release reads versions {VERSION} to {WITH_MOTION_UNITS}"
+            f"side information has version {version}, this release reads versions {VERSION} to "
+            f"{VERSION_WITH_MOTION_UNITS}"
         )
-    numerator, denominator, frames, size = (reader.unsigned() for _ in range(4))
+    numerator, denominator, num_frames, group_frames = (reader.unsigned() for _ in range(4))
     possible = 0 < denominator <= MAX_FRAMES and 0 < numerator <= MAX_FRAME_RATE * denominator
-    if not (possible and 0 < frames <= MAX_FRAMES and 0 < size <= MAX_GROUP_FRAMES):
+    if not (possible and 0 < num_frames <= MAX_FRAMES and 0 < group_frames <= MAX_GROUP_FRAMES):
         raise BitstreamError(
-            f"side information: {frames} frames in groups of {size} at {numerator}/{denominator} are impossible"
+            f"side information: {num_frames} frames in groups of {group_frames} at {numerator}/{denominator} are "
+            "impossible"
         )
     reader.finish()
-    return version, Timeline(Fraction(numerator, denominator), frames, size)
+    return version, Timeline(Fraction(numerator, denominator), num_frames, group_frames)
 
 
 def _read_motion(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     reader = ByteReader(data, "side information of motion")
     log_step_ratios = np.array([reader.signed() for _ in range(NUM_KINDS)], dtype=np.int64)
-    if np.abs(log_step_ratios).max() > MAX_OFFSET:
+    if np.abs(log_step_ratios).max() > MAX_LOG_STEP_RATIO:
         raise BitstreamError(f"side information: impossible steps of motion {log_step_ratios.tolist()}")
-    zero = np.frombuffer(reader.take(NUM_CONTEXTS), np.uint8).astype(np.int64)
+    zero_probabilities = np.frombuffer(reader.take(NUM_CONTEXTS), np.uint8).astype(np.int64)
     reader.finish()
-    return log_step_ratios, np.clip(zero, 1, 255)
+    return log_step_ratios, np.clip(zero_probabilities, 1, 255)

@@ -14,8 +14,8 @@ from splatwire.codec.threads import ordered_map
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.ops.threads import parallel_map
 
-_TURN = float(1 << DIRECTION_BITS)
-_FIXED = float(1 << BITS)
+_ROTATION_UNITS = float(1 << DIRECTION_BITS)
+_FIXED_POINT_ONE = float(1 << BITS)
 FIT_BATCH = 2048
 """Number of tracks to which a thread fits coefficients at a time."""
 OFFSET_BATCH = 8192
@@ -68,25 +68,25 @@ class MotionCoefficients:
             the units that `layout.CHANNELS` lists.
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
         largest_rotation: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
-        last: Rotation of each track in the last frame added, as a unit quaternion, float64 (n, 4).
+        last_rotation: Rotation of each track in the last frame added, as a unit quaternion, float64 (n, 4).
     """
 
     coefficients: np.ndarray
     largest: np.ndarray
     largest_rotation: np.ndarray
-    last: np.ndarray
+    last_rotation: np.ndarray
 
     @staticmethod
-    def zero(count: int, frames: int) -> "MotionCoefficients":
+    def zero(count: int, num_frames: int) -> "MotionCoefficients":
         """Returns `MotionCoefficients` for tracks that do not move: all motion coefficients are 0.
 
         Args:
             count: Number of tracks, n.
-            frames: Number of frames of the group, F.
+            num_frames: Number of frames of the group, F.
         """
-        values, last = np.zeros((count, NUM_CHANNELS, frames)), np.zeros((count, 4))
-        last[:, 0] = 1
-        return MotionCoefficients(values, np.zeros((count, NUM_CHANNELS)), np.zeros(count), last)
+        values, last_rotation = np.zeros((count, NUM_CHANNELS, num_frames)), np.zeros((count, 4))
+        last_rotation[:, 0] = 1
+        return MotionCoefficients(values, np.zeros((count, NUM_CHANNELS)), np.zeros(count), last_rotation)
 
     def select(self, index: np.ndarray | slice) -> "MotionCoefficients":
         """Returns the coefficients of the tracks at `index`."""
@@ -121,13 +121,15 @@ def add_frames(
         size_log: log2 of the scene's size in world units.
         threads: Number of threads; None for one per processor.
     """
-    luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(trajectories.num_frames).copy()
-    keyframe_arrays, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, lattice_bits + 1 - size_log))
+    to_luma_chroma = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED_POINT_ONE))
+    basis = polynomials(trajectories.num_frames).copy()
+    keyframe_arrays, world_to_units = tuple(vars(keyframes).values()), float(np.ldexp(1.0, lattice_bits + 1 - size_log))
 
     def fit(rows: slice) -> None:
         _target_kernels.fit_motion(
             tuple(values[rows] for values in vars(trajectories).values()), keyframe_arrays, keyframe_indices[rows],
-            scale, luma, table, np.int64(begin), np.int64(end), *(values[rows] for values in vars(motion).values()),
+            world_to_units, to_luma_chroma, basis, np.int64(begin), np.int64(end),
+            *(values[rows] for values in vars(motion).values()),
         )  # fmt: skip
 
     batches = [slice(first, first + FIT_BATCH) for first in range(0, len(keyframe_indices), FIT_BATCH)]
@@ -161,14 +163,14 @@ class MotionEvaluator:
 
     Attributes:
         packets: Motion polynomials of the moving tracks of each packet.
-        frames: Number of frames in the group.
+        num_frames: Number of frames in the group.
         lattice_bits: Resolution of positions: the spacing of their lattice is `2**-lattice_bits` times the scene's
             size.
         size_log: log2 of the scene's size in world units.
     """
 
     packets: Sequence[PacketMotion]
-    frames: int
+    num_frames: int
     lattice_bits: int
     size_log: int
 
@@ -186,25 +188,27 @@ class MotionEvaluator:
         counts = [len(packet.coefficients) for packet in self.packets]
         widths = np.array([packet.coefficients.shape[2] for packet in self.packets], np.int64)
         sizes, packets = NUM_CHANNELS * widths, np.repeat(np.arange(len(counts)), counts)
-        ends = np.concatenate([[0], np.cumsum(np.repeat(sizes, counts))]).astype(np.int64)
+        row_starts = np.concatenate([[0], np.cumsum(np.repeat(sizes, counts))]).astype(np.int64)
         flat = np.concatenate([np.zeros(0, np.float32), *(packet.coefficients.ravel() for packet in self.packets)])
         num_coefficients = np.array([packet.num_coefficients[KIND_OF] for packet in self.packets], np.int64).reshape(
             -1, NUM_CHANNELS
         )
-        starts = np.where(rows < 0, -1, ends[rows])
+        starts = np.where(rows < 0, -1, row_starts[rows])
         packet_of_row = np.concatenate([packets, [0]])[rows]  # any packet for still tracks, which have no coefficients
-        table, factors, colours = polynomials(self.frames), self._factors(), np.ascontiguousarray(LUMA_CHROMA)
+        basis, factors, to_rgb = polynomials(self.num_frames), self._factors(), np.ascontiguousarray(LUMA_CHROMA)
 
         def at(frame: int) -> np.ndarray:
-            offsets, weights = np.empty((len(rows), NUM_CHANNELS), np.float32), table[frame].copy()
+            offsets, basis_values = np.empty((len(rows), NUM_CHANNELS), np.float32), basis[frame].copy()
 
-            def part(rows: slice) -> None:
+            def evaluate_slice(rows: slice) -> None:
                 _offset_kernels.offsets(
-                    flat, starts[rows], packet_of_row[rows], num_coefficients, widths, weights, factors, colours,
+                    flat, starts[rows], packet_of_row[rows], num_coefficients, widths, basis_values, factors, to_rgb,
                     offsets[rows],
                 )  # fmt: skip
 
-            parallel_map(part, [slice(begin, begin + OFFSET_BATCH) for begin in range(0, len(rows), OFFSET_BATCH)])
+            parallel_map(
+                evaluate_slice, [slice(begin, begin + OFFSET_BATCH) for begin in range(0, len(rows), OFFSET_BATCH)]
+            )
             return offsets
 
         return at
@@ -213,7 +217,7 @@ class MotionEvaluator:
         """Returns the factors that convert motion from fixed point to floats, by channel, float64 (channels)."""
         factors = np.ones(NUM_CHANNELS)
         factors[:3] = np.ldexp(1.0, self.size_log - self.lattice_bits - 1)
-        factors[3:6] = 1 / _TURN
-        factors[6:10] = np.log(2.0) / _FIXED
-        factors[10:] = 1 / (_FIXED * DC)
+        factors[3:6] = 1 / _ROTATION_UNITS
+        factors[6:10] = np.log(2.0) / _FIXED_POINT_ONE
+        factors[10:] = 1 / (_FIXED_POINT_ONE * DC)
         return factors

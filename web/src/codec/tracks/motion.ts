@@ -3,18 +3,18 @@
 
 import { RangeDecoder } from "../../entropy/decoder.ts";
 import {
-  AFTER,
-  BEFORE,
   BEGINS,
+  C_ABSENT,
   C_BEGINS,
   C_ENDS,
-  C_GONE,
   C_MOVING,
   C_OCTAVE,
   C_ZERO,
   CANDIDATE_BITS,
   DEGREE_CONTEXTS,
   ENDS,
+  GAP_AFTER,
+  GAP_BEFORE,
   HEADER_FIELDS,
   KIND_OF,
   MAX_CANDIDATES,
@@ -79,7 +79,7 @@ function readHeaders(
     moved = 0,
     before = first - lead;
   for (let track = first; track < first + Math.min(span, MAX_CANDIDATES); track++) {
-    gone = coder.bit(models, C_GONE + gone);
+    gone = coder.bit(models, C_ABSENT + gone);
     if (gone) continue;
     if (at === count) break;
     const state = coder.bit(models, C_MOVING + moved);
@@ -91,11 +91,11 @@ function readHeaders(
     headers[row + STATE] = state;
     headers[row + BEGINS] = begins;
     headers[row + ENDS] = ends;
-    headers[row + BEFORE] = track - before;
-    headers[row + AFTER] = 0;
+    headers[row + GAP_BEFORE] = track - before;
+    headers[row + GAP_AFTER] = 0;
     before = track + 1;
   }
-  if (at) headers[HEADER_FIELDS * (at - 1) + AFTER] = tail;
+  if (at) headers[HEADER_FIELDS * (at - 1) + GAP_AFTER] = tail;
   return at;
 }
 

@@ -8,7 +8,7 @@ import type { DecodedFrame, SequenceDecoder } from "../element_decoder.ts";
 import { checkMemory } from "../memory.ts";
 import { emptySplats, type Splats, subSplats } from "../splats.ts";
 import { KeyframeGaussians } from "./keyframe_gaussians.ts";
-import { AFTER, BEFORE, BEGINS, ENDS, HEADER_FIELDS, NUM_CHANNELS, TRACK } from "./layout.ts";
+import { BEGINS, ENDS, GAP_AFTER, GAP_BEFORE, HEADER_FIELDS, NUM_CHANNELS, TRACK } from "./layout.ts";
 import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
 import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
 import { HELD, HIDDEN, INTERPOLATED, positionsOf, select } from "./selection.ts";
@@ -250,8 +250,8 @@ export class Sequence implements SequenceDecoder {
       this.#check(rows, frames);
       const { headers } = decoded,
         last = HEADER_FIELDS * (packet.count - 1),
-        end = Math.min(headers[last + TRACK] + headers[last + AFTER] + 1, info.numTracks);
-      for (let track = Math.max(headers[TRACK] - headers[BEFORE], 0); track < end; track++)
+        end = Math.min(headers[last + TRACK] + headers[last + GAP_AFTER] + 1, info.numTracks);
+      for (let track = Math.max(headers[TRACK] - headers[GAP_BEFORE], 0); track < end; track++)
         if (keyframes.keyframeIndices[track] >= 0) covered[keyframes.keyframeIndices[track]] = 1;
     }
     return { received: joinPackets(found, keyframes.keyframeIndices, frames, keyframes.count), covered };
