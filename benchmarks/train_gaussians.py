@@ -22,7 +22,7 @@ from splatwire.data import open_dataset
 from splatwire.io import save_scene
 from splatwire.neural.training import Listener, Progress, RunOptions
 from splatwire.neural.training.gaussians import GaussianConfig, train_gaussians
-from splatwire.neural.training.gaussians.config import GaussianRates, tuning_iterations
+from splatwire.neural.training.gaussians.config import GaussianRates, fine_tuning_iterations_for
 from splatwire.neural.training.quality import assess_scene
 
 
@@ -35,9 +35,9 @@ def trained(options: argparse.Namespace) -> dict[str, object]:
         gaussians=options.gaussians,
         degree=options.degree,
         iterations=options.iterations,
-        tuning=tuning_iterations(options.iterations),
+        fine_tuning_iterations=fine_tuning_iterations_for(options.iterations),
         quality=quality_of(options.quality),
-        loss=options.loss,
+        packet_loss=options.loss,
         dropout=options.dropout,
         rates=GaussianRates().for_length(options.iterations),
         seed=options.seed,
@@ -60,7 +60,7 @@ def trained(options: argparse.Namespace) -> dict[str, object]:
         "gaussians": result.scene.num_gaussians,
         "degree": config.degree,
         "iterations": config.iterations,
-        "tuning": config.tuning,
+        "tuning": config.fine_tuning_iterations,
         "dropout": config.dropout,
         "quality": options.quality,
         "loss": options.loss,

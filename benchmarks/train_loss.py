@@ -31,6 +31,7 @@ from splatwire.codec import decode_stream, encode_scene, schema_of, with_section
 from splatwire.concealment import conceal
 from splatwire.data import Dataset, open_dataset
 from splatwire.neural.training import Listener, RunOptions, TrainConfig, create_config, load_checkpoint, train_scene
+from splatwire.neural.training.checkpoint import record_to_json
 from splatwire.neural.training.finetune import fine_tuning, state_of_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.presets import MODELS
@@ -112,7 +113,7 @@ def trained(arguments: argparse.Namespace, train: Dataset, config: TrainConfig) 
         state, _ = load_checkpoint(arguments.checkpoint)
     else:
         state = initial_state(train, config)
-        with_growth = dataclasses.replace(config, losses=create_config().losses)
+        with_growth = dataclasses.replace(config, packet_loss=create_config().packet_loss)
         now = [0]
         listener = Listener(
             lambda progress: now.__setitem__(0, progress.iteration),
@@ -191,8 +192,10 @@ def main() -> None:
         **recipe, model=arguments.model, iterations=iterations, refine_steps=arguments.refine, lmbda=arguments.lmbda,
         losses=tuple(arguments.loss), seed=arguments.seed,
     )  # fmt: skip
-    losses = config.losses if arguments.share is None else dataclasses.replace(config.losses, share=arguments.share)
-    config = dataclasses.replace(config, losses=losses)
+    packet_loss = config.packet_loss
+    if arguments.share is not None:
+        packet_loss = dataclasses.replace(packet_loss, lossy_share=arguments.share)
+    config = dataclasses.replace(config, packet_loss=packet_loss)
     train, test = (
         open_dataset(arguments.data / "scenes" / folder, split=split, test_views=config.test_views)
         for split in ("train", "test")
@@ -207,7 +210,7 @@ def main() -> None:
             "seed": arguments.seed,
             "lambda": config.weights.rate,
         }
-        row |= dataclasses.asdict(losses) | {"seconds": round(time.process_time() - started, 1)}
+        row |= record_to_json(packet_loss) | {"seconds": round(time.process_time() - started, 1)}
     if arguments.save:
         save_scene(scene, arguments.save)
     row |= under_loss(scene, (train, test), arguments)

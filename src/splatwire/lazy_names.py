@@ -1,4 +1,4 @@
-"""Lazy import of a package's public names, which are listed in its stub file `__init__.pyi`."""
+"""Public names of packages, which are imported on first use, and deprecated names of attributes."""
 
 import importlib
 import re
@@ -42,3 +42,20 @@ def lazy_names(
         return value
 
     return list(homes), get, lambda: sorted(homes)
+
+
+def renamed_attributes(owner: str, renamed: Mapping[str, str]) -> Callable[[Any, str], Any]:
+    """Returns the `__getattr__` of a class whose deprecated attributes give the current ones, with a warning.
+
+    Args:
+        owner: Name of the class, for messages.
+        renamed: Current name of each deprecated attribute.
+    """
+
+    def get(record: Any, name: str) -> Any:
+        if name not in renamed:
+            raise AttributeError(f"'{owner}' object has no attribute '{name}'")
+        warnings.warn(f"{owner}.{name} is deprecated, use {renamed[name]}", DeprecationWarning, stacklevel=2)
+        return getattr(record, renamed[name])
+
+    return get

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from splatwire.data import open_dataset
-from splatwire.data.lens import Lens, undistortion
+from splatwire.data.lens import Lens, undistortion_of
 from splatwire.errors import DatasetError
 
 WIDTH, HEIGHT, FX, FY, CX, CY = 160, 120, 110.0, 115.0, 82.5, 58.25
@@ -140,7 +140,7 @@ def test_masks_are_undistorted_with_their_photos(tmp_path):
 @pytest.mark.parametrize("bend", [(-2.0, 0.0, 0.0, 0.0), (9.0, 0.0, 0.0, 0.0)])
 def test_excessive_distortion_is_refused(tmp_path, bend):
     with pytest.raises(DatasetError, match=r"the distortion of the lens is too large.*image_undistorter"):
-        undistortion(Lens(*bend), np.array([[FX, 0, CX], [0, FY, CY], [0, 0, 1]]), WIDTH, HEIGHT)
+        undistortion_of(Lens(*bend), np.array([[FX, 0, CX], [0, FY, CY], [0, 0, 1]]), WIDTH, HEIGHT)
 
 
 @pytest.mark.parametrize("more", [{"k4": 0.01}, {"k1": 1e9}, {"camera_model": "OPENCV_FISHEYE", "p1": 0.01}])

@@ -12,7 +12,7 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.files import mmap_array
 from splatwire.finetuning.latents import Gradients, Latents, RoundingErrors, gradients_of
-from splatwire.finetuning.losses import SimulatedReception
+from splatwire.finetuning.receptions import SimulatedReception
 from splatwire.finetuning.tune import picture_gradients
 from splatwire.render.importance import cameras_around
 

@@ -15,7 +15,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.evaluation.views import held_out_cameras
 from splatwire.finetuning import FineTuning, Pictures, fine_tune, fitting_cameras, own_pictures
 from splatwire.finetuning.sampled_loss import CHECK_VIEWS
-from splatwire.finetuning.tune import CHECK_EVERY, MIN_ERROR, tuned_gaussians
+from splatwire.finetuning.tune import MAX_CHECK_INTERVAL, MIN_ERROR, tuned_gaussians
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.pruning import prune
@@ -90,7 +90,7 @@ def test_steps_that_are_too_large_are_undone() -> None:
     assert isinstance(left, SplatScene)
     pictures = own_pictures(source, fitting_cameras(source, CHECK_VIEWS, 32))
     start = fine_tune(left, pictures, FineTuning(iterations=1, rate=1e-9))
-    tuned = fine_tune(left, pictures, FineTuning(iterations=2 * CHECK_EVERY, rate=50.0))
+    tuned = fine_tune(left, pictures, FineTuning(iterations=2 * MAX_CHECK_INTERVAL, rate=50.0))
     assert _loss(tuned, start, pictures) <= 1.001
 
 

@@ -20,7 +20,7 @@ LEAK = 655
 def place_inputs_reference(voxel: list[int], context: CodingContext) -> list[int]:
     """Inputs of the position network, with 14 fractional bits."""
     one, contracted = 1 << ACTIVATION_BITS, []
-    for value, middle, spread in zip(voxel, context.middle.tolist(), context.extent.tolist(), strict=True):
+    for value, middle, spread in zip(voxel, context.middle.tolist(), context.spread.tolist(), strict=True):
         relative = ((value - middle) << ACTIVATION_BITS) // spread
         contracted.append((relative << ACTIVATION_BITS) // (one + abs(relative)))
     waves = list(contracted)

@@ -17,7 +17,7 @@ CAUSAL = "causal"
 _MAX_LEVELS = 64
 _MAX_RESOLUTION = 1 << 16
 _MAX_LOG2_ROWS = 24
-_CAUSAL_FIELDS = {"steps": "steps", "centres": "zero_points", "middle": "middle", "spread": "extent"}
+_CAUSAL_FIELDS = {"steps": "steps", "centres": "zero_points", "middle": "middle", "spread": "spread"}
 """Fields of `CausalCoding` by the names of their tensors in scene files."""
 
 

@@ -43,7 +43,7 @@ def position_inputs(
     """Computes the inputs of the position network: positions contracted to (-1, 1), and their positional encoding.
 
     Args:
-        coordinates: Positions relative to the centre of the scene, divided by the extent of the scene; of any size.
+        coordinates: Positions relative to `CausalCoding.middle`, divided by `CausalCoding.spread`; of any size.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.
     """
     contracted = coordinates / (1 + abs(coordinates))

@@ -36,7 +36,8 @@ from splatwire.neural.training import (
     save_checkpoint,
     train_scene,
 )
-from splatwire.neural.training.config import LossTraining
+from splatwire.neural.training.checkpoint import record_to_json
+from splatwire.neural.training.config import PacketLossConfig
 from splatwire.neural.training.device import check_cuda, has_cuda
 from splatwire.neural.training.finetune import fine_tuning, model_of, state_of_scene
 from splatwire.neural.training.initial import initial_state, points_of
@@ -94,7 +95,8 @@ def _initial_training(command: Train, device_name: str) -> tuple[TrainState, Tra
         return _continued_training(command, start, model, f"{chosen}, on the {device_name}")
     config = _config(command)
     train, test = _datasets(command, config)
-    more = f" and {config.milestones.tuning:,} more for losses" if config.milestones.tuning else ""
+    num_fine_tuning = config.milestones.fine_tuning_iterations
+    more = f" and {num_fine_tuning:,} more for losses" if num_fine_tuning else ""
     iterations = f"{config.milestones.fine_tuning_start:,} iterations{more}"
     summary = f"recipe {config.preset}{chosen}, {iterations} on the {device_name}"
     print(summary, file=sys.stderr)
@@ -161,7 +163,7 @@ def _config(command: Train) -> TrainConfig:
         growth_interval=command.growth_interval,
         refine_steps=command.refine,
         losses=command.loss,
-        loss_share=LossTraining.share if command.loss_share is None else command.loss_share,
+        loss_share=PacketLossConfig.lossy_share if command.loss_share is None else command.loss_share,
         background=chosen_background(command.background) or BLACK,
         seed=command.seed,
     )
@@ -172,7 +174,7 @@ def _datasets(command: Train, config: TrainConfig) -> tuple[Dataset, Dataset | N
 
 
 def _report(command: Train, result: TrainResult, config: TrainConfig) -> None:
-    test, scene, size = result.test, result.scene, checked_size(result.scene, config.weights.size)
+    test, scene, size = result.test, result.scene, checked_size(result.scene, config.weights.target_bytes)
     if command.json:
         print_json(
             {
@@ -184,7 +186,7 @@ def _report(command: Train, result: TrainResult, config: TrainConfig) -> None:
                 "test_ssim": test.ssim if test else None,
                 **({"stream_bytes": size} if size else {}),
                 "seconds": result.seconds,
-                "recipe": {**dataclasses.asdict(config), "marks": dataclasses.asdict(config.milestones)},  # former name
+                "recipe": {**record_to_json(config), "marks": record_to_json(config.milestones)},  # former name
             }
         )
         return

@@ -33,6 +33,7 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.io import open_scene, save_scene
 from splatwire.io.formats import format_for
 from splatwire.neural.training import RunOptions
+from splatwire.neural.training.checkpoint import record_to_json
 from splatwire.neural.training.gaussians import (
     GaussianConfig,
     GaussianResult,
@@ -40,7 +41,7 @@ from splatwire.neural.training.gaussians import (
     save_gaussian_checkpoint,
     train_gaussians,
 )
-from splatwire.neural.training.gaussians.config import GaussianRates, tuning_iterations
+from splatwire.neural.training.gaussians.config import GaussianRates, fine_tuning_iterations_for
 from splatwire.neural.training.gaussians.initial import initial_gaussians
 from splatwire.neural.training.gaussians.state import GaussianState
 from splatwire.neural.training.initial import points_of
@@ -144,7 +145,7 @@ def _initial_training(
     chosen = " (chosen by the data)" if command.preset == "auto" else ""
     print(
         f"recipe {config.preset}{chosen}, {config.gaussians:,} Gaussians, {config.iterations:,} iterations and "
-        f"{config.tuning:,} more with the rounding of the codec, on the {device_name}",
+        f"{config.fine_tuning_iterations:,} more with the rounding of the codec, on the {device_name}",
         file=sys.stderr,
     )
     if train.points is None or not train.points.num_points:
@@ -163,10 +164,10 @@ def _config(command: Train) -> GaussianConfig:
     return GaussianConfig(
         preset=preset,
         iterations=iterations,
-        tuning=tuning_iterations(max(iterations, 0)),
+        fine_tuning_iterations=fine_tuning_iterations_for(max(iterations, 0)),
         rates=GaussianRates().for_length(max(iterations, 1)),
         quality=quality_of(quality_option(command.quality or "default")),
-        loss=command.loss[0] if command.loss else None,
+        packet_loss=command.loss[0] if command.loss else None,
         background=chosen_background(command.background) or BLACK,
         test_views=PRESETS[preset].test_views,
         seed=command.seed,
@@ -187,7 +188,7 @@ def _report(command: Train, result: GaussianResult, config: GaussianConfig, num_
                 "test_ssim": test.ssim if test else None,
                 **({"stream_bytes": num_bytes} if num_bytes else {}),
                 "seconds": result.seconds,
-                "recipe": dataclasses.asdict(config),
+                "recipe": record_to_json(config),
             }
         )
         return

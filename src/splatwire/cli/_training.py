@@ -114,20 +114,20 @@ ANCHOR_RECIPE: dict[str, Callable[[Any], object]] = {
     "preset": attrgetter("preset"),
     "model": attrgetter("model.__class__"),
     "lmbda": attrgetter("weights.rate"),
-    "size": attrgetter("weights.size"),
+    "size": attrgetter("weights.target_bytes"),
     "iterations": attrgetter("milestones.fine_tuning_start"),
     "voxel-size": attrgetter("voxel_size"),
     "growth-interval": attrgetter("milestones.growth_interval"),
     "refine": attrgetter("refine.steps"),
-    "loss": attrgetter("losses.models", "losses.first"),
-    "loss-share": attrgetter("losses.share"),
+    "loss": attrgetter("packet_loss.models", "packet_loss.received_shares"),
+    "loss-share": attrgetter("packet_loss.lossy_share"),
     "background": attrgetter("background"),
     "seed": attrgetter("seed"),
 }
 """Options of the recipe of anchors, each with a function that returns its value from a training configuration."""
 GAUSSIAN_RECIPE: dict[str, Callable[[Any], object]] = {
     name: attrgetter(name) for name in ("preset", "gaussians", "degree", "iterations", "quality", "background", "seed")
-} | {"loss": attrgetter("loss"), "model": lambda config: "gaussians"}
+} | {"loss": attrgetter("packet_loss"), "model": lambda config: "gaussians"}
 """Options of the recipe of explicit Gaussians, as in `ANCHOR_RECIPE`."""
 
 

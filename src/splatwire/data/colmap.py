@@ -22,7 +22,7 @@ from splatwire.types.origin import NO_ORIGIN, Origin
 LOG = logging.getLogger(__name__)
 _MAX_SIDE = 1 << 20
 _MAX_POSE = 1e12
-_MAX_BEND = 1e3
+_MAX_DISTORTION = 1e3
 _MAX_NAMED = 8
 """Maximum number of reconstructions that a warning names."""
 _SAME = 1e-3
@@ -227,7 +227,7 @@ def _intrinsics(folder: Path, camera: RawCamera) -> tuple[np.ndarray, LensModel]
         )
     focals, lens = _LENSES[camera.model]
     fx, fy, (cx, cy) = camera.parameters[0], camera.parameters[focals - 1], camera.parameters[focals : focals + 2]
-    bend = camera.parameters[focals + 2 :]
-    if not (np.abs(bend) < _MAX_BEND).all():
+    distortion = camera.parameters[focals + 2 :]
+    if not (np.abs(distortion) < _MAX_DISTORTION).all():
         raise DatasetError(f"{folder}: camera {camera.camera_id} has lens parameters that are no sensible numbers")
-    return pinhole(fx, fy, cx, cy), lens(*bend)
+    return pinhole(fx, fy, cx, cy), lens(*distortion)

@@ -21,7 +21,7 @@ from splatwire.data.colmap import (
     warn_of_other_reconstructions,
 )
 from splatwire.data.copies import warn_of_copies
-from splatwire.data.lens import Undistortion, undistortion
+from splatwire.data.lens import Undistortion, undistortion_of
 from splatwire.data.orientation import shape_fits, views_are_upright
 from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.point_cloud import SparsePoints, read_point_cloud
@@ -77,8 +77,8 @@ class Dataset(CheckedFields):
         view = whole_number(view, "view", 0, self.num_views - 1)
         size = (self.cameras.width, self.cameras.height)
         photo = load_photo(self.image_paths[view], size, self.background, upright=self.upright)
-        bent = self.undistortions[view] if self.undistortions else None
-        return photo if bent is None else bent.image(photo)
+        undistortion = self.undistortions[view] if self.undistortions else None
+        return photo if undistortion is None else undistortion.image(photo)
 
     def mask(self, view: int) -> Bool[np.ndarray, "H W"] | None:
         """Loads the mask of a view, True for pixels that are evaluated; None if the view has no mask.
@@ -92,8 +92,8 @@ class Dataset(CheckedFields):
         if path is None:
             return None
         mask = load_mask(path, (self.cameras.width, self.cameras.height))
-        bent = self.undistortions[view] if self.undistortions else None
-        mask = mask if bent is None else bent.mask(mask)
+        undistortion = self.undistortions[view] if self.undistortions else None
+        mask = mask if undistortion is None else undistortion.mask(mask)
         if not bool(mask.any()):
             name = self.cameras.names[view]
             raise DatasetError(f"{path}: the mask of view '{name}' leaves nothing of its photo: remove the view")
@@ -108,9 +108,9 @@ class Dataset(CheckedFields):
         views = indices_of(views, self.cameras.num_views).tolist()
         paths = tuple(self.image_paths[view] for view in views)
         masks = tuple(self.mask_paths[view] for view in views) if self.mask_paths else ()
-        bent = tuple(self.undistortions[view] for view in views) if self.undistortions else ()
+        undistortions = tuple(self.undistortions[view] for view in views) if self.undistortions else ()
         cameras = self.cameras.select(views)
-        return replace(self, cameras=cameras, image_paths=paths, mask_paths=masks, undistortions=bent)
+        return replace(self, cameras=cameras, image_paths=paths, mask_paths=masks, undistortions=undistortions)
 
 
 @checked_except("max_width")
@@ -169,7 +169,7 @@ def open_dataset(
     if not views:
         raise NoViewsError(f"{source}: has no views in the split '{split}': there are too few in all")
     upright = views_are_upright(views, image_paths)
-    cameras, bent = _cameras(source, views, image_paths, max_width, upright)
+    cameras, undistortions = _cameras(source, views, image_paths, max_width, upright)
     points: SparsePoints | None = None
     if folder is not None:
         points = read_points(folder, cameras.origin)
@@ -178,7 +178,7 @@ def open_dataset(
     masks = _masks(views, image_paths, upright)
     if not masks:
         _warn_of_unread_masks(path)
-    return Dataset(cameras, tuple(image_paths), points, background, masks, bent, upright)
+    return Dataset(cameras, tuple(image_paths), points, background, masks, undistortions, upright)
 
 
 def _warn_of_unread_masks(path: Path) -> None:
@@ -458,7 +458,7 @@ def _cameras(
     """
     first = photo_size(image_paths[0], upright=upright)
     width, height = limited_size(*first, max_width)
-    intrinsics, bent = [], []
+    intrinsics, undistortions = [], []
     for view, file in zip(views, image_paths, strict=True):
         size = photo_size(file, upright=upright)
         if size != first:
@@ -472,12 +472,12 @@ def _cameras(
                 f"{view.width} x {view.height}"
             )
         K = np.array([[width / view.width], [height / view.height], [1.0]]) * view.K
-        bent.append(_undistortion(source, view, K, width, height))
-        intrinsics.append(K if bent[-1] is None else bent[-1].K)
+        undistortions.append(_undistortion(source, view, K, width, height))
+        intrinsics.append(K if undistortions[-1] is None else undistortions[-1].K)
     names = view_names([view.name for view in views])
     viewmats = np.stack([view.viewmat for view in views])
     cameras = make_cameras(source, names, viewmats, np.stack(intrinsics), width, height)
-    return cameras, tuple(bent) if any(bent) else ()
+    return cameras, tuple(undistortions) if any(undistortions) else ()
 
 
 def _undistortion(
@@ -488,6 +488,6 @@ def _undistortion(
     ):  # invalid focal lengths are reported with the cameras
         return None
     try:
-        return undistortion(view.lens, K, width, height)
+        return undistortion_of(view.lens, K, width, height)
     except DatasetError as error:
         raise DatasetError(f"{source}: view '{view.name}': {error}") from error

@@ -40,9 +40,9 @@ class FisheyeLens(LensModel):
         u, v = _equidistant(x, y)
         square = u * u + v * v
         radial = 1 + square * (self.k1 + square * (self.k2 + square * (self.k3 + square * self.k4)))
-        bent_u = u * radial + 2 * self.p1 * u * v + self.p2 * (square + 2 * u * u) + self.sx1 * square
-        bent_v = v * radial + 2 * self.p2 * u * v + self.p1 * (square + 2 * v * v) + self.sy1 * square
-        return bent_u, bent_v
+        distorted_u = u * radial + 2 * self.p1 * u * v + self.p2 * (square + 2 * u * u) + self.sx1 * square
+        distorted_v = v * radial + 2 * self.p2 * u * v + self.p1 * (square + 2 * v * v) + self.sy1 * square
+        return distorted_u, distorted_v
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ class RadTanThinPrismLens(LensModel):
         radial = np.polynomial.polynomial.polyval(angle, (1.0, *astuple(self)[:6]))
         u, v = u * radial, v * radial
         square = u * u + v * v
-        bent_u = u + 2 * self.p1 * u * v + self.p0 * (square + 2 * u * u) + square * (self.s0 + self.s1 * square)
-        bent_v = v + 2 * self.p0 * u * v + self.p1 * (square + 2 * v * v) + square * (self.s2 + self.s3 * square)
-        return bent_u, bent_v
+        distorted_u = u + 2 * self.p1 * u * v + self.p0 * (square + 2 * u * u) + square * (self.s0 + self.s1 * square)
+        distorted_v = v + 2 * self.p0 * u * v + self.p1 * (square + 2 * v * v) + square * (self.s2 + self.s3 * square)
+        return distorted_u, distorted_v
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ class Undistortion:
         return _sampled(mask[:, :, None], _grid(self), 0)[:, :, 0]
 
 
-def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Undistortion:
+def undistortion_of(lens: LensModel, K: np.ndarray, width: int, height: int) -> Undistortion:
     """Finds the pinhole camera with the largest field of view whose whole image can be filled from the photo.
 
     Args:

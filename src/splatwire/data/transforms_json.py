@@ -45,7 +45,7 @@ _OPENGL = re.compile(r".*(?:opengl|blender|nerf|instant|ngp|rub).*", re.I)
 _WORLD_TO_CAMERA = re.compile(r"(?:is[-_]?)?(?:w2c|world[-_]?(?:to|2)[-_]?cam(?:era)?)", re.I)
 """Names of flags, and values of fields, that state poses from world to camera."""
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
-_MAX_BEND = 1e3
+_MAX_DISTORTION = 1e3
 _MAX_NUMBER = 1e12
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -447,21 +447,21 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
         )
     fisheye = model in _FISHEYE or flag
     keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-    bend = [_number(path, name, values, key, 0.0) for key in keys]
+    distortion = [_number(path, name, values, key, 0.0) for key in keys]
     unread = [key for key in _TERMS if key not in keys and _number(path, name, values, key, 0.0) != 0]
     if unread:
         raise DatasetError(
             f"{path}: view '{name}' has a lens ({unread[0]}) beyond {', '.join(keys)}: undistort the photos first, for "
             "example with `colmap image_undistorter`"
         )
-    if model in _PINHOLES and any(bend):
+    if model in _PINHOLES and any(distortion):
         raise DatasetError(
             f"{path}: view '{name}' has 'camera_model' {model!r} and the distortion of a lens, which contradict "
             "each other"
         )
-    if max(map(abs, bend)) > _MAX_BEND:
+    if max(map(abs, distortion)) > _MAX_DISTORTION:
         raise DatasetError(f"{path}: view '{name}' has lens parameters that are no sensible numbers")
-    return FisheyeLens(*bend) if fisheye else Lens(*bend)
+    return FisheyeLens(*distortion) if fisheye else Lens(*distortion)
 
 
 def _own_terms(frame: dict[str, Any]) -> dict[str, Any]:

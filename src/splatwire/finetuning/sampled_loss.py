@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.finetuning.losses import SimulatedReception
 from splatwire.finetuning.pictures import Pictures
+from splatwire.finetuning.receptions import SimulatedReception
 from splatwire.render import iterate_views
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats

@@ -12,9 +12,9 @@ from splatwire.codec.gaussians.packets import divide_into_packets
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.errors import InvalidValueError
 from splatwire.finetuning.latents import Gradients, Latents, RoundingErrors, each_piece, gradients_of, harmonic_gradient
-from splatwire.finetuning.losses import SimulatedReception, simulate_reception
 from splatwire.finetuning.options import FineTuning
 from splatwire.finetuning.pictures import Pictures
+from splatwire.finetuning.receptions import SimulatedReception, simulate_reception
 from splatwire.finetuning.sampled_loss import SampledLoss
 from splatwire.finetuning.sparsity import HarmonicCost
 from splatwire.ops.adam import update_run
@@ -30,17 +30,17 @@ RATES = {"displacements": 0.02, "rotations": 0.01, "logs": 0.01, "logits": 0.04,
 """Learning rate of each parameter of `Latents` in the first iteration. Centres move in units of their Gaussian's size,
 so that one rate fits scenes of any size. With a smaller rate of the harmonics, fewer of them would become 0 (see
 `HarmonicCost`)."""
-LAST_RATE = 0.03
+FINAL_RATE_RATIO = 0.03
 """Ratio of the last to the first learning rate; in between, the rate follows a cosine."""
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-15
 """Constants of Adam. The second moment remembers all views: a Gaussian may fill few views and be tiny in the others."""
-_DIVISIONS = 8
+_NUM_DIVISIONS = 8
 """Number of times that the division into packets is computed, if the channel loses packets."""
-CHECK_EVERY = 50
+MAX_CHECK_INTERVAL = 50
 """Maximum number of iterations between two checks of the loss."""
 MIN_CHECKS = 4
 """Number of checks in a fine-tuning with few iterations, which are then closer together."""
-SLOWER = 0.5
+BACKTRACKING_FACTOR = 0.5
 """Factor on all learning rates after a check that found a larger loss than the check before."""
 _CHECKED_RECEPTIONS = 2
 """Number of simulated packet losses with which checks measure the loss, if the channel loses packets."""
@@ -139,7 +139,7 @@ def tuned_gaussians(
     # Dividing by the first error (at least `MIN_ERROR`) gives all views similar weight; a view that becomes much
     # worse gets more weight. At intervals, the loss is measured in a fixed sample of the pictures (`SampledLoss`). If
     # it has grown since the check before, the Gaussians of that check are restored, and the learning rates are
-    # multiplied by `SLOWER`. The loss of the result, including the cost of harmonics, is thus not above that of the
+    # multiplied by `BACKTRACKING_FACTOR`. The loss of the result, including the cost of harmonics, is thus not above that of the
     # rounded Gaussians at the start.
     if not scene.num_elements:
         raise InvalidValueError("fine-tuning: there are no Gaussians")
@@ -151,9 +151,9 @@ def tuned_gaussians(
         class_offsets = precision_classes(scene.splats, _sample_cameras(pictures.cameras, options.seed))
     latents, views = Latents.of(scene.splats), _shuffled(pictures.cameras.num_views, rng)
     coding, offsets, division = coding_for(latents.splats(), options.quality, class_offsets), None, None
-    optimizer = _Adam(_step_sizes(coding))
-    divided = options.refresh * max(1, options.iterations // (_DIVISIONS * options.refresh))
-    scales = dict[tuple[int, bool], float]()
+    optimizer = _Adam(_rate_factors(coding))
+    division_interval = options.refresh * max(1, options.iterations // (_NUM_DIVISIONS * options.refresh))
+    divisors = dict[tuple[int, bool], float]()
     sampled_loss = _sampled_loss(scene, latents.splats(), coding, pictures, options)
     cost, cost_gradient = HarmonicCost.of(coding) if latents.harmonics.size else None, None
 
@@ -161,23 +161,23 @@ def tuned_gaussians(
         loss = sampled_loss.loss(round_splats(latents.splats(), coding))
         return loss if cost is None else loss + cost.value(latents.harmonics)
 
-    best, least, rate = latents.copy(), loss_of(latents), options.rate
-    interval = min(CHECK_EVERY, max(options.iterations // MIN_CHECKS, 1))
+    best, best_loss, rate = latents.copy(), loss_of(latents), options.rate
+    check_interval = min(MAX_CHECK_INTERVAL, max(options.iterations // MIN_CHECKS, 1))
     for step in range(options.iterations):
-        checked = step > 0 and step % interval == 0
-        if checked:
+        is_check = step > 0 and step % check_interval == 0
+        if is_check:
             loss = loss_of(latents)
-            if loss > least:
-                latents, rate = best.copy(), rate * SLOWER
+            if loss > best_loss:
+                latents, rate = best.copy(), rate * BACKTRACKING_FACTOR
                 optimizer.reset_first_moments()
             else:
-                best, least = latents.copy(), loss
-        if step % options.refresh == 0 or checked:
+                best, best_loss = latents.copy(), loss
+        if step % options.refresh == 0 or is_check:
             exact = latents.splats()
             rounded = round_splats(exact, coding)
             offsets = RoundingErrors.between(exact, rounded)
             cost_gradient = None if cost is None else cost.gradient(latents.harmonics)
-            if options.loss is not None and step % divided == 0:
+            if options.loss is not None and step % division_interval == 0:
                 division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
         view, drawn = next(views), latents.splats(offsets)
         reception = None
@@ -186,13 +186,13 @@ def tuned_gaussians(
         shown = drawn if reception is None else reception.drawn_splats(drawn)
         mask = None if pictures.masks is None else pictures.masks[view]
         target = pictures.images[view].astype(np.float32) / 255
-        one = replace(scene, splats=shown, coding=None, hints=None)
+        shown_scene = replace(scene, splats=shown, coding=None, hints=None)
         # The divisor is fixed: with the logarithm of the error as the loss, Gaussians that are large in a single view
         # would be sacrificed for other views.
         error, splat_gradients = picture_gradients(
-            one, pictures.cameras, view, target, mask, scales.get((view, reception is None))
+            shown_scene, pictures.cameras, view, target, mask, divisors.get((view, reception is None))
         )
-        scales.setdefault((view, reception is None), error)
+        divisors.setdefault((view, reception is None), error)
         if reception is not None:
             splat_gradients = reception.gradients(drawn, splat_gradients)
         gradients = gradients_of(latents, drawn, offsets, splat_gradients)
@@ -202,7 +202,7 @@ def tuned_gaussians(
         latents.apply_rotations()
         if progress:
             progress(Progress(step + 1, options.iterations, -10 * math.log10(max(error, 1e-12))))
-    if loss_of(latents) > least:
+    if loss_of(latents) > best_loss:
         latents = best
     return TunedGaussians(replace(scene, splats=latents.splats(), coding=None, hints=None), coding)
 
@@ -213,7 +213,7 @@ def picture_gradients(
     view: int,
     target: Float[np.ndarray, "H W 3"],
     mask: Bool[np.ndarray, "H W"] | None = None,
-    scale: float | None = None,
+    divisor: float | None = None,
 ) -> tuple[float, Gradients]:
     """Renders one view, and returns its mean squared error against a reference picture and the gradients of the error.
 
@@ -223,7 +223,7 @@ def picture_gradients(
         view: Index of the camera of this view.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Divisor of the gradients; None for the mean squared error of this view. A divisor below `MIN_ERROR` is
+        divisor: Divisor of the gradients; None for the mean squared error of this view. A divisor below `MIN_ERROR` is
             raised to `MIN_ERROR`.
 
     Returns:
@@ -239,14 +239,14 @@ def picture_gradients(
     if scene.antialiased:
         seen = compensated(seen, cameras, view)
     arrays = float_arrays(seen)
-    picture = ViewRasterizer(arrays, cameras, view, for_gradients=True)
-    image, _ = picture.draw(np.array(scene.background, np.float32))
+    rasterizer = ViewRasterizer(arrays, cameras, view, for_gradients=True)
+    image, _ = rasterizer.draw(np.array(scene.background, np.float32))
     difference = np.clip(image, 0, 1) - target
     if mask is not None:
         difference *= mask[:, :, None]
     error = float(np.mean(np.square(difference, dtype=np.float64)))
-    d_image = difference * np.float32(2 / (difference.size * max(error if scale is None else scale, MIN_ERROR)))
-    means, quats, scales, opacities, colors, _ = picture.gradients(arrays, image, d_image)
+    d_image = difference * np.float32(2 / (difference.size * max(error if divisor is None else divisor, MIN_ERROR)))
+    means, quats, scales, opacities, colors, _ = rasterizer.gradients(arrays, image, d_image)
     if scene.antialiased:
         opacities = opacities * (seen.opacities / np.maximum(plain.opacities, np.float32(1e-12)))
     sh = harmonic_gradient(splats, seen, cameras.centers[view], colors)
@@ -257,13 +257,13 @@ class _Adam:
     """The Adam optimiser, with learning rates that differ between Gaussians.
 
     Args:
-        sizes: For each Gaussian, factor by which the learning rates of all its parameters are multiplied.
+        rate_factors: For each Gaussian, factor by which the learning rates of all its parameters are multiplied.
     """
 
-    def __init__(self, sizes: Float[np.ndarray, "N"]) -> None:
-        self._sizes = sizes
+    def __init__(self, rate_factors: Float[np.ndarray, "N"]) -> None:
+        self._rate_factors = rate_factors
         self._moments: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        self._steps = 0
+        self._num_steps = 0
 
     def update(self, trained: dict[str, np.ndarray], gradients: dict[str, np.ndarray], rate: float) -> None:
         """Performs one step of the Adam optimiser on the trained arrays, in place.
@@ -274,14 +274,14 @@ class _Adam:
             rate: Factor on all learning rates.
         """
         # The learning rates are those of `RATES`, times `rate` and the factor of the Gaussian.
-        self._steps += 1
-        root = math.sqrt(1 - BETA2**self._steps)
+        self._num_steps += 1
+        root = math.sqrt(1 - BETA2**self._num_steps)
 
         for name, values in trained.items():
             if name not in self._moments:
                 self._moments[name] = np.zeros_like(values), np.zeros_like(values)
-            size = RATES[name] * rate / (1 - BETA1**self._steps)
-            constants = [np.float32(number) for number in (size, 1 / root, BETA1, BETA2, EPSILON)]
+            step_size = RATES[name] * rate / (1 - BETA1**self._num_steps)
+            constants = [np.float32(number) for number in (step_size, 1 / root, BETA1, BETA2, EPSILON)]
 
             def change(
                 rows: slice, name: str = name, values: np.ndarray = values, constants: list[np.float32] = constants
@@ -290,13 +290,12 @@ class _Adam:
                 steps = np.zeros_like(gradient)
                 flat = [array.reshape(-1) for array in (steps, gradient, *(each[rows] for each in self._moments[name]))]
                 update_run(*flat, 0, steps.size, *constants)
-                values[rows] += self._sizes[rows].reshape(-1, *[1] * (values.ndim - 1)) * steps
+                values[rows] += self._rate_factors[rows].reshape(-1, *[1] * (values.ndim - 1)) * steps
 
             each_piece(len(values), change)
 
     def reset_first_moments(self) -> None:
         """Sets the first moments to 0, so that earlier gradients no longer move the parameters."""
-        # Earlier gradients then no longer change the parameters.
         for first, _ in self._moments.values():
             first[:] = 0
 
@@ -310,7 +309,7 @@ def _add(values: Float[np.ndarray, "N K 3"], more: Float[np.ndarray, "N K 3"]) -
     each_piece(len(values), add)
 
 
-def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
+def _rate_factors(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
     """Returns a factor on each Gaussian's optimiser steps, larger for Gaussians with coarser quantisation."""
     # Pictures are about equally sensitive to a quantisation step of any Gaussian. Steps that are equal for all
     # Gaussians would be too large for the sensitive ones, and too small for the others. The geometric mean of the
@@ -353,7 +352,7 @@ def _sampled_loss(
 
 
 def _decay(share: float) -> float:
-    return LAST_RATE + (1 - LAST_RATE) * 0.5 * (1 + math.cos(math.pi * share))
+    return FINAL_RATE_RATIO + (1 - FINAL_RATE_RATIO) * 0.5 * (1 + math.cos(math.pi * share))
 
 
 def _shuffled(count: int, rng: np.random.Generator) -> Iterator[int]:

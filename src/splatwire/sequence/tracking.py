@@ -1,14 +1,13 @@
 """Tracking: gives a Gaussian the same key in all frames in which it occurs."""
 
-import warnings
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from splatwire.arguments import CheckedFields
 from splatwire.errors import InvalidValueError
 from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.lazy_names import renamed_attributes
 from splatwire.sequence.frames import Frame
 from splatwire.sequence.matching import Match, aligned, has_same_order, match
 from splatwire.sequence.partial_tracks import TrackedFrame
@@ -19,13 +18,6 @@ SECTION = "tracking"
 """Name of the side information section with the tracking statistics."""
 _SHARE_UNITS = 1_000_000
 """Number of units of a stored share that are 1."""
-_RENAMED = {
-    "tracked": "num_same_order_frames",
-    "matched": "num_matched_frames",
-    "share": "matched_share",
-    "born": "num_births",
-}
-"""Current name of each deprecated attribute of `TrackingReport`."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +36,10 @@ class TrackingReport(CheckedFields):
     matched_share: float = 1.0
     num_births: int = 0
 
-    def __getattr__(self, name: str) -> Any:
-        if name not in _RENAMED:
-            raise AttributeError(f"'TrackingReport' object has no attribute '{name}'")
-        text = f"TrackingReport.{name} is deprecated, use {_RENAMED[name]}"
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
-        return getattr(self, _RENAMED[name])
+    __getattr__ = renamed_attributes("TrackingReport", {
+        "tracked": "num_same_order_frames", "matched": "num_matched_frames", "share": "matched_share",
+        "born": "num_births",
+    })  # fmt: skip
 
     def section(self) -> bytes:
         """Serialises the statistics as a section of the side information."""

@@ -11,6 +11,7 @@ from typing import Any
 from jaxtyping import Float
 
 from splatwire.arguments import CheckedFields
+from splatwire.lazy_names import renamed_attributes
 from splatwire.reprs import summary_repr
 from splatwire.types.attributes import AnchorLayout
 from splatwire.types.networks import Mlp
@@ -66,8 +67,8 @@ class CausalCoding(CheckedFields):
             offsets.
         zero_points: Values subtracted from the logarithms of the offset scale (1 value) and the base size (3 values)
             before quantisation.
-        middle: Centre of the scene, voxels.
-        extent: Distance from `middle` along each axis, voxels. About half of the anchors lie within this distance.
+        middle: Median position of the anchors, voxels.
+        spread: Distance from `middle` along each axis, voxels. About half of the anchors lie within this distance.
         voxel_size: Spacing of anchor positions, world units.
         config: Configuration that determines the layer sizes of the networks.
     """
@@ -76,8 +77,9 @@ class CausalCoding(CheckedFields):
     steps: Float[Any, "S"]
     zero_points: Float[Any, "4"]
     middle: Float[Any, "3"]
-    extent: Float[Any, "3"]
+    spread: Float[Any, "3"]
     voxel_size: float
     config: CausalConfig
 
     __repr__ = summary_repr
+    __getattr__ = renamed_attributes("CausalCoding", {"extent": "spread"})

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 
 from scenes import SMALL_CAUSAL
 from splatwire.anchors.voxels import voxel_indices
@@ -46,7 +47,7 @@ from splatwire.neural.training.size import (
     next_controller_state,
     stream_bytes,
 )
-from splatwire.neural.training.state import SizeController, TrainState
+from splatwire.neural.training.state import Moments, SizeController, TrainState
 from splatwire.ops.morton import morton_encode
 
 pytestmark = pytest.mark.slow
@@ -74,7 +75,7 @@ def _scattered(dataset: Dataset, config: TrainConfig) -> TrainState:
 
 @torch.no_grad()
 def _estimate(state: TrainState, config: TrainConfig) -> float:
-    steps = attribute_steps(state.parameters["steps"], config.causal)
+    steps = attribute_steps(state.parameters["log_steps"], config.causal)
     values = noisy_causal_attributes(state, torch.arange(state.num_anchors), steps, uniform_from_host)
     mask = state.masks(config.mask_threshold).float()
     found = anchor_bits(state, config.causal, position_inputs_of(state), values, steps, (mask, mask.amax(dim=1)))
@@ -121,7 +122,7 @@ def test_a_run_ends_in_a_stream_that_decodes(dataset: Dataset, recipe: TrainConf
     back = export_scene(state, going_on)
     for name in ("features", "offsets", "mask"):
         assert np.array_equal(getattr(back.anchors, name), getattr(result.scene.anchors, name)), name
-    assert np.array_equal(back.causal.extent, result.scene.causal.extent)
+    assert np.array_equal(back.causal.spread, result.scene.causal.spread)
 
 
 def test_masks_get_gradients_once_the_rate_counts(dataset: Dataset, recipe: TrainConfig) -> None:
@@ -144,16 +145,16 @@ def test_unknown_model_is_refused() -> None:
 @pytest.mark.parametrize("wanted", [0.5, 2.0])
 def test_lambda_is_adjusted_to_a_target_size(exponent: float, wanted: float) -> None:
     # a scene needs several measurements to reach the size of its lambda
-    steering, log_size = SizeController(), 0.0
+    controller, log_size = SizeController(), 0.0
     for _ in range(NUM_MEASUREMENTS):
-        steering = next_controller_state(steering, log_size - math.log(wanted))
-        log_size += 0.25 * (exponent * steering.log_rate - log_size)
+        controller = next_controller_state(controller, log_size - math.log(wanted))
+        log_size += 0.25 * (exponent * controller.log_lambda_factor - log_size)
     assert abs(log_size - math.log(wanted)) < 0.03
-    assert abs(steering.log_rate) < MAX_LOG_LAMBDA_CHANGE
+    assert abs(controller.log_lambda_factor) < MAX_LOG_LAMBDA_CHANGE
 
 
 def test_target_size_run_resumes_with_its_lambda(dataset: Dataset, recipe: TrainConfig, tmp_path: Path) -> None:
-    wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, size=20_000))
+    wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, target_bytes=20_000))
     state = initial_state(dataset, wanted)
     times = [i for i in range(1, wanted.milestones.iterations + 1) if is_measurement_due(wanted.milestones, i)]
     assert times[0] > wanted.milestones.context_start
@@ -161,7 +162,7 @@ def test_target_size_run_resumes_with_its_lambda(dataset: Dataset, recipe: Train
     for iteration in (times[0] - 1, times[0]):
         state.iteration = iteration
         control_size(state, wanted)
-        assert (state.steering == SizeController()) == (iteration < times[0])
+        assert (state.size_controller == SizeController()) == (iteration < times[0])
     assert (
         INITIAL_EXCESS
         > headroom(wanted.milestones, times[0])
@@ -170,18 +171,33 @@ def test_target_size_run_resumes_with_its_lambda(dataset: Dataset, recipe: Train
     )
     aim = 20_000 * (1 + headroom(wanted.milestones, times[0]))
     missing = math.log(stream_bytes(export_scene(state, wanted)) / aim)
-    assert state.steering == SizeController(INTEGRAL * missing, missing)
+    assert state.size_controller == SizeController(INTEGRAL * missing, missing)
     assert state.current_lambda(wanted.weights) == wanted.weights.rate * math.exp(INTEGRAL * missing)
     save_checkpoint(state, wanted, tmp_path / "a.checkpoint")
-    assert load_checkpoint(tmp_path / "a.checkpoint")[0].steering == state.steering
+    assert load_checkpoint(tmp_path / "a.checkpoint")[0].size_controller == state.size_controller
     control_size(state, recipe)
-    assert state.steering.log_error == missing
+    assert state.size_controller.log_error == missing
+
+
+def test_checkpoints_keep_the_tensor_names_of_earlier_releases(
+    dataset: Dataset, recipe: TrainConfig, tmp_path: Path
+) -> None:
+    state = initial_state(dataset, recipe)
+    state.moments["log_steps"] = Moments(torch.ones(recipe.causal.num_steps), torch.ones(recipe.causal.num_steps), 3)
+    state.parameter_means["zero_points"] = torch.arange(4.0)
+    save_checkpoint(state, recipe, tmp_path / "a.checkpoint")
+    names = load_file(tmp_path / "a.checkpoint").keys()
+    assert {"parameters.steps", "parameters.centres", "first.steps", "second.steps", "mean.centres"} <= names
+    back = load_checkpoint(tmp_path / "a.checkpoint")[0]
+    assert torch.equal(back.parameters["log_steps"], state.parameters["log_steps"])
+    assert torch.equal(back.parameter_means["zero_points"], torch.arange(4.0))
+    assert back.moments["log_steps"].steps == 3
 
 
 def test_sizes_are_interpolated_between_encoded_ones(
     dataset: Dataset, recipe: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, size=20_000))
+    wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, target_bytes=20_000))
     state, sizes = initial_state(dataset, wanted), iter([9000, 9900])
     monkeypatch.setattr("splatwire.neural.training.size.stream_bytes", lambda scene: next(sizes))
     times = [i for i in range(1, wanted.milestones.iterations + 1) if is_measurement_due(wanted.milestones, i)]
@@ -190,12 +206,12 @@ def test_sizes_are_interpolated_between_encoded_ones(
         state.iteration = iteration
         control_size(state, wanted, lambda state: 3000.0)
         aim = 20_000 * (1 + headroom(wanted.milestones, iteration))
-        assert state.steering.ratio is not None
-        assert state.steering.log_error == pytest.approx(math.log(3000 * state.steering.ratio / aim))
-        ratios.append(state.steering.ratio)
+        assert state.size_controller.ratio is not None
+        assert state.size_controller.log_error == pytest.approx(math.log(3000 * state.size_controller.ratio / aim))
+        ratios.append(state.size_controller.ratio)
     assert ratios == pytest.approx([3.0] * (MEASUREMENTS_PER_ENCODING - 1) + [3.3] * 2)
     save_checkpoint(state, wanted, tmp_path / "a.checkpoint")
-    assert load_checkpoint(tmp_path / "a.checkpoint")[0].steering == state.steering
+    assert load_checkpoint(tmp_path / "a.checkpoint")[0].size_controller == state.size_controller
 
 
 def test_device_size_estimate_equals_the_rate(dataset: Dataset, recipe: TrainConfig) -> None:

@@ -9,7 +9,7 @@ from safetensors.torch import load_file, save_file
 from splatwire.data import Dataset
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
-from splatwire.neural.training.config import LossTraining, TrainConfig
+from splatwire.neural.training.config import PacketLossConfig, TrainConfig
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.photos import PhotoStore
 from splatwire.neural.training.state import TrainState
@@ -32,7 +32,7 @@ def _tensors(state: TrainState) -> dict[str, torch.Tensor]:
     values = {name: value.detach() for name, value in state.parameters.items()}
     values |= {f"first.{name}": moments.first for name, moments in state.moments.items()}
     values |= {f"second.{name}": moments.second for name, moments in state.moments.items()}
-    values |= {f"mean.{name}": value for name, value in state.means.items()}
+    values |= {f"mean.{name}": value for name, value in state.parameter_means.items()}
     values |= vars(state.statistics) | {"voxels": state.voxels, "generator": state.generator.get_state()}
     return values | {"bounds_min": state.bounds_min, "bounds_max": state.bounds_max}
 
@@ -58,7 +58,7 @@ def saved(dataset: Dataset, config: TrainConfig, tmp_path_factory: pytest.TempPa
 def test_resumed_run_equals_an_uninterrupted_run(
     pause: int, losses: tuple[str, ...], dataset: Dataset, config: TrainConfig, straight: TrainState, tmp_path: Path
 ) -> None:
-    config = dataclasses.replace(config, losses=LossTraining(losses))
+    config = dataclasses.replace(config, packet_loss=PacketLossConfig(losses))
     last = LAST + 6 if losses else LAST
     if losses:
         straight = initial_state(dataset, config)

@@ -6,8 +6,9 @@ import math
 import pytest
 
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.neural.training.checkpoint import config_from_json
+from splatwire.neural.training.checkpoint import config_from_json, record_to_json
 from splatwire.neural.training.config import LearningRates, Milestones
+from splatwire.neural.training.gaussians import GaussianConfig
 from splatwire.neural.training.presets import CAUSAL_LATE, PRESETS, create_config
 from splatwire.neural.training.schedule import learning_rates
 
@@ -15,8 +16,25 @@ from splatwire.neural.training.schedule import learning_rates
 @pytest.mark.parametrize("preset", PRESETS)
 def test_recipe_round_trips_through_json(preset: str) -> None:
     config = create_config(preset, iterations=1234, seed=5)
-    plain = json.loads(json.dumps(dataclasses.asdict(config)))
+    plain = json.loads(json.dumps(record_to_json(config)))
     assert config_from_json(plain) == config
+
+
+def test_configurations_are_stored_under_the_names_of_earlier_checkpoints() -> None:
+    stored = record_to_json(create_config(losses=("bernoulli:0.2", "first:0.5"), size=9000))
+    assert stored["losses"] == {
+        "models": ("bernoulli:0.2",), "first": (0.5,), "packets": ("paper", "datagram"), "share": 0.5
+    }  # fmt: skip
+    assert (stored["averaged"], stored["weights"]["size"], stored["growth"]["seen_share"]) == (100, 9000, 0.8)
+    assert (stored["milestones"]["tuning"], "steps" in stored["rates"]) == (9000, True)
+    gaussians = record_to_json(GaussianConfig(packet_loss="bernoulli:0.2"))
+    assert (gaussians["tuning"], gaussians["loss"]) == (600, "bernoulli:0.2")
+
+
+@pytest.mark.parametrize(("old", "new"), [("losses", "packet_loss"), ("averaged", "averaging_iterations")])
+def test_deprecated_settings_warn_and_give_the_new_value(old: str, new: str) -> None:
+    with pytest.warns(DeprecationWarning, match=f"use {new}"):
+        assert getattr(create_config(), old) == getattr(create_config(), new)
 
 
 def test_presets_hold_the_published_settings() -> None:
@@ -84,7 +102,7 @@ def test_invalid_settings_are_refused() -> None:
             create_config(**bad)
     with pytest.raises(InvalidValueError, match="recipe"):
         config_from_json({"milestones": {}})
-    plain = json.loads(json.dumps(dataclasses.asdict(create_config())))
+    plain = json.loads(json.dumps(record_to_json(create_config())))
     for wrong in (
         {**plain, "pace": 1},
         {**plain, "milestones": {}},

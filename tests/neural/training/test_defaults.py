@@ -99,7 +99,7 @@ def test_time_left_excludes_compilation(dataset: Dataset) -> None:
     """Compilation may take place in several iterations; no estimate is shown before enough iterations have passed."""
     config = create_config("mipnerf360", iterations=2400)
     state, means = initial_state(dataset, config), RunningMeans(config.milestones.iterations)
-    report = StepReport(torch.tensor(0.1), torch.tensor(0.1), None, num_sampled=0, drawn=torch.tensor(1))
+    report = StepReport(torch.tensor(0.1), torch.tensor(0.1), None, num_sampled=0, num_drawn=torch.tensor(1))
     times = []
     for iteration, seconds in enumerate([40.0, 12.0, 9.0] + [0.1] * 30, 1):
         state.iteration = iteration

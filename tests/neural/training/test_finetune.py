@@ -37,7 +37,7 @@ def finished(dataset: Dataset, config: TrainConfig) -> AnchorScene:
 
 def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, finished: AnchorScene) -> None:
     recipe = fine_tuning(create_config(iterations=30, losses=("bernoulli:0.2",)), finished)
-    assert (recipe.milestones.iterations, recipe.losses.models) == (30, ("bernoulli:0.2",))
+    assert (recipe.milestones.iterations, recipe.packet_loss.models) == (30, ("bernoulli:0.2",))
     again = export_scene(state_of_scene(finished, dataset, recipe), recipe)
     for name, value in vars(finished.anchors).items():
         found = getattr(again.anchors, name)
@@ -99,5 +99,9 @@ def test_finetune_command_runs(
 
 
 def test_format_1_scenes_are_finetuned_without_averaging() -> None:
-    assert fine_tuning(create_config(model="hacpp"), tiny_scene()).averaged == 0
-    assert fine_tuning(create_config(), tiny_causal_scene()).averaged == create_config().averaged > 0
+    assert fine_tuning(create_config(model="hacpp"), tiny_scene()).averaging_iterations == 0
+    assert (
+        fine_tuning(create_config(), tiny_causal_scene()).averaging_iterations
+        == create_config().averaging_iterations
+        > 0
+    )

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from splatwire.data import Dataset
-from splatwire.neural.training.config import LossTraining, TrainConfig
+from splatwire.neural.training.config import PacketLossConfig, TrainConfig
 from splatwire.neural.training.context import AnchorCache, TrainableHacpp
 from splatwire.neural.training.importance import importance_of, order_anchors
 from splatwire.neural.training.initial import initial_state
@@ -46,8 +46,10 @@ def test_anchors_are_reordered_with_all_their_state(state: TrainState, config: T
 
 
 def test_first_share_of_anchors_is_received(state: TrainState, dataset: Dataset, config: TrainConfig) -> None:
-    losses = LossTraining(first=(0.25,), share=1.0)
-    config = dataclasses.replace(config, losses=losses, milestones=dataclasses.replace(config.milestones, growth_end=5))
+    losses = PacketLossConfig(received_shares=(0.25,), lossy_share=1.0)
+    config = dataclasses.replace(
+        config, packet_loss=losses, milestones=dataclasses.replace(config.milestones, growth_end=5)
+    )
     channel = PacketLossSimulator(config, TrainableHacpp(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     assert state.iteration == config.milestones.growth_end + 1
     channel.before_iteration(state, dataset.cameras)
@@ -65,8 +67,10 @@ def test_first_share_of_anchors_is_received(state: TrainState, dataset: Dataset,
 def test_anchors_are_sorted_again_as_importance_changes(
     since: int, again: bool, state: TrainState, dataset: Dataset, config: TrainConfig
 ) -> None:
-    losses = LossTraining(first=(0.25,))
-    config = dataclasses.replace(config, losses=losses, milestones=dataclasses.replace(config.milestones, growth_end=5))
+    losses = PacketLossConfig(received_shares=(0.25,))
+    config = dataclasses.replace(
+        config, packet_loss=losses, milestones=dataclasses.replace(config.milestones, growth_end=5)
+    )
     channel = PacketLossSimulator(config, TrainableHacpp(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     state.iteration = config.milestones.growth_end + since
     order_anchors(state, Importance.of_footprints(-importance_of(state, config, dataset.cameras).share + 1))

@@ -19,7 +19,7 @@ from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
-from splatwire.neural.training.config import LossTraining, TrainConfig
+from splatwire.neural.training.config import PacketLossConfig, TrainConfig
 from splatwire.neural.training.context import AnchorCache, SampleBits, TrainableHacpp
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
@@ -37,7 +37,7 @@ PACKETS = Packetization(block_size=50, lanes=4)
 
 
 def _lossy(config: TrainConfig, *models: str, share: float = 0.5) -> TrainConfig:
-    return dataclasses.replace(config, losses=LossTraining(models, share=share))
+    return dataclasses.replace(config, packet_loss=PacketLossConfig(models, lossy_share=share))
 
 
 def _losses(config: TrainConfig) -> PacketLossSimulator:
@@ -177,8 +177,8 @@ def test_lost_anchors_get_no_picture_gradient(
 
 
 def test_loss_models_for_training_are_parsed_from_text() -> None:
-    assert create_config().losses.models == create_config(losses=("none",)).losses.models == ()
-    assert create_config(losses=("bernoulli:0.2", "none", "gilbert:0.2,20")).losses.models == (
+    assert create_config().packet_loss.models == create_config(losses=("none",)).packet_loss.models == ()
+    assert create_config(losses=("bernoulli:0.2", "none", "gilbert:0.2,20")).packet_loss.models == (
         "bernoulli:0.2",
         "gilbert:0.2,20",
     )
@@ -186,13 +186,13 @@ def test_loss_models_for_training_are_parsed_from_text() -> None:
         create_config(losses=("bernouli:0.2",))
     with pytest.raises(InvalidValueError, match="share"):
         create_config(losses=("bernoulli:2",))
-    mixed = create_config(losses=("first:0.5", "bernoulli:0.1", "first:0.25")).losses
-    assert (mixed.models, mixed.first) == (("bernoulli:0.1",), (0.5, 0.25))
+    mixed = create_config(losses=("first:0.5", "bernoulli:0.1", "first:0.25")).packet_loss
+    assert (mixed.models, mixed.received_shares) == (("bernoulli:0.1",), (0.5, 0.25))
     for wrong in ("first", "first:", "first:0", "first:1", "first:nan", "first:half"):
         with pytest.raises(InvalidValueError, match="first:SHARE"):
             create_config(losses=(wrong,))
     with pytest.raises(InvalidValueError, match="share of lossy"):
-        LossTraining(share=1.5)
+        PacketLossConfig(lossy_share=1.5)
     for model in ("hacpp", "causal"):
-        losses = create_config(model=model, losses=("bernoulli:0.2",), loss_share=0.8).losses
-        assert (losses.models, losses.share) == (("bernoulli:0.2",), 0.8)
+        losses = create_config(model=model, losses=("bernoulli:0.2",), loss_share=0.8).packet_loss
+        assert (losses.models, losses.lossy_share) == (("bernoulli:0.2",), 0.8)

@@ -52,12 +52,16 @@ def test_only_offset_and_mask_rates_scale_with_the_scene() -> None:
 
 def test_resumed_finished_scene_uses_rates_of_the_second_half() -> None:
     plain, longer = create_config(iterations=600), create_config(iterations=600, losses=("bernoulli:0.2",))
-    assert (longer.milestones.fine_tuning_start, longer.milestones.tuning, longer.milestones.iterations) == (
+    assert (
+        longer.milestones.fine_tuning_start,
+        longer.milestones.fine_tuning_iterations,
+        longer.milestones.iterations,
+    ) == (
         600,
         180,
         780,
     )
-    assert dataclasses.replace(longer.milestones, iterations=600, tuning=0) == plain.milestones
+    assert dataclasses.replace(longer.milestones, iterations=600, fine_tuning_iterations=0) == plain.milestones
     for iteration in (1, 301, 600):
         assert learning_rates(longer, iteration, 1.0) == learning_rates(plain, iteration, 1.0)
     after, end = (learning_rates(longer, iteration, 1.0) for iteration in (601, 780))
@@ -65,4 +69,4 @@ def test_resumed_finished_scene_uses_rates_of_the_second_half() -> None:
         if name != "mask_logits":
             assert after[name] == pytest.approx(math.sqrt(rate.initial * rate.final), rel=0.03)
             assert end[name] == pytest.approx(rate.final)
-    assert create_config(model="hacpp", losses=("bernoulli:0.2",)).milestones.tuning == 0
+    assert create_config(model="hacpp", losses=("bernoulli:0.2",)).milestones.fine_tuning_iterations == 0

@@ -26,7 +26,7 @@ def tagged_state(dataset: Dataset, config: TrainConfig) -> TrainState:
 
     for name in ANCHOR_PARAMETERS:
         state.parameters[name] = tag(state.parameters[name]).requires_grad_()
-        state.means[name] = tag(state.parameters[name])
+        state.parameter_means[name] = tag(state.parameters[name])
         state.moments[name] = Moments(tag(state.parameters[name]).detach(), -tag(state.parameters[name]).detach(), 7)
     for name, rows in vars(state.statistics).items():
         setattr(state.statistics, name, tag(rows))
@@ -39,7 +39,7 @@ def rows_of(state: TrainState) -> list[torch.Tensor]:
     columns = [state.parameters[name].detach() for name in ANCHOR_PARAMETERS]
     columns += [moments.first for moments in state.moments.values()]
     columns += [-moments.second for moments in state.moments.values()]
-    columns += [*state.means.values(), *vars(state.statistics).values(), state.voxels.float()]
+    columns += [*state.parameter_means.values(), *vars(state.statistics).values(), state.voxels.float()]
     return [c.reshape(len(c), -1)[:, -1] for c in columns]
 
 
@@ -73,4 +73,4 @@ def test_added_anchors_have_fresh_optimiser_state(dataset: Dataset, config: Trai
 def test_every_parameter_has_a_learning_rate(config: TrainConfig) -> None:
     causal = dataclasses.replace(config, model=SMALL_CAUSAL)
     groups = {group_of(name) for recipe in (config, causal) for name in parameter_shapes(recipe, 1)}
-    assert groups - {"centres"} == set(vars(config.rates))  # centres are measured, not trained
+    assert groups - {"zero_points"} == set(vars(config.rates))  # zero points are measured, not trained

@@ -10,7 +10,7 @@ import torch
 
 from splatwire.data import Dataset
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
-from splatwire.neural.training.config import LossTraining, TrainConfig
+from splatwire.neural.training.config import PacketLossConfig, TrainConfig
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.losses import prepare_photo
 from splatwire.neural.training.state import TrainState
@@ -36,7 +36,7 @@ def _still(config: TrainConfig) -> object:
 
 def _lossy(config: TrainConfig) -> TrainConfig:
     """Every iteration after growth loses packets."""
-    return dataclasses.replace(config, losses=LossTraining(("bernoulli:0.3",), share=1.0))
+    return dataclasses.replace(config, packet_loss=PacketLossConfig(("bernoulli:0.3",), lossy_share=1.0))
 
 
 @pytest.fixture(scope="module")

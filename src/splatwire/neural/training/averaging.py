@@ -8,7 +8,7 @@ from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.state import TrainState
 
 
-def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
+def averaging_start(config: TrainConfig, iteration: int = 0) -> int:
     """Returns the iteration after which the averaging of parameters starts in one phase of the training.
 
     The training has two phases: the main phase and the fine-tuning. Parameters are averaged at the end of each.
@@ -21,30 +21,31 @@ def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
     # the fine-tuning. Iterations in which anchors are added and removed are excluded.
     milestones = config.milestones
     if milestones.is_fine_tuning(iteration):
-        return max(milestones.iterations - 2 * config.averaged, milestones.fine_tuning_start)
-    return max(milestones.fine_tuning_start - 2 * config.averaged, milestones.growth_end)
+        return max(milestones.iterations - 2 * config.averaging_iterations, milestones.fine_tuning_start)
+    return max(milestones.fine_tuning_start - 2 * config.averaging_iterations, milestones.growth_end)
 
 
 @torch.no_grad()
-def gather_mean(state: TrainState, config: TrainConfig) -> None:
+def update_means(state: TrainState, config: TrainConfig) -> None:
     """Updates the running means of the parameters after an iteration.
 
     Args:
         state: State of the training; the means are changed in place.
         config: The configuration.
     """
-    # The first `TrainConfig.averaged` iterations have equal weights; later, the mean is exponential.
-    count = state.iteration - start_of_mean(config, state.iteration)
-    if count < 1 or not config.averaged:
+    # The first `TrainConfig.averaging_iterations` iterations have equal weights; later, the mean is exponential.
+    count = state.iteration - averaging_start(config, state.iteration)
+    if count < 1 or not config.averaging_iterations:
         return
-    averaged = [name for name in state.parameters if name in state.means]
-    if averaged:
-        means, values = ([source[name] for name in averaged] for source in (state.means, state.parameters))
-        torch._foreach_lerp_(means, values, 1 / min(count, config.averaged))
-    for name in state.parameters.keys() - state.means.keys():
-        state.means[name] = state.parameters[name].detach().clone()
+    names = [name for name in state.parameters if name in state.parameter_means]
+    if names:
+        means, values = ([source[name] for name in names] for source in (state.parameter_means, state.parameters))
+        torch._foreach_lerp_(means, values, 1 / min(count, config.averaging_iterations))
+    for name in state.parameters.keys() - state.parameter_means.keys():
+        state.parameter_means[name] = state.parameters[name].detach().clone()
 
 
-def averaged(state: TrainState) -> TrainState:
+def with_averaged_parameters(state: TrainState) -> TrainState:
     """Returns the state with each parameter replaced by its running mean."""
-    return replace(state, parameters={**state.parameters, **state.means}) if state.means else state
+    means = state.parameter_means
+    return replace(state, parameters={**state.parameters, **means}) if means else state

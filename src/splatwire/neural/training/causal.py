@@ -84,7 +84,7 @@ class TrainableCausal:
         masks = straight_through_masks(state, config, visible)[0]
         if phase is Phase.PLAIN:
             return (state.attributes(visible), masks.detach()), None
-        steps = attribute_steps(state.parameters["steps"], self._model)
+        steps = attribute_steps(state.parameters["log_steps"], self._model)
         if phase is Phase.NOISE:
             steps = (steps[0].detach(), steps[1].detach(), steps[2].detach())
         feature, logs, offsets = noisy_causal_attributes(state, visible, steps, self._random.uniform)
@@ -110,8 +110,8 @@ class TrainableCausal:
             _functions(networks), self._model, inputs, nothing.expand(-1, layout.feature_dim),
             nothing.expand(-1, NUM_SIZES), quantised=lambda name, mean, values: mean, join=torch.cat,
         )  # fmt: skip
-        steps = attribute_steps(state.parameters["steps"], self._model)[1]
-        return expanded_scalings((predicted.log_sizes[0] * steps + state.parameters["centres"]).exp())
+        steps = attribute_steps(state.parameters["log_steps"], self._model)[1]
+        return expanded_scalings((predicted.log_sizes[0] * steps + state.parameters["zero_points"]).exp())
 
     def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the estimated size of the scene in megabytes."""
@@ -213,7 +213,7 @@ def anchor_bits(
         steps: Quantisation steps of these values (`attribute_steps`).
         masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
     """
-    logs = values[1] - state.parameters["centres"].detach()
+    logs = values[1] - state.parameters["zero_points"].detach()
     values_in_steps = [value / step for value, step in zip((values[0], logs, values[2]), steps, strict=True)]
     offset_mask, anchor_mask = masks
     anchor_value_bits, offsets = anchor_and_offset_bits(
@@ -304,9 +304,9 @@ def initialise_causal(state: TrainState, config: TrainConfig, position_inputs: F
     alive = state.masks(config.mask_threshold).any(dim=1)
     if int(alive.sum()) < 2:
         return
-    parameters["centres"].copy_(parameters["log_scalings"][alive].mean(dim=0))
-    steps = attribute_steps(parameters["steps"], model)
-    logs = parameters["log_scalings"] - parameters["centres"]
+    parameters["zero_points"].copy_(parameters["log_scalings"][alive].mean(dim=0))
+    steps = attribute_steps(parameters["log_steps"], model)
+    logs = parameters["log_scalings"] - parameters["zero_points"]
     columns = parameters["features"], logs, parameters["offsets"].flatten(1)
     means, log_deviations = [], []
     for values, step in zip(columns, steps, strict=True):

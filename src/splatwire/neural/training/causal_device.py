@@ -71,7 +71,7 @@ class DeviceCausal(TrainableCausal):
         masks, any_mask = straight_through(logits, config.mask_threshold)
         if phase is Phase.PLAIN:
             return ((features, expanded_scalings(logs.exp()), offsets), masks.detach()), None
-        steps = value_steps(state.parameters["steps"], self._model)
+        steps = value_steps(state.parameters["log_steps"], self._model)
         moved = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
         scale_moved, _ = moved.split([layout.feature_dim, 1, NUM_SIZES - 1 + 3 * layout.num_offsets], dim=1)[1:]
         parts = moved.split(list(widths), dim=1)
@@ -102,7 +102,7 @@ class DeviceCausal(TrainableCausal):
             masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
         """
         (feature, logs, offsets), (offset_mask, anchor_mask) = noisy, masks
-        values = torch.cat([feature, logs - state.parameters["centres"].detach(), offsets], dim=1) / steps
+        values = torch.cat([feature, logs - state.parameters["zero_points"].detach(), offsets], dim=1) / steps
         inputs = self._position_inputs(state).index_select(0, index)
         networks = causal_networks(state.parameters, self._model)
         return (sample_bits(networks, self._model, inputs, values, offset_mask) * anchor_mask).sum()
@@ -112,7 +112,7 @@ class DeviceCausal(TrainableCausal):
         """Estimates the bytes of all anchors in the stream."""
         # Noise in place of rounding, with a fixed seed.
         generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
-        steps, total = value_steps(parameters["steps"], self._model), list[Tensor]()
+        steps, total = value_steps(parameters["log_steps"], self._model), list[Tensor]()
         widths = (self._model.layout.feature_dim, NUM_SIZES, 3 * self._model.layout.num_offsets)
         for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
             moved = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps

@@ -8,7 +8,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import torch
 from torch import Tensor
@@ -17,13 +17,16 @@ from splatwire.anchors.tensor_file import read_tensors, write_tensors
 from splatwire.arguments import checked
 from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
 from splatwire.neural.model.tensors import to_tensors
-from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.config import STORED_NAME, TrainConfig
 from splatwire.neural.training.initial import parameter_shapes
 from splatwire.neural.training.state import GrowthStatistics, Moments, SizeController, TrainState
 from splatwire.types.origin import NO_ORIGIN, check_origin
 
 FORMAT = "splatwire-checkpoint"
 VERSION = 5
+_STORED_PARAMETERS = {"log_steps": "steps", "zero_points": "centres"}
+"""Names in checkpoints of the parameters that have another name there."""
+Value = TypeVar("Value")
 
 
 @checked
@@ -44,10 +47,10 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "bounds_max": state.bounds_max,
         "generator": state.generator.get_state(),
         **{f"statistics.{name}": value for name, value in vars(state.statistics).items()},
-        **{f"parameters.{name}": value for name, value in state.parameters.items()},
-        **{f"first.{name}": moments.first for name, moments in state.moments.items()},
-        **{f"second.{name}": moments.second for name, moments in state.moments.items()},
-        **{f"mean.{name}": value for name, value in state.means.items()},
+        **{f"parameters.{_stored(name)}": value for name, value in state.parameters.items()},
+        **{f"first.{_stored(name)}": moments.first for name, moments in state.moments.items()},
+        **{f"second.{_stored(name)}": moments.second for name, moments in state.moments.items()},
+        **{f"mean.{_stored(name)}": value for name, value in state.parameter_means.items()},
     }
     header = {
         "format": FORMAT,
@@ -55,12 +58,12 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "iteration": state.iteration,
         "voxel_size": state.voxel_size.hex(),
         "camera_extent": state.camera_extent.hex(),
-        "queue": state.queue,
+        "queue": state.view_queue,
         "origin": state.origin,
-        "steering": _steering_to_list(state.steering),
-        "steps": {name: moments.steps for name, moments in state.moments.items()},
-        "means": sorted(state.means),
-        "config": dataclasses.asdict(config),
+        "steering": _controller_to_list(state.size_controller),
+        "steps": {_stored(name): moments.steps for name, moments in state.moments.items()},
+        "means": sorted(map(_stored, state.parameter_means)),
+        "config": record_to_json(config),
     }
     write_tensors(tensors, header, path)
 
@@ -104,7 +107,8 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
     config = config_from_json(header["config"])
     voxels = checked_tensor(tensors, "voxels", (tensors["voxels"].shape[0], 3), torch.int64)
     shapes = parameter_shapes(config, len(voxels))
-    parameters = {name: checked_tensor(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
+    stored_shapes = {_stored(name): shape for name, shape in shapes.items()}
+    parameters = {name: checked_tensor(tensors, f"parameters.{_stored(name)}", shape) for name, shape in shapes.items()}
     num_offsets = config.model.layout.num_offsets
     empty = GrowthStatistics.zeros(len(voxels), num_offsets, torch.device("cpu"))
     statistics = {
@@ -117,38 +121,55 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
         voxels=voxels,
         voxel_size=float.fromhex(header["voxel_size"]),
         parameters={name: value.requires_grad_() for name, value in parameters.items()},
-        moments=read_moments(header, tensors, shapes),
+        moments=_by_current_name(read_moments(header, tensors, stored_shapes)),
         statistics=GrowthStatistics(**statistics),
         bounds_min=checked_tensor(tensors, "bounds_min", (3,)),
         bounds_max=checked_tensor(tensors, "bounds_max", (3,)),
         camera_extent=float.fromhex(header["camera_extent"]),
         generator=generator,
-        queue=[int(view) for view in header["queue"]],
+        view_queue=[int(view) for view in header["queue"]],
         origin=check_origin(header.get("origin", NO_ORIGIN)),  # earlier releases trained in world coordinates
-        steering=_steering(header["steering"]),
-        means={name: checked_tensor(tensors, f"mean.{name}", shapes[name]) for name in header["means"]},
+        size_controller=_controller(header["steering"]),
+        parameter_means=_by_current_name(
+            {name: checked_tensor(tensors, f"mean.{name}", stored_shapes[name]) for name in header["means"]}
+        ),
     )
     return state, config
 
 
-def _steering_to_list(steering: SizeController) -> list[float | None]:
+def _stored(name: str) -> str:
+    """Returns the name of a parameter in checkpoints."""
+    return _STORED_PARAMETERS.get(name, name)
+
+
+def _by_current_name(values: dict[str, Value]) -> dict[str, Value]:
+    """Returns values by the names of their parameters, given values by the names in checkpoints."""
+    current = {stored: name for name, stored in _STORED_PARAMETERS.items()}
+    return {current.get(name, name): value for name, value in values.items()}
+
+
+def _controller_to_list(controller: SizeController) -> list[float | None]:
     """Converts the state of the size controller (`SizeController`) to a list for a checkpoint.
 
     Returns:
-        The fields `log_rate` and `log_error` of the state, followed by `ratio` unless it is None.
+        The fields `log_lambda_factor` and `log_error` of the state, followed by `ratio` unless it is None.
     """
-    values = [steering.log_rate, steering.log_error]
-    return values if steering.ratio is None else [*values, steering.ratio]
+    values = [controller.log_lambda_factor, controller.log_error]
+    return values if controller.ratio is None else [*values, controller.ratio]
 
 
-def _steering(value: list[float | None]) -> SizeController:
-    log_rate, log_error, *rest = value
+def _controller(value: list[float | None]) -> SizeController:
+    log_lambda_factor, log_error, *rest = value
     (ratio,) = rest or [None]
-    if log_rate is None or not all(part is None or math.isfinite(part) for part in value):
+    if log_lambda_factor is None or not all(part is None or math.isfinite(part) for part in value):
         raise ValueError("the steering of lambda is not finite")
     if ratio is not None and ratio <= 0:
         raise ValueError("the ratio of a stream's size to its estimate is not positive")
-    return SizeController(*(None if part is None else float(part) for part in (log_rate, log_error, ratio)))  # type: ignore[arg-type]
+    return SizeController(
+        float(log_lambda_factor),
+        None if log_error is None else float(log_error),
+        None if ratio is None else float(ratio),
+    )
 
 
 def checked_tensor(
@@ -168,7 +189,7 @@ def checked_tensor(
 
 
 def config_from_json(value: dict[str, Any]) -> TrainConfig:
-    """Converts nested dictionaries to a training configuration; the inverse of `dataclasses.asdict`.
+    """Converts nested dictionaries to a training configuration; the inverse of `record_to_json`.
 
     Raises:
         InvalidValueError: If the dictionaries are not a valid configuration.
@@ -177,8 +198,17 @@ def config_from_json(value: dict[str, Any]) -> TrainConfig:
     return config
 
 
+def record_to_json(record: Any) -> dict[str, Any]:
+    """Converts a configuration to nested dictionaries, as `dataclasses.asdict`, with the stored names of fields."""
+
+    def converted(value: Any) -> Any:
+        return record_to_json(value) if dataclasses.is_dataclass(value) else value
+
+    return {stored: converted(getattr(record, name)) for stored, name in _field_names(type(record)).items()}
+
+
 def record_from_json(kind: Any, value: dict[str, Any]) -> Any:
-    """Converts nested dictionaries to an instance of the dataclass `kind`; the inverse of `dataclasses.asdict`.
+    """Converts nested dictionaries to an instance of the dataclass `kind`; the inverse of `record_to_json`.
 
     Raises:
         InvalidValueError: If the dictionaries do not have the fields of the class.
@@ -191,15 +221,20 @@ def record_from_json(kind: Any, value: dict[str, Any]) -> Any:
 
 def _record(kind: Any, value: dict[str, Any]) -> Any:
     """Converts a JSON object to an instance of the dataclass `kind`."""
-    kinds = get_type_hints(kind)
-    if set(value) != set(kinds):
+    kinds, names = get_type_hints(kind), _field_names(kind)
+    if set(value) != set(names):
         raise ValueError(f"{kind.__name__} has other fields than {', '.join(sorted(value))}")
 
     def field(name: str, item: Any) -> Any:
         records = [record for record in (kinds[name], *get_args(kinds[name])) if dataclasses.is_dataclass(record)]
         for record in records:  # of several types, choose the type with these fields
-            if len(records) == 1 or set(item) == set(get_type_hints(record)):
+            if len(records) == 1 or set(item) == set(_field_names(record)):
                 return _record(record, item)
         return tuple(item) if isinstance(item, list) else item
 
-    return kind(**{name: field(name, item) for name, item in value.items()})
+    return kind(**{names[stored]: field(names[stored], item) for stored, item in value.items()})
+
+
+def _field_names(kind: Any) -> dict[str, str]:
+    """Returns the names of a dataclass's fields, by their names in checkpoints and JSON reports."""
+    return {field.metadata.get(STORED_NAME, field.name): field.name for field in dataclasses.fields(kind)}

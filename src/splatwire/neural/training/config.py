@@ -1,13 +1,17 @@
 """Configuration of a training run (HAC++, section on training) in one frozen dataclass."""
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from splatwire.arguments import CheckedFields
 from splatwire.errors import InvalidValueError
+from splatwire.lazy_names import renamed_attributes
 from splatwire.types import ModelConfig
 from splatwire.types.causal_coding import CausalConfig
 
+STORED_NAME = "stored_name"
+"""Key, in the metadata of a dataclass field, of the name of the field in checkpoints and in JSON reports."""
 FULL_ITERATIONS = 30_000
 """Number of iterations of HAC++'s published schedule; for another number, all phases are scaled."""
 MIN_GROWTH_INTERVAL = 50
@@ -15,6 +19,11 @@ MIN_GROWTH_INTERVAL = 50
 
 With fewer iterations, a Gaussian's mean gradient would be estimated from too few views.
 """
+
+
+def stored_as(name: str) -> Mapping[str, str]:
+    """Returns the metadata of a field that has another name in checkpoints and in JSON reports."""
+    return {STORED_NAME: name}
 
 
 @dataclass(frozen=True)
@@ -48,7 +57,7 @@ class LearningRates:
         prior: Prior network.
         channel: Channel networks.
         causal: Networks of the causal model.
-        steps: Logarithms of the causal model's quantisation steps.
+        log_steps: Logarithms of the causal model's quantisation steps.
     """
 
     offsets: LearningRate = LearningRate(0.01, 0.0001)
@@ -62,7 +71,7 @@ class LearningRates:
     prior: LearningRate = LearningRate(0.005, 0.00001)
     channel: LearningRate = LearningRate(0.005, 0.0005)
     causal: LearningRate = LearningRate(0.005, 0.0005)
-    steps: LearningRate = LearningRate(0.01, 0.002)
+    log_steps: LearningRate = field(default=LearningRate(0.01, 0.002), metadata=stored_as("steps"))
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,8 @@ class Milestones:
         growth_start: Start of adding and removing anchors.
         growth_end: End of adding and removing anchors.
         growth_interval: Number of iterations between two changes of the set of anchors.
-        tuning: Number of fine-tuning iterations at the end, on the finished scene (`neural.training.tuning`).
+        fine_tuning_iterations: Number of fine-tuning iterations at the end, on the finished scene
+            (`neural.training.fine_tuning_phase`).
     """
 
     iterations: int = FULL_ITERATIONS
@@ -90,12 +100,12 @@ class Milestones:
     growth_start: int = 1500
     growth_end: int = 15_000
     growth_interval: int = 100
-    tuning: int = 0
+    fine_tuning_iterations: int = field(default=0, metadata=stored_as("tuning"))
 
     @property
     def fine_tuning_start(self) -> int:
-        """Number of iterations before the fine-tuning; all iterations of the training if `tuning` is 0."""
-        return self.iterations - self.tuning
+        """Number of iterations before the fine-tuning; all iterations of the training if there is none."""
+        return self.iterations - self.fine_tuning_iterations
 
     def is_fine_tuning(self, iteration: int) -> bool:
         """True if an iteration belongs to the fine-tuning at the end of the training."""
@@ -119,8 +129,8 @@ class GrowthRules:
         gradient_threshold: An anchor may be added near a Gaussian if the mean length of the gradient of the training
             loss with respect to the Gaussian's 2D centre reaches this threshold. Coordinates of the centre are -1 to 1
             across the image. The threshold doubles from each grid to the next finer one.
-        seen_share: An anchor is examined for removal once more than `seen_share * Milestones.growth_interval` views
-            have seen it since its last examination. This may take several intervals.
+        min_views_factor: An anchor is examined for removal once the number of views that have seen it since its last
+            examination exceeds `min_views_factor * Milestones.growth_interval`. This may take several intervals.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged
             over views.
         levels: Maximum number of grids.
@@ -131,12 +141,12 @@ class GrowthRules:
         first_pruning: First iteration in which anchors may be removed.
     """
 
-    # Half of `seen_share` is the minimum for an offset near which an anchor is added. At each change, a grid cell
+    # Half of `min_views_factor` is the minimum for an offset near which an anchor is added. At each change, a grid cell
     # without an anchor gets at most one; grids with cells below one voxel are skipped. `first_pruning` is the same
     # for any length of the training: random initial points are mostly transparent until the networks are trained.
 
     gradient_threshold: float = 0.0002
-    seen_share: float = 0.8
+    min_views_factor: float = field(default=0.8, metadata=stored_as("seen_share"))
     min_opacity: float = 0.005
     levels: int = 3
     coarsest_cell: int = 16
@@ -158,18 +168,18 @@ class LossWeights:
         rate: Lambda, the weight of the bit rate in the loss. The bit rate is measured in bits per parameter; with the
             causal model, in megabytes of the scene.
         sample_share: Share of the anchors whose rate is estimated in each iteration.
-        size: Target size of the stream in bytes; lambda is controlled to reach it (`neural.training.size`). 0 keeps
-            lambda constant.
+        target_bytes: Target size of the stream in bytes; lambda is controlled to reach it (`neural.training.size`). 0
+            keeps lambda constant.
     """
 
     dssim: float = 0.2
     volume: float = 0.01
     rate: float = 0.004
     sample_share: float = 0.05
-    size: int = 0
+    target_bytes: int = field(default=0, metadata=stored_as("size"))
 
     def __post_init__(self) -> None:
-        if self.size < 0 or (self.size and not self.rate):
+        if self.target_bytes < 0 or (self.target_bytes and not self.rate):
             raise InvalidValueError(f"a size is 1 byte or more and needs a lambda above 0 to be steered by, not {self}")
 
 
@@ -214,33 +224,32 @@ class RefineConfig:
 
 
 @dataclass(frozen=True)
-class LossTraining:
+class PacketLossConfig:
     """Simulated packet loss in training (`neural.training.packet_loss`).
 
-    Each iteration with packet loss uses one of `models` or one of `first`, chosen at random. If both are empty, no
-    packet loss is simulated.
+    Each iteration with packet loss uses one of `models` or one of `received_shares`, chosen at random. If both are
+    empty, no packet loss is simulated.
 
     Attributes:
         models: Loss models in the syntax of `splatwire.channel.parse_loss`.
-        first: Shares of the anchors, 0 to 1. In an iteration with one of these shares, only this share of the anchors
-            is received: the most important ones.
-        packets: Names of packetizations (`packetization_named`); one of them is chosen at random.
-        share: Share of the iterations with packet loss in the last phase of the training.
+        received_shares: Shares of the anchors, 0 to 1. In an iteration with one of these shares, only this share of the
+            anchors is received: the most important ones.
+        packetizations: Names of packetizations (`packetization_named`); one of them is chosen at random.
+        lossy_share: Share of the iterations with packet loss in the last phase of the training.
     """
 
-    # An iteration with packet loss uses one of `models` or one of `first` at random. With fine-tuning, packet loss
-    # is simulated only there, otherwise once the set of anchors is fixed.
+    # With fine-tuning, packet loss is simulated only there, otherwise once the set of anchors is fixed.
 
     models: tuple[str, ...] = ()
-    first: tuple[float, ...] = ()
+    received_shares: tuple[float, ...] = field(default=(), metadata=stored_as("first"))
     # The losses of the packetization `paper` are concentrated in some regions. Training with it instead of `spread`
     # makes snowmiku_small 0.2 to 0.4 dB better, with and without loss (two trainings), and lego 0.1 dB worse.
-    packets: tuple[str, ...] = ("paper", "datagram")
-    share: float = 0.5
+    packetizations: tuple[str, ...] = field(default=("paper", "datagram"), metadata=stored_as("packets"))
+    lossy_share: float = field(default=0.5, metadata=stored_as("share"))
 
     def __post_init__(self) -> None:
-        if not 0 <= self.share <= 1:
-            raise InvalidValueError(f"the share of lossy iterations must be from 0 to 1, not {self.share}")
+        if not 0 <= self.lossy_share <= 1:
+            raise InvalidValueError(f"the share of lossy iterations must be from 0 to 1, not {self.lossy_share}")
 
 
 @dataclass(frozen=True)
@@ -257,8 +266,8 @@ class TrainConfig(CheckedFields):
         growth: Rules for adding and removing anchors.
         weights: Weights of the terms of the training loss.
         refine: Settings for the refinement of the context model at the end.
-        losses: Settings for simulated packet loss.
-        averaged: Length of the running mean of the parameters in the last iterations, in iterations
+        packet_loss: Settings for simulated packet loss.
+        averaging_iterations: Length of the running mean of the parameters in the last iterations, in iterations
             (`splatwire.neural.training.averaging`); 0 for no averaging.
         mask_threshold: An offset exists if the sigmoid of its mask logit is above this threshold.
         random_points: Maximum number of random initial points if the data has none.
@@ -279,13 +288,15 @@ class TrainConfig(CheckedFields):
     growth: GrowthRules = GrowthRules()
     weights: LossWeights = LossWeights()
     refine: RefineConfig = RefineConfig()
-    losses: LossTraining = LossTraining()
-    averaged: int = 100
+    packet_loss: PacketLossConfig = field(default=PacketLossConfig(), metadata=stored_as("losses"))
+    averaging_iterations: int = field(default=100, metadata=stored_as("averaged"))
     mask_threshold: float = 0.01
     random_points: int = 100_000
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     test_views: str = "every_8th"
     seed: int = 0
+
+    __getattr__ = renamed_attributes("TrainConfig", {"losses": "packet_loss", "averaged": "averaging_iterations"})
 
     @property
     def hacpp(self) -> ModelConfig:

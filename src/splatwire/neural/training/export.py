@@ -5,7 +5,7 @@ from torch import Tensor
 
 from splatwire.arguments import checked
 from splatwire.errors import InvalidValueError
-from splatwire.neural.training.averaging import averaged
+from splatwire.neural.training.averaging import with_averaged_parameters
 from splatwire.neural.training.causal import causal_networks
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.grid import hard_sign
@@ -38,7 +38,7 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    state = averaged(move_state(state, device or torch.device("cpu")))
+    state = with_averaged_parameters(move_state(state, device or torch.device("cpu")))
     parameters, networks, mask = state.parameters, state.networks, state.masks(config.mask_threshold)
     kept = mask.any(dim=1)
     if not bool(kept.any()):
@@ -58,7 +58,7 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
 def _causal(state: TrainState, model: CausalConfig) -> CausalCoding:
     networks = {name: copied_mlp(mlp) for name, mlp in causal_networks(state.parameters, model).items()}
     return CausalCoding(
-        networks, state.parameters["steps"].exp(), state.parameters["centres"].clone(),
+        networks, state.parameters["log_steps"].exp(), state.parameters["zero_points"].clone(),
         (state.bounds_max + state.bounds_min) / 2, (state.bounds_max - state.bounds_min) / 2,
         state.voxel_size, model,
     )  # fmt: skip

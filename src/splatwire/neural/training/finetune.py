@@ -10,11 +10,11 @@ from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.config import Milestones, TrainConfig
+from splatwire.neural.training.fine_tuning_phase import MASK_LOGITS
 from splatwire.neural.training.initial import camera_extent, parameter_shapes
 from splatwire.neural.training.presets import CAUSAL, HACPP
 from splatwire.neural.training.schedule import fine_tuning_rates
 from splatwire.neural.training.state import CHANNEL_SLOPE, GrowthStatistics, TrainState
-from splatwire.neural.training.tuning import MASK_LOGITS
 from splatwire.types import AnchorScene, CausalCoding, HacppCoding, Mlp
 from splatwire.types.scene import Scene
 
@@ -53,7 +53,7 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         hidden=widths,
         milestones=milestones,
         rates=fine_tuning_rates(config.rates),
-        averaged=config.averaged if isinstance(scene.coding, CausalCoding) else 0,
+        averaging_iterations=config.averaging_iterations if isinstance(scene.coding, CausalCoding) else 0,
     )
 
 
@@ -113,7 +113,7 @@ def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor 
     """Returns the networks and tensors of the context model, keyed by parameter name."""
     if isinstance(coding, CausalCoding):
         networks = {f"causal.{name}": mlp for name, mlp in coding.networks.items()}
-        return {**networks, "steps": coding.steps.log(), "centres": coding.zero_points}
+        return {**networks, "log_steps": coding.steps.log(), "zero_points": coding.zero_points}
     grid, channel = (
         coding.context_model.grid,
         {f"channel.{group}": mlp for group, mlp in enumerate(coding.context_model.channel)},
@@ -127,7 +127,7 @@ def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
     # The bounding box of the hash grid; with the causal model, the middle of the anchors minus and plus their
     # spread.
     if isinstance(coding, CausalCoding):
-        return coding.middle - coding.extent, coding.middle + coding.extent
+        return coding.middle - coding.spread, coding.middle + coding.spread
     return coding.context_model.grid.bounds_min, coding.context_model.grid.bounds_max
 
 

@@ -82,16 +82,16 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
             scene cannot recover.
     """
     statistics, rules = state.statistics, config.growth
-    wanted = config.milestones.growth_interval * rules.seen_share
-    judged = statistics.gradient_count > wanted * 0.5
+    min_views = config.milestones.growth_interval * rules.min_views_factor
+    judged = statistics.gradient_count > min_views * 0.5
     gradients = statistics.gradient_sum / statistics.gradient_count.clamp(min=1)
-    before = state.num_anchors
+    num_before = state.num_anchors
     _grow(state, config, torch.where(judged, gradients, -1.0), uniform)
     statistics = state.statistics
-    old = slice(0, before)
+    old = slice(0, num_before)
     statistics.gradient_sum[old][judged] = 0
     statistics.gradient_count[old][judged] = 0
-    visited = statistics.visits > wanted
+    visited = statistics.visits > min_views
     transparent = visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits)
     mostly_transparent = int(transparent.sum()) > _MOSTLY_TRANSPARENT * int(visited.sum())
     if mostly_transparent and 2 * state.iteration > config.milestones.growth_end:
@@ -101,10 +101,10 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
         keep[:] = True
     statistics.opacity_sum[visited] = 0
     statistics.visits[visited] = 0
-    added = state.num_anchors - before
+    num_added = state.num_anchors - num_before
     keep_anchors(state, keep)
     state.parameters["log_scalings"][:, -3:].clamp_(max=rules.max_log_size)
-    return added, int((~keep).sum())
+    return num_added, int((~keep).sum())
 
 
 def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"], uniform: Uniform) -> None:
@@ -117,10 +117,10 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
             Negative for offsets drawn in too few views.
         uniform: Draws random numbers.
     """
-    rules, first = config.growth, state.num_anchors
+    rules, num_before = config.growth, state.num_anchors
     for level in range(rules.levels):
         cell = rules.coarsest_cell // rules.cell_ratio**level
-        if cell < 1 or (level > 0 and state.num_anchors == first):
+        if cell < 1 or (level > 0 and state.num_anchors == num_before):
             break
         chosen = gradients >= rules.gradient_threshold * 2**level
         uniform_noise = uniform(gradients.shape, state.generator, gradients.device)
@@ -143,12 +143,12 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
     parameters = state.parameters
     sizes = state.scalings(anchor_index)[:, :3]
     centers = state.positions[anchor_index] + parameters["offsets"][anchor_index, offset_index] * sizes
-    wanted = torch.round(centers.double() / (state.voxel_size * cell))
-    possible = torch.isfinite(wanted).all(dim=1) & (wanted.abs() * cell <= MAX_TRAINED_INDEX).all(dim=1)
-    wanted, anchor_index = wanted[possible].to(torch.int64), anchor_index[possible]
-    taken = torch.round(state.voxels.double() / cell).to(torch.int64)
-    keys, source = torch.unique(_keys(wanted), return_inverse=True)
-    free = ~torch.isin(keys, _keys(taken))
+    cells = torch.round(centers.double() / (state.voxel_size * cell))
+    possible = torch.isfinite(cells).all(dim=1) & (cells.abs() * cell <= MAX_TRAINED_INDEX).all(dim=1)
+    cells, anchor_index = cells[possible].to(torch.int64), anchor_index[possible]
+    occupied = torch.round(state.voxels.double() / cell).to(torch.int64)
+    keys, source = torch.unique(_keys(cells), return_inverse=True)
+    free = ~torch.isin(keys, _keys(occupied))
     free &= free.cumsum(dim=0) <= config.growth.max_anchors - state.num_anchors
     features = _maximum_by_group(parameters["features"][anchor_index], source, len(keys))[free]
     count = int(free.sum())

@@ -28,7 +28,7 @@ from splatwire.types import Cameras
 from splatwire.types.causal_coding import NUM_SIZES, CausalConfig
 from splatwire.types.scene import Scene
 
-FIRST_STEPS = (0.5, 0.05, 0.1, 0.2)
+INITIAL_STEPS = (0.5, 0.05, 0.1, 0.2)
 """Initial quantisation steps of the causal model: features, logarithms of scales, logarithms of sizes, offsets."""
 _BOX_SHARE = 1.3 / 4.03
 """Half side of the box of random initial points, divided by the distance of the cameras from the scene.
@@ -279,7 +279,7 @@ def parameter_shapes(config: TrainConfig, num_anchors: int) -> dict[str, tuple[i
             shapes[f"{prefix}.{layer}.weight"] = (fan_out, fan_in)
             shapes[f"{prefix}.{layer}.bias"] = (fan_out,)
     if isinstance(model, CausalConfig):
-        return {**shapes, "steps": (model.num_steps,), "centres": (NUM_SIZES,)}
+        return {**shapes, "log_steps": (model.num_steps,), "zero_points": (NUM_SIZES,)}
     depth = model.grid.features_per_level
     shapes["grid.volume"] = (sum(model.grid.rows(3)), depth)
     shapes["grid.planes"] = (3, sum(model.grid.rows(2)), depth)
@@ -323,17 +323,17 @@ def _networks(config: TrainConfig, generator: torch.Generator) -> dict[str, Tens
         if name in GRID_PARAMETERS:
             parameters[name] = _uniform(shape, INITIAL_VALUE, generator)
             continue
-        if name in ("steps", "centres"):
-            parameters[name] = first_steps(config) if name == "steps" else torch.zeros(shape)
+        if name in ("log_steps", "zero_points"):
+            parameters[name] = initial_log_steps(config) if name == "log_steps" else torch.zeros(shape)
             continue
         fan_in = shape[1] if name.endswith("weight") else fan_in  # a bias follows the weight of its layer
         parameters[name] = _uniform(shape, fan_in**-0.5, generator)
     return parameters
 
 
-def first_steps(config: TrainConfig) -> Float[Tensor, "S"]:
+def initial_log_steps(config: TrainConfig) -> Float[Tensor, "S"]:
     """Returns the natural logarithms of the causal model's initial quantisation steps."""
-    feature, *rest = FIRST_STEPS
+    feature, *rest = INITIAL_STEPS
     return torch.tensor([feature] * len(config.model.layout.feature_groups) + rest).log()
 
 

@@ -46,13 +46,13 @@ class ModelState(Protocol):
         iteration: Number of completed iterations.
         parameters: Trained tensors by name.
         generator: Source of all random numbers, on the CPU.
-        queue: Indices of the training views not yet used in the current round over all views.
+        view_queue: Indices of the training views not yet used in the current round over all views.
     """
 
     iteration: int
     parameters: dict[str, Tensor]
     generator: torch.Generator
-    queue: list[int]
+    view_queue: list[int]
 
     @property
     def num_elements(self) -> int:
@@ -144,7 +144,7 @@ class TrainingLoop:
             DivergedError: If the loss or a parameter is not finite.
             OSError: If a checkpoint cannot be written.
         """
-        if max(model.state.queue, default=0) >= self.train.num_views:
+        if max(model.state.view_queue, default=0) >= self.train.num_views:
             raise DatasetError("the checkpoint is of a run with more training views than there are here")
         stopped = self._iterate(model, photos)
         if self.options.checkpoint is not None:
@@ -155,9 +155,9 @@ class TrainingLoop:
         state = model.state
         while state.iteration < model.iterations:
             started = time.perf_counter()
-            if not state.queue:
-                state.queue = torch.randperm(self.train.num_views, generator=state.generator).tolist()
-            view = state.queue.pop()
+            if not state.view_queue:
+                state.view_queue = torch.randperm(self.train.num_views, generator=state.generator).tolist()
+            view = state.view_queue.pop()
             report = model.step(view, photos.photo(view))
             elapsed = time.perf_counter() - started
             self.seconds += elapsed

@@ -80,7 +80,7 @@ class PacketLossSimulator:
 
     def __init__(self, config: TrainConfig, model: TrainableContextModel, cache: AnchorCache) -> None:
         self._config, self._model, self._cache = config, model, cache
-        self._models = tuple(parse_loss(text) for text in config.losses.models)
+        self._loss_models = tuple(parse_loss(text) for text in config.packet_loss.models)
         self._voxels: Tensor | None = None
         self._neighbors = np.empty((0, 0), np.int64)
         self._order = torch.empty(0, dtype=torch.int64)
@@ -93,25 +93,25 @@ class PacketLossSimulator:
     def _last_lossless(self) -> int:
         """Last iteration before packet losses are simulated."""
         # They are simulated in the fine-tuning only or, without fine-tuning, once the set of anchors is fixed.
-        # With `LossTraining.first`, they always start when the set of anchors is fixed.
-        # Earlier packet loss reduces the quality of short trainings, measured with and without packet loss (lego, 600
-        # iterations). With `LossTraining.first`, the order of anchors by importance still changes after the growth.
+        # With `PacketLossConfig.received_shares`, they always start when the set of anchors is fixed: the order of
+        # anchors by importance still changes after the growth. Earlier packet loss reduces the quality of short
+        # trainings, measured with and without packet loss (lego, 600 iterations).
         milestones = self._config.milestones
         return (
             milestones.fine_tuning_start
-            if milestones.tuning and not self._config.losses.first
+            if milestones.fine_tuning_iterations and not self._config.packet_loss.received_shares
             else milestones.growth_end
         )
 
     @property
     def _choices(self) -> tuple[LossModel | float, ...]:
-        return (*self._models, *self._config.losses.first)
+        return (*self._loss_models, *self._config.packet_loss.received_shares)
 
     def before_iteration(self, state: TrainState, cameras: Cameras) -> None:
         """Removes anchors without offsets, as an encoder does; may also sort the anchors by importance.
 
         The method is called before each iteration, but changes the state only at fixed intervals, to save time. Anchors
-        are sorted if only the most important ones are received in some iterations (`LossTraining.first`).
+        are sorted if only the most important ones are received in some iterations (`PacketLossConfig.received_shares`).
 
         Args:
             state: State of the training before an iteration; changed in place.
@@ -123,7 +123,7 @@ class PacketLossSimulator:
         alive = state.masks(self._config.mask_threshold).any(dim=1)
         if bool(alive.any()) and not bool(alive.all()):
             keep_anchors(state, alive)
-        if since % _SORT_INTERVAL == 1 and self._config.losses.first:
+        if since % _SORT_INTERVAL == 1 and self._config.packet_loss.received_shares:
             order_anchors(state, importance_of(state, self._config, cameras))
 
     @torch.no_grad()
@@ -137,10 +137,13 @@ class PacketLossSimulator:
         Returns:
             The loss; None if the iteration simulates no packet loss, or if all or no anchors are received.
         """
-        if not self.active(state) or float(torch.rand((), generator=state.generator)) >= self._config.losses.share:
+        if (
+            not self.active(state)
+            or float(torch.rand((), generator=state.generator)) >= self._config.packet_loss.lossy_share
+        ):
             return None
         choice = self._choices[int(torch.randint(len(self._choices), (), generator=state.generator))]
-        names = self._config.losses.packets
+        names = self._config.packet_loss.packetizations
         name = names[int(torch.randint(len(names), (), generator=state.generator))]
         packetization = packetization_named(name, CAUSAL, state.num_anchors)
         seed = int(torch.randint(1 << 62, (), generator=state.generator))

@@ -12,9 +12,9 @@ from splatwire.neural.training.config import (
     GrowthRules,
     LearningRate,
     LearningRates,
-    LossTraining,
     LossWeights,
     Milestones,
+    PacketLossConfig,
     RefineConfig,
     TrainConfig,
 )
@@ -35,11 +35,11 @@ CAUSAL_GRADIENT = 0.0003
 
 The gradient threshold is larger than the published threshold. It reduces the number of anchors to two thirds on lego
 (nine tenths on snowmiku_small), so each anchor may use more bits. The gain is 0.6 dB on lego at 211 kB, of which up to
-0.15 dB is due to averaging (`TrainConfig.averaged`). On snowmiku_small at 520 kB there is no gain. With a threshold of
-0.0004 and more, both scenes are worse."""
+0.15 dB is due to averaging (`TrainConfig.averaging_iterations`). On snowmiku_small at 520 kB there is no gain. With a
+threshold of 0.0004 and more, both scenes are worse."""
 CAUSAL_LATE = {
     "offsets": 7.0, "color": 2.5, "opacity": 2.5, "features": 2.0, "log_scalings": 2.0, "covariance": 2.0,
-    "causal": 2.0, "steps": 1.2,
+    "causal": 2.0, "log_steps": 1.2,
 }  # fmt: skip
 """`LearningRate.late` for a training of 2,400 iterations with the causal model, by parameter group.
 
@@ -48,10 +48,10 @@ removes the noise that they cause. The gain is 0.56 dB with 3 % fewer bytes on l
 snowmiku_small. Twice the factor for offsets is worse. High learning rates from the start are also worse (20 % more
 anchors)."""
 CAUSAL_LENGTH = 2400
-TUNING_SHARE = 0.3
+FINE_TUNING_SHARE = 0.3
 """Number of fine-tuning iterations for packet loss, as a share of all iterations (causal model only)."""
-_GO_ON = ("offsets", "opacity", "color", "causal", "steps")
-_SHORTER = 4 / 3
+_RAISED_RATES = ("offsets", "opacity", "color", "causal", "log_steps")
+_RAISING_EXPONENT = 4 / 3
 """Parameter groups whose final learning rate is higher in short trainings, and the exponent of the factor.
 
 The factor is applied in `for_length`.
@@ -102,7 +102,7 @@ def create_config(
     growth_interval: int | None = None,
     refine_steps: int | None = None,
     losses: tuple[str, ...] = (),
-    loss_share: float = LossTraining.share,
+    loss_share: float = PacketLossConfig.lossy_share,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     seed: int = 0,
 ) -> TrainConfig:
@@ -118,7 +118,7 @@ def create_config(
             default.
         growth_interval: Number of iterations between two changes of the set of anchors; None for the default.
         refine_steps: Number of Adam steps of the final refinement of the context model; None for the default.
-        losses: Packet losses to train for, in the syntax of `loss_training`; empty for no packet loss.
+        losses: Packet losses to train for, in the syntax of `packet_loss_config`; empty for no packet loss.
         loss_share: Share of the iterations with packet loss in the last phase of the training.
         background: RGB of the background.
         seed: Seed of all random numbers.
@@ -146,9 +146,9 @@ def create_config(
         milestones=milestones,
         rates=for_length(LearningRates(mask_logits=LearningRate(0.01, mask_rate)), iterations),
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
-        weights=LossWeights(rate=rate_weight, size=size),
+        weights=LossWeights(rate=rate_weight, target_bytes=size),
         refine=RefineConfig(steps=steps, seed=seed),
-        losses=loss_training(losses, loss_share),
+        packet_loss=packet_loss_config(losses, loss_share),
         background=background,
         test_views=chosen.test_views,
         seed=seed,
@@ -168,8 +168,8 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
     # PSNR is 1.1 dB lower with the published rates, 0.3 dB lower with 12 times these rates, and 0.1 dB lower with
     # constant rates for opacity and colour. Higher final rates for hash grid and context networks make the stream three
     # times as large.
-    factor = max(FULL_ITERATIONS / iterations, 1.0) ** _SHORTER
-    published = {name: getattr(rates, name) for name in _GO_ON}
+    factor = max(FULL_ITERATIONS / iterations, 1.0) ** _RAISING_EXPONENT
+    published = {name: getattr(rates, name) for name in _RAISED_RATES}
     ends = {name: min(rate.final * factor, rate.initial) for name, rate in published.items()}
     return dataclasses.replace(
         rates, **{name: LearningRate(published[name].initial, end) for name, end in ends.items()}
@@ -188,7 +188,7 @@ def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
     # The factors are those of `CAUSAL_LATE` for short trainings, and approach 1 for longer ones.
     share = math.log(FULL_ITERATIONS / iterations) / math.log(FULL_ITERATIONS / CAUSAL_LENGTH)
     power = min(max(share, 0.0), 1.0)
-    late = {name: dataclasses.replace(getattr(rates, name), late=most**power) for name, most in CAUSAL_LATE.items()}
+    late = {name: dataclasses.replace(getattr(rates, name), late=factor**power) for name, factor in CAUSAL_LATE.items()}
     return dataclasses.replace(rates, **late)
 
 
@@ -209,12 +209,14 @@ def _causal(config: TrainConfig) -> TrainConfig:
 
 def _with_fine_tuning(config: TrainConfig) -> TrainConfig:
     """Appends fine-tuning iterations if a configuration simulates packet loss."""
-    if not (config.losses.models or config.losses.first):
+    if not (config.packet_loss.models or config.packet_loss.received_shares):
         return config
-    milestones, more = config.milestones, round(TUNING_SHARE * config.milestones.iterations)
-    return dataclasses.replace(
-        config, milestones=dataclasses.replace(milestones, iterations=milestones.iterations + more, tuning=more)
+    num_main = config.milestones.iterations
+    num_fine_tuning = round(FINE_TUNING_SHARE * num_main)
+    milestones = dataclasses.replace(
+        config.milestones, iterations=num_main + num_fine_tuning, fine_tuning_iterations=num_fine_tuning
     )
+    return dataclasses.replace(config, milestones=milestones)
 
 
 def _check(rate_weight: float, voxel: float, iterations: int) -> None:
@@ -235,27 +237,27 @@ def _milestones(iterations: int, growth_interval: int | None) -> Milestones:
     return dataclasses.replace(milestones, growth_interval=growth_interval)
 
 
-def loss_training(losses: tuple[str, ...], share: float = LossTraining.share) -> LossTraining:
+def packet_loss_config(losses: tuple[str, ...], lossy_share: float = PacketLossConfig.lossy_share) -> PacketLossConfig:
     """Parses the packet losses to train for.
 
     Args:
         losses: Loss models in the syntax of `splatwire.channel.parse_loss`; `first:SHARE` if only the most important
             anchors arrive; `none` or an empty tuple for no packet loss.
-        share: Share of the iterations with packet loss in the last phase of the training.
+        lossy_share: Share of the iterations with packet loss in the last phase of the training.
 
     Raises:
         UnknownNameError: If no loss model has that name.
         InvalidValueError: If a parameter is out of range.
         DatasetError: If a trace file cannot be read.
     """
-    models, first = [], []
+    models, received_shares = [], []
     for text in losses:
         kind, _, part = text.partition(":")
         if kind == "first":
-            first.append(_share(text, part))
+            received_shares.append(_share(text, part))
         elif not isinstance(parse_loss(text), NoLoss):
             models.append(text)
-    return LossTraining(tuple(models), tuple(first), share=share)
+    return PacketLossConfig(tuple(models), tuple(received_shares), lossy_share=lossy_share)
 
 
 def _share(text: str, share: str) -> float:

@@ -70,7 +70,7 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
     voxels = torch.round(anchors.positions.double() / coding.voxel_size)
     logs = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.zero_points
     values = [anchors.features / feature, logs / log_size, anchors.offsets.flatten(1) / offset]
-    return position_inputs(((voxels - coding.middle) / coding.extent).float(), torch.cat), values, anchors.mask.float()
+    return position_inputs(((voxels - coding.middle) / coding.spread).float(), torch.cat), values, anchors.mask.float()
 
 
 def _trained(mlp: Mlp) -> Mlp:

@@ -73,12 +73,13 @@ def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) ->
     """
     milestones = config.milestones
     if milestones.is_fine_tuning(iteration):
-        share, plan = (iteration - milestones.fine_tuning_start) / milestones.tuning, fine_tuning_rates(config.rates)
+        share = (iteration - milestones.fine_tuning_start) / milestones.fine_tuning_iterations
+        schedules = fine_tuning_rates(config.rates)
     else:
-        share, plan = iteration / milestones.fine_tuning_start, config.rates
-    rates = {name: learning_rate_at(schedule, share) for name, schedule in vars(plan).items()}
+        share, schedules = iteration / milestones.fine_tuning_start, config.rates
+    rates = {name: learning_rate_at(schedule, share) for name, schedule in vars(schedules).items()}
     if iteration > milestones.growth_end:
-        rates = {name: rate * getattr(plan, name).late for name, rate in rates.items()}
+        rates = {name: rate * getattr(schedules, name).late for name, rate in rates.items()}
     for name in SCALED_BY_EXTENT:
         rates[name] *= camera_extent
     return rates

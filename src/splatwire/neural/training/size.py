@@ -38,7 +38,7 @@ def control_size(state: TrainState, config: TrainConfig, estimate: Callable[[Tra
     Does nothing without a target size, or if no measurement of the size is due in this iteration.
 
     Args:
-        state: State of the training after an iteration; the field `steering` is replaced.
+        state: State of the training after an iteration; the field `size_controller` is replaced.
         config: The configuration.
         estimate: Function that estimates the bytes of the stream quickly. The estimates may be wrong by a constant
             factor, which is measured by encoding the scene from time to time. None to encode the scene for every
@@ -47,10 +47,11 @@ def control_size(state: TrainState, config: TrainConfig, estimate: Callable[[Tra
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    if config.weights.size and is_measurement_due(config.milestones, state.iteration):
-        aim = config.weights.size * (1 + headroom(config.milestones, state.iteration))
+    if config.weights.target_bytes and is_measurement_due(config.milestones, state.iteration):
+        max_bytes = config.weights.target_bytes * (1 + headroom(config.milestones, state.iteration))
         size, ratio = _measure_size(state, config, estimate)
-        state.steering = replace(next_controller_state(state.steering, math.log(size / aim)), ratio=ratio)
+        controller = next_controller_state(state.size_controller, math.log(size / max_bytes))
+        state.size_controller = replace(controller, ratio=ratio)
 
 
 def _measure_size(
@@ -70,13 +71,13 @@ def _measure_size(
     # measurements scale the estimate by the last ratio of encoded to estimated size.
     if estimate is None:
         return float(stream_bytes(export_scene(state, config))), None
-    estimated, ratio = estimate(state), state.steering.ratio
+    estimated, ratio = estimate(state), state.size_controller.ratio
     if ratio is None or num_measurements(config.milestones, state.iteration) % MEASUREMENTS_PER_ENCODING == 0:
         ratio = stream_bytes(export_scene(state, config)) / estimated
     return estimated * ratio, ratio
 
 
-def first_measured(milestones: Milestones) -> int:
+def measuring_start(milestones: Milestones) -> int:
     """Returns the iteration after which the size of the stream is measured at regular intervals."""
     # Midway between the start of the context phase and the end of the phase in which anchors are added and removed.
     return (milestones.context_start + max(milestones.growth_end, milestones.context_start)) // 2
@@ -84,7 +85,7 @@ def first_measured(milestones: Milestones) -> int:
 
 def is_measurement_due(milestones: Milestones, iteration: int) -> bool:
     """True if the size of the stream is measured after the given training iteration."""
-    since = iteration - first_measured(milestones)
+    since = iteration - measuring_start(milestones)
     return since > 0 and since % _interval(milestones) == 0
 
 
@@ -95,24 +96,24 @@ def num_measurements(milestones: Milestones, iteration: int) -> int:
         milestones: Schedule of the training.
         iteration: The iteration.
     """
-    return max(iteration - first_measured(milestones), 0) // _interval(milestones)
+    return max(iteration - measuring_start(milestones), 0) // _interval(milestones)
 
 
 def _interval(milestones: Milestones) -> int:
-    return max((milestones.iterations - first_measured(milestones)) // NUM_MEASUREMENTS, 1)
+    return max((milestones.iterations - measuring_start(milestones)) // NUM_MEASUREMENTS, 1)
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
     """Returns the allowed excess of the stream over the target size after an iteration, as a share of that size."""
     # The share falls linearly during the training, from `INITIAL_EXCESS` to `FINAL_EXCESS`.
-    left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
+    left = (milestones.iterations - iteration) / max(milestones.iterations - measuring_start(milestones), 1)
     return FINAL_EXCESS + (INITIAL_EXCESS - FINAL_EXCESS) * left
 
 
 def next_controller_state(before: SizeController, log_error: float) -> SizeController:
     """Returns the state of the size controller after a measurement of the stream's size.
 
-    The field `log_rate` of the state adjusts lambda, the weight of the bit rate in the loss.
+    The field `log_lambda_factor` of the state adjusts lambda, the weight of the bit rate in the loss.
 
     Args:
         before: State of the size controller before the measurement.
@@ -121,7 +122,8 @@ def next_controller_state(before: SizeController, log_error: float) -> SizeContr
     change = INTEGRAL * log_error + PROPORTIONAL * (
         log_error - (log_error if before.log_error is None else before.log_error)
     )
-    return SizeController(min(max(before.log_rate + change, -MAX_LOG_LAMBDA_CHANGE), MAX_LOG_LAMBDA_CHANGE), log_error)
+    log_lambda_factor = min(max(before.log_lambda_factor + change, -MAX_LOG_LAMBDA_CHANGE), MAX_LOG_LAMBDA_CHANGE)
+    return SizeController(log_lambda_factor, log_error)
 
 
 def stream_bytes(scene: AnchorScene) -> int:

@@ -103,13 +103,13 @@ class SizeController:
     """State of the size controller, which adapts lambda (the weight of the rate) until the stream has the target size.
 
     Attributes:
-        log_rate: Natural logarithm of the factor by which lambda is multiplied.
+        log_lambda_factor: Natural logarithm of the factor by which lambda is multiplied.
         log_error: Natural logarithm of the ratio of measured size to target size at the last measurement; None before
             the first measurement.
         ratio: Ratio of encoded size to estimated size at the last encoding; None if sizes are not estimated.
     """
 
-    log_rate: float = 0.0
+    log_lambda_factor: float = 0.0
     log_error: float | None = None
     ratio: float | None = None
 
@@ -130,16 +130,16 @@ class TrainState:
         bounds_max: Upper end of the range, in the same unit.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.
-        queue: Indices of the training views not yet used in the current round over all views.
+        view_queue: Indices of the training views not yet used in the current round over all views.
         origin: World coordinates that the anchors are relative to.
-        steering: State of the size controller.
-        means: Running means of the trained tensors by name; empty until averaging starts.
+        size_controller: State of the size controller.
+        parameter_means: Running means of the trained tensors by name; empty until averaging starts.
         networks: The networks made of the tensors of `parameters`.
     """
 
     # The bounds are the corners of the hash grid's bounding box; with the causal model, the middle of the anchors
     # minus and plus their spread, in voxels. Names of parameters: those of `ANCHOR_PARAMETERS`, `heads.*`,
-    # `grid.*`, `prior.*`, `channel.*`.
+    # `grid.*`, `prior.*`, `channel.*`; with the causal model, `heads.*`, `causal.*`, `log_steps` and `zero_points`.
 
     iteration: int
     voxels: Int64[Tensor, "N 3"]
@@ -151,10 +151,10 @@ class TrainState:
     bounds_max: Float[Tensor, "3"]
     camera_extent: float
     generator: torch.Generator
-    queue: list[int] = field(default_factory=list)
+    view_queue: list[int] = field(default_factory=list)
     origin: Origin = NO_ORIGIN
-    steering: SizeController = SizeController()
-    means: dict[str, Tensor] = field(default_factory=dict)
+    size_controller: SizeController = SizeController()
+    parameter_means: dict[str, Tensor] = field(default_factory=dict)
     networks: "Networks" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -166,7 +166,7 @@ class TrainState:
         Args:
             weights: Weights of the terms of the loss, with the initial lambda.
         """
-        return weights.rate * math.exp(self.steering.log_rate)
+        return weights.rate * math.exp(self.size_controller.log_lambda_factor)
 
     @property
     def num_anchors(self) -> int:
@@ -225,7 +225,7 @@ def move_state(state: TrainState, device: torch.device) -> TrainState:
             name: Moments(moments.first.to(device), moments.second.to(device), moments.steps)
             for name, moments in state.moments.items()
         },
-        means={name: value.to(device) for name, value in state.means.items()},
+        parameter_means={name: value.to(device) for name, value in state.parameter_means.items()},
         statistics=GrowthStatistics(**statistics),
         bounds_min=state.bounds_min.to(device),
         bounds_max=state.bounds_max.to(device),
@@ -269,10 +269,8 @@ def _map_rows(state: TrainState, change: Callable[[str | None, Tensor], Tensor])
         change: Function that returns the new tensor. Its first argument is the name of a trained tensor, or None for
             Adam's moments and statistics. The second is the tensor.
     """
-    # The first argument of `change` is the name of a trained tensor, or None for Adam's moments and statistics; the
-    # second is the tensor.
-    for name in state.means.keys() & set(ANCHOR_PARAMETERS):
-        state.means[name] = change(name, state.means[name])
+    for name in state.parameter_means.keys() & set(ANCHOR_PARAMETERS):
+        state.parameter_means[name] = change(name, state.parameter_means[name])
     for name in ANCHOR_PARAMETERS:
         rows = change(name, state.parameters[name].detach())
         state.parameters[name] = rows.contiguous().requires_grad_()

@@ -13,11 +13,12 @@ from splatwire.neural.model.gaussian_heads import SpawnedGaussians, spawn_gaussi
 from splatwire.neural.model.tensor_projection import project_tensors
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training import device_view
-from splatwire.neural.training.averaging import gather_mean
+from splatwire.neural.training.averaging import update_means
 from splatwire.neural.training.causal_device import DeviceCausal
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.context import AnchorCache, Attributes, SampleBits
 from splatwire.neural.training.device_view import AllGaussians
+from splatwire.neural.training.fine_tuning_phase import start_fine_tuning
 from splatwire.neural.training.growth import adjust_anchors, gather_statistics
 from splatwire.neural.training.kernels import COMPILED, Kernels
 from splatwire.neural.training.losses import Photo
@@ -25,7 +26,6 @@ from splatwire.neural.training.models import new_context_model
 from splatwire.neural.training.packet_loss import PacketLossSimulator
 from splatwire.neural.training.schedule import changes_anchors, gathers_statistics, learning_rates
 from splatwire.neural.training.state import Moments, TrainState, group_of
-from splatwire.neural.training.tuning import start_fine_tuning
 from splatwire.render.base import Drawing
 from splatwire.types import Anchors, Cameras, Gaussians
 
@@ -39,7 +39,7 @@ class StepReport:
         absolute_error: Mean absolute error of the rendered picture.
         sample_bits: Estimated bits of a random sample of anchors; None while the rate is not part of the loss.
         num_sampled: Number of anchors in the sample.
-        drawn: Number of Gaussians drawn.
+        num_drawn: Number of Gaussians drawn.
     """
 
     # The properties return Python numbers; reading a property makes the host wait for the device.
@@ -48,7 +48,7 @@ class StepReport:
     absolute_error: Float[Tensor, ""]
     sample_bits: Float[Tensor, ""] | None
     num_sampled: int
-    drawn: Int64[Tensor, ""]
+    num_drawn: Int64[Tensor, ""]
 
     @property
     def loss(self) -> float:
@@ -68,7 +68,7 @@ class StepReport:
     @property
     def num_gaussians(self) -> int:
         """Number of Gaussians drawn."""
-        return int(self.drawn)
+        return int(self.num_drawn)
 
 
 class TrainingStep:
@@ -103,25 +103,27 @@ class TrainingStep:
         """
         config = self._config
         state.iteration += 1
-        if config.milestones.tuning and state.iteration == config.milestones.fine_tuning_start + 1:
+        if config.milestones.fine_tuning_iterations and state.iteration == config.milestones.fine_tuning_start + 1:
             start_fine_tuning(state, config)
         self._model.before_iteration(state)
         self._packet_loss.before_iteration(state, self._cameras)
         visible = self._visible(state, view)
-        (attributes, weight), estimated_bits = self._model.simulate_quantisation(state, visible)
+        (attributes, offset_masks), estimated_bits = self._model.simulate_quantisation(state, visible)
         size_gain = None
         if (received := self._packet_loss.simulate(state, estimated_bits)) is not None:
-            visible, (attributes, weight), size_gain = received.select_visible(visible, (attributes, weight))
-        anchors = self._drawn_anchors(state, visible, attributes, weight)
+            visible, (attributes, offset_masks), size_gain = received.select_visible(
+                visible, (attributes, offset_masks)
+            )
+        anchors = self._drawn_anchors(state, visible, attributes, offset_masks)
         center_gradients = gathers_statistics(config.milestones, state.iteration)
-        spawned = self._spawn(state, anchors, weight, view, size_gain)
+        spawned = self._spawn(state, anchors, offset_masks, view, size_gain)
         drawing = self._draw(spawned.gaussians, view, center_gradients)
         loss, l1 = self._kernels.photometric_loss(drawing.image, photo, config.weights.dssim)
         if isinstance(spawned, SpawnedGaussians):
-            drawn = torch.tensor(spawned.gaussians.num_gaussians)
+            num_drawn = torch.tensor(spawned.gaussians.num_gaussians)
         else:
-            drawn = spawned.num_existing
-        loss = self._total_loss(loss, state, spawned, drawn, estimated_bits)
+            num_drawn = spawned.num_existing
+        loss = self._total_loss(loss, state, spawned, num_drawn, estimated_bits)
         self._check(state, loss)
         if loss.requires_grad:
             loss.backward()
@@ -130,9 +132,11 @@ class TrainingStep:
         if changes_anchors(config.milestones, state.iteration):
             adjust_anchors(state, config, self._kernels.random.uniform)
         self._update(state)
-        gather_mean(state, config)
+        update_means(state, config)
         bits = None if estimated_bits is None else estimated_bits.bits.detach()
-        return StepReport(loss.detach(), l1, bits, 0 if estimated_bits is None else estimated_bits.num_anchors, drawn)
+        return StepReport(
+            loss.detach(), l1, bits, 0 if estimated_bits is None else estimated_bits.num_anchors, num_drawn
+        )
 
     @property
     def size_estimate(self) -> Callable[[TrainState], float] | None:
@@ -156,7 +160,7 @@ class TrainingStep:
         return projected.touches_image(self._cameras.width, self._cameras.height).nonzero()[:, 0]
 
     def _drawn_anchors(
-        self, state: TrainState, visible: Int64[Tensor, "M"], attributes: Attributes, weight: Float[Tensor, "M K"]
+        self, state: TrainState, visible: Int64[Tensor, "M"], attributes: Attributes, offset_masks: Float[Tensor, "M K"]
     ) -> Anchors:
         """Builds the anchors to render from the attributes of the visible anchors.
 
@@ -164,26 +168,26 @@ class TrainingStep:
             state: State of the training.
             visible: Indices of the visible anchors.
             attributes: Features, scalings and offsets of these anchors, with noise.
-            weight: Masks of the visible anchors' offsets, 0 or 1.
+            offset_masks: Masks of the visible anchors' offsets, 0 or 1.
         """
         features, scalings, offsets = attributes
         offsets = offsets.view(-1, self._config.model.layout.num_offsets, 3)
         positions = self._cache.positions(state)[visible]
-        return Anchors(positions, features, scalings, offsets, weight.detach() > 0.5)
+        return Anchors(positions, features, scalings, offsets, offset_masks.detach() > 0.5)
 
     def _spawn(
         self,
         state: TrainState,
         anchors: Anchors,
-        weight: Float[Tensor, "M K"],
+        offset_masks: Float[Tensor, "M K"],
         view: int,
         size_gain: Float[Tensor, "M"] | None,
     ) -> SpawnedGaussians | AllGaussians:
         heads, center = state.networks.heads, self._centers[view].to(anchors.positions)
         if self._kernels.asynchronous:
-            return device_view.spawn_all(anchors, heads, center, weight, size_gain)
+            return device_view.spawn_all(anchors, heads, center, offset_masks, size_gain)
         everything = torch.ones(anchors.num_anchors, dtype=torch.bool, device=state.device)
-        return spawn_gaussians(anchors, heads, center, everything, size_gain=size_gain, mask_weight=weight)
+        return spawn_gaussians(anchors, heads, center, everything, size_gain=size_gain, mask_weight=offset_masks)
 
     def _draw(self, gaussians: Gaussians, view: int, center_gradients: bool) -> Drawing:
         cameras, one = self._cameras, slice(view, view + 1)
@@ -196,7 +200,7 @@ class TrainingStep:
         photometric: Float[Tensor, ""],
         state: TrainState,
         spawned: SpawnedGaussians | AllGaussians,
-        drawn: Int64[Tensor, ""],
+        num_drawn: Int64[Tensor, ""],
         estimated_bits: SampleBits | None,
     ) -> Float[Tensor, ""]:
         """Returns the total loss: photometric loss, volume of the Gaussians, and rate.
@@ -207,7 +211,7 @@ class TrainingStep:
             photometric: Photometric loss of the rendered picture.
             state: State of the training.
             spawned: Gaussians of the view.
-            drawn: Number of Gaussians drawn.
+            num_drawn: Number of Gaussians drawn.
             estimated_bits: Estimated bits of a sample of anchors; None to leave out the rate.
         """
         weights, scales, loss = self._config.weights, spawned.gaussians.scales, photometric
@@ -215,7 +219,7 @@ class TrainingStep:
             loss = loss + weights.volume * scales.prod(dim=1).mean()
         elif isinstance(spawned, AllGaussians):  # the gradient of torch.prod synchronises with the host
             x, y, z = scales.unbind(dim=1)
-            loss = loss + weights.volume * torch.dot(x * y * z, spawned.exists.to(scales)) / drawn.clamp(min=1)
+            loss = loss + weights.volume * torch.dot(x * y * z, spawned.exists.to(scales)) / num_drawn.clamp(min=1)
         if estimated_bits is not None:
             loss = loss + self._model.rate_loss(state, estimated_bits)
         return loss

@@ -102,7 +102,7 @@ def test_number_of_gaussians_reaches_the_budget(iterations: int, count: int) -> 
     numbers = [count]
     for iteration in range(1, iterations + 1):
         if config.relocates(iteration):
-            numbers.append(config.wanted(iteration, numbers[-1]))
+            numbers.append(config.target_count(iteration, numbers[-1]))
     assert numbers[-1] == 40_000
     assert all(before <= after for before, after in itertools.pairwise(numbers))
     growing = [i for i in range(1, iterations + 1) if config.relocates(i)]

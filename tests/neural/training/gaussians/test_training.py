@@ -37,7 +37,7 @@ from splatwire.render.base import Drawing
 from splatwire.types import Gaussians, SplatScene
 from splatwire.types.background import BLACK
 
-CONFIG = GaussianConfig(gaussians=150, iterations=60, tuning=20)
+CONFIG = GaussianConfig(gaussians=150, iterations=60, fine_tuning_iterations=20)
 
 
 def same(first: SplatScene, second: SplatScene) -> bool:
@@ -69,7 +69,9 @@ def test_held_out_views_improve(dataset: Dataset, with_points: bool) -> None:
     train, test = dataset.select([0, 1, 2, 4, 5, 6]), dataset.select([3, 7])
     if not with_points:
         train = dataclasses.replace(train, points=None)
-    config = GaussianConfig(gaussians=400, iterations=300, tuning=80, rates=GaussianRates().for_length(300))
+    config = GaussianConfig(
+        gaussians=400, iterations=300, fine_tuning_iterations=80, rates=GaussianRates().for_length(300)
+    )
     before = assess_scene(initial_gaussians(train, config).scene(3, BLACK), test, 2, 0).psnr
     result = train_gaussians(train, test, config)
     assert result.test is not None
@@ -219,7 +221,7 @@ def test_plain_kernels_with_gsplat_give_the_same_steps(dataset: Dataset, monkeyp
         ({"seed": -1}, "0 or more, not -1"),
         ({"dropout": 1.0}, "below 1, not 1"),
         ({"loss": "bernoulli:2"}, "share from 0 to 1, not 2"),
-        ({"loss": "bernoulli:0.2", "tuning": 0}, "fine-tuning"),
+        ({"packet_loss": "bernoulli:0.2", "fine_tuning_iterations": 0}, "fine-tuning"),
     ],
 )
 def test_invalid_configurations_are_errors(options: dict, message: str) -> None:

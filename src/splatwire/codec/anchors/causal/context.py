@@ -73,14 +73,14 @@ class CodingContext:
     Attributes:
         config: Sizes of the model's networks and tables.
         middle: int64 (3), centre of the scene, voxels.
-        extent: int64 (3), extent of the scene, voxels.
+        spread: int64 (3), distance from `middle` along each axis within which half of the anchors lie, voxels.
         networks: Networks by name.
         low_bit_probabilities: Probabilities of position bits, int64, see `CoarsePositions`.
     """
 
     config: CausalConfig
     middle: np.ndarray
-    extent: np.ndarray
+    spread: np.ndarray
     networks: dict[str, IntegerMlp]
     low_bit_probabilities: np.ndarray
 
@@ -88,7 +88,7 @@ class CodingContext:
     def of(info: SideInfo) -> "CodingContext":
         """Creates the context from side information, with networks converted to integers."""
         networks = {name: network.integer() for name, network in info.networks.items()}
-        return CodingContext(info.config, info.middle, info.extent, networks, info.positions.low_bit_probabilities)
+        return CodingContext(info.config, info.middle, info.spread, networks, info.positions.low_bit_probabilities)
 
     @functools.cached_property
     def stages(self) -> tuple[Stage, ...]:
@@ -105,7 +105,7 @@ class CodingContext:
             Object that predicts the groups of attributes one after another.
         """
         return AutoregressivePredictor(
-            self, self.networks["position"](position_activations(voxels, self.middle, self.extent))
+            self, self.networks["position"](position_activations(voxels, self.middle, self.spread))
         )
 
 
@@ -148,13 +148,13 @@ class AutoregressivePredictor:
             kernels.activate(values, self._known[:, first : first + stage.size])
 
 
-def position_activations(voxels: np.ndarray, middle: np.ndarray, extent: np.ndarray) -> np.ndarray:
+def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """Computes the inputs of the position network: contracted coordinates and their positional encoding.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (n, 3).
         middle: Centre of the scene, voxels, int64 (3).
-        extent: Extent of the scene, voxels, above 0, int64 (3).
+        spread: Distance from `middle` along each axis within which half of the anchors lie, voxels, above 0, int64 (3).
 
     Returns:
         Network inputs in fixed point: whole numbers in units of `2**-ACTIVATION_BITS`, float64 (n, 3 (1 + octaves)),
@@ -163,7 +163,7 @@ def position_activations(voxels: np.ndarray, middle: np.ndarray, extent: np.ndar
     # The contraction compresses coordinates far from the centre. The encoding consists of triangle waves with doubling
     # frequencies.
     away = np.clip(voxels - middle, -(1 << 40), 1 << 40)
-    relative = (away << ACTIVATION_BITS) // extent
+    relative = (away << ACTIVATION_BITS) // spread
     contracted = (np.clip(relative, -(1 << 40), 1 << 40) << ACTIVATION_BITS) // (ONE + np.abs(relative))
     waves = [contracted]
     for octave in range(1, OCTAVES + 1):

@@ -189,10 +189,10 @@ class CausalDecoder(AnchorDecoder):
         info, unit = self._info, math.log(2) * 2.0**-LOG_BITS
         all_steps = np.concatenate([info.steps[:-1], info.log_steps * unit, info.steps[-1:]])
         networks = {name: network_of(network) for name, network in info.networks.items()}
-        steps, zero_points, middle, extent = (
-            np.asarray(values, np.float32) for values in (all_steps, info.zero_points * unit, info.middle, info.extent)
+        steps, zero_points, middle, spread = (
+            np.asarray(values, np.float32) for values in (all_steps, info.zero_points * unit, info.middle, info.spread)
         )
-        return CausalCoding(networks, steps, zero_points, middle, extent, info.voxel_size, info.config)
+        return CausalCoding(networks, steps, zero_points, middle, spread, info.voxel_size, info.config)
 
     def _prior(self) -> Prior:
         """Returns the predicted distributions of all attributes, from which concealers estimate lost anchors."""

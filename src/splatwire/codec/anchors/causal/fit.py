@@ -59,9 +59,9 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: 
         name: quantise_network(network, inputs[name], _tolerance(name, outputs[name], coding) * network_tolerance)
         for name, network in coding.networks.items()
     }
-    middle, extent = coding.middle.astype(np.int64), coding.extent.astype(np.int64)
+    middle, spread = coding.middle.astype(np.int64), coding.spread.astype(np.int64)
     return SideInfo(
-        coding.config, coding.voxel_size, encode_coarse_positions(voxels, 1), middle, extent,
+        coding.config, coding.voxel_size, encode_coarse_positions(voxels, 1), middle, spread,
         np.concatenate([steps[: len(groups)], steps[-1:]]), logs, zero_points,
         networks, fit_heads(scene.heads, sample, HEAD_TOLERANCE),
     )  # fmt: skip
@@ -93,7 +93,7 @@ def _evaluate_networks(
     groups = coding.config.layout.feature_groups
     step = np.repeat(coding.steps[: len(groups)], groups)
     log_sizes = (np.log(scalings[:, [0, 3, 4, 5]]) - coding.zero_points) / coding.steps[len(groups) :][[0, 1, 1, 1]]
-    position_features = position_inputs(((voxels - coding.middle) / coding.extent).astype(np.float32))
+    position_features = position_inputs(((voxels - coding.middle) / coding.spread).astype(np.float32))
     predict_causal(
         {name: recording(name) for name in coding.networks},
         coding.config,

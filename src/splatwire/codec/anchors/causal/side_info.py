@@ -40,7 +40,7 @@ class SideInfo:
         voxel_size: World units per voxel.
         positions: The high bits of all anchors' positions. The packets contain the low bits.
         middle: int64 (3), centre of the scene, voxels.
-        extent: int64 (3), extent of the scene, voxels.
+        spread: int64 (3), distance from `middle` along each axis within which half of the anchors lie, voxels.
         steps: Quantisation steps of each feature group, then of the offsets, float64 (groups + 1).
         log_steps: Quantisation steps of the logarithms of offset scale and base size, int64 (2), `LOG_BITS` fractional
             bits.
@@ -55,7 +55,7 @@ class SideInfo:
     voxel_size: float
     positions: CoarsePositions
     middle: np.ndarray
-    extent: np.ndarray
+    spread: np.ndarray
     steps: np.ndarray
     log_steps: np.ndarray
     zero_points: np.ndarray
@@ -114,7 +114,7 @@ def _header(info: SideInfo) -> bytes:
         writer.unsigned(value)
     for step in (*info.steps, info.voxel_size):
         writer.f64(float(step))
-    for value in (*info.log_steps, *info.extent):
+    for value in (*info.log_steps, *info.spread):
         writer.unsigned(int(value))
     for value in (*info.zero_points, *info.middle):
         writer.signed(int(value))
@@ -173,9 +173,9 @@ def _problem(info: SideInfo) -> str | None:
         return f"logarithmic steps {info.log_steps.tolist()}"
     if np.abs(info.zero_points).max() > MAX_CAUSAL_ZERO_POINT:
         return f"sizes around {info.zero_points.tolist()}"
-    if not ((info.extent > 0).all() and (info.extent <= MAX_COORD).all() and np.abs(info.middle).max() <= MAX_COORD):
-        return f"a scene {info.extent.tolist()} voxels around {info.middle.tolist()}"
+    if not ((info.spread > 0).all() and (info.spread <= MAX_COORD).all() and np.abs(info.middle).max() <= MAX_COORD):
+        return f"a scene {info.spread.tolist()} voxels around {info.middle.tolist()}"
     distances = np.abs(info.positions.known.origin - info.middle).tolist()
-    if any(distance > MAX_FAR * extent for distance, extent in zip(distances, info.extent.tolist(), strict=True)):
-        return f"anchors {distances} voxels from the middle of a scene of {info.extent.tolist()}"
+    if any(distance > MAX_FAR * spread for distance, spread in zip(distances, info.spread.tolist(), strict=True)):
+        return f"anchors {distances} voxels from the middle of a scene of {info.spread.tolist()}"
     return None

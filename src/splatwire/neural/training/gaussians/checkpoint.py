@@ -1,6 +1,5 @@
 """Checkpoints of a training of explicit Gaussians: the whole state as one file of tensors with a JSON header."""
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from splatwire.anchors.tensor_file import read_tensors, write_tensors
 from splatwire.arguments import checked
 from splatwire.errors import MALFORMED, BitstreamError
 from splatwire.neural.model.tensors import to_tensors
-from splatwire.neural.training.checkpoint import checked_tensor, read_moments, record_from_json
+from splatwire.neural.training.checkpoint import checked_tensor, read_moments, record_from_json, record_to_json
 from splatwire.neural.training.gaussians.config import GaussianConfig
 from splatwire.neural.training.gaussians.state import GaussianState, parameter_shapes
 from splatwire.types.origin import NO_ORIGIN, check_origin
@@ -43,10 +42,10 @@ def save_gaussian_checkpoint(state: GaussianState, config: GaussianConfig, path:
         "version": VERSION,
         "iteration": state.iteration,
         "camera_extent": state.camera_extent.hex(),
-        "queue": state.queue,
+        "queue": state.view_queue,
         "origin": state.origin,
         "steps": {name: moments.steps for name, moments in state.moments.items()},
-        "config": dataclasses.asdict(config),
+        "config": record_to_json(config),
     }
     write_tensors(tensors, header, path)
 

@@ -7,13 +7,13 @@ from splatwire.arguments import check_fields
 from splatwire.channel import parse_loss
 from splatwire.codec.gaussians.quality import QUALITIES, Quality
 from splatwire.errors import InvalidValueError
-from splatwire.neural.training.config import FULL_ITERATIONS, LearningRate
+from splatwire.neural.training.config import FULL_ITERATIONS, LearningRate, stored_as
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
 
 MIN_ITERATIONS = 20
 MAX_GAUSSIANS = 4_000_000
 """Maximum number of Gaussians of a training, as of anchors."""
-TUNING_SHARE, MAX_TUNING = 0.25, 2000
+FINE_TUNING_SHARE, MAX_FINE_TUNING_ITERATIONS = 0.25, 2000
 """Iterations of the fine-tuning with the codec's rounding: share of all iterations, and their maximum number."""
 
 MAX_RATE_FACTOR = 5.0
@@ -102,10 +102,11 @@ class GaussianConfig:
         gaussians: Budget: number of Gaussians of the trained scene, at least 1.
         degree: Degree of the spherical harmonics, 0 to 3.
         iterations: Number of iterations before the fine-tuning, at least `MIN_ITERATIONS`.
-        tuning: Number of iterations of the fine-tuning, in which the codec's rounding is simulated; 0 for none.
+        fine_tuning_iterations: Number of iterations of the fine-tuning, in which the codec's rounding is simulated; 0
+            for none.
         quality: Quality setting of the codec for the fine-tuning.
-        loss: Model of packet losses that the fine-tuning simulates, in the syntax of `splatwire.channel.parse_loss`;
-            None for none.
+        packet_loss: Model of packet losses that the fine-tuning simulates, in the syntax of
+            `splatwire.channel.parse_loss`; None for none.
         dssim: Weight of 1 - SSIM in the training loss; the weight of the mean absolute error is 1 - `dssim`.
         opacity_weight: Weight of the mean opacity in the loss.
         scale_weight: Weight of the mean standard deviation in the loss, relative to the extent of the cameras.
@@ -127,9 +128,9 @@ class GaussianConfig:
     gaussians: int = 100_000
     degree: int = MAX_DEGREE
     iterations: int = 2400
-    tuning: int = 600
+    fine_tuning_iterations: int = field(default=600, metadata=stored_as("tuning"))
     quality: Quality = QUALITIES["default"]
-    loss: str | None = None
+    packet_loss: str | None = field(default=None, metadata=stored_as("loss"))
     dssim: float = 0.2
     opacity_weight: float = 0.01
     scale_weight: float = 0.05
@@ -147,15 +148,15 @@ class GaussianConfig:
             raise InvalidValueError(f"a training takes 1 to {MAX_GAUSSIANS:,} Gaussians, not {self.gaussians:,}")
         if not 0 <= self.degree <= MAX_DEGREE:
             raise InvalidValueError(f"spherical harmonics have degree 0 to {MAX_DEGREE}, not {self.degree}")
-        if self.iterations < MIN_ITERATIONS or self.tuning < 0:
+        if self.iterations < MIN_ITERATIONS or self.fine_tuning_iterations < 0:
             raise InvalidValueError(f"a training takes {MIN_ITERATIONS} iterations or more, not {self.iterations}")
         if self.seed < 0:
             raise InvalidValueError(f"a seed is 0 or more, not {self.seed}")
         if not 0 <= self.dropout < 1:
             raise InvalidValueError(f"a share of Gaussians to leave out is 0 or more and below 1, not {self.dropout:g}")
-        if self.loss is not None:
-            parse_loss(self.loss)
-            if not self.tuning:
+        if self.packet_loss is not None:
+            parse_loss(self.packet_loss)
+            if not self.fine_tuning_iterations:
                 raise InvalidValueError("losses are simulated in the fine-tuning, which has no iterations here")
 
     def degree_at(self, iteration: int) -> int:
@@ -174,18 +175,18 @@ class GaussianConfig:
         rules, share = self.relocation, iteration / self.iterations
         return rules.start <= share <= rules.end and iteration % self.change_interval == 0
 
-    def wanted(self, iteration: int, count: int) -> int:
+    def target_count(self, iteration: int, count: int) -> int:
         """Returns the number of Gaussians that the scene should have after Gaussians are added in an iteration.
 
         Args:
             iteration: The iteration, the first is 1.
             count: Number of Gaussians before, at least 1.
         """
-        left = max(int(self.relocation.growth_end * self.iterations - iteration) // self.change_interval, 0) + 1
-        factor = max((self.gaussians / count) ** (1 / left), 1 + self.relocation.growth)
+        num_changes = max(int(self.relocation.growth_end * self.iterations - iteration) // self.change_interval, 0) + 1
+        factor = max((self.gaussians / count) ** (1 / num_changes), 1 + self.relocation.growth)
         return max(min(self.gaussians, math.ceil(count * factor)), count)
 
 
-def tuning_iterations(iterations: int) -> int:
+def fine_tuning_iterations_for(iterations: int) -> int:
     """Returns the default number of fine-tuning iterations after a training of `iterations` iterations."""
-    return min(math.ceil(TUNING_SHARE * iterations), MAX_TUNING)
+    return min(math.ceil(FINE_TUNING_SHARE * iterations), MAX_FINE_TUNING_ITERATIONS)

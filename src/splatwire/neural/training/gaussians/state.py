@@ -25,7 +25,7 @@ class GaussianState:
         moments: Adam's moments by parameter name; absent for parameters that were never updated.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.
-        queue: Indices of the training views not yet used in the current round over all views.
+        view_queue: Indices of the training views not yet used in the current round over all views.
         origin: World coordinates that `means` are relative to.
     """
 
@@ -34,7 +34,7 @@ class GaussianState:
     moments: dict[str, Moments]
     camera_extent: float
     generator: torch.Generator
-    queue: list[int] = field(default_factory=list)
+    view_queue: list[int] = field(default_factory=list)
     origin: Origin = NO_ORIGIN
 
     @property

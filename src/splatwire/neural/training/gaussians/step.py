@@ -65,8 +65,8 @@ class GaussianStep:
         loss.backward()
         learning_rate = self._update(state)
         if config.relocates(state.iteration):
-            wanted = config.wanted(state.iteration, state.num_gaussians)
-            relocate(state, wanted, config.relocation.dead_opacity)
+            num_gaussians = config.target_count(state.iteration, state.num_gaussians)
+            relocate(state, num_gaussians, config.relocation.dead_opacity)
         noise = config.relocation.noise * learning_rate / config.rates.means.initial / state.camera_extent
         add_noise(state, noise, self._kernels.random.uniform)
         return StepReport(loss.detach(), l1, None, 0, torch.tensor(state.num_gaussians))

@@ -93,10 +93,10 @@ def train_gaussians(
     model = _GaussianTraining(state.moved(torch_device), config, train.cameras.relative_to(state.origin), kernels)
     stopped = loop.run(model, photos)
     scene = model.scene(torch_device)
-    if config.tuning and not stopped:
+    if config.fine_tuning_iterations and not stopped:
         started = time.perf_counter()
         try:
-            scene = _tuned(scene, train, config, listener)
+            scene = _fine_tuned(scene, train, config, listener)
         except _StoppedError:
             stopped = True
         loop.seconds += time.perf_counter() - started
@@ -106,13 +106,13 @@ def train_gaussians(
     return GaussianResult(scene, model.state, report, stopped, loop.seconds)
 
 
-def _tuned(scene: SplatScene, train: Dataset, config: GaussianConfig, listener: Listener) -> SplatScene:
+def _fine_tuned(scene: SplatScene, train: Dataset, config: GaussianConfig, listener: Listener) -> SplatScene:
     """Fine-tunes Gaussians on the training photos with the codec's rounding and, if configured, packet loss."""
     shown = scene.select(scene.drawable)
     options = FineTuning(
         config.quality,
-        config.tuning,
-        loss=None if config.loss is None else parse_loss(config.loss),
+        config.fine_tuning_iterations,
+        loss=None if config.packet_loss is None else parse_loss(config.packet_loss),
         seed=config.seed,
     )
 

@@ -2,7 +2,7 @@
 
 import torch
 
-from splatwire.neural.training.averaging import averaged
+from splatwire.neural.training.averaging import with_averaged_parameters
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.state import TrainState, keep_anchors
 
@@ -19,12 +19,12 @@ def start_fine_tuning(state: TrainState, config: TrainConfig) -> None:
         config: The configuration.
     """
     # Replaces the parameters by their running means, removes anchors without offsets, and resets Adam's moments.
-    for name, mean in averaged(state).parameters.items():
+    for name, mean in with_averaged_parameters(state).parameters.items():
         state.parameters[name].copy_(mean)
     mask = state.masks(config.mask_threshold)
     absent, present = MASK_LOGITS
     state.parameters["mask_logits"].copy_(torch.where(mask, present, absent))
     state.moments.clear()
-    state.means.clear()
+    state.parameter_means.clear()
     if bool(mask.any()):
         keep_anchors(state, mask.any(dim=1))
