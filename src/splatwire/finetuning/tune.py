@@ -139,8 +139,8 @@ def tuned_gaussians(
     # Dividing by the first error (at least `MIN_ERROR`) gives all views similar weight; a view that becomes much
     # worse gets more weight. At intervals, the loss is measured in a fixed sample of the pictures (`SampledLoss`). If
     # it has grown since the check before, the Gaussians of that check are restored, and the learning rates are
-    # multiplied by `BACKTRACKING_FACTOR`. The loss of the result, including the cost of harmonics, is thus not above that of the
-    # rounded Gaussians at the start.
+    # multiplied by `BACKTRACKING_FACTOR`. The loss of the result, including the cost of harmonics, is thus not above
+    # that of the rounded Gaussians at the start.
     if not scene.num_elements:
         raise InvalidValueError("fine-tuning: there are no Gaussians")
     if pictures.cameras.origin != scene.origin:
