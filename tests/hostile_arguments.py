@@ -300,7 +300,7 @@ class Pool:
             "num_datagrams": 3, "side_info_arrivals.received": lambda: np.ones((2, len(self._transfer.kind)), np.bool_),
             "simulate.received": lambda: np.ones((2, len(self._transfer.kind)), np.bool_),
             "preview_for_scene.config": lambda: importlib.import_module("splatwire.calibration.preview").PreviewConfig(
-                steps=1, rounds=1, views=1, width=8, scored_views=1, scored_width=8),
+                steps=1, num_relocations=1, views=1, width=8, scored_views=1, scored_width=8),
             "sketch_of.config": lambda: importlib.import_module("splatwire.calibration.sketch_config").SketchConfig(
                 masks=0, held_out_masks=0, views=1, width=8, probes=1),
             "views": lambda: self._views, "calibration_data.stream": lambda: self._tiny[0],

@@ -15,7 +15,7 @@ from splatwire.types import AnchorScene, Cameras
 
 pytestmark = pytest.mark.slow
 
-QUICK = PreviewConfig(num_bytes=400, steps=160, rounds=4, width=48, views=8)
+QUICK = PreviewConfig(num_bytes=400, steps=160, num_relocations=4, width=48, views=8)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_preview_of_one_anchor_is_made(cameras: Cameras) -> None:
 
 
 def test_invalid_arguments_are_refused(scene: AnchorScene, cameras: Cameras) -> None:
-    for wrong in ({"num_bytes": 50}, {"steps": 0}, {"moved": 1.0}, {"seed": -1}):
+    for wrong in ({"num_bytes": 50}, {"steps": 0}, {"relocated_share": 1.0}, {"seed": -1}):
         with pytest.raises(InvalidValueError, match=next(iter(wrong))):
             PreviewConfig(**wrong)
     away = cameras.viewmats.copy()

@@ -104,7 +104,8 @@ def test_preview_is_stored_in_the_stream(run, journey, tmp_path, monkeypatch):
 
     settings = fit.PreviewConfig
     monkeypatch.setattr(
-        "splatwire.cli._run_calibrate.PreviewConfig", lambda seed: settings(steps=60, rounds=2, width=48, seed=seed)
+        "splatwire.cli._run_calibrate.PreviewConfig",
+        lambda seed: settings(steps=60, num_relocations=2, width=48, seed=seed),
     )
     target, words = tmp_path / "previewed.swz", ("--cameras", journey / "cameras.json")
     content = run("calibrate", "preview", journey / "tiny.swz", "-o", target, *words, "--json").json

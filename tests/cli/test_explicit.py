@@ -302,7 +302,7 @@ def test_datagram_streams_include_a_sketch(run, journey, ply, stream, tmp_path):
     ],
 )
 def test_every_verb_accepts_a_sog_folder(run, journey, tmp_path, monkeypatch, words, more):
-    monkeypatch.setattr(_run_calibrate, "PreviewConfig", partial(preview.PreviewConfig, steps=20, rounds=1))
+    monkeypatch.setattr(_run_calibrate, "PreviewConfig", partial(preview.PreviewConfig, steps=20, num_relocations=1))
     write_splats([some_splats(40, 1)], tmp_path / "a.sog")
     with zipfile.ZipFile(tmp_path / "a.sog") as bundle:
         bundle.extractall(tmp_path / "sog")

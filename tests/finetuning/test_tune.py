@@ -199,7 +199,9 @@ def test_scene_without_gaussians_is_refused() -> None:
         fine_tune(scene.select(np.zeros(0, np.int64)), pictures)
 
 
-@pytest.mark.parametrize("options", [{"iterations": 0}, {"refresh": 0}, {"seed": -1}, {"rate": 0.0}, {"rate": 100.0}])
+@pytest.mark.parametrize(
+    "options", [{"iterations": 0}, {"rounding_interval": 0}, {"seed": -1}, {"rate": 0.0}, {"rate": 100.0}]
+)
 def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(InvalidValueError, match="fine-tuning"):
         FineTuning(**options)

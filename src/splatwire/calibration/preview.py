@@ -38,7 +38,7 @@ _FIRST_OPACITY = 0.8
 _SPLIT_SHIFT, _SPLIT_SHRINK = 0.6, 0.5
 """Split of a Gaussian along its longest axis: shift of the halves in standard deviations, decrease of the log size."""
 _ERROR_VIEWS = 12
-_DECAYS, _EPSILON = (0.9, 0.99), 1e-8
+_BETAS, _EPSILON = (0.9, 0.99), 1e-8
 """Decay rates of Adam's moments; epsilon of its division."""
 
 
@@ -49,10 +49,10 @@ class PreviewConfig:
     Attributes:
         num_bytes: Maximum size of the preview in bytes.
         steps: Number of optimisation steps; each step renders one view.
-        rounds: Number of times that the least visible Gaussians are moved to regions with a large error.
-        moved: Share of the Gaussians that are moved each time, 0 to 1.
-        still: Share of the steps after which no more Gaussians are moved, 0 to 1.
-        rounding: Share of the steps after which parameters are rounded to values that can be sent, 0 to 1.
+        num_relocations: Number of times that the least visible Gaussians are moved to regions with a large error.
+        relocated_share: Share of the Gaussians that are moved each time, 0 to 1.
+        relocation_end: Share of the steps after which no more Gaussians are moved, 0 to 1.
+        rounding_start: Share of the steps after which parameters are rounded to values that can be sent, 0 to 1.
         views: Maximum number of views that the preview is fitted to.
         width: Maximum width of these views, pixels.
         scored_views: Maximum number of views for measuring the quality of the result.
@@ -62,10 +62,10 @@ class PreviewConfig:
 
     num_bytes: int = MAX_PREVIEW_BYTES
     steps: int = 3000
-    rounds: int = 20
-    moved: float = 0.05
-    still: float = 0.6
-    rounding: float = 0.7
+    num_relocations: int = 20
+    relocated_share: float = 0.05
+    relocation_end: float = 0.6
+    rounding_start: float = 0.7
     views: int = 100
     width: int = 120
     scored_views: int = 25
@@ -76,8 +76,9 @@ class PreviewConfig:
         check_fields(self)
         check_settings(
             self, "the fit of a preview", ("steps", "views", "width", "scored_views", "scored_width"),
-            moved=0 < self.moved < 1, still=0 < self.still < 1, rounding=0 < self.rounding < 1,
-            num_bytes=gaussians_within(self.num_bytes) > 0, rounds=self.rounds >= 0, seed=self.seed >= 0,
+            relocated_share=0 < self.relocated_share < 1, relocation_end=0 < self.relocation_end < 1,
+            rounding_start=0 < self.rounding_start < 1, num_bytes=gaussians_within(self.num_bytes) > 0,
+            num_relocations=self.num_relocations >= 0, seed=self.seed >= 0,
         )  # fmt: skip
 
 
@@ -136,13 +137,13 @@ class _Fit:
     # The parameters are the ten numbers of each Gaussian (`PreviewQuantisation.values`), divided by their learning
     # rates, so that the Adam optimiser needs only one learning rate.
 
-    def __init__(self, scene: Scene, pictures: References, config: PreviewConfig) -> None:
+    def __init__(self, scene: Scene, references: References, config: PreviewConfig) -> None:
         keep_freed_memory()
-        self._pictures, self._config, self._rng = pictures, config, np.random.default_rng(config.seed)
+        self._references, self._config, self._rng = references, config, np.random.default_rng(config.seed)
         self._rates = np.array(RATES, np.float32)
-        self.frame, values = self._initial_gaussians(scene, gaussians_within(config.num_bytes))
-        self._raw = _Adam(values / self._rates)
-        self._behind = _Adam(np.array(scene.background, np.float32) / np.float32(BACKGROUND_RATE))
+        self.quantisation, values = self._initial_gaussians(scene, gaussians_within(config.num_bytes))
+        self._parameters = _Adam(values / self._rates)
+        self._background_parameters = _Adam(np.array(scene.background, np.float32) / np.float32(BACKGROUND_RATE))
         self._rounded = False
 
     def run(self, show: Progress) -> Preview:
@@ -151,17 +152,17 @@ class _Fit:
         Args:
             show: Called with the name of the current task and its completed share, 0 to 1.
         """
-        config, num_views = self._config, self._pictures.cameras.num_views
-        every = max(1, round(config.still * config.steps / (config.rounds + 1)))
-        moments = {every * (number + 1) for number in range(config.rounds)}
+        config, num_views = self._config, self._references.cameras.num_views
+        relocation_interval = max(1, round(config.relocation_end * config.steps / (config.num_relocations + 1)))
+        relocation_steps = {relocation_interval * (number + 1) for number in range(config.num_relocations)}
         for step in range(config.steps):
-            if step == round(config.rounding * config.steps):
+            if step == round(config.rounding_start * config.steps):
                 self._start_rounding()
-            elif step in moments and not self._rounded:
+            elif step in relocation_steps and not self._rounded:
                 self._relocate()
             rate = 0.02 + 0.98 * (0.5 + 0.5 * math.cos(math.pi * step / config.steps))
             gradients = self._gradients(int(self._rng.integers(num_views)))
-            for part, gradient in zip((self._raw, self._behind), gradients, strict=True):
+            for part, gradient in zip((self._parameters, self._background_parameters), gradients, strict=True):
                 part.step(gradient, rate)
             self._clamp()
             if step % 50 == 0:
@@ -169,13 +170,13 @@ class _Fit:
         show("fitting a preview", 1.0)
         if not self._rounded:
             self._start_rounding()
-        levels = np.rint(self.frame.levels(self._raw.values * self._rates)).astype(np.int64)
+        levels = np.rint(self.quantisation.levels(self._parameters.values * self._rates)).astype(np.int64)
         red, green, blue = np.rint(self._background * 255).astype(int).tolist()
-        return Preview(self.frame, (red, green, blue), levels)
+        return Preview(self.quantisation, (red, green, blue), levels)
 
     @property
     def _background(self) -> Float[np.ndarray, "3"]:
-        return self._behind.values * np.float32(BACKGROUND_RATE)
+        return self._background_parameters.values * np.float32(BACKGROUND_RATE)
 
     def _initial_gaussians(self, scene: Scene, count: int) -> tuple[PreviewQuantisation, Float[np.ndarray, "G 10"]]:
         """Places the initial Gaussians of the fit at randomly chosen visible elements of the scene.
@@ -185,23 +186,23 @@ class _Fit:
         """
         # The probability of an element is proportional to its footprint in all views. Sizes follow from the
         # distances to the nearest neighbours.
-        share = footprint_importance(scene, self._pictures.cameras).share.astype(np.float64)
-        shown = int((share > 0).sum())
-        if not shown:
+        share = footprint_importance(scene, self._references.cameras).share.astype(np.float64)
+        num_visible = int((share > 0).sum())
+        if not num_visible:
             raise InvalidValueError("no view shows anything of the scene: there is nothing to preview")
-        chosen = self._rng.choice(len(share), min(count, shown), replace=False, p=share / share.sum())
+        chosen = self._rng.choice(len(share), min(count, num_visible), replace=False, p=share / share.sum())
         positions = to_numpy(scene.positions)[chosen]
         middle = lower_median(positions)
-        spread = 0.5 * float(lower_median(np.linalg.norm(to_numpy(self._pictures.cameras.centers) - middle, axis=1)))
-        frame = PreviewQuantisation.fitting(
+        spread = 0.5 * float(lower_median(np.linalg.norm(to_numpy(self._references.cameras.centers) - middle, axis=1)))
+        quantisation = PreviewQuantisation.fitting(
             middle.tolist(), max(spread, 1e-3), (*_LOWEST[:3], -6.0), (*_HIGHEST[:3], 3.0)
         )
         values = np.full((len(positions), len(RATES)), 0.5, np.float32)
-        values[:, :3] = np.arcsinh((positions - middle) / frame.spread)
-        near = nearest_neighbors(positions, positions, 3)[1].max(axis=1, keepdims=True)
-        values[:, 3:6] = np.log(np.maximum(near / 2 / frame.spread, 1e-2))
+        values[:, :3] = np.arcsinh((positions - middle) / quantisation.spread)
+        spacings = nearest_neighbors(positions, positions, 3)[1].max(axis=1, keepdims=True)
+        values[:, 3:6] = np.log(np.maximum(spacings / 2 / quantisation.spread, 1e-2))
         values[:, 9] = _FIRST_OPACITY
-        return frame, values
+        return quantisation, values
 
     def _current_gaussians(self) -> tuple[Float[np.ndarray, "G 10"], Gaussians]:
         """Returns the Gaussians of the preview in the current state of the optimisation.
@@ -210,62 +211,66 @@ class _Fit:
             Parameters as in `PreviewQuantisation.values`, float64 (G, 10); and the Gaussians with these parameters.
         """
         # In the last part of the fit, the parameters are rounded to the values that the preview can store.
-        values = (self._raw.values * self._rates).astype(np.float64)
+        values = (self._parameters.values * self._rates).astype(np.float64)
         if self._rounded:
-            values = self.frame.values(np.rint(self.frame.levels(values)))
-        return values, self.frame.gaussians(values)
+            values = self.quantisation.values(np.rint(self.quantisation.levels(values)))
+        return values, self.quantisation.gaussians(values)
 
     def _gradients(self, view: int) -> tuple[Float[np.ndarray, "G 10"], Float[np.ndarray, "3"]]:
         """Returns the gradients of a view's mean squared error with respect to Gaussian parameters and background."""
         # Rounding of the parameters is treated as the identity function (straight-through).
         values, gaussians = self._current_gaussians()
-        drawn = _DifferentiablePicture(gaussians, self._pictures.cameras, view, self._background)
-        mask = self._pictures.masks[view]
-        error = drawn.image - self._pictures.images[view]
+        drawn = _DifferentiablePicture(gaussians, self._references.cameras, view, self._background)
+        mask = self._references.masks[view]
+        error = drawn.image - self._references.images[view]
         error = error if mask is None else error * mask[:, :, None]
-        gradients, behind = drawn.gradients(
+        gradients, background_gradient = drawn.gradients(
             2 / (3 * (drawn.image[..., 0].size if mask is None else mask.sum())) * error
         )
         means, _, scales, opacities, colors = gradients
-        away = self.frame.spread * np.cosh(values[:, :3])
-        back = np.concatenate([means * away, scales * gaussians.scales, colors, opacities[:, None]], axis=1)
-        return (back * self._rates).astype(np.float32), behind * np.float32(BACKGROUND_RATE)
+        position_slopes = self.quantisation.spread * np.cosh(values[:, :3])
+        value_gradients = np.concatenate(
+            [means * position_slopes, scales * gaussians.scales, colors, opacities[:, None]], axis=1
+        )
+        return (value_gradients * self._rates).astype(np.float32), background_gradient * np.float32(BACKGROUND_RATE)
 
     def _start_rounding(self) -> None:
         """Switches the fit to rounded parameters: from now on, each step rounds them as the encoder will.
 
         The quantisation ranges are derived from the smallest and the largest current values.
         """
-        values = self._raw.values * self._rates
+        values = self._parameters.values * self._rates
         low, high = values.min(axis=0), values.max(axis=0)
-        least, most = [*low[:3].tolist(), float(low[3:6].min())], [*high[:3].tolist(), float(high[3:6].max())]
-        self.frame = PreviewQuantisation.fitting(self.frame.middle, self.frame.spread, least, most)
+        lowest, highest = [*low[:3].tolist(), float(low[3:6].min())], [*high[:3].tolist(), float(high[3:6].max())]
+        self.quantisation = PreviewQuantisation.fitting(
+            self.quantisation.middle, self.quantisation.spread, lowest, highest
+        )
         self._rounded = True
 
     def _clamp(self) -> None:
         bounds = (np.array(bound, np.float32) / self._rates for bound in (_LOWEST, _HIGHEST))
-        np.clip(self._raw.values, *bounds, out=self._raw.values)
-        np.clip(self._behind.values, 0, 1 / BACKGROUND_RATE, out=self._behind.values)
+        np.clip(self._parameters.values, *bounds, out=self._parameters.values)
+        np.clip(self._background_parameters.values, 0, 1 / BACKGROUND_RATE, out=self._background_parameters.values)
 
     def _relocate(self) -> None:
         """Moves the least visible Gaussians to regions with a large error."""
         # The Gaussians with the largest error are split in two along their longest axis. A relocated Gaussian
         # becomes one of the two halves.
-        shown, wrong = self._weights_and_errors()
-        count = max(1, round(self._config.moved * len(shown)))
-        least = np.argsort(shown, kind="stable")[:count]
-        wrong[least] = -1
-        worst = np.argsort(-wrong, kind="stable")[:count]
-        values = self._raw.values * self._rates
+        visibility, errors = self._weights_and_errors()
+        count = max(1, round(self._config.relocated_share * len(visibility)))
+        least_visible = np.argsort(visibility, kind="stable")[:count]
+        errors[least_visible] = -1
+        worst = np.argsort(-errors, kind="stable")[:count]
+        values = self._parameters.values * self._rates
         halves, rows = values[worst], np.arange(count)
         axis = halves[:, 3:6].argmax(axis=1)
         shift = np.zeros((count, 3), np.float32)
         shift[rows, axis] = _SPLIT_SHIFT * np.exp(halves[rows, 3 + axis]) / np.cosh(halves[rows, axis])
         halves[rows, 3 + axis] -= _SPLIT_SHRINK
-        for targets, sign in ((worst, -1), (least, 1)):
+        for targets, sign in ((worst, -1), (least_visible, 1)):
             values[targets] = np.concatenate([halves[:, :3] + sign * shift, halves[:, 3:]], axis=1)
-            self._raw.forget(targets)
-        self._raw.values[:] = values / self._rates
+            self._parameters.forget(targets)
+        self._parameters.values[:] = values / self._rates
 
     def _weights_and_errors(self) -> tuple[Float[np.ndarray, "G"], Float[np.ndarray, "G"]]:
         """Measures the visibility of each Gaussian, and the picture error in the pixels that it covers.
@@ -274,16 +279,19 @@ class _Fit:
             For each Gaussian, the sum of its blending weights over all pixels; and the sum of its blending weights
             times the squared errors of the pixels.
         """
-        now = self._current_gaussians()[1]
-        shown, wrong = np.zeros(now.num_gaussians, np.float32), np.zeros(now.num_gaussians, np.float32)
-        for view in spread_evenly(self._pictures.cameras.num_views, _ERROR_VIEWS):
-            drawn = _DifferentiablePicture(now, self._pictures.cameras, view, self._background)
-            error = ((drawn.image - self._pictures.images[view]) ** 2).sum(axis=2, keepdims=True)
-            mask = self._pictures.masks[view]
+        gaussians = self._current_gaussians()[1]
+        visibility, errors = (
+            np.zeros(gaussians.num_gaussians, np.float32),
+            np.zeros(gaussians.num_gaussians, np.float32),
+        )
+        for view in spread_evenly(self._references.cameras.num_views, _ERROR_VIEWS):
+            drawn = _DifferentiablePicture(gaussians, self._references.cameras, view, self._background)
+            error = ((drawn.image - self._references.images[view]) ** 2).sum(axis=2, keepdims=True)
+            mask = self._references.masks[view]
             error = error if mask is None else error * mask[:, :, None]
-            shown += drawn.gradients(np.ones_like(drawn.image))[0][4][:, 0]
-            wrong += drawn.gradients(np.broadcast_to(error, drawn.image.shape))[0][4][:, 0]
-        return shown, wrong
+            visibility += drawn.gradients(np.ones_like(drawn.image))[0][4][:, 0]
+            errors += drawn.gradients(np.broadcast_to(error, drawn.image.shape))[0][4][:, 0]
+        return visibility, errors
 
 
 class _Adam:
@@ -305,9 +313,9 @@ class _Adam:
             rate: Learning rate.
         """
         self._steps += 1
-        self._mean += (1 - _DECAYS[0]) * (gradient - self._mean)
-        self._square += (1 - _DECAYS[1]) * (gradient**2 - self._square)
-        mean, square = self._mean / (1 - _DECAYS[0] ** self._steps), self._square / (1 - _DECAYS[1] ** self._steps)
+        self._mean += (1 - _BETAS[0]) * (gradient - self._mean)
+        self._square += (1 - _BETAS[1]) * (gradient**2 - self._square)
+        mean, square = self._mean / (1 - _BETAS[0] ** self._steps), self._square / (1 - _BETAS[1] ** self._steps)
         self.values -= np.float32(rate) * mean / (np.sqrt(square) + np.float32(_EPSILON))
 
     def forget(self, rows: np.ndarray) -> None:
@@ -328,8 +336,8 @@ class _DifferentiablePicture:
 
     def __init__(self, gaussians: Gaussians, cameras: Cameras, view: int, background: np.ndarray) -> None:
         self._arrays = float_arrays(gaussians)
-        self._picture = ViewRasterizer(self._arrays, cameras, view, for_gradients=True)
-        self.image, self._left_over = self._picture.draw(background)
+        self._rasterizer = ViewRasterizer(self._arrays, cameras, view, for_gradients=True)
+        self.image, self._transmittance = self._rasterizer.draw(background)
 
     def gradients(self, d_image: np.ndarray) -> tuple[list[np.ndarray], Float[np.ndarray, "3"]]:
         """Computes gradients with respect to the Gaussians and the background, given the gradient of the image.
@@ -341,8 +349,8 @@ class _DifferentiablePicture:
             The gradients of means, quats, scales, opacities and colors, and the gradient of the background.
         """
         weights = np.ascontiguousarray(d_image, np.float32)
-        gradients = self._picture.gradients(self._arrays, self.image, weights)
-        return gradients[:5], np.einsum("hw,hwc->c", self._left_over, weights)
+        gradients = self._rasterizer.gradients(self._arrays, self.image, weights)
+        return gradients[:5], np.einsum("hw,hwc->c", self._transmittance, weights)
 
 
 def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
@@ -358,12 +366,12 @@ def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) 
         Mean PSNR in decibels by name of the pictures, as in `PreviewResult.psnr`.
     """
     gaussians, background = preview_gaussians(section)
-    behind = np.array(background, np.float32)
+    background_color = np.array(background, np.float32)
     totals = dict.fromkeys(("background", "preview", "complete"), 0.0)
     for view, complete in enumerate(iterate_views(scene, pictures.cameras)):
-        drawn = render_cpu(gaussians, pictures.cameras.select([view]), background=behind)[0]
+        drawn = render_cpu(gaussians, pictures.cameras.select([view]), background=background_color)[0]
         rows = {
-            "background": np.broadcast_to(behind, drawn.shape),
+            "background": np.broadcast_to(background_color, drawn.shape),
             "preview": np.clip(drawn, 0, 1),
             "complete": complete,
         }

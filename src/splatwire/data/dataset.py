@@ -160,8 +160,10 @@ def open_dataset(
     views: Sequence[ColmapView | TransformsView]
     if (folder := find_reconstruction(path)) is not None:
         warn_of_other_reconstructions(path, folder)
-        beside = path in (folder, folder.parent) and images is None and not (path / "images").is_dir()
-        views, image_paths = _colmap_views(folder, path if beside else path / (images or "images"), split, chosen)
+        has_photos_beside = path in (folder, folder.parent) and images is None and not (path / "images").is_dir()
+        views, image_paths = _colmap_views(
+            folder, path if has_photos_beside else path / (images or "images"), split, chosen
+        )
         cloud, source = None, folder
     else:
         views, source, cloud = _transforms_views(path, split, images, test_views)
@@ -220,7 +222,7 @@ def dataset_layout(path: Path) -> str | None:
     return "nerfstudio" if (path / "transforms.json").is_file() else None
 
 
-def _chosen(count: int, split: str, test_views: str) -> list[int]:
+def _split_indices(count: int, split: str, test_views: str) -> list[int]:
     is_test = [i % 8 == 0 if test_views == "every_8th" else i < 31 for i in range(count)]
     return [i for i in range(count) if split == "all" or is_test[i] == (split == "test")]
 
@@ -237,8 +239,10 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
     views = read_views(folder)
     photo_paths = _find_images(image_folder, views)
     check_distinct(folder, [view.name for view in views], photo_paths)
-    _warn_of_copies(folder, views, photo_paths, split, [views[i] for i in _chosen(len(views), "test", test_views)])
-    chosen = _chosen(len(views), split, test_views)
+    _warn_of_copies(
+        folder, views, photo_paths, split, [views[i] for i in _split_indices(len(views), "test", test_views)]
+    )
+    chosen = _split_indices(len(views), split, test_views)
     views, photo_paths = [views[i] for i in chosen], [photo_paths[i] for i in chosen]
     photos = [file for file in photo_paths if file is not None]
     if missing := [view.name for view, file in zip(views, photo_paths, strict=True) if file is None]:
@@ -269,9 +273,9 @@ def _transforms_views(
     """
     if (path / bungee.FILE).is_file():
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"
-        photos, tests = [view.image_path for view in views], _chosen(len(views), "test", rule)
+        photos, tests = [view.image_path for view in views], _split_indices(len(views), "test", rule)
         _warn_of_copies(path / bungee.FILE, views, photos, split, [views[i] for i in tests])
-        return [views[i] for i in _chosen(len(views), split, rule)], path / bungee.FILE, None
+        return [views[i] for i in _split_indices(len(views), split, rule)], path / bungee.FILE, None
     halves = {half: path / f"transforms_{half}.json" for half in ("train", "test")}
     if any(file.is_file() for file in halves.values()):
         if split != "all" and not halves[split].is_file():
@@ -281,19 +285,19 @@ def _transforms_views(
         _check_disjoint_splits(halves, images, split)
         cloud = next((part.points for part in parts if part.points is not None), None)
         return [view for part in parts for view in part.views], halves[wanted[0]], cloud
-    whole = path / "transforms.json"
-    if whole.is_file():
-        transforms = read_transforms(whole, images)
+    transforms_path = path / "transforms.json"
+    if transforms_path.is_file():
+        transforms = read_transforms(transforms_path, images)
         views = sorted(transforms.views, key=lambda view: (Path(view.name).stem, view.name))
         uses_splits = test_views is None and bool(transforms.splits)
 
         def chosen_for(split: str) -> list[TransformsView]:
             if uses_splits:
                 return _views_of_split(views, transforms, split)
-            return [views[i] for i in _chosen(len(views), split, test_views or "every_8th")]
+            return [views[i] for i in _split_indices(len(views), split, test_views or "every_8th")]
 
-        _warn_of_copies(whole, views, [view.image_path for view in views], split, chosen_for("test"))
-        return chosen_for(split), whole, transforms.points
+        _warn_of_copies(transforms_path, views, [view.image_path for view in views], split, chosen_for("test"))
+        return chosen_for(split), transforms_path, transforms.points
     why = (
         "it has neither a COLMAP reconstruction (images.bin or images.txt in sparse/0, sparse, colmap/sparse/0 or 0) "
         "nor poses_enu.json, transforms_train.json, transforms_test.json or transforms.json"
@@ -318,8 +322,8 @@ def _dataset_nearby(path: Path) -> str:
 def _has_photos(folder: Path) -> bool:
     """True if a dataset folder contains photos in the folder that its layout prescribes."""
     layout = dataset_layout(folder)
-    beside = layout == "colmap" and find_reconstruction(folder) in (folder, *folder.glob("[0-9]*"))
-    if beside and contains_photos(folder):
+    has_photos_beside = layout == "colmap" and find_reconstruction(folder) in (folder, *folder.glob("[0-9]*"))
+    if has_photos_beside and contains_photos(folder):
         return True
     return layout is not None and ((folder / "images").is_dir() or layout in ("blender", "nerfstudio"))
 

@@ -89,41 +89,45 @@ class Latents:
             self.quats[rows] = _unit(_product(self.quats[rows], _rotation(self.rotations[rows])))
             self.rotations[rows] = 0
 
-        each_piece(len(self.quats), apply)
+        map_slices(len(self.quats), apply)
 
-    def splats(self, offsets: "RoundingErrors | None" = None) -> Splats:
+    def splats(self, rounding_errors: "RoundingErrors | None" = None) -> Splats:
         """Returns the Gaussians that these parameters describe, with or without simulated quantisation.
 
         Args:
-            offsets: Rounding errors to add to the parameters, so that the result is what a decoder would obtain; None
-                for exact Gaussians.
+            rounding_errors: Rounding errors to add to the parameters, so that the result is what a decoder would
+                obtain; None for exact Gaussians.
         """
         # In main memory, as the parameters: each iteration would write a temporary file for `Splats.empty`.
         shapes, count = ((3,), (4,), (3,), (), (1 + self.harmonics.shape[1], 3)), len(self.centres)
         result = Splats(*(np.empty((count, *shape), np.float32) for shape in shapes))
 
         def fill(rows: slice) -> None:
-            errors = None if offsets is None else offsets.select(rows)
+            errors = None if rounding_errors is None else rounding_errors.select(rows)
             result.fill(rows.start, self.select(rows)._splats_single_thread(errors))
 
-        each_piece(len(self.centres), fill)
+        map_slices(len(self.centres), fill)
         return result
 
-    def _splats_single_thread(self, offsets: "RoundingErrors | None") -> Splats:
+    def _splats_single_thread(self, rounding_errors: "RoundingErrors | None") -> Splats:
         """Returns the Gaussians that these parameters describe, in a single thread (see `splats`)."""
         means, logs, quats = self.centres + self.units[:, None] * self.displacements, self.logs, self.quats
         logits, base, harmonics = self.logits, self.base, self.harmonics
-        if offsets is not None:
-            means, logs, quats = means + offsets.means, logs + offsets.logs, _unit(_product(quats, offsets.quats))
-            logits, base = logits + offsets.logits, base + offsets.base
-            harmonics = harmonics + offsets.harmonics
+        if rounding_errors is not None:
+            means, logs, quats = (
+                means + rounding_errors.means,
+                logs + rounding_errors.logs,
+                _unit(_product(quats, rounding_errors.quats)),
+            )
+            logits, base = logits + rounding_errors.logits, base + rounding_errors.base
+            harmonics = harmonics + rounding_errors.harmonics
         opacities = np.float32(1) / (np.float32(1) + np.exp(-logits))
         sh = np.concatenate([base[:, None], harmonics], axis=1)
         return Splats(means, quats, np.exp(logs), opacities, sh)
 
-    def select(self, kept: np.ndarray | slice) -> "Latents":
-        """Returns the parameters of only the Gaussians with the indices `kept`."""
-        return Latents(**{name: values[kept] for name, values in vars(self).items()})
+    def select(self, index: np.ndarray | slice) -> "Latents":
+        """Returns the parameters of only the Gaussians with the indices `index`."""
+        return Latents(**{name: values[index] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,14 +156,14 @@ class RoundingErrors:
 
         Adding the differences to the exact parameters gives the rounded Gaussians.
         """
-        pieces = each_piece(
+        parts = map_slices(
             exact.num_gaussians,
-            lambda some: RoundingErrors._between_single_thread(
-                exact.slice_range(some.start, some.stop), rounded.slice_range(some.start, some.stop)
+            lambda rows: RoundingErrors._between_single_thread(
+                exact.slice_range(rows.start, rows.stop), rounded.slice_range(rows.start, rows.stop)
             ),
         )
         return RoundingErrors(
-            **{name: np.concatenate([getattr(each, name) for each in pieces]) for name in vars(pieces[0])}
+            **{name: np.concatenate([getattr(each, name) for each in parts]) for name in vars(parts[0])}
         )
 
     @staticmethod
@@ -186,9 +190,9 @@ class RoundingErrors:
             rounded.sh[:, 1:] - exact.sh[:, 1:],
         )
 
-    def select(self, kept: slice) -> "RoundingErrors":
-        """Returns the rounding errors of only the Gaussians in the range `kept`."""
-        return RoundingErrors(**{name: values[kept] for name, values in vars(self).items()})
+    def select(self, index: slice) -> "RoundingErrors":
+        """Returns the rounding errors of only the Gaussians in the range `index`."""
+        return RoundingErrors(**{name: values[index] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +215,7 @@ class Gradients:
 
 
 def gradients_of(
-    latents: Latents, drawn: Splats, offsets: RoundingErrors | None, drawn_gradients: Gradients
+    latents: Latents, drawn: Splats, rounding_errors: RoundingErrors | None, drawn_gradients: Gradients
 ) -> dict[str, Float[np.ndarray, "..."]]:
     """Back-propagates gradients from the drawn Gaussians to the trainable parameters.
 
@@ -220,30 +224,33 @@ def gradients_of(
     Args:
         latents: The trainable parameters. `latents.rotations` must be 0.
         drawn: The drawn Gaussians, `latents.splats(offsets)`.
-        offsets: Differences between rounded and exact parameters, which count as constants; None without rounding.
+        rounding_errors: Differences between rounded and exact parameters, which count as constants; None without
+            rounding.
         drawn_gradients: Gradients with respect to the drawn Gaussians.
 
     Returns:
         Gradient with respect to each array of `Latents.trained`, by name.
     """
-    small = {name: np.empty_like(getattr(latents, name)) for name in ("displacements", "rotations", "logs", "logits")}
+    gradients_by_name = {
+        name: np.empty_like(getattr(latents, name)) for name in ("displacements", "rotations", "logs", "logits")
+    }
 
     def fill(rows: slice) -> None:
         quats = drawn_gradients.quats[rows]
-        if offsets is not None:
-            quats = _product(quats, _conjugate(offsets.quats[rows]))
-        small["rotations"][rows] = _product(_conjugate(latents.quats[rows]), quats)[:, 1:] * np.float32(0.5)
+        if rounding_errors is not None:
+            quats = _product(quats, _conjugate(rounding_errors.quats[rows]))
+        gradients_by_name["rotations"][rows] = _product(_conjugate(latents.quats[rows]), quats)[:, 1:] * np.float32(0.5)
         opacities = drawn.opacities[rows]
-        small["displacements"][rows] = drawn_gradients.means[rows] * latents.units[rows, None]
-        small["logs"][rows] = drawn_gradients.scales[rows] * drawn.scales[rows]
-        small["logits"][rows] = drawn_gradients.opacities[rows] * (opacities * (1 - opacities))
+        gradients_by_name["displacements"][rows] = drawn_gradients.means[rows] * latents.units[rows, None]
+        gradients_by_name["logs"][rows] = drawn_gradients.scales[rows] * drawn.scales[rows]
+        gradients_by_name["logits"][rows] = drawn_gradients.opacities[rows] * (opacities * (1 - opacities))
 
-    each_piece(len(latents.quats), fill)
-    gradients = {**small, "base": drawn_gradients.sh[:, 0], "harmonics": drawn_gradients.sh[:, 1:]}
+    map_slices(len(latents.quats), fill)
+    gradients = {**gradients_by_name, "base": drawn_gradients.sh[:, 0], "harmonics": drawn_gradients.sh[:, 1:]}
     return {name: gradients[name] for name in latents.trained()}
 
 
-def each_piece(count: int, work: Callable[[slice], Result]) -> list[Result]:
+def map_slices(count: int, work: Callable[[slice], Result]) -> list[Result]:
     """Divides Gaussians into ranges of consecutive ones, and applies a function to all ranges in parallel threads.
 
     Args:
@@ -277,7 +284,7 @@ def harmonic_gradient(
         slopes = np.where(seen.colors[rows] > 0, colors[rows], np.float32(0))
         np.multiply(sh_basis(directions, splats.degree)[:, :, None], slopes[:, None, :], out=gradient[rows])
 
-    each_piece(splats.num_gaussians, fill)
+    map_slices(splats.num_gaussians, fill)
     return gradient
 
 

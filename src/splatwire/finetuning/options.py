@@ -16,7 +16,7 @@ class FineTuning:
     Attributes:
         quality: Quality setting from which the quantisation steps follow.
         iterations: Number of iterations, each with one view, at least 1.
-        refresh: Number of iterations between two computations of the rounding errors.
+        rounding_interval: Number of iterations between two computations of the rounding errors.
         loss: Loss model of the channel, used in every second iteration; None for no packet losses.
         packetization: Rule by which Gaussians are divided into packets, for `loss`.
         rate: Factor on all learning rates, above 0.
@@ -28,7 +28,7 @@ class FineTuning:
 
     quality: Quality = QUALITIES["default"]
     iterations: int = 1000
-    refresh: int = 10
+    rounding_interval: int = 10
     loss: LossModel | None = None
     packetization: Packetization = PRESETS["paper"]
     rate: float = 0.4
@@ -36,7 +36,7 @@ class FineTuning:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        for name in ("iterations", "refresh"):
+        for name in ("iterations", "rounding_interval"):
             if getattr(self, name) < 1:
                 raise InvalidValueError(f"fine-tuning: {name} is at least 1, not {getattr(self, name)}")
         if self.seed < 0 or not 0 < self.rate < 100:

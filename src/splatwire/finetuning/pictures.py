@@ -18,7 +18,7 @@ from splatwire.types.origin import Origin
 
 VIEWS, SIZE = 240, 400
 """Number of generated views, and their width and height in pixels."""
-_FRAMING = 6
+_FRAMING_INTERVAL = 6
 """One of this number of generated views frames the scene, as a page does; the others surround it near and far."""
 
 
@@ -37,10 +37,10 @@ class Pictures:
     masks: Bool[np.ndarray, "C H W"] | None = None
 
     def __post_init__(self) -> None:
-        seen = self.cameras
-        if self.images.shape != (seen.num_views, seen.height, seen.width, 3) or not seen.num_views:
+        cameras = self.cameras
+        if self.images.shape != (cameras.num_views, cameras.height, cameras.width, 3) or not cameras.num_views:
             raise InvalidValueError(
-                f"{seen.num_views} cameras of {seen.width} x {seen.height} pixels, but pictures of shape "
+                f"{cameras.num_views} cameras of {cameras.width} x {cameras.height} pixels, but pictures of shape "
                 f"{tuple(self.images.shape)}"
             )
         if self.masks is not None and self.masks.shape != self.images.shape[:3]:
@@ -87,15 +87,18 @@ def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> C
     """
     # If the scene encloses the cameras, some of them look outwards. No camera equals one of
     # `splatwire.evaluation.views.held_out_cameras`.
-    framing = max(num_views // _FRAMING, 1)
-    if HELD_OUT_VIEWS in (framing, num_views - framing):  # poses around a scene depend on their number
-        framing += 1
-    around, near = surrounding_cameras(scene, num_views - framing, size), framing_cameras(scene, framing, size)
+    num_framing = max(num_views // _FRAMING_INTERVAL, 1)
+    if HELD_OUT_VIEWS in (num_framing, num_views - num_framing):  # poses around a scene depend on their number
+        num_framing += 1
+    surrounding, framing = (
+        surrounding_cameras(scene, num_views - num_framing, size),
+        framing_cameras(scene, num_framing, size),
+    )
     names = tuple(f"fit_{view:03d}" for view in range(num_views))
     return replace(
-        around,
-        viewmats=np.concatenate([around.viewmats, near.viewmats]),
-        Ks=np.concatenate([around.Ks, near.Ks]),
+        surrounding,
+        viewmats=np.concatenate([surrounding.viewmats, framing.viewmats]),
+        Ks=np.concatenate([surrounding.Ks, framing.Ks]),
         names=names,
         origin=origin_of(scene),
     )

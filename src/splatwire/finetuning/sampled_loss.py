@@ -78,10 +78,10 @@ class SampledLoss:
         return np.array([self._view_errors(each) for each in shown])
 
     def _view_errors(self, splats: Splats) -> list[float]:
-        seen, masks, errors = self.pictures, self.pictures.masks, []
-        one = replace(self.scene, splats=splats, coding=None, hints=None)
-        for view, image in enumerate(iterate_views(one, seen.cameras)):
-            difference = image - seen.images[view].astype(np.float32) / 255
+        pictures, masks, errors = self.pictures, self.pictures.masks, []
+        shown_scene = replace(self.scene, splats=splats, coding=None, hints=None)
+        for view, image in enumerate(iterate_views(shown_scene, pictures.cameras)):
+            difference = image - pictures.images[view].astype(np.float32) / 255
             if masks is not None:
                 difference *= masks[view][:, :, None]
             errors.append(float(np.mean(np.square(difference, dtype=np.float64))))

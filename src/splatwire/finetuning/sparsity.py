@@ -8,7 +8,7 @@ from jaxtyping import Float, Float32
 
 from splatwire.codec.gaussians.attributes import LUMA_CHROMA
 from splatwire.codec.gaussians.layout import BITS, STEP_BITS, STEP_HARMONICS, TRANSFORM_UNIT
-from splatwire.finetuning.latents import each_piece
+from splatwire.finetuning.latents import map_slices
 from splatwire.types import SplatCoding
 
 WEIGHT = 0.3
@@ -54,7 +54,7 @@ class HarmonicCost:
             coefficients = self._coefficients(harmonics[rows])
             return float(np.log1p(np.abs(coefficients) / self.steps[rows]).sum(dtype=np.float64))
 
-        return WEIGHT * math.fsum(each_piece(len(harmonics), cost)) / len(harmonics)
+        return WEIGHT * math.fsum(map_slices(len(harmonics), cost)) / len(harmonics)
 
     def gradient(self, harmonics: Float[np.ndarray, "N K 3"]) -> Float[np.ndarray, "N K 3"]:
         """Returns the gradient of the loss term (`value`) with respect to the harmonics."""
@@ -66,7 +66,7 @@ class HarmonicCost:
             slopes = np.sign(coefficients) * weight / (self.steps[rows] + np.abs(coefficients))
             result[rows] = (slopes @ self.transform.T).reshape(result[rows].shape)
 
-        each_piece(len(harmonics), fill)
+        map_slices(len(harmonics), fill)
         return result
 
     def _coefficients(self, harmonics: Float[np.ndarray, "N K 3"]) -> Float[np.ndarray, "N C"]:

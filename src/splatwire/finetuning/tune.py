@@ -11,7 +11,7 @@ from splatwire.arguments import check_fields
 from splatwire.codec.gaussians.packets import divide_into_packets
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.errors import InvalidValueError
-from splatwire.finetuning.latents import Gradients, Latents, RoundingErrors, each_piece, gradients_of, harmonic_gradient
+from splatwire.finetuning.latents import Gradients, Latents, RoundingErrors, gradients_of, harmonic_gradient, map_slices
 from splatwire.finetuning.options import FineTuning
 from splatwire.finetuning.pictures import Pictures
 from splatwire.finetuning.receptions import SimulatedReception, simulate_reception
@@ -150,9 +150,11 @@ def tuned_gaussians(
     if class_offsets is None:
         class_offsets = precision_classes(scene.splats, _sample_cameras(pictures.cameras, options.seed))
     latents, views = Latents.of(scene.splats), _shuffled(pictures.cameras.num_views, rng)
-    coding, offsets, division = coding_for(latents.splats(), options.quality, class_offsets), None, None
+    coding, rounding_errors, division = coding_for(latents.splats(), options.quality, class_offsets), None, None
     optimizer = _Adam(_rate_factors(coding))
-    division_interval = options.refresh * max(1, options.iterations // (_NUM_DIVISIONS * options.refresh))
+    division_interval = options.rounding_interval * max(
+        1, options.iterations // (_NUM_DIVISIONS * options.rounding_interval)
+    )
     divisors = dict[tuple[int, bool], float]()
     sampled_loss = _sampled_loss(scene, latents.splats(), coding, pictures, options)
     cost, cost_gradient = HarmonicCost.of(coding) if latents.harmonics.size else None, None
@@ -172,14 +174,14 @@ def tuned_gaussians(
                 optimizer.reset_first_moments()
             else:
                 best, best_loss = latents.copy(), loss
-        if step % options.refresh == 0 or is_check:
+        if step % options.rounding_interval == 0 or is_check:
             exact = latents.splats()
             rounded = round_splats(exact, coding)
-            offsets = RoundingErrors.between(exact, rounded)
+            rounding_errors = RoundingErrors.between(exact, rounded)
             cost_gradient = None if cost is None else cost.gradient(latents.harmonics)
             if options.loss is not None and step % division_interval == 0:
                 division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
-        view, drawn = next(views), latents.splats(offsets)
+        view, drawn = next(views), latents.splats(rounding_errors)
         reception = None
         if division is not None and step % 2:
             reception = simulate_reception(division, options, rng)
@@ -195,7 +197,7 @@ def tuned_gaussians(
         divisors.setdefault((view, reception is None), error)
         if reception is not None:
             splat_gradients = reception.gradients(drawn, splat_gradients)
-        gradients = gradients_of(latents, drawn, offsets, splat_gradients)
+        gradients = gradients_of(latents, drawn, rounding_errors, splat_gradients)
         if cost_gradient is not None:
             _add(gradients["harmonics"], cost_gradient)
         optimizer.update(latents.trained(), gradients, rate * _decay(step / options.iterations))
@@ -292,7 +294,7 @@ class _Adam:
                 update_run(*flat, 0, steps.size, *constants)
                 values[rows] += self._rate_factors[rows].reshape(-1, *[1] * (values.ndim - 1)) * steps
 
-            each_piece(len(values), change)
+            map_slices(len(values), change)
 
     def reset_first_moments(self) -> None:
         """Sets the first moments to 0, so that earlier gradients no longer move the parameters."""
@@ -306,7 +308,7 @@ def _add(values: Float[np.ndarray, "N K 3"], more: Float[np.ndarray, "N K 3"]) -
     def add(rows: slice) -> None:
         values[rows] += more[rows]
 
-    each_piece(len(values), add)
+    map_slices(len(values), add)
 
 
 def _rate_factors(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
