@@ -103,7 +103,7 @@ def test_time_left_excludes_compilation(dataset: Dataset) -> None:
     times = []
     for iteration, seconds in enumerate([40.0, 12.0, 9.0] + [0.1] * 30, 1):
         state.iteration = iteration
-        times.append(time_left(means.after(state, report, seconds, 0.0)))
+        times.append(time_left(means.update(state, report, seconds, 0.0)))
     assert times[0] == "-:--:--"
     assert set(times[9:]) <= {f"0:03:{second}" for second in range(50, 60)}
 

@@ -97,7 +97,7 @@ def test_growth_of_first_anchors_equals_that_of_a_received_tier(
     received = decode_stream(stream.with_packets([p for p in stream.packets if plan.tier_of(p.id.block) == 0]))
     expected = Grow()(received)
     order = anchor_order(state.voxels.numpy(), "morton")
-    grown = _losses(_lossy(config)).keep_first(state, share)
+    grown = _losses(_lossy(config)).receive_first(state, share)
     assert isinstance(grown, ReceivedAnchors)
     assert np.array_equal(grown.received[order].numpy(), ~expected.left_out)
     ratio = grown.size_gain[order].numpy() / expected.size_gain

@@ -34,12 +34,12 @@ def corner_rows(
     position = torch.where(inside, unit, 0.5) * (resolution - 2) + 0.5
     cell = position.floor()
     fraction = position - cell
-    at = torch.stack([cell, cell + 1], dim=2)
+    grid_points = torch.stack([cell, cell + 1], dim=2)
     # the weight of a corner and the sum of all weights are products over the axes: each axis can be normalised
     # separately
-    weights = torch.stack([1 - fraction, fraction], dim=2) * ((at > 0) & (at < resolution - 1))
+    weights = torch.stack([1 - fraction, fraction], dim=2) * ((grid_points > 0) & (grid_points < resolution - 1))
     weights = weights / weights.sum(dim=2, keepdim=True).clamp(min=1e-9) * inside[:, :, None]
-    terms = _row_terms(at.to(torch.int64), resolution, num_rows)
+    terms = _row_terms(grid_points.to(torch.int64), resolution, num_rows)
     dense = _is_dense(resolution, unit.shape[1], num_rows)
     rows, weight = terms[:, 0], weights[:, 0]
     for axis in range(1, unit.shape[1]):

@@ -70,9 +70,9 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, cameras: Cameras, view: int, probe: Tensor | None, *inputs: Tensor) -> Tensor:
         *arrays, background = (t.detach().numpy() for t in inputs)
-        picture = ViewRasterizer(arrays, cameras, view, for_gradients=any(ctx.needs_input_grad))
-        image, transmittance = picture.draw(background)
-        ctx.picture, ctx.transmittance, ctx.has_probe = picture, transmittance, probe is not None
+        rasterizer = ViewRasterizer(arrays, cameras, view, for_gradients=any(ctx.needs_input_grad))
+        image, transmittance = rasterizer.draw(background)
+        ctx.rasterizer, ctx.transmittance, ctx.has_probe = rasterizer, transmittance, probe is not None
         result = torch.from_numpy(image)
         ctx.save_for_backward(*inputs, result)
         return result
@@ -81,7 +81,7 @@ class _Rasterize(torch.autograd.Function):
     def backward(ctx: Any, *d_images: Tensor) -> tuple[Any, ...]:
         *inputs, _, image = ctx.saved_tensors  # torch raises an error if a saved tensor was changed in place
         d_image = d_images[0].detach().to(torch.float32).contiguous().numpy()
-        gradients = ctx.picture.gradients([t.detach().numpy() for t in inputs], image.detach().numpy(), d_image)
+        gradients = ctx.rasterizer.gradients([t.detach().numpy() for t in inputs], image.detach().numpy(), d_image)
         d_background = np.einsum("hw,hwc->c", ctx.transmittance, d_image)
         *d_inputs, d_probe = (torch.from_numpy(g) for g in gradients)
         return None, None, d_probe if ctx.has_probe else None, *d_inputs, torch.from_numpy(d_background)

@@ -11,7 +11,7 @@ from splatwire.neural.training.config import RefineConfig
 from splatwire.neural.training.schedule import half_cosine
 
 _BETAS = (0.9, 0.99)
-_MIN_RATE = 0.01
+_FINAL_RATE_RATIO = 0.01
 """Final learning rate, as a share of the initial one."""
 
 
@@ -40,7 +40,7 @@ def fit_samples(
     optimiser = torch.optim.Adam(parameters, betas=_BETAS, eps=1e-15)
     for step in range(config.steps):
         for group in optimiser.param_groups:
-            group["lr"] = group["base"] * max(half_cosine(step / config.steps), _MIN_RATE)
+            group["lr"] = group["base"] * max(half_cosine(step / config.steps), _FINAL_RATE_RATIO)
         loss = loss_of(torch.randperm(num, generator=generator)[: config.batch], generator)
         if not bool(torch.isfinite(loss.detach())):
             raise DivergedError(step)

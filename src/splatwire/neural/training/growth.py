@@ -13,7 +13,7 @@ from splatwire.types import Cameras, Gaussians
 
 _KEY_BITS = 21
 """Number of bits of a signed voxel index; three indices fit one 64-bit key."""
-_MOSTLY_TRANSPARENT = 0.99
+_MAX_TRANSPARENT_SHARE = 0.99
 """Share of transparent anchors above which no anchor is removed.
 
 With a black background, most random initial points become transparent before the scene takes shape. If transparent
@@ -93,7 +93,7 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
     statistics.gradient_count[old][judged] = 0
     visited = statistics.visits > min_views
     transparent = visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits)
-    mostly_transparent = int(transparent.sum()) > _MOSTLY_TRANSPARENT * int(visited.sum())
+    mostly_transparent = int(transparent.sum()) > _MAX_TRANSPARENT_SHARE * int(visited.sum())
     if mostly_transparent and 2 * state.iteration > config.milestones.growth_end:
         raise DivergedError(state.iteration, "every anchor has become transparent")
     keep = ~transparent

@@ -204,10 +204,10 @@ def initial_points(
 def _view_center(cameras: Cameras) -> tuple[Float[Tensor, "3"], float]:
     """Returns the point closest to the optical axes of all cameras, and the median distance of the cameras from it."""
     axes, centers = torch.as_tensor(cameras.viewmats)[:, 2, :3].double(), torch.as_tensor(cameras.centers).double()
-    across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
+    projections = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
     # a small weight on the mean camera centre keeps the solution finite if all axes are parallel
-    matrix = across.sum(dim=0) + 1e-6 * len(axes) * torch.eye(3, dtype=torch.float64)
-    target = (across @ centers[:, :, None]).sum(dim=0)[:, 0] + 1e-6 * len(axes) * centers.mean(dim=0)
+    matrix = projections.sum(dim=0) + 1e-6 * len(axes) * torch.eye(3, dtype=torch.float64)
+    target = (projections @ centers[:, :, None]).sum(dim=0)[:, 0] + 1e-6 * len(axes) * centers.mean(dim=0)
     center = torch.linalg.solve(matrix, target)
     return center, float(torch.linalg.vector_norm(centers - center, dim=1).median())
 
@@ -249,7 +249,7 @@ def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
     Raises:
         DatasetError: If more than half of the cameras see no anchor.
     """
-    cameras, blind = dataset.cameras, []
+    cameras, blind_cameras = dataset.cameras, []
     homogeneous = torch.cat([positions, torch.ones(len(positions), 1)], dim=1)
     for view in range(cameras.num_views):
         local = homogeneous @ torch.as_tensor(cameras.viewmats[view, :3]).T.to(positions)
@@ -257,11 +257,11 @@ def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
         x, y = pixels[:, 0] / local[:, 2], pixels[:, 1] / local[:, 2]
         inside = (local[:, 2] > cameras.near_depth) & (x > 0) & (x < cameras.width) & (y > 0) & (y < cameras.height)
         if not bool(inside.any()):
-            blind.append(cameras.names[view])
-    if 2 * len(blind) > cameras.num_views:
+            blind_cameras.append(cameras.names[view])
+    if 2 * len(blind_cameras) > cameras.num_views:
         raise DatasetError(
-            f"{_folder(dataset)}: {len(blind)} of {cameras.num_views} training views see none of the points, the first "
-            f"is '{blind[0]}': poses and points do not belong together, or the cameras look away"
+            f"{_folder(dataset)}: {len(blind_cameras)} of {cameras.num_views} training views see none of the points, the "
+            f"first is '{blind_cameras[0]}': poses and points do not belong together, or the cameras look away"
         )
 
 

@@ -66,12 +66,12 @@ class ModelTraining(Protocol):
     Attributes:
         state: State of the training.
         iterations: Number of iterations.
-        means: Running means for progress reports.
+        running_means: Running means for progress reports.
     """
 
     state: Any
     iterations: int
-    means: RunningMeans
+    running_means: RunningMeans
 
     def step(self, view: int, photo: Photo) -> StepReport:
         """Performs one iteration with the photo of a view."""
@@ -161,7 +161,7 @@ class TrainingLoop:
             report = model.step(view, photos.photo(view))
             elapsed = time.perf_counter() - started
             self.seconds += elapsed
-            self.listener.progress(model.means.after(state, report, elapsed, self.seconds))
+            self.listener.progress(model.running_means.update(state, report, elapsed, self.seconds))
             self.listener.iterated(lambda: model.scene(self.device))
             if self.listener.should_stop():
                 return bool(state.iteration < model.iterations)

@@ -29,9 +29,9 @@ from splatwire.types import Cameras
 from splatwire.types.anchors import mean_log_size
 
 _GROW = Grow()
-_TIDY_INTERVAL = 100
+_REMOVAL_INTERVAL = 100
 """Number of iterations between removals of anchors without offsets, which packets do not contain."""
-_SORT_INTERVAL = 3 * _TIDY_INTERVAL
+_SORT_INTERVAL = 3 * _REMOVAL_INTERVAL
 """Number of iterations between two sortings of the anchors by importance; a sorting renders every training view.
 
 With a single sorting, lego is 0.6 dB worse with half of the bytes received, and 0.5 dB worse with a quarter."""
@@ -65,8 +65,8 @@ class ReceivedAnchors:
         """
         kept = self.received[visible]
         (features, scalings, offsets), masks = visible_attributes
-        left = features[kept], scalings[kept], offsets[kept]
-        return visible[kept], (left, masks[kept]), self.size_gain[visible[kept]]
+        attributes = features[kept], scalings[kept], offsets[kept]
+        return visible[kept], (attributes, masks[kept]), self.size_gain[visible[kept]]
 
 
 class PacketLossSimulator:
@@ -87,10 +87,10 @@ class PacketLossSimulator:
 
     def active(self, state: TrainState) -> bool:
         """True if the next training iteration may simulate packet losses."""
-        return bool(self._choices) and state.iteration > self._last_lossless
+        return bool(self._choices) and state.iteration > self._last_iteration_without_loss
 
     @property
-    def _last_lossless(self) -> int:
+    def _last_iteration_without_loss(self) -> int:
         """Last iteration before packet losses are simulated."""
         # They are simulated in the fine-tuning only or, without fine-tuning, once the set of anchors is fixed.
         # With `PacketLossConfig.received_shares`, they always start when the set of anchors is fixed: the order of
@@ -117,8 +117,8 @@ class PacketLossSimulator:
             state: State of the training before an iteration; changed in place.
             cameras: The training cameras, in which the importance of anchors is measured.
         """
-        since = state.iteration - self._last_lossless
-        if not self.active(state) or since % _TIDY_INTERVAL != 1:
+        since = state.iteration - self._last_iteration_without_loss
+        if not self.active(state) or since % _REMOVAL_INTERVAL != 1:
             return
         alive = state.masks(self._config.mask_threshold).any(dim=1)
         if bool(alive.any()) and not bool(alive.all()):
@@ -148,11 +148,11 @@ class PacketLossSimulator:
         packetization = packetization_named(name, CAUSAL, state.num_anchors)
         seed = int(torch.randint(1 << 62, (), generator=state.generator))
         if isinstance(choice, float):
-            return self.keep_first(state, choice)
+            return self.receive_first(state, choice)
         return self.lose_packets(state, packetization, choice, seed, _anchors_per_packet(packetization, estimated_bits))
 
     @torch.no_grad()
-    def keep_first(self, state: TrainState, share: float) -> ReceivedAnchors | None:
+    def receive_first(self, state: TrainState, share: float) -> ReceivedAnchors | None:
         """Simulates that only the most important anchors are received.
 
         Args:

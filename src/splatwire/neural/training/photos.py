@@ -41,19 +41,21 @@ class PhotoStore:
     ) -> None:
         self._device, self._prepare = device, prepare
         pixels = dataset.cameras.width * dataset.cameras.height
-        near = device_bytes // (3 * pixels)
+        num_on_device = device_bytes // (3 * pixels)
         self._bytes: list[UInt8[Tensor, "H W 3"]] = [
-            torch.round(torch.as_tensor(dataset.image(view)) * 255).to(torch.uint8).to(device if view < near else "cpu")
+            torch.round(torch.as_tensor(dataset.image(view)) * 255)
+            .to(torch.uint8)
+            .to(device if view < num_on_device else "cpu")
             for view in range(dataset.num_views)
         ]
         masks = [dataset.mask(view) for view in range(dataset.num_views)]
         self._masks = [None if mask is None else torch.as_tensor(mask) for mask in masks]
-        blank = [name for name, mask in zip(dataset.cameras.names, self._masks, strict=True) if _blank(mask)]
-        if blank:
-            raise DatasetError(f"the mask of view '{blank[0]}' leaves nothing of its photo: remove the view")
+        blank_views = [name for name, mask in zip(dataset.cameras.names, self._masks, strict=True) if _is_blank(mask)]
+        if blank_views:
+            raise DatasetError(f"the mask of view '{blank_views[0]}' leaves nothing of its photo: remove the view")
         self._prepared: dict[int, Photo] = {}
-        room = PREPARED_BYTES if device.type == "cpu" else PREPARED_DEVICE_BYTES
-        self._max_prepared = room // (3 * pixels * 3 * 4)
+        max_bytes = PREPARED_BYTES if device.type == "cpu" else PREPARED_DEVICE_BYTES
+        self._max_prepared = max_bytes // (3 * pixels * 3 * 4)
 
     def photo(self, view: int) -> Photo:
         """Returns the photo of a view."""
@@ -78,5 +80,5 @@ def check_photos(dataset: Dataset) -> None:
         dataset.mask(view)
 
 
-def _blank(mask: Bool[Tensor, "H W"] | None) -> bool:
+def _is_blank(mask: Bool[Tensor, "H W"] | None) -> bool:
     return mask is not None and not bool(mask.any())

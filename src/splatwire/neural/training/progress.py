@@ -16,9 +16,9 @@ from splatwire.neural.training.state import TrainState
 from splatwire.neural.training.step import StepReport
 from splatwire.types import AnchorScene
 
-_MEMORY = 0.98
+_MEAN_DECAY = 0.98
 """Weight of the previous value in the running means (exponential moving average)."""
-_RECENT, _FEWEST = 50, 10
+_MAX_DURATIONS, _MIN_DURATIONS = 50, 10
 """Maximum and minimum number of last iterations whose median duration determines the speed."""
 _POSITION_BITS = 11
 _WEIGHT_BITS = 6
@@ -85,9 +85,9 @@ class RunningMeans:
             unavailable.
         elements: Name of the elements in messages.
         means: The running means by name.
-        recent: Durations of the last iterations, seconds.
-        unread: Reports of the iterations since the last update.
-        size: Estimated bytes of the encoded scene; None until the loss includes the bit rate.
+        durations: Durations of the last iterations, seconds.
+        unread_reports: Reports of the iterations since the last update.
+        estimated_size: Estimated bytes of the encoded scene; None until the loss includes the bit rate.
     """
 
     iterations: int
@@ -95,11 +95,11 @@ class RunningMeans:
     estimate: Callable[[Any, float], int] | None = None
     elements: str = AnchorScene.ELEMENTS
     means: dict[str, float] = field(default_factory=dict)
-    recent: deque[float] = field(default_factory=lambda: deque(maxlen=_RECENT))
-    unread: list[StepReport] = field(default_factory=list)
-    size: int | None = None
+    durations: deque[float] = field(default_factory=lambda: deque(maxlen=_MAX_DURATIONS))
+    unread_reports: list[StepReport] = field(default_factory=list)
+    estimated_size: int | None = None
 
-    def after(self, state: Any, report: StepReport, elapsed: float, seconds: float) -> Progress:
+    def update(self, state: Any, report: StepReport, elapsed: float, seconds: float) -> Progress:
         """Adds the report of an iteration; returns the progress of the training.
 
         Args:
@@ -108,21 +108,21 @@ class RunningMeans:
             elapsed: Duration of the iteration, seconds.
             seconds: Duration of all iterations since the training was started or resumed, seconds.
         """
-        self.unread.append(report)
+        self.unread_reports.append(report)
         if not self.means or state.iteration % self.interval == 0 or state.iteration == self.iterations:
             self._read_reports(state)
         means = self.means
-        self.recent.append(elapsed)
-        enough = len(self.recent) >= _FEWEST
+        self.durations.append(elapsed)
+        enough = len(self.durations) >= _MIN_DURATIONS
         return Progress(
             iteration=state.iteration,
             iterations=self.iterations,
             loss=means["loss"],
             l1=means["l1"],
             num_elements=state.num_elements,
-            estimated_bytes=self.size,
+            estimated_bytes=self.estimated_size,
             seconds=seconds,
-            iterations_per_second=1 / max(median(self.recent), 1e-9) if enough else None,
+            iterations_per_second=1 / max(median(self.durations), 1e-9) if enough else None,
             elements=self.elements,
         )
 
@@ -131,19 +131,19 @@ class RunningMeans:
         # The reports are copied from the device at once, because each copy waits for the device.
         columns = torch.stack([
             torch.stack([r.total, r.absolute_error, r.total if r.sample_bits is None else r.sample_bits]).double()
-            for r in self.unread
+            for r in self.unread_reports
         ]).cpu().tolist()  # fmt: skip
         means = self.means
-        for report, (loss, l1, bits) in zip(self.unread, columns, strict=True):
+        for report, (loss, l1, bits) in zip(self.unread_reports, columns, strict=True):
             losses = {"loss": loss, "l1": l1}
             if report.sample_bits is not None:
                 losses["bits"] = bits / max(report.num_sampled, 1)
             for name, value in losses.items():
-                means[name] = _MEMORY * means.get(name, value) + (1 - _MEMORY) * value
-        last, self.unread = self.unread[-1], []
-        self.size = None
+                means[name] = _MEAN_DECAY * means.get(name, value) + (1 - _MEAN_DECAY) * value
+        last, self.unread_reports = self.unread_reports[-1], []
+        self.estimated_size = None
         if self.estimate is not None and last.sample_bits is not None:
-            self.size = self.estimate(state, means["bits"])
+            self.estimated_size = self.estimate(state, means["bits"])
 
 
 @torch.no_grad()

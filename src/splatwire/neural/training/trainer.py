@@ -108,7 +108,7 @@ class _AnchorTraining:
     def __init__(self, state: TrainState, config: TrainConfig, cameras: Cameras, kernels: Kernels) -> None:
         self.state, self._config, self.iterations = state, config, config.milestones.iterations
         self._step = TrainingStep(config, to_tensors(cameras, state.device), kernels)
-        self.means = RunningMeans(
+        self.running_means = RunningMeans(
             self.iterations,
             kernels.report_interval,
             lambda state, bits: estimate_bytes(state, bits, config.mask_threshold),

@@ -72,7 +72,7 @@ class RelocationRules:
         growth_end: Latest time at which the number of Gaussians reaches the budget.
         end: Last time at which Gaussians are moved and added.
         interval: Number of iterations between two changes of the set of Gaussians.
-        changes: Minimum number of changes in a training; a short training has shorter intervals.
+        min_changes: Minimum number of changes in a training; a short training has shorter intervals.
         growth: Relative increase of the number of Gaussians per change.
         dead_opacity: Gaussians with at most this opacity are moved.
         noise: Strength of the random displacements of the centres in the first iteration.
@@ -87,7 +87,7 @@ class RelocationRules:
     growth_end: float = 0.5
     end: float = 0.85
     interval: int = 100
-    changes: int = 60
+    min_changes: int = field(default=60, metadata=stored_as("changes"))
     growth: float = 0.05
     dead_opacity: float = 0.005
     noise: float = 80.0
@@ -111,7 +111,7 @@ class GaussianConfig:
         opacity_weight: Weight of the mean opacity in the loss.
         scale_weight: Weight of the mean standard deviation in the loss, relative to the extent of the cameras.
         dropout: Share of the Gaussians that are left out at random in each iteration, at least 0 and below 1.
-        degree_steps: For harmonics of degree 1, 2 and 3, share of the iterations after which their training starts.
+        degree_starts: For harmonics of degree 1, 2 and 3, share of the iterations after which their training starts.
         rates: Learning rates.
         relocation: Rules for moving and adding Gaussians.
         background: RGB of the background.
@@ -135,7 +135,7 @@ class GaussianConfig:
     opacity_weight: float = 0.01
     scale_weight: float = 0.05
     dropout: float = 0.15
-    degree_steps: tuple[float, float, float] = (0.1, 0.2, 0.3)
+    degree_starts: tuple[float, float, float] = field(default=(0.1, 0.2, 0.3), metadata=stored_as("degree_steps"))
     rates: GaussianRates = field(default_factory=GaussianRates)
     relocation: RelocationRules = RelocationRules()
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -161,14 +161,14 @@ class GaussianConfig:
 
     def degree_at(self, iteration: int) -> int:
         """Returns the highest degree of the harmonics that are trained in an iteration."""
-        reached = sum(iteration > share * self.iterations for share in self.degree_steps)
+        reached = sum(iteration > share * self.iterations for share in self.degree_starts)
         return min(reached, self.degree)
 
     @property
     def change_interval(self) -> int:
         """Number of iterations between two changes of the set of Gaussians."""
         rules = self.relocation
-        return min(rules.interval, max(self.iterations // rules.changes, 1))
+        return min(rules.interval, max(self.iterations // rules.min_changes, 1))
 
     def relocates(self, iteration: int) -> bool:
         """True if Gaussians are moved and added after an iteration."""

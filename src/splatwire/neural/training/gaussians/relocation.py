@@ -17,7 +17,7 @@ from splatwire.ops.quaternions import rotation_rows
 MAX_COPIES = 51
 """Maximum number of Gaussians that one Gaussian is replaced by at a time; the sums of more are less exact."""
 _MIN_OPACITY, _MAX_OPACITY = 0.005, 1 - 1e-6
-_GATE, _GATE_OPACITY = 100.0, 0.005
+_NOISE_STEEPNESS, _NOISE_OPACITY = 100.0, 0.005
 """Steepness of the logistic function of the opacity that multiplies the position noise, and the opacity at its half."""
 
 
@@ -40,11 +40,13 @@ def shared_appearance(
     exact = opacities.double()
     shared = 1 - (1 - exact) ** (1 / copies)
     total, power = torch.zeros_like(exact), torch.ones_like(exact)
-    most = int(copies.max()) if len(copies) else 0
+    max_copies = int(copies.max()) if len(copies) else 0
     # The double sum of binomials over the copies is a single sum: sum over i of C(i - 1, k) equals C(copies, k + 1).
-    for k in range(most):
+    for k in range(max_copies):
         power = power * shared
-        binomials = torch.tensor([math.comb(n, k + 1) for n in range(most + 1)], dtype=torch.float64).to(exact.device)
+        binomials = torch.tensor([math.comb(n, k + 1) for n in range(max_copies + 1)], dtype=torch.float64).to(
+            exact.device
+        )
         total += (-1) ** k * binomials[copies] * power / math.sqrt(k + 1)
     return shared.to(opacities), (exact / total).to(opacities)
 
@@ -95,24 +97,24 @@ def relocate(state: GaussianState, num_gaussians: int, dead_opacity: float) -> N
 
 
 @torch.no_grad()
-def add_noise(state: GaussianState, size: float, uniform: Uniform) -> None:
+def add_noise(state: GaussianState, strength: float, uniform: Uniform) -> None:
     """Moves the centres of nearly transparent Gaussians at random.
 
     Args:
         state: State of the training; changed in place.
-        size: Strength of the noise, 1 / world unit. A displacement is a random vector times the Gaussian's covariance
-            times `size`.
+        strength: Strength of the noise, 1 / world unit. A displacement is a random vector times the Gaussian's
+            covariance times `strength`.
         uniform: Function that draws uniform random numbers in [0, 1).
     """
-    # A displacement is the Gaussian's covariance times a standard normal vector, times `size`. It falls to 0 for
+    # A displacement is the Gaussian's covariance times a standard normal vector, times `strength`. It falls to 0 for
     # Gaussians of higher opacity.
     parameters = state.parameters
-    numbers = uniform(parameters["means"].shape, state.generator, state.device)
-    normal = torch.erfinv((2 * numbers - 1).clamp(-1 + 1e-6, 1 - 1e-6)) * math.sqrt(2)
-    gate = torch.sigmoid(-_GATE * (state.opacities - _GATE_OPACITY))
+    uniform_numbers = uniform(parameters["means"].shape, state.generator, state.device)
+    normal = torch.erfinv((2 * uniform_numbers - 1).clamp(-1 + 1e-6, 1 - 1e-6)) * math.sqrt(2)
+    noise_factors = torch.sigmoid(-_NOISE_STEEPNESS * (state.opacities - _NOISE_OPACITY))
     quats = torch.nn.functional.normalize(parameters["quats"], dim=1)
     rotation = torch.stack([torch.stack(row, dim=1) for row in rotation_rows(*quats.unbind(dim=1))], dim=1)
     variances = (2 * parameters["log_scales"]).exp()
     local = (rotation * normal[:, :, None]).sum(dim=1) * variances
     displaced = (rotation * local[:, None, :]).sum(dim=2)
-    parameters["means"] += displaced * (size * gate)[:, None]
+    parameters["means"] += displaced * (strength * noise_factors)[:, None]

@@ -139,7 +139,7 @@ class _GaussianTraining:
         self._step: Callable[[GaussianState, int, Photo], StepReport] = GaussianStep(
             config, to_tensors(cameras, state.device), kernels
         )
-        self.means = RunningMeans(self.iterations, kernels.report_interval, elements=SplatScene.ELEMENTS)
+        self.running_means = RunningMeans(self.iterations, kernels.report_interval, elements=SplatScene.ELEMENTS)
 
     def step(self, view: int, photo: Photo) -> StepReport:
         """Performs one training iteration with the photo of a view."""
