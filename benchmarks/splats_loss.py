@@ -44,7 +44,7 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_precision_classes
 from splatwire.types import SplatScene
 
-CONFIG = SketchConfig(views=12, scored_views=4, masks=1, held_out_masks=1)
+CONFIG = SketchConfig(views=12, scored_views=4, num_losses=1, num_held_out_losses=1)
 WHOLE = Packetization(block_size=(1 << 16) - 1, lanes=1, grouping="contiguous")
 
 

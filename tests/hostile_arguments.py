@@ -302,7 +302,7 @@ class Pool:
             "preview_for_scene.config": lambda: importlib.import_module("splatwire.calibration.preview").PreviewConfig(
                 steps=1, num_relocations=1, views=1, width=8, scored_views=1, scored_width=8),
             "sketch_of.config": lambda: importlib.import_module("splatwire.calibration.sketch_config").SketchConfig(
-                masks=0, held_out_masks=0, views=1, width=8, probes=1),
+                num_losses=0, num_held_out_losses=0, views=1, width=8, probes=1),
             "views": lambda: self._views, "calibration_data.stream": lambda: self._tiny[0],
             "calibration_data.complete": lambda: self._tiny[1], "sketch_of.stream": lambda: self._tiny[0],
             "sketch_of.complete": lambda: self._tiny[1], "preview_for_scene.scene": self.anchors,

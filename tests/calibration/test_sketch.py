@@ -50,8 +50,8 @@ def material(data):
 def test_sketch_fits_its_byte_share_and_improves_quality(stream, result) -> None:
     assert len(result.section) <= 0.1 * stream.num_bytes
     assert result.num_sketched > 0
-    assert (result.exponent,) in AnchorSketch.growths
-    assert result.trust in AnchorSketch.trusts
+    assert (result.exponent,) in AnchorSketch.growth_candidates
+    assert result.trust in AnchorSketch.trust_candidates
     assert result.psnr["no loss"] > result.psnr["sketch"] > max(result.psnr["grow"], result.psnr["drop"])
 
 

@@ -16,7 +16,7 @@ from splatwire.types import Copies, SplatScene
 
 pytestmark = pytest.mark.slow
 
-CONFIG = SketchConfig(share=0.1, views=3, scored_views=2, masks=1, held_out_masks=1)
+CONFIG = SketchConfig(share=0.1, views=3, scored_views=2, num_losses=1, num_held_out_losses=1)
 
 
 @pytest.fixture(scope="module")

@@ -67,8 +67,8 @@ class Sketch(Protocol):
         growth: Parameters of the enlargement: first the exponents, then the weight of a neural network that corrects
             the enlargement, 0 (no correction) to 1. Anchors have one exponent, explicit Gaussians have two (size and
             opacity).
-        growths: Candidates for the exponents, the default first.
-        trusts: Candidates for the weight of the network, 0 to 1, the default first.
+        growth_candidates: Candidates for the exponents, the default first.
+        trust_candidates: Candidates for the weight of the network, 0 to 1, the default first.
     """
 
     # There is one exponent for anchors (size), two for explicit Gaussians (size and opacity).
@@ -82,11 +82,11 @@ class Sketch(Protocol):
         """Parameters with which a receiver enlarges received elements next to lost ones."""
 
     @property
-    def growths(self) -> Sequence[tuple[float, ...]]:
+    def growth_candidates(self) -> Sequence[tuple[float, ...]]:
         """Candidates for the exponents with which a receiver enlarges elements next to lost ones, the default first."""
 
     @property
-    def trusts(self) -> Sequence[float]:
+    def trust_candidates(self) -> Sequence[float]:
         """Candidates for the weight of the neural network that corrects the enlargement of elements, 0 to 1.
 
         The first one is the default.
@@ -161,13 +161,13 @@ def sketch_of(
     complete = replace(to_arrays(complete), scene=views.in_front(to_arrays(complete.scene)))
     views = views.relative_to(origin_of(complete.scene))
     fit: Callable[..., Sketch] = GaussianSketch.fitted if complete.get(Prior) is None else AnchorSketch.fitted
-    most = round(config.share * stream.num_bytes)
-    sketch = fit(stream, complete, views.reduced(config.views, config.width).cameras, most, config, show)
+    max_bytes = round(config.share * stream.num_bytes)
+    sketch = fit(stream, complete, views.reduced(config.views, config.width).cameras, max_bytes, config, show)
     quality: dict[str, float] = {}
-    if config.masks + config.held_out_masks:
+    if config.num_losses + config.num_held_out_losses:
         scored = _Scores(stream, complete.scene, views.reduced(config.scored_views, config.width), config)
-        sketch = scored.best_growth(sketch, show) if config.masks else sketch
-        quality = scored.held_out(sketch, show) if config.held_out_masks else {}
+        sketch = scored.best_growth(sketch, show) if config.num_losses else sketch
+        quality = scored.held_out(sketch, show) if config.num_held_out_losses else {}
     seconds = time.perf_counter() - started
     return SketchResult(sketch.section(), sketch.num_sketched, sketch.growth[0], sketch.growth[-1], quality, seconds)
 
@@ -178,7 +178,7 @@ class _Scores:
     def __init__(self, stream: SceneStream, scene: Scene, views: CalibrationViews, config: SketchConfig) -> None:
         self._stream, self._scene, self._config = stream, scene, config
         self._references = References.of(scene, views)
-        number = config.masks + config.held_out_masks
+        number = config.num_losses + config.num_held_out_losses
         self._seeds = np.random.SeedSequence(config.seed).generate_state(number).tolist()
 
     def best_growth(self, sketch: Sketch, show: Progress) -> Sketch:
@@ -190,18 +190,23 @@ class _Scores:
         """
         # The parameters with the highest PSNR after simulated packet losses are chosen: first the strength of
         # the correction by a neural network (trust), then the exponents.
-        losses = [sketch.replace_lost(self._decoded(self._stream, seed)) for seed in self._seeds[: self._config.masks]]
+        losses = [
+            sketch.replace_lost(self._decoded(self._stream, seed)) for seed in self._seeds[: self._config.num_losses]
+        ]
         tried: dict[tuple[float, ...], float] = {}
 
-        def best_of(growths: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
-            for growth in growths:
+        def best_of(growth_candidates: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
+            for growth in growth_candidates:
                 candidate = sketch.with_growth(growth)
                 tried[growth] = sum(self._quality_of(*candidate.conceal(loss)) for loss in losses)
-                show("choosing the growth", len(tried) / (len(sketch.growths) + len(sketch.trusts) - 1))
+                show(
+                    "choosing the growth",
+                    len(tried) / (len(sketch.growth_candidates) + len(sketch.trust_candidates) - 1),
+                )
             return max(tried, key=lambda growth: tried[growth])
 
-        trust = best_of([(*sketch.growths[0], trust) for trust in sketch.trusts])[-1]
-        return sketch.with_growth(best_of([(*growth, trust) for growth in sketch.growths[1:]]))
+        trust = best_of([(*sketch.growth_candidates[0], trust) for trust in sketch.trust_candidates])[-1]
+        return sketch.with_growth(best_of([(*growth, trust) for growth in sketch.growth_candidates[1:]]))
 
     def held_out(self, sketch: Sketch, show: Progress) -> dict[str, float]:
         """Measures the picture quality without loss, and after simulated packet losses with three concealers.
@@ -214,11 +219,11 @@ class _Scores:
             Mean PSNR in decibels for `no loss` and for each concealer (`SketchResult.psnr`).
         """
         # The losses are not those with which the parameters of the sketch were chosen.
-        qualities, richer = (
+        qualities, sketched_stream = (
             {"no loss": self._quality(self._scene)},
             with_section(self._stream, "sketch", sketch.section()),
         )
-        losses = [self._decoded(richer, seed) for seed in self._seeds[self._config.masks :]]
+        losses = [self._decoded(sketched_stream, seed) for seed in self._seeds[self._config.num_losses :]]
         for number, name in enumerate(("drop", "grow", "sketch")):
             qualities[name] = sum(self._quality(conceal(received, name)) for received in losses) / len(losses)
             show("held-out losses", (number + 1) / 3)
@@ -238,5 +243,5 @@ class _Scores:
     def _quality(self, scene: Scene) -> float:
         """Returns the mean PSNR of a scene over the views, decibels."""
         pictures = enumerate(iterate_views(scene, self._references.cameras))
-        each = [self._references.psnr(view, picture) for view, picture in pictures]
-        return sum(each) / len(each)
+        psnrs = [self._references.psnr(view, picture) for view, picture in pictures]
+        return sum(psnrs) / len(psnrs)

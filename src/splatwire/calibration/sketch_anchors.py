@@ -40,15 +40,15 @@ class AnchorSketch:
     Attributes:
         copies: The coarse copies, and the parameters with which a receiver enlarges anchors next to lost ones.
         buckets: Size class of each anchor, 0 for the largest, int64 (N); context of the entropy coder.
-        growths: Exponents of the enlargement that the calibration tries, the default first.
-        trusts: A neural network corrects the enlargement. These factors, 0 to 1, multiply its correction. The
+        growth_candidates: Exponents of the enlargement that the calibration tries, the default first.
+        trust_candidates: A neural network corrects the enlargement. These factors, 0 to 1, multiply its correction. The
             calibration tries each factor, the default first.
     """
 
     copies: SketchSection
     buckets: np.ndarray
-    growths: ClassVar = tuple((exponent,) for exponent in (0.25, 0.0, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5))
-    trusts: ClassVar = (1.0, 0.0, 0.5)
+    growth_candidates: ClassVar = tuple((exponent,) for exponent in (0.25, 0.0, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5))
+    trust_candidates: ClassVar = (1.0, 0.0, 0.5)
 
     @staticmethod
     def fitted(
@@ -80,7 +80,9 @@ class AnchorSketch:
             sketch_material(complete, sensitivity, max_bytes), lambda section: len(write_sketch(section, buckets)),
             max_bytes, config.fit, lambda share: show("choosing anchors and steps", share),
         )  # fmt: skip
-        return AnchorSketch(copies, buckets).with_growth((*AnchorSketch.growths[0], AnchorSketch.trusts[0]))
+        return AnchorSketch(copies, buckets).with_growth(
+            (*AnchorSketch.growth_candidates[0], AnchorSketch.trust_candidates[0])
+        )
 
     @property
     def num_sketched(self) -> int:

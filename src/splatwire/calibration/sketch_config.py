@@ -16,8 +16,8 @@ class SketchConfig:
     Attributes:
         share: Maximum size of the sketch, as a share of the size of the stream.
         drop_rate: Share of the packets that is lost in each simulated packet loss.
-        masks: Number of simulated losses for choosing how much received elements are enlarged; 0 for the default.
-        held_out_masks: Number of further simulated losses for reporting the PSNR; 0 for no report.
+        num_losses: Number of simulated losses for choosing how much received elements are enlarged; 0 for the default.
+        num_held_out_losses: Number of further simulated losses for reporting the PSNR; 0 for no report.
         views: Maximum number of views for measuring the importance of elements.
         scored_views: Maximum number of views for comparing rendered pictures.
         width: Maximum width of the pictures, pixels.
@@ -29,8 +29,8 @@ class SketchConfig:
 
     share: float = 0.04
     drop_rate: float = 0.2
-    masks: int = 2
-    held_out_masks: int = 2
+    num_losses: int = 2
+    num_held_out_losses: int = 2
     views: int = 24
     scored_views: int = 6
     width: int = MAX_WIDTH
@@ -43,10 +43,10 @@ class SketchConfig:
         check_fields(self)
         check_settings(
             self, "a calibration", ("views", "scored_views", "width", "probes"),
-            masks=self.masks >= 0, held_out_masks=self.held_out_masks >= 0,
+            num_losses=self.num_losses >= 0, num_held_out_losses=self.num_held_out_losses >= 0,
             drop_rate=0 < self.drop_rate < 1, share=0 < self.share <= 0.5, seed=self.seed >= 0,
         )  # fmt: skip
 
 
-QUICK = SketchConfig(share=0.01, masks=0, held_out_masks=0, views=8, width=224, probes=3, quick=True)
+QUICK = SketchConfig(share=0.01, num_losses=0, num_held_out_losses=0, views=8, width=224, probes=3, quick=True)
 """Fast settings for a sketch that is created while encoding: `quick_sensitivity`, and the default growth."""

@@ -47,16 +47,16 @@ class GaussianSketch:
         info: The stream's side information.
         growth: Three parameters of the enlargement: exponent for the size, exponent for the opacity, and weight of the
             network's correction, 0 (no correction) to 1.
-        growths: Pairs of exponents (size, opacity) that the calibration tries, the default first.
-        trusts: Weights of the network's correction that the calibration tries, the default first.
+        growth_candidates: Pairs of exponents (size, opacity) that the calibration tries, the default first.
+        trust_candidates: Weights of the network's correction that the calibration tries, the default first.
     """
 
     splats: Splats
     indices: np.ndarray
     info: SideInfo
     growth: tuple[float, ...]
-    growths: ClassVar = ((0.125, 0.75), (0.0, 0.0), (0.0, 0.5), (0.0, 1.0), (0.125, 1.25), (0.25, 0.75))
-    trusts: ClassVar = (0.5, 0.0, 1.0)
+    growth_candidates: ClassVar = ((0.125, 0.75), (0.0, 0.0), (0.0, 0.5), (0.0, 1.0), (0.125, 1.25), (0.25, 0.75))
+    trust_candidates: ClassVar = (0.5, 0.0, 1.0)
 
     @staticmethod
     def fitted(
@@ -93,7 +93,7 @@ class GaussianSketch:
         if not float(removal.sum()) > 0:
             raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
         ranked = np.argsort(-removal, kind="stable")
-        usual = (*GaussianSketch.growths[0], GaussianSketch.trusts[0])
+        usual = (*GaussianSketch.growth_candidates[0], GaussianSketch.trust_candidates[0])
         everything = GaussianSketch(scene.splats, ranked, info, usual)
         count = _as_many_as_fit(
             lambda count: len(replace(everything, indices=ranked[:count]).section()), len(ranked), max_bytes

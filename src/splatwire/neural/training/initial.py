@@ -260,8 +260,8 @@ def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
             blind_cameras.append(cameras.names[view])
     if 2 * len(blind_cameras) > cameras.num_views:
         raise DatasetError(
-            f"{_folder(dataset)}: {len(blind_cameras)} of {cameras.num_views} training views see none of the points, the "
-            f"first is '{blind_cameras[0]}': poses and points do not belong together, or the cameras look away"
+            f"{_folder(dataset)}: {len(blind_cameras)} of {cameras.num_views} training views see none of the points, "
+            f"the first is '{blind_cameras[0]}': poses and points do not belong together, or the cameras look away"
         )
 
 
