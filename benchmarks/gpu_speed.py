@@ -58,7 +58,7 @@ class Loop:
         began = time.perf_counter()
         for _ in range(count):
             view = state.iteration * 7 % self.views
-            self.means.after(state, self.step(state, view, self.photos.photo(view)), 0.01, 1.0)
+            self.means.update(state, self.step(state, view, self.photos.photo(view)), 0.01, 1.0)
         self._wait()
         return time.perf_counter() - began
 

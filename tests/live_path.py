@@ -121,7 +121,7 @@ class LivePath:
                 self._arrive(answer)
         for event in events:
             if isinstance(event, SideInfoArrived):
-                self._show(self._decoder.grow(event.manifest, event.side_info))
+                self._show(self._decoder.update_header(event.manifest, event.side_info))
             elif isinstance(event, PacketArrived):
                 self.watched.repaired += event.repaired
                 if self._keep:

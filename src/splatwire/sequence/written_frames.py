@@ -117,9 +117,9 @@ def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Rep
             origin=frame.origin,
             metadata=frame.metadata,
         )
-        on_frame += 1
-        report("writing frames", on_frame / sequence.num_frames)
-    return on_frame
+        written += 1
+        report("writing frames", written / sequence.num_frames)
+    return written
 
 
 def write_live_frames(

@@ -51,7 +51,7 @@ def _counted(counter: Launches, dataset: Dataset, config: TrainConfig, start: in
         photos.photo(1)
         with counter:
             for _ in range(ITERATIONS):
-                means.after(state, step(state, 1, photos.photo(1)), 0.01, 1.0)
+                means.update(state, step(state, 1, photos.photo(1)), 0.01, 1.0)
     return sum(counter.operations.values()) / ITERATIONS, sum(counter.host.values()) / ITERATIONS
 
 

@@ -259,7 +259,7 @@ def _group_counts(manifest: Manifest) -> tuple[GroupCounts, ...]:
     for group in groups:
         alive += group.num_births
         if group.num_motion_tracks > alive:
-            raise BitstreamError(f"{group.num_moving} tracks move in a group where {alive} are born")
+            raise BitstreamError(f"{group.num_motion_tracks} tracks move in a group where {alive} are born")
     return groups
 
 
