@@ -90,12 +90,12 @@ def test_packets_that_wait_together_are_decoded_together_and_before_the_next_man
             calls.append(f"add {len(list(packets))}")
             yield from ()
 
-        def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[SequenceFrame]:
-            calls.append("grow")
+        def update_header(self, manifest: Manifest, side_info: bytes) -> Iterator[SequenceFrame]:
+            calls.append("header")
             yield from ()
 
     for event in (HEAD, PACKET, PACKET, HEAD, PACKET):
         queue.put(event)
     queue.end()
     assert list(frames_of_events(Decoder(), queue)) == []
-    assert calls == ["grow", "add 2", "grow", "add 1"]
+    assert calls == ["header", "add 2", "header", "add 1"]
