@@ -35,8 +35,8 @@ ORIGIN = (4096.0, -1024.0, 512.0)
 ANCHORS = replace(tiny_scene(seed=2, num_anchors=300), origin=ORIGIN)
 GAUSSIANS = SplatScene(some_splats(300, 1), origin=ORIGIN)
 WORLD = replace(tiny_cameras(num_views=4, width=48, height=32), origin=ORIGIN).relative_to(NO_ORIGIN)
-SKETCH = SketchConfig(share=0.1, views=3, scored_views=2, masks=1, held_out_masks=1)
-PREVIEW = PreviewConfig(num_bytes=400, steps=20, rounds=1, width=48, views=4)
+SKETCH = SketchConfig(share=0.1, views=3, scored_views=2, num_losses=1, num_held_out_losses=1)
+PREVIEW = PreviewConfig(num_bytes=400, steps=20, num_relocations=1, width=48, views=4)
 BLACK = np.zeros((32, 48, 3), np.float32)
 
 
