@@ -211,6 +211,20 @@ def test_endlessly_growing_file_does_not_block_other_frames(tmp_path):
     assert "frame_0000.ply" in world.said[0]
 
 
+def test_frame_that_grew_while_nothing_checked_the_folder_is_not_skipped(tmp_path: Path) -> None:
+    """Compilation may stop the checks for many seconds."""
+    said: list[str] = []
+    source = FolderSource(tmp_path, said.append, wall=lambda: 0.0)
+    first, second = tmp_path / "frame_0.ply", tmp_path / "frame_1.ply"
+    first.write_bytes(b"x")
+    second.write_bytes(b"x")
+    assert source.poll(0.0) == []
+    first.write_bytes(b"xx")
+    assert source.poll(30.0) == []
+    assert source.poll(30.1) == [first, second]
+    assert said == []
+
+
 @pytest.mark.parametrize("interval", [0.03, 0.4, 1.0])
 @pytest.mark.parametrize("kind", ["folder", "file"])
 def test_changing_file_that_is_no_frame_is_ignored_after_one_warning(tmp_path, monkeypatch, kind, interval):

@@ -21,13 +21,14 @@ from splatwire.transport import (
     Protection,
     Receiver,
     ReceiverOptions,
+    ServedStream,
     ServerLimits,
     SideInfoArrived,
     Welcomed,
     make_served_stream,
 )
 from splatwire.transport.address import Address, parse_url
-from splatwire.transport.protocol.events import Resumed
+from splatwire.transport.protocol.events import NotBegun, Resumed
 from splatwire.types import SplatScene
 from transport.network import FailingCallbackError, at_most, bernoulli, bursts, datagram_stream, fail_on_event
 from transport.relay import Relay
@@ -275,6 +276,36 @@ def test_unreachable_server_is_reported_at_once():
     run(work())
 
 
+@pytest.mark.parametrize("scheme", ["udp", "quic"])
+def test_a_wait_for_a_stream_that_has_not_begun_survives_a_restart_of_the_server(scheme: str) -> None:
+    async def started(programs: dict[str, ServedStream], port: int) -> QuicServer | UdpServer:
+        if scheme == "udp":
+            return UdpServer(programs, "127.0.0.1", port)
+        return await QuicServer(programs, "127.0.0.1", port, identity=IDENTITY).start()
+
+    async def work() -> None:
+        waits = asyncio.Event()
+        server = await started({}, 0)
+        options, address = ReceiverOptions(name="other"), Address("127.0.0.1", server.port, scheme=scheme)
+
+        def on_event(event: object) -> None:
+            if isinstance(event, NotBegun):
+                waits.set()
+
+        receive = receive_udp(address, options, on_event) if scheme == "udp" else receive_quic(
+            address, options, PINNED, on_event
+        )  # fmt: skip
+        receiving = asyncio.ensure_future(receive)
+        await waits.wait()
+        server.close()
+        await asyncio.sleep(1.0)  # the client gets "port unreachable"
+        server = await started(PROGRAMS, server.port)
+        assert (await receiving).stream() == OTHER
+        server.close()
+
+    run(work())
+
+
 def test_callback_error_is_raised_in_the_caller():
     async def work() -> None:
         async with serving() as server:
@@ -391,7 +422,7 @@ def test_transfer_survives_a_time_without_a_route_to_the_server(
                     for connection in list(server.connections):
                         connection.end(FULL, "the path is gone")
 
-            receiver = await fetch(server.port, ReceiverOptions(reconnect_s=10.0 if returns else 1.0), on_event=note)
+            receiver = await fetch(server.port, ReceiverOptions(reconnect_s=10.0 if returns else 3.0), on_event=note)
         assert refused >= 2
         if returns:
             assert (receiver.finished.reason, receiver.stream()) == ("complete", STREAM)

@@ -95,8 +95,26 @@ def serving(program=PROGRAM, seed: int = 0, limits: ServerLimits = LIMITS) -> Se
     return Server({"scene": program}, secret=secret, random=random.Random(seed).randbytes, limits=limits)
 
 
+def serving_nothing() -> Server:
+    """A live server before its first group of frames."""
+    return Server({}, secret=SECRET, random=random.Random(2).randbytes, limits=LIMITS)
+
+
 def kinds(path: Path) -> list[object]:
     return [event for event in path.events if isinstance(event, (Interrupted, Resumed, Finished, StreamReplaced))]
+
+
+@pytest.mark.parametrize(("lasts", "reason"), [(0.5, "complete"), (20.0, "complete"), (70.0, "the server fell silent")])
+def test_wait_for_a_stream_that_has_not_begun_survives_a_restart_of_the_server(lasts: float, reason: str):
+    path = Path(serving_nothing())
+    path.plan = [
+        (5.0, lambda: setattr(path, "server", None)),
+        (5.0 + lasts, lambda: setattr(path, "server", serving(seed=1))),
+    ]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
+    assert receiver.finished is not None
+    assert receiver.finished.reason == reason
+    assert (receiver.stream() == STREAM) is (reason == "complete")
 
 
 @pytest.mark.parametrize("begins", [0.03, 0.3, 1.0])

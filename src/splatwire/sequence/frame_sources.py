@@ -19,6 +19,8 @@ COMPLETE_AGE_S = 1.0
 """Age of a file's last change from which the file counts as complete at the first check, seconds."""
 UNCHANGED_S = 0.5
 """Time without change after which a file counts as complete if its format does not reveal truncation, seconds."""
+MAX_CHECK_INTERVAL_S = 1.0
+"""Interval between two checks of the folder beyond which the rest does not count as waiting time, seconds."""
 GROWING_TIMEOUT_S = 10.0
 """Maximum time that later frames wait for a frame whose file still grows, seconds."""
 UNREADABLE_TIMEOUT_S = 3.0
@@ -143,6 +145,10 @@ class FolderSource:
         except OSError as error:
             self._warn(f"{self._folder}: {error.strerror}; waiting for it")
             return []
+        # A frame that nothing checked for a while, such as during compilation, may be complete already.
+        paused = now - self._listed_at - MAX_CHECK_INTERVAL_S
+        if self._seen and paused > 0:
+            self._seen = {name: (state, at, first + paused) for name, (state, at, first) in self._seen.items()}
         self._listed_at, self._num_names = now, len(names)
         self._forget(names)
         candidates = (names - self._processed.keys()) | self._pending.keys()

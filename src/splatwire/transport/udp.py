@@ -303,7 +303,7 @@ class _Client:
                 except BlockingIOError:
                     break
                 except ConnectionRefusedError:
-                    if self._receiver.welcome is None:
+                    if self._receiver.welcome is None and not self._receiver.may_resume(self._loop.time()):
                         self._send_and_report(*self._receiver.stop("nothing listens there"))
                     break
                 except OSError:

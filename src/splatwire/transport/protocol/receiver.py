@@ -245,13 +245,15 @@ class Receiver(ReceiveState):
         return events
 
     def may_resume(self, now: float) -> bool:
-        """True if an interrupted transfer may still be resumed.
+        """True if an interrupted transfer, or an interrupted wait for a stream that has not begun, may still go on.
 
         Args:
             now: Time, seconds.
         """
-        within = now - self._heard_at <= self.options.reconnect_s
-        return self.finished is None and self._welcome is not None and within
+        if self._welcome is None and not self._has_begun_waiting:
+            return False
+        heard_at = self._connecting_since if self._welcome is None else self._heard_at
+        return self.finished is None and now - heard_at <= self.options.reconnect_s
 
     def may_connect(self, now: float) -> bool:
         """True if a new connection may be tried before the first response of the server.
@@ -552,8 +554,10 @@ class Receiver(ReceiveState):
         if self.options.deadline_s is not None and now >= self._began_at + self.options.deadline_s:
             return "deadline"
         if self._welcome is None:
-            if now - self._connecting_since <= CONNECT_TIMEOUT_S:
+            if now - self._connecting_since <= CONNECT_TIMEOUT_S or self.may_resume(now):
                 return None
+            if self._has_begun_waiting:
+                return SILENT
             if self._reliable and not self._connected:
                 return f"no answer: {NO_QUIC}, or {SMALL_MTU}"
             if self._reliable:

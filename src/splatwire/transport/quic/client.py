@@ -107,7 +107,7 @@ async def receive_quic(
         try:
             connection = connected_socket(family, target)
         except OSError as error:  # no route to the server, as during an outage
-            if receiver.welcome is None:
+            if receiver.welcome is None and not receiver.may_resume(began):
                 raise
             if stop is not None and stop.done():
                 transfer_events = receiver.stop()[1]
@@ -327,7 +327,7 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
         event: Event of aioquic with the error code of the connection's end.
         established: True if the handshake of the connection was complete.
     """
-    reason = event.reason_phrase or hex(event.error_code)
+    reason = event.reason_phrase or (hex(event.error_code) if event.error_code else "the server closed the connection")
     if not established and _is_timeout(event):
         return f"no answer: {NO_QUIC}, or {SMALL_MTU}"
     if event.error_code in UNTRUSTED:
