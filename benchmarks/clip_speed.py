@@ -100,7 +100,7 @@ def live(path: Path, tracks: int) -> dict:
         manifest, side_info = encoder.current_header(1)
         edition = broadcast.add(manifest, side_info, packets)
         times.append(time.process_time())
-        arrived = [packet_from_bytes(data, 1) for data in edition.packets[edition.newest :]]
+        arrived = [packet_from_bytes(data, 1) for data in edition.packets[edition.newest_start :]]
         shown = [*decoder.update_header(manifest, side_info), *decoder.add(arrived[:-1])]
         times.append(time.process_time())
         frames = decoder.add(arrived[-1:])

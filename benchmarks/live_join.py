@@ -74,7 +74,7 @@ def arrivals(
     """Time at which a receiver knows the stream after its request, and arrival time of each packet."""
     rng = random.Random(1)
     server = Server({}, secret=bytes(16), random=rng.randbytes, limits=ServerLimits(fixed_rate=fixed_rate))
-    server.update("live", state)
+    server.set_stream("live", state)
     receiver, down, up = Receiver(5, 0.0), Link(rate, delay), Link(rate, delay)
     found, now, info = list[tuple[float, Packet]](), 0.0, until
     while now < until:

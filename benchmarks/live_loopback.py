@@ -85,7 +85,7 @@ async def served(frames: list[Splats], args: argparse.Namespace) -> dict:
     client = context.Process(target=shown, args=(server.port, there))
     client.start()
     try:
-        renew = lambda edition: loop.call_soon_threadsafe(server.update, "live", edition)  # noqa: E731
+        renew = lambda edition: loop.call_soon_threadsafe(server.set_stream, "live", edition)  # noqa: E731
         times = await asyncio.to_thread(pushed, frames, args, renew, here)
         found = await asyncio.to_thread(here.recv)
     finally:

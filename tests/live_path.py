@@ -100,11 +100,11 @@ class LivePath:
         last = count == len(self._frames)
         edition = self._clip.push(splats)
         for program in ([] if edition is None else [edition]) + (self._clip.end() if last else []):
-            if program.newest < len(program.packets) and program.is_live:
-                self.first_packets.append(program.newest)
+            if program.newest_start < len(program.packets) and program.is_live:
+                self.first_packets.append(program.newest_start)
                 self._groups += 1
             self.persistent = [bool(lasts) for lasts in program.persistent]
-            self._server.update("live", program)
+            self._server.set_stream("live", program)
             self.each_group()
 
     def _lost(self) -> bool:

@@ -178,7 +178,7 @@ def packets_read_by_an_update(num_clients: int) -> int:
         LiveSnapshot(
             STREAM_ID, 256, bytes(32), 256, ((bytes(256),),), CountedPackets([bytes(100)] * count), 1150, 0,
             (ParityRange(0, 0, 0),), (), ((INIT_SYMBOL, 0, 0), *((DATA, 0, number) for number in range(count))),
-            is_live=True, persistent=bytes([1] * count), newest=count - 10,
+            is_live=True, persistent=bytes([1] * count), newest_start=count - 10,
         )
         for count in (1000, 1010)
     ]  # fmt: skip
@@ -188,7 +188,7 @@ def packets_read_by_an_update(num_clients: int) -> int:
         server.receive(("192.0.2.1", client), encode(Request(client, bytes(16), "live")), 0.0, reliable=True)
     assert server.num_transfers == num_clients
     CountedPackets.num_read = 0
-    server.update("live", snapshots[1])
+    server.set_stream("live", snapshots[1])
     return CountedPackets.num_read
 
 
@@ -253,7 +253,7 @@ def test_recorded_live_stream_decodes_as_a_clip(frames):
     said, sections = split_sections(whole.side_info, TRACKS)
     assert sections.pop(EXTENT_SECTION)  # excludes clips that have ended
     assert split_sections(side_info, TRACKS) == (said, sections)
-    assert not any(edition.packets[n] for n in range(edition.newest) if not edition.persistent[n])
+    assert not any(edition.packets[n] for n in range(edition.newest_start) if not edition.persistent[n])
 
 
 def test_decoder_refuses_a_manifest_that_contradicts_earlier_ones(frames):
@@ -331,7 +331,7 @@ def test_packets_ahead_of_their_welcome_are_kept(frames):
                 server.receive("client", answer, now, reliable=True)
 
     for edition in found:
-        server.update("live", edition)
+        server.set_stream("live", edition)
         for _ in range(200):
             now += 0.01
             for data in receiver.poll(now)[0]:
@@ -375,9 +375,9 @@ def test_group_code_numbers_are_stable_and_protect_the_most_important_packets(fr
         assert found is None or alive[0] > found
         found, own = alive[0], groups[alive[0]]
         assert {group for kind, group, _ in edition.schedule if kind == PARITY} == {found}
-        newest = [packet_from_bytes(data, STREAM_ID) for data in edition.packets[edition.newest :]]
+        newest = [packet_from_bytes(data, STREAM_ID) for data in edition.packets[edition.newest_start :]]
         importance = encoder.importance(newest)
-        start = own.start - edition.newest
+        start = own.start - edition.newest_start
         inside = importance[start : start + own.size]
         outside = importance[start + own.size :]
         assert inside

@@ -174,7 +174,7 @@ class Splatwire:
         self.network.at(now + FEEDBACK_INTERVAL_S, self._report)
 
     def _on_feedback(self, message: Feedback) -> None:
-        self.transfer.feedback(message, self.network.now)
+        self.transfer.on_feedback(message, self.network.now)
         self.rates.append((self.network.now, self.transfer.control.rate))
         self._plan()
 
@@ -236,10 +236,10 @@ class LiveSplatwire(Splatwire):
             "retransmit_share": None,
             "is_live": True,
         }
-        return LiveSnapshot(**{**fields, **changes}, persistent=persistent, newest=first)
+        return LiveSnapshot(**{**fields, **changes}, persistent=persistent, newest_start=first)
 
     def _renew(self) -> None:
-        self.transfer.update(self._program())
+        self.transfer.set_stream(self._program())
         self._plan()
 
     def _left(self, data: bytes) -> None:

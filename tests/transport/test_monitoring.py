@@ -210,7 +210,7 @@ def test_monitoring_reports_liveness_readiness_and_metrics():
                         return await asyncio.to_thread(get, monitor.url + path)
 
                     assert await asked("readyz") == (503, "no stream is available yet\n")
-                    server.update("scene", program)
+                    server.set_stream("scene", program)
                     assert await asked("readyz") == (200, "ready\n")
                     server.core.draining = True
                     assert await asked("readyz") == (503, "the server is stopping\n")

@@ -494,7 +494,7 @@ def test_losses_after_the_last_data_give_no_advice_about_the_rate():
 def test_the_log_blames_the_rate_only_while_data_arrive(data_arrive, monkeypatch):
     monkeypatch.setattr(transfer_module, "MIN_LOSS_DATAGRAMS", 50)
     sender, now, received = ServerTransfer(PROGRAM, 7, ServerLimits(fixed_rate=1e9), 0.0), 0.0, 0
-    sender.feedback(Feedback(7, 0, 0, 0, 0, ()), now)
+    sender.on_feedback(Feedback(7, 0, 0, 0, 0, ()), now)
     ends = 0
     while ends < 30:
         now += 0.01
@@ -506,7 +506,7 @@ def test_the_log_blames_the_rate_only_while_data_arrive(data_arrive, monkeypatch
         ends += is_end
         if is_end or number < 10 or (data_arrive and number % 8 == 0):
             received += 1
-            sender.feedback(Feedback(7, number, received, int(now * 1e6), 0, ()), now)
+            sender.on_feedback(Feedback(7, number, received, int(now * 1e6), 0, ()), now)
     assert ("rate too high" in sender.new_problems()) is data_arrive
 
 

@@ -403,7 +403,7 @@ def test_retransmission_of_the_init_segment_sends_new_symbols():
             if isinstance(message, InitSymbol):
                 sent.append((message.source_block, message.symbol))
 
-    run.feedback(Feedback(7, 0, 0, 0, 0, ()), 0.0)
+    run.on_feedback(Feedback(7, 0, 0, 0, 0, ()), 0.0)
     now = 0.0
     while (at := run.next_at()) is not None and at < 1.0:
         now = max(now, at)
@@ -412,7 +412,7 @@ def test_retransmission_of_the_init_segment_sends_new_symbols():
     scheduled = {(group, symbol) for kind, group, symbol in program.schedule if kind == INIT_SYMBOL}
     assert set(sent) == scheduled
     missing = len(scheduled) // 5
-    run.feedback(Feedback(7, 0, 0, 0, missing, ()), 1.0)
+    run.on_feedback(Feedback(7, 0, 0, 0, missing, ()), 1.0)
     polled(1.5)
     again = sent[len(scheduled) :]
     assert len(again) >= missing

@@ -20,7 +20,7 @@ from splatwire.errors import BitstreamError
 from splatwire.lod import Viewpoint, encode_levels
 from splatwire.transport import PacketArrived, Receiver, ReceiverOptions, Server, make_served_stream
 from splatwire.transport.protocol import served_stream
-from splatwire.transport.protocol.messages import Feedback, Request, View
+from splatwire.transport.protocol.messages import Feedback, Request, ViewUpdate
 from splatwire.transport.protocol.send_queue import VIEW_UPDATE_COST_S, SendQueue, ViewUpdateBudget
 from splatwire.transport.protocol.transfer import ServerLimits, ServerTransfer
 from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, decode, encode
@@ -44,9 +44,9 @@ def looking(at: int, distance: float = 0.5, focal: float = 200.0) -> Viewpoint:
     return Viewpoint(matrix, focal, 320, 240)
 
 
-def view(viewpoint: Viewpoint, number: int = 1, session: int = 0, budget: int = 10**6) -> View:
+def view(viewpoint: Viewpoint, number: int = 1, session: int = 0, budget: int = 10**6) -> ViewUpdate:
     rows = tuple(viewpoint.viewmat[:3].ravel().tolist())
-    return View(session, number, budget, viewpoint.width, viewpoint.height, viewpoint.focal, rows)
+    return ViewUpdate(session, number, budget, viewpoint.width, viewpoint.height, viewpoint.focal, rows)
 
 
 FAR = looking(57, 50.0)
@@ -140,7 +140,7 @@ def test_moved_view_continues_without_resending():
 def test_server_without_views_gets_no_view_update():
     older = replace(PROGRAM, tiles=None)
     assert transfer(older, options=ReceiverOptions(viewpoint=FAR)).receiver.finished.reason == "complete"
-    assert PROGRAM.viewable
+    assert PROGRAM.view_dependent
 
 
 def server_with_transfer() -> tuple[Server, int]:
@@ -208,7 +208,7 @@ def test_each_nack_number_is_answered_once():
     times = [n / 200 for n in range(200)]
     places = [decode(data).packet_index for data in map(transfer.poll, times[:100]) if data and data[0] & 15 == DATA]
     for now in times[100:]:
-        transfer.feedback(Feedback(1, 0, 0, 0, 0, (), (3,)), now)
+        transfer.on_feedback(Feedback(1, 0, 0, 0, 0, (), (3,)), now)
         data = transfer.poll(now)
         places += [decode(data).packet_index] if data and data[0] & 15 == DATA else []
     assert places.count(3) == 2
@@ -226,7 +226,7 @@ def test_opening_is_counted_in_the_sent_schedule(opening_bytes, reliable, late):
     order.set_viewpoint(SHARP, 10**9, 0.0)
     while order:
         left.append(order.pop())
-        if order.is_init_segment_sent:
+        if order.popped_last_init_symbol:
             assert sum(item[0] == INIT_SYMBOL for item in left) == sum(
                 item[0] == INIT_SYMBOL
                 for item in (served.reliable_schedule if reliable else served.send_schedule).datagrams

@@ -28,7 +28,7 @@ from splatwire.transport.protocol.messages import (
     ParityRange,
     Refuse,
     Request,
-    View,
+    ViewUpdate,
     Welcome,
 )
 
@@ -64,7 +64,7 @@ messages = st.one_of(
         st.integers(0, 1 << 20).map(lambda n: 8 * n),
         st.binary(max_size=MAX_HELD_BYTES),
     ),
-    st.builds(View, u32, u32, st.integers(1, (1 << 32) - 1), sides, sides, st.floats(1, 1000, width=32), places),
+    st.builds(ViewUpdate, u32, u32, st.integers(1, (1 << 32) - 1), sides, sides, st.floats(1, 1000, width=32), places),
 )
 
 

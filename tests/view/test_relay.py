@@ -134,7 +134,7 @@ def test_page_gets_the_current_period_of_a_live_clip() -> None:
         manifest, side_info = head_of(edition)
         events += [Welcomed(len(edition.packets), len(side_info), is_live=True)]
         events += [SideInfoArrived(manifest, side_info, PacketIntake(manifest))]
-        new = edition.packets[edition.newest :]
+        new = edition.packets[edition.newest_start :]
         events += [PacketArrived(packet_from_bytes(data, edition.stream_id), False) for data in new]
     handed_on = relay_of(events)
     kept: list[int] = []

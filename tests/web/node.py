@@ -85,7 +85,9 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
     shown, _ = preview_gaussians(preview)
     numbers = [*shown.means.ravel(), *shown.scales.ravel(), *shown.opacities, *shown.colors.ravel()]
     digests = {name: hashlib.sha256(",".join(map(str, t.tolist())).encode()).hexdigest() for name, t in tables.items()}
-    welcome = Welcome(7, 2, 3, 400, bytes(32), 256, 12, 1150, 4, (ParityRange(1, 0, 0),) * 3, b"preview", viewable=True)
+    welcome = Welcome(
+        7, 2, 3, 400, bytes(32), 256, 12, 1150, 4, (ParityRange(1, 0, 0),) * 3, b"preview", view_dependent=True
+    )
     return json.dumps({
         "tables": digests,
         "lanes": lanes,

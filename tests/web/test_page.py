@@ -215,7 +215,7 @@ def check_settings(page: Browser) -> None:
     assert page.evaluate(f"{ELEMENT}.controlPanel.concealers.join()") == "drop,grow,scene_free"
     assert page.evaluate(f"{panel}.querySelector('option[disabled]').innerText") == "sketch (not in this stream)"
     assert page.evaluate(f"/In bursts of 1 packet\\s/.test({panel}.innerText)")
-    page.evaluate(f"{ELEMENT}.controlPanel.set({{dropped: 0.3, show: 'difference', concealer: 'drop'}})")
+    page.evaluate(f"{ELEMENT}.controlPanel.set({{lossRate: 0.3, show: 'difference', concealer: 'drop'}})")
     page.wait_for(f"/PSNR\\s+[0-9.]+ dB/.test({panel}.innerText)")
     assert page.evaluate(f"{ELEMENT}.shadowRoot.querySelector('.over').classList.contains('shown')")
     assert not page.evaluate(f"/dropped on purpose\\s+0 packets/.test({panel}.innerText)")

@@ -72,7 +72,7 @@ def check_concealment(page: Browser) -> None:
     """Packets that the user drops lower the quality, and `grow` enlarges the rest."""
     page.evaluate(f"{ELEMENT}.controlPanel.open = true")
     for concealer in ("drop", "grow"):
-        page.evaluate(f"{ELEMENT}.controlPanel.set({{dropped: 0.3, show: 'received', concealer: '{concealer}'}})")
+        page.evaluate(f"{ELEMENT}.controlPanel.set({{lossRate: 0.3, show: 'received', concealer: '{concealer}'}})")
         try:
             page.wait_for(f"/PSNR\\s+[0-9.]+ dB/.test({PANEL})")
         except TimeoutError:

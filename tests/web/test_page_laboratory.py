@@ -90,7 +90,7 @@ def test_difference_disappears_once_its_picture_changes(streams: dict[str, bytes
       {ELEMENT}.shadowRoot.querySelector('.over'), {{ attributes: true }})"""
 
     def work(page: Browser) -> None:
-        page.evaluate(f"{ELEMENT}.controlPanel.set({{dropped: 0.5, show: 'difference'}}); {watch}")
+        page.evaluate(f"{ELEMENT}.controlPanel.set({{lossRate: 0.5, show: 'difference'}}); {watch}")
         for change in changes:
             page.wait_for(OVER)
             page.evaluate(f"window.hidden = false; {change}; 0")
@@ -110,7 +110,7 @@ def test_figures_of_an_incomplete_scene_name_their_reference(streams: dict[str, 
         page.wait_for("gains.includes(null)")  # the picture of what arrived
         page.resolve(f"{ELEMENT}.picture({json.dumps(CAMERA)})")  # after the comparison
         page.wait_for(f"{psnr_row} === 'of what arrived: nothing dropped'")
-        page.evaluate(f"{ELEMENT}.controlPanel.set({{dropped: 0.5}})")
+        page.evaluate(f"{ELEMENT}.controlPanel.set({{lossRate: 0.5}})")
         page.wait_for(f"/^of what arrived: [0-9.]+ dB$/.test({psnr_row})")
 
     driven(streams, "part", work)
@@ -126,7 +126,7 @@ def test_picture_without_losses_stays_if_it_is_chosen_during_a_comparison(stream
 
     def work(page: Browser) -> None:
         page.evaluate(SPY)
-        page.evaluate(f"{hold}; {ELEMENT}.controlPanel.set({{dropped: 0.5}})")
+        page.evaluate(f"{hold}; {ELEMENT}.controlPanel.set({{lossRate: 0.5}})")
         page.wait_for("held === 1")  # the comparison waits for its picture without losses
         page.evaluate(f"gains.length = 0; {ELEMENT}.controlPanel.set({{show: 'lossless'}})")
         page.wait_for("gains.length > 0")
@@ -143,7 +143,7 @@ def test_tiles_of_a_new_view_have_the_chosen_losses(streams: dict[str, bytes]) -
         page.evaluate(f"{ELEMENT}.setAttribute('viewpoint', '0 0 -900 0 0 0 0 -1 0')")
         page.wait_for(f"{ELEMENT}.view.count < 3000")
         page.evaluate(SPY)
-        page.evaluate(f"{ELEMENT}.controlPanel.set({{dropped: 0.5}})")
+        page.evaluate(f"{ELEMENT}.controlPanel.set({{lossRate: 0.5}})")
         page.wait_for(f"gains.includes(2 * {ELEMENT}.view.count)")
         page.evaluate(f"{ELEMENT}.setAttribute('viewpoint', '0 0 -30 0 0 0 0 -1 0')")
         page.wait_for(f"{ELEMENT}.view.count > 4000 && gains.includes(2 * {ELEMENT}.view.count)")

@@ -77,7 +77,7 @@ def test_live_clip_plays_with_concealment_and_ends() -> None:
 
                 async def served_to(end: int) -> None:
                     for edition in served[at[0] : end]:
-                        server.update("live", edition)
+                        server.set_stream("live", edition)
                         await asyncio.sleep(GROUP / RATE)
                     at[0] = end
 
@@ -130,7 +130,7 @@ def test_page_draws_a_live_clip_whose_source_changes_degree_and_antialiasing() -
             with isolated_page() as page:
                 for part, editions in enumerate(served):
                     for edition in editions:
-                        server.update("live", edition)
+                        server.set_stream("live", edition)
                         await asyncio.sleep(GROUP / RATE)
                     if not part:
                         await asyncio.to_thread(page.open, url)

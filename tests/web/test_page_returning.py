@@ -96,10 +96,10 @@ def test_a_live_clip_goes_on_after_the_return() -> None:
                     page.wait_for(f"{NUMBER} > 0")
                     leave(page, url)
 
-                server.update("live", served[0])
+                server.set_stream("live", served[0])
                 await asyncio.to_thread(visit)
                 for edition in served[1:]:
-                    server.update("live", edition)
+                    server.set_stream("live", edition)
                 await asyncio.to_thread(come_back, page)
                 await asyncio.to_thread(page.wait_for, f"{NUMBER} > {GROUP}")
                 await asyncio.to_thread(page.wait_for, f"{STATUS}.finished === 'complete'")

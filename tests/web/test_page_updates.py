@@ -133,7 +133,7 @@ def test_pages_swap_updates_in_without_another_picture_in_between() -> None:
                 assert len(set(found)) == 2
                 assert (await call("resolve", REDRAWN)) == found[-1]
                 # the concealers and losses of the panel do not bring removed Gaussians back
-                await call("evaluate", f"{ELEMENT}.controlPanel.set({{dropped: 0.5}})")
+                await call("evaluate", f"{ELEMENT}.controlPanel.set({{lossRate: 0.5}})")
                 await call("wait_for", f"/^[1-9]/.test({DROPPED})")
                 assert await call("evaluate", f"{ELEMENT}.status.failed") is None
 

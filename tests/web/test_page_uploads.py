@@ -220,14 +220,14 @@ def test_switching_concealers_renders_each_correctly() -> None:
 
     def work(page: Browser) -> None:
         page.wait_for(WHOLE)
-        first = {name: picture(page, dropped=0.4, concealer=name) for name in names}
-        first["whole"] = picture(page, dropped=0)
+        first = {name: picture(page, lossRate=0.4, concealer=name) for name in names}
+        first["whole"] = picture(page, lossRate=0)
         assert len(set(first.values())) == len(first), "two of them draw the same"
         for name in (*names, *reversed(names)):
             for other in names:  # requested and then cancelled
-                page.evaluate(f"{ELEMENT}.controlPanel.set({{dropped: 0.4, concealer: '{other}'}})")
+                page.evaluate(f"{ELEMENT}.controlPanel.set({{lossRate: 0.4, concealer: '{other}'}})")
             assert picture(page, concealer=name) == first[name], name
-            assert picture(page, dropped=0) == first["whole"]
+            assert picture(page, lossRate=0) == first["whole"]
 
     on_page("patient", stream, work)
 
@@ -251,10 +251,10 @@ def test_tiles_are_uploaded_incrementally_and_gains_only_where_changed() -> None
         page.evaluate("uploaded.all = uploaded.most = 0")
         assert picture(page, concealer="drop") == whole
         assert page.evaluate("uploaded.all") == 0, "what did not change was uploaded"
-        assert picture(page, dropped=0.4) != whole
+        assert picture(page, lossRate=0.4) != whole
         assert 0 < page.evaluate("uploaded.all") < opening["all"] / 2
         assert page.evaluate("uploaded.most") < 4.7e6
-        assert picture(page, dropped=0) == whole
+        assert picture(page, lossRate=0) == whole
 
     on_page("counted", stream, work)
 

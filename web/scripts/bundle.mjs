@@ -22,11 +22,11 @@ const INTERNAL = `
   axisDeviation baseCount baseDigest baseExponents batchSize batchesOf birthGroup birthGroups bitsOf blockCount
   blockMeans blockSize bundled bytesOf canRetry cancelConcealment changeMs checkConcealmentMemory closeness
   columnShifts completeRows concealmentBytes confirmed conflicts contradicts contrasts corners damagedTiles damages
-  datagramsLost defaultDirection densityRadius deviations drawMs drawUnits drawnChildren elementDecoder elementsOf
+  datagramsLost defaultDirection densityRadius deviations drawUnits drawnChildren elementDecoder elementsOf
   elementsPerByte endState enterHeadset expectedErrors extents failuresAfter featureActivations firstBlock
-  firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets formatVersion framesOf
+  firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets formatVersion frameMs framesOf
   gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames hasAnswered hasCopies hasEnded hasHead
-  hasManifestOf hasUnknownBirth headBytes headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment
+  hasManifestOf hasSentView hasUnknownBirth headBytes headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment
   initSegmentBytes initSegmentMs intake isComplete isCut isFree isKeyframe isLinear isLive isOnlySource isReceived
   isReordered isRetry isRetryable isSame isSameStream isSequence isSorting isTryingWhole isVerified isVisible
   isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo lastOffsets latticeBits latticeShift
@@ -35,14 +35,14 @@ const INTERNAL = `
   nearestOthers newPackets noGaussians noteChange noteFailure noteUseless numBirths numBlocks numCoefficients
   numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLatePackets numLowBits numMoving
   numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted
-  onAnswer onCamera onChange onContextLost onFirstUse packetBytes packetsOf paintedCanvas partsOf pictureChanged
+  onAnswer onCamera onChange onContextLost onFirstUse orderDigest packetBytes packetsOf paintedCanvas partsOf pictureChanged
   planBlock planIndices playableEnd playingLive pointCameraAt polynomials positionStep predictAxis receiveDatagrams
   recordWhen refusals rejected reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame requestId
   rescale residuals resultDigest rowSteps scaleIndices sceneInView setConcealers setCooperative setLimits setMessage
   setRow setViewpoint setVisible showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest sizeLog stalledFrames
   startWebGL stateOf stopProbabilities storeValues streamId symbolBytes symbolsDigest symbolsMissing
   takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timeline transmittance transports unsigned
-  upRotation upperBits useless viewComplete viewDependent viewable viewing visibleParts voxelSize waited
+  upRotation upperBits useless viewComplete viewDependent visibleParts voxelSize waited
   wasExtrapolated welcome withdraw withoutComparison zeroPoints
 `
   .trim()
@@ -195,9 +195,9 @@ const drawing = (engine, view) => ({
   setup(setup) {
     setup.onResolve({ filter: /^drawing:/ }, ({ path }) => ({ path: path.slice(8), external: true }));
     setup.onLoad({ filter: /render\/load\.ts$/ }, () => ({
-      contents: `export async function loadView() {
-        const [{ View }] = await Promise.all([import("drawing:${view}"), import("drawing:${engine}")]);
-        return View;
+      contents: `export async function loadRenderer() {
+        const [{ WebGLRenderer }] = await Promise.all([import("drawing:${view}"), import("drawing:${engine}")]);
+        return WebGLRenderer;
       }`,
       loader: "js",
     }));
@@ -240,7 +240,7 @@ export async function modules() {
     const plugins = [worker(strict), vectors, looks, drawing(`./${engine}.js`, `./${view}.js`)];
     await make({ [name]: "src/index.ts" }, { ...esm, plugins });
     const parts = { ...esm, plugins: [worker(strict), smaller, lower], splitting: true, chunkNames: engine };
-    await make({ [view]: "src/render/view.ts", [LOWER]: LOWER }, parts);
+    await make({ [view]: "src/render/webgl_renderer.ts", [LOWER]: LOWER }, parts);
   };
   await element("index", "view", "engine", false);
   await element("strict", "strict-view", "strict-engine", true);

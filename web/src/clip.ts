@@ -217,10 +217,10 @@ export class Clip extends EventTarget {
   }
 
   #request(number: number): void {
-    const choice = { concealer: this.concealer, dropped: 0, burst: 1, seed: 0, sent: 1 };
+    const simulation = { concealer: this.concealer, lossRate: 0, burstLength: 1, seed: 0, sentShare: 1 };
     this.#requested = number;
     this.#isStale = false;
-    this.worker.postMessage({ kind: "frame", number, choice } satisfies ToWorker);
+    this.worker.postMessage({ kind: "frame", number, simulation } satisfies ToWorker);
   }
 
   #fail(reason: string): void {

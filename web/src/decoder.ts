@@ -356,14 +356,14 @@ async function everything(received: DecodedStream, options: Options): Promise<Ga
   const pause = periodicPause(),
     { concealer } = options,
     elementDecoder = received.decoder.elementDecoder,
-    choice = { concealer: concealer ?? "drop", dropped: 0, burst: 1, seed: 0, sent: 1 };
+    simulation = { concealer: concealer ?? "drop", lossRate: 0, burstLength: 1, seed: 0, sentShare: 1 };
   if (elementDecoder.sequence) return frameOf(received, options);
   if (elementDecoder.tiling) return joined(await finest(elementDecoder.tiling, pause), received.decoder);
-  await received.prepare(choice, pause);
+  await received.prepare(simulation, pause);
   const seen = await received.gaussiansFor(cameraOf(options), true, pause),
     all = joined(seen!.parts, received.decoder);
   if (!concealer) return all;
-  await received.conceal(choice, pause);
+  await received.conceal(simulation, pause);
   return gained(all, received.gains!);
 }
 

@@ -79,7 +79,7 @@ export class ClipClock implements FrameClock {
 
 export class LiveClock implements FrameClock {
   readonly #buffer: JitterBuffer;
-  #begin = 0;
+  #firstPlayable = 0;
   /** Frame of the last answer; -1 before the first one. */
   #last = -1;
   #isPlaying = false;
@@ -107,13 +107,13 @@ export class LiveClock implements FrameClock {
   due(now: number): number | null {
     if (!this.#isPlaying && this.#last >= 0) return this.#last;
     const due = this.#buffer.due(now);
-    if (due === null || due < this.#begin) return null;
+    if (due === null || due < this.#firstPlayable) return null;
     this.#last = Math.max(due, this.#last); // the clock may go back slightly
     return this.#last;
   }
 
   playable(begin: number, end: number, now: number): void {
-    this.#begin = begin;
+    this.#firstPlayable = begin;
     this.#buffer.add(begin, end, now);
   }
 

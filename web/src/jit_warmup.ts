@@ -8,7 +8,7 @@ import {
   RESIDUAL_KINDS,
   STEPS,
 } from "./codec/gaussians/layout.ts";
-import { FastPackets } from "./codec/gaussians/native.ts";
+import { FastPacketDecoder } from "./codec/gaussians/native.ts";
 import type { SideInfo } from "./codec/gaussians/side_info.ts";
 import { toSplats } from "./codec/gaussians/to_splats.ts";
 import { pack } from "./render/packed.ts";
@@ -49,7 +49,7 @@ const INFO: SideInfo = {
 
 /** Decodes random bytes until `wanted` returns false or the code is compiled. */
 export async function warmUp(wanted: () => boolean): Promise<void> {
-  const decoder = new FastPackets(INFO),
+  const decoder = new FastPacketDecoder(INFO),
     noise = Uint8Array.from({ length: BYTES }, (_, n) => Math.imul(n + 1, 0x9e3779b1) >>> 24);
   for (let n = 0; n < MAX_DECODED && wanted(); n += BATCH) {
     noise[0] = n / BATCH;

@@ -23,7 +23,8 @@ export class JitterBuffer {
   #frameZeroAt = -Infinity;
   #end = -1;
   readonly #frameZeroCandidates: number[] = [];
-  #at = 0;
+  /** Time of the last call of `due`, seconds. */
+  #lastDueAt = 0;
   #arrivedAt = -Infinity;
   /** Number of consecutive groups that arrived at the nominal rate. */
   #steadyGroups = 0;
@@ -45,13 +46,13 @@ export class JitterBuffer {
     this.#jump((end - first) / this.rate, now);
     if (this.#frameZeroAt === -Infinity) {
       this.#frameZeroAt = this.#wantedFrameZero;
-      this.#at = now;
+      this.#lastDueAt = now;
     }
   }
 
   /** Skips the delay of an outage once groups arrive at the nominal rate and well before their due time. */
-  #jump(delaySeconds: number, now: number): void {
-    this.#steadyGroups = now - this.#arrivedAt > delaySeconds / 2 ? this.#steadyGroups + 1 : 0;
+  #jump(nominalSeconds: number, now: number): void {
+    this.#steadyGroups = now - this.#arrivedAt > nominalSeconds / 2 ? this.#steadyGroups + 1 : 0;
     this.#arrivedAt = now;
     if (this.#steadyGroups < this.#steadyGroupsNeeded) return;
     const last = this.#frameZeroCandidates.slice(-this.#steadyGroups),
@@ -72,7 +73,7 @@ export class JitterBuffer {
   }
 
   /** Current delay of the newest group, seconds. */
-  get seconds(): number {
+  get delaySeconds(): number {
     return this.#frameZeroCandidates.length
       ? this.#frameZeroAt - this.#frameZeroCandidates[this.#frameZeroCandidates.length - 1]
       : 0;
@@ -81,9 +82,9 @@ export class JitterBuffer {
   /** Returns the frame to show at time `now`; null before the first frame. */
   due(now: number): number | null {
     if (this.#frameZeroAt === -Infinity) return null;
-    const passed = now - this.#at,
+    const passed = now - this.#lastDueAt,
       wanted = this.#wantedFrameZero;
-    this.#at = now;
+    this.#lastDueAt = now;
     if (wanted > this.#frameZeroAt) this.#frameZeroAt = wanted;
     else {
       const share = this.#frameZeroAt - wanted > FAST_SURPLUS_S ? FAST_SPEED_UP : SPEED_UP;

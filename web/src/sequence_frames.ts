@@ -19,11 +19,12 @@ export class SequenceFrames {
   /** Periods of a live clip; null for other clips. */
   #periods: Periods | null = null;
   #reportedEnd = -1;
-  #shown: {
+  /** Filter of the motion packets for the last simulated losses, with their settings and packets. */
+  #filter: {
     readonly packets: readonly Packet[];
     readonly key: string;
     readonly count: number;
-    readonly shown: (packet: Packet) => boolean;
+    readonly isShown: (packet: Packet) => boolean;
   } | null = null;
 
   constructor(readonly post: PostMessage) {}
@@ -37,17 +38,17 @@ export class SequenceFrames {
    * Processes a new head of a live clip: its first one, one with more groups, or that of the next period. Returns true
    * if a clip begins: the first one, or that of a restarted server, which counts its frames from 0 again.
    */
-  follow(head: Head, stream: DecodedStream, isSamePeriod: boolean): boolean {
+  onLiveHead(head: Head, stream: DecodedStream, isSamePeriod: boolean): boolean {
     if (isSamePeriod && head.manifest.numPackets >= stream.decoder.head.manifest.numPackets) stream.decoder.grow(head);
     const begins = !this.#periods || (!isSamePeriod && !this.#periods.precede(stream));
-    if (begins) this.end();
+    if (begins) this.clear();
     this.#periods ??= new Periods();
     if (!isSamePeriod) this.#periods.addPeriod(stream);
     return begins;
   }
 
   /** Forgets a live clip, because another stream has replaced it. */
-  end(): void {
+  clear(): void {
     this.#periods = null;
     this.#reportedEnd = -1;
   }
@@ -61,23 +62,23 @@ export class SequenceFrames {
   }
 
   /** Sends a frame, taken from `stream` unless the clip is live. `size` is the size of the scene, world units. */
-  frame({ number, choice }: ToWorker & { kind: "frame" }, stream: DecodedStream | null, size: number): void {
+  frame({ number, simulation }: ToWorker & { kind: "frame" }, stream: DecodedStream | null, size: number): void {
     const periodFrame = this.#periods?.at(number),
       decoder = (this.#periods ? periodFrame?.stream : stream)?.decoder,
       sequence = decoder?.elementDecoder.sequence;
     if (!decoder || !sequence) return;
     const began = performance.now(),
       numberInPeriod = periodFrame?.number ?? number,
-      { shown, count } = this.#shownMotion(sequence.packets, choice),
-      frame = this.#frameOf(() => sequence.frame(numberInPeriod, shown, choice.concealer, true));
+      { isShown, count } = this.#motionFilter(sequence.packets, simulation),
+      frame = this.#frameOf(() => sequence.frame(numberInPeriod, isShown, simulation.concealer, true));
     const { antialiased, elementDecoder } = decoder,
       // The page ignores frames without Gaussians, because their packets have not arrived. An empty frame that has
       // arrived is sent as one invisible Gaussian.
       splats = frame?.isWhole && !frame.splats.count ? emptySplats(1, elementDecoder.degree) : frame?.splats,
       packed = pack(splats ? [splats] : [], elementDecoder.degree, size),
-      drawMs = performance.now() - began;
+      frameMs = performance.now() - began;
     this.post(
-      { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },
+      { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, shownPackets: count, frameMs },
       [bufferOf(packed)],
     );
     setTimeout(() => sequence.prefetch(numberInPeriod, PREFETCH_MS));
@@ -94,19 +95,19 @@ export class SequenceFrames {
   }
 
   /**
-   * Returns a filter for the motion packets of a choice of losses. The same choice and packets give the same function.
+   * Returns a filter of the motion packets that simulated losses leave. The same losses and packets give the same filter.
    */
-  #shownMotion(
+  #motionFilter(
     packets: readonly Packet[],
-    choice: LossSimulation,
-  ): { shown: (packet: Packet) => boolean; count: number } {
+    simulation: LossSimulation,
+  ): { isShown: (packet: Packet) => boolean; count: number } {
     const last = packets.at(-1),
-      key = JSON.stringify([packets.length, last?.block, last?.indexInBlock, { ...choice, concealer: "" }]);
-    if (this.#shown?.key !== key || this.#shown.packets !== packets) {
-      const isShown = shownPackets(packets, choice),
-        chosen = new Set(packets.filter((_, n) => isShown[n]));
-      this.#shown = { packets, key, count: chosen.size, shown: (packet) => chosen.has(packet) };
+      key = JSON.stringify([packets.length, last?.block, last?.indexInBlock, { ...simulation, concealer: "" }]);
+    if (this.#filter?.key !== key || this.#filter.packets !== packets) {
+      const mask = shownPackets(packets, simulation),
+        shown = new Set(packets.filter((_, n) => mask[n]));
+      this.#filter = { packets, key, count: shown.size, isShown: (packet) => shown.has(packet) };
     }
-    return this.#shown;
+    return this.#filter;
   }
 }

@@ -23,7 +23,7 @@ import { isIntact, PacketStore } from "./transport/packet_store.ts";
 import { fileManifest, manifestDigest, readWhole, updateUrl } from "./transport/updates.ts";
 
 /** Minimum interval between messages with Gaussians for the page, milliseconds. */
-const DRAW_INTERVAL_MS = 30;
+const SEND_INTERVAL_MS = 30;
 /** Minimum interval between messages with counts, milliseconds. */
 const COUNT_INTERVAL_MS = 200;
 
@@ -79,14 +79,14 @@ export class WorkerReceiver implements Receiver {
   #stream: DecodedStream | null = null;
   readonly #sequenceFrames = new SequenceFrames(post);
   #size = 1;
-  #shownAt = 0;
+  #sentAt = 0;
   #concealRequest = 0;
   /** Camera of the page, its request number, and the number of the last answered request. */
   #budget = 0;
   #camera = ANY_CAMERA;
   #viewRequest = 0;
   #answeredRequest = 0;
-  #drawing: Promise<void> | null = null;
+  #sending: Promise<void> | null = null;
   /** Drawn units (`codec/levels/draw_units.ts`) of a scene with levels, and the number of packets of each one. */
   readonly #drawnUnits = new Map<number, number>();
   #decodeMs = 0;
@@ -136,7 +136,7 @@ export class WorkerReceiver implements Receiver {
     }
     if (!stream || isSameStream) return;
     this.#stream = stream;
-    this.#sequenceFrames.end();
+    this.#sequenceFrames.clear();
     this.#drawnUnits.clear();
     this.#waitingPackets.length = 0; // left over from another stream
     this.#viewRequest = this.#answeredRequest = 0;
@@ -171,7 +171,7 @@ export class WorkerReceiver implements Receiver {
     if (!this.#unconfirmed) return;
     this.#unconfirmed = false;
     this.#reportStreamInfo(this.#stream!);
-    void this.#draw();
+    void this.#send();
   }
 
   /** Discards all packets, because their file was replaced. */
@@ -190,7 +190,7 @@ export class WorkerReceiver implements Receiver {
   /** Processes a head of a live clip: its first one, one with more groups, or that of the next period. */
   #onLiveHead(head: Head, stream: DecodedStream, isSameStream: boolean): void {
     this.#stream = stream;
-    if (this.#sequenceFrames.follow(head, stream, isSameStream)) this.#reportStreamInfo(stream);
+    if (this.#sequenceFrames.onLiveHead(head, stream, isSameStream)) this.#reportStreamInfo(stream);
     this.#sequenceFrames.reportPlayable();
   }
 
@@ -205,7 +205,7 @@ export class WorkerReceiver implements Receiver {
       section = decoder.elementDecoder.sections.get("preview");
     if (section) this.preview(section);
     const info = {
-      gaussians: decoder.elementDecoder.tiling?.baseCount ?? manifest.count,
+      numElements: decoder.elementDecoder.tiling?.baseCount ?? manifest.count,
       packets: manifest.numPackets,
       degree: decoder.elementDecoder.degree,
       viewDependent: decoder.elementDecoder.viewDependent,
@@ -302,7 +302,7 @@ export class WorkerReceiver implements Receiver {
   /** Resolves when all received packets are decoded and sent to the page. */
   async settled(): Promise<void> {
     await this.#decoded();
-    await this.#draw();
+    await this.#send();
     await this.cache?.flush();
     if (this.#counts) this.#reportCounts(this.#counts);
   }
@@ -319,7 +319,7 @@ export class WorkerReceiver implements Receiver {
         this.failed = error as Error;
       }
       this.#sequenceFrames.reportPlayable();
-      if (performance.now() - this.#shownAt > DRAW_INTERVAL_MS) void this.#draw();
+      if (performance.now() - this.#sentAt > SEND_INTERVAL_MS) void this.#send();
       await nextTask();
     }
     this.#waitingPackets.length = this.#batches.length = 0;
@@ -389,25 +389,25 @@ export class WorkerReceiver implements Receiver {
     this.#budget = budget;
     this.#viewRequest = requestId;
     if (this.#answeredRequest === requestId) this.#answeredRequest = 0; // numbering restarts with a new stream
-    void this.#draw().then(() => {
+    void this.#send().then(() => {
       for (const resolve of this.#viewWaiters.splice(0)) resolve();
     });
   }
 
   /** Sends the newly decoded Gaussians, or all Gaussians again after a change of the view. */
-  #draw(): Promise<void> {
-    return (this.#drawing ??= this.#drawAll().finally(() => (this.#drawing = null)));
+  #send(): Promise<void> {
+    return (this.#sending ??= this.#sendAll().finally(() => (this.#sending = null)));
   }
 
-  async #drawAll(): Promise<void> {
-    this.#shownAt = performance.now();
-    for (let drawn: DecodedStream | null = null; drawn !== this.#stream; ) {
-      drawn = this.#stream;
-      if (drawn) await this.#drawOne(drawn); // another stream may have replaced it meanwhile
+  async #sendAll(): Promise<void> {
+    this.#sentAt = performance.now();
+    for (let sent: DecodedStream | null = null; sent !== this.#stream; ) {
+      sent = this.#stream;
+      if (sent) await this.#sendGaussians(sent); // another stream may have replaced it meanwhile
     }
   }
 
-  async #drawOne(stream: DecodedStream): Promise<void> {
+  async #sendGaussians(stream: DecodedStream): Promise<void> {
     const { elementDecoder } = stream.decoder;
     if (
       this.#unconfirmed ||
@@ -416,7 +416,7 @@ export class WorkerReceiver implements Receiver {
       (elementDecoder.viewDependent && !this.#viewRequest)
     )
       return;
-    if (elementDecoder.tiling) return this.#drawTiles(stream);
+    if (elementDecoder.tiling) return this.#sendTiles(stream);
     while (stream.hasNew || this.#answeredRequest !== this.#viewRequest) {
       const requestId = this.#viewRequest,
         shown = await stream.gaussiansFor(this.#camera, this.#answeredRequest !== requestId, periodicPause());
@@ -436,7 +436,7 @@ export class WorkerReceiver implements Receiver {
   }
 
   /** Sends tile replacements. Starts again after a swap if the view has changed. */
-  async #drawTiles(stream: DecodedStream): Promise<void> {
+  async #sendTiles(stream: DecodedStream): Promise<void> {
     const { degree, size, tiling } = stream.decoder.elementDecoder,
       pause = periodicPause();
     while (stream.hasNew || this.#answeredRequest !== this.#viewRequest) {
@@ -560,24 +560,24 @@ export class WorkerReceiver implements Receiver {
   }
 
   /** Conceals losses once all received packets are decoded: those that wait are not lost. */
-  async conceal({ choice, requestId }: ToWorker & { kind: "conceal" }): Promise<void> {
+  async conceal({ simulation, requestId }: ToWorker & { kind: "conceal" }): Promise<void> {
     const pause = periodicPause(() => this.#concealRequest === requestId);
     this.#concealRequest = requestId;
     await this.#decoded();
     const stream = this.#stream;
     if (!stream || !(await pause())) return;
-    if (this.#isUpdated) return this.#concealUpdated(choice, requestId, pause);
+    if (this.#isUpdated) return this.#concealUpdated(simulation, requestId, pause);
     try {
-      await stream.prepare(choice, pause);
+      await stream.prepare(simulation, pause);
     } catch (error) {
       post({
         kind: "note",
         text: `Concealment failed: ${(error as Error).message}.`,
       });
-      choice = { ...choice, concealer: "drop" };
+      simulation = { ...simulation, concealer: "drop" };
     }
-    await this.#draw();
-    const shownPackets = await stream.conceal(choice, pause),
+    await this.#send();
+    const shownPackets = await stream.conceal(simulation, pause),
       units = [...this.#drawnUnits.keys()].sort((a, b) => a - b),
       gains = stream.decoder.elementDecoder.tiling ? stream.gainsOfUnits(units) : stream.gains;
     if (shownPackets === null || !gains) return;
@@ -592,9 +592,9 @@ export class WorkerReceiver implements Receiver {
    * Conceals losses in a scene that updates have changed. They are losses of the packets before the updates: an update
    * is applied as a whole.
    */
-  async #concealUpdated(choice: LossSimulation, requestId: number, pause: Pause): Promise<void> {
+  async #concealUpdated(simulation: LossSimulation, requestId: number, pause: Pause): Promise<void> {
     const from = this.#updatedFrom!,
-      shown = await from.conceal(choice, pause);
+      shown = await from.conceal(simulation, pause);
     if (shown === null || from !== this.#updatedFrom) return;
     const gains = this.#updated!.gainsOfDrawn(from.gainsOfSplats),
       shownPackets = this.store.count - from.decoder.intake.size + shown;
@@ -654,8 +654,8 @@ export class WorkerReceiver implements Receiver {
         return intake.size;
       },
       missing: (tile) => tiling.tiles.packets[tile] - (intake.blocks.get(tile)?.length ?? 0),
-      moved: async (isGivenUp) => {
-        await this.#draw();
+      nextView: async (isGivenUp) => {
+        await this.#send();
         if (wanted().some((tile) => !isGivenUp(tile))) return; // the view has changed
         if (this.#counts) this.#reportCounts(this.#counts);
         if (this.#viewRequest) this.note(VIEW_COMPLETE);
@@ -663,7 +663,7 @@ export class WorkerReceiver implements Receiver {
       },
       decoded: async () => {
         await this.#decoded();
-        await this.#draw();
+        await this.#send();
       },
     };
   }

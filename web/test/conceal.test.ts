@@ -100,7 +100,7 @@ test("a concealer stops once its result is no longer needed", async () => {
     assert.deepEqual(Object.keys(all), ["drop", "grow", "scene_free"]);
 });
 
-const GROW = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1 };
+const GROW = { concealer: "grow", lossRate: 0, burstLength: 1, seed: 0, sentShare: 1 };
 type Gains = Record<string, Record<string, number[]>>;
 const expected = process.env["EXPECTED"]
   ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { gains: Gains; copies: Record<string, number[]> })
@@ -165,7 +165,7 @@ for (const path of STREAMS) {
       whole = new DecodedStream(head);
     for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.addPacket(bytes);
     const first = await received.gaussiansFor(CAMERA, true, always);
-    await received.conceal({ ...GROW, dropped: 0.3, seed: 1 }, always);
+    await received.conceal({ ...GROW, lossRate: 0.3, seed: 1 }, always);
     for (const bytes of packets) received.addPacket(bytes);
     const second = (await received.gaussiansFor(CAMERA, false, always))!;
     for (const bytes of packets) whole.addPacket(bytes);
@@ -186,7 +186,7 @@ const COPIED = STREAMS.filter((path) => "sketch" in new StreamDecoder(readStream
 test("redundant copies are hidden and not counted in a complete scene", {
   skip: !COPIED.length && "STREAMS has no stream with redundant copies",
 }, async () => {
-  const choice = { ...GROW, concealer: "sketch" },
+  const simulation = { ...GROW, concealer: "sketch" },
     countOf = (parts: readonly { count: number }[]): number => parts.reduce((sum, { count }) => sum + count, 0);
   for (const path of COPIED) {
     const { head, packets } = readStream(path),
@@ -195,12 +195,12 @@ test("redundant copies are hidden and not counted in a complete scene", {
     const plain = (await received.gaussiansFor(CAMERA, true, always))!;
     assert.equal(plain.copies, 0);
     assert.equal(received.gainsWithoutCopies, null);
-    await received.prepare(choice, always);
+    await received.prepare(simulation, always);
     const copied = (await received.gaussiansFor(CAMERA, false, always))!,
       again = (await received.gaussiansFor(CAMERA, true, always))!;
     assert.equal(copied.copies, countOf(copied.parts));
     assert.equal(countOf(again.parts) - again.copies, countOf(plain.parts));
-    await received.conceal(choice, always);
+    await received.conceal(simulation, always);
     assert.deepEqual(received.gains, received.gainsWithoutCopies);
   }
 });

@@ -8,7 +8,7 @@ import { ContainerReader } from "../src/packets/container.ts";
 import { type Listener, NO_SOURCE } from "../src/transport/events.ts";
 import type { Transports } from "../src/transport/failover.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
-import { NoWebTransport, type Opening, receiveDatagrams, type Session } from "../src/transport/webtransport.ts";
+import { NoWebTransport, type SessionOptions, receiveDatagrams, type Session } from "../src/transport/webtransport.ts";
 import type { WorkerReceiver } from "../src/worker_receiver.ts";
 import { Caches, LIMITS, otherStream, part, Server, visit } from "./fake_web.ts";
 import { fileOf, readStream } from "./vectors.ts";
@@ -132,7 +132,7 @@ test("a file that is replaced now and then is received for as long as the page i
 test("a live clip follows its server to another certificate and port after a restart", async () => {
   const published = { url: "https://scenes.example:4850/splatwire", fingerprint: "2b" },
     opened: Session[] = [],
-    openings: Opening[] = [];
+    openings: SessionOptions[] = [];
   let lookUps = 0;
   new Server(noFile);
   const ways: Partial<Transports> = {

@@ -12,7 +12,7 @@ import { WorkerReceiver } from "../src/worker_receiver.ts";
 import { fileOf, readStream } from "./vectors.ts";
 
 const STILL = "../tests/golden/tiny_causal.swz";
-const choice = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1 };
+const simulation = { concealer: "grow", lossRate: 0, burstLength: 1, seed: 0, sentShare: 1 };
 
 test("requests for arriving packets wait longer for answers each time, so that a slow worker can give one", () => {
   let now = 0;
@@ -63,7 +63,7 @@ test("gains are computed once all received packets are decoded, and only for the
   const reception = new WorkerReceiver();
   reception.head(container.head!, container.headBytes, false);
   reception.packets(packets.slice(1));
-  await Promise.all([1, 2].map((requestId) => reception.conceal({ kind: "conceal", choice, requestId })));
+  await Promise.all([1, 2].map((requestId) => reception.conceal({ kind: "conceal", simulation, requestId })));
   await reception.settled();
   const found = said.flatMap((one) => (one.kind === "gains" ? [[one.requestId, one.shownPackets]] : []));
   assert.deepEqual(found, [[2, packets.length - 1]]);
@@ -76,7 +76,7 @@ test("properties of the elements are only computed if something is missing", asy
     calls: number[] = [];
   for (const some of [packets.slice(1), packets.slice(0, 1)]) {
     for (const bytes of some) received.addPacket(bytes);
-    assert.equal(await received.conceal(choice, async () => true), calls.length ? packets.length : packets.length - 1);
+    assert.equal(await received.conceal(simulation, async () => true), calls.length ? packets.length : packets.length - 1);
     calls.push(elements.mock.callCount());
   }
   assert.deepEqual(calls, [1, 1]);

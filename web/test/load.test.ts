@@ -5,7 +5,7 @@ import { writeFileSync } from "node:fs";
 import { type TestContext, test } from "node:test";
 import { fileURLToPath } from "node:url";
 
-import { loadView, RENDERER } from "../src/render/load.ts";
+import { loadRenderer, RENDERER } from "../src/render/load.ts";
 
 const fileAt = (name: string): string => fileURLToPath(new URL(name, import.meta.url)),
   BUNDLE = fileAt("splatwire-view.js"),
@@ -26,11 +26,11 @@ async function settled<T>(context: TestContext, work: Promise<T>): Promise<T> {
 test("a renderer that was missing, or of another version, is loaded once its server has it", async (context) => {
   context.mock.timers.enable({ apis: ["setTimeout"] });
   writeFileSync(fileAt("package.json"), '{"type": "module"}');
-  await assert.rejects(settled(context, loadView()), /splatwire-view/);
+  await assert.rejects(settled(context, loadRenderer()), /splatwire-view/);
   writeFileSync(BUNDLE, "globalThis.requests = (globalThis.requests ?? 0) + 1; globalThis.splatwireViewOther = {};");
-  await assert.rejects(settled(context, loadView()), /another version/);
+  await assert.rejects(settled(context, loadRenderer()), /another version/);
   assert.equal(world["requests"], 6);
-  const found = loadView();
+  const found = loadRenderer();
   writeFileSync(BUNDLE, `globalThis.${RENDERER} = "the renderer"`);
   assert.equal(await settled(context, found), "the renderer");
   delete world[RENDERER];

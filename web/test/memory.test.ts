@@ -22,7 +22,7 @@ async function shown(path: string): Promise<void> {
     packets = container.feed(readFileSync(path)),
     received = new DecodedStream(container.head!),
     { elementDecoder } = received.decoder,
-    choice = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1 };
+    simulation = { concealer: "grow", lossRate: 0, burstLength: 1, seed: 0, sentShare: 1 };
   for (const packet of packets) received.addPacket(packet);
   if (elementDecoder.sequence) {
     for (const concealer of elementDecoder.sequence.concealers) elementDecoder.sequence.frame(0, () => true, concealer);
@@ -31,8 +31,8 @@ async function shown(path: string): Promise<void> {
   }
   const seen = await received.gaussiansFor(CAMERA, true, pause);
   pack(seen!.parts, elementDecoder.degree, elementDecoder.size);
-  await received.prepare(choice, pause);
-  await received.conceal(choice, pause);
+  await received.prepare(simulation, pause);
+  await received.conceal(simulation, pause);
 }
 
 /** Prints the memory in MB that one stream took in this process, and "refused" where the decoder refused it. */

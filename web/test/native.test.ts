@@ -4,7 +4,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
 import { COLUMNS } from "../src/codec/gaussians/layout.ts";
-import { compressFast, countLanesFast, FastPackets, NativePackets } from "../src/codec/gaussians/native.ts";
+import { compressFast, countLanesFast, FastPacketDecoder, NativePacketDecoder } from "../src/codec/gaussians/native.ts";
 import { SOURCE_DIGEST } from "../src/codec/gaussians/native_module.ts";
 import { type Decoded, PacketDecoder } from "../src/codec/gaussians/packet.ts";
 import { readSideInfo, type SideInfo } from "../src/codec/gaussians/side_info.ts";
@@ -12,10 +12,10 @@ import { convert } from "../src/codec/gaussians/to_splats.ts";
 import { emptySplats } from "../src/codec/splats.ts";
 import { HEADER_FIELDS, NUM_CHANNELS, NUM_CONTEXTS, STATE } from "../src/codec/tracks/layout.ts";
 import {
-  FastMotionPackets,
+  FastMotionPacketDecoder,
   type MotionPacket,
-  NativeMotionPackets,
-  PlainMotionPackets,
+  NativeMotionPacketDecoder,
+  PlainMotionPacketDecoder,
   type TrackKeyframes,
 } from "../src/codec/tracks/motion_packets.ts";
 import type { SequenceInfo } from "../src/codec/tracks/side_info.ts";
@@ -49,7 +49,7 @@ for (const path of STREAMS) {
     const plan = planOf(head.manifest),
       intake = new Intake(plan),
       info = readSideInfo(head.sideInfo, plan.numBlocks),
-      native = NativePackets.of(info)!,
+      native = NativePacketDecoder.of(info)!,
       plain = new PacketDecoder(info);
     for (const bytes of packets) {
       const { payload, block, count } = intake.offer(bytes)!;
@@ -110,7 +110,7 @@ test("a decoder that grows keeps its instance while its tables stay", () => {
   const random = randomNumbers(3),
     first = anySideInfo(random),
     payload = Uint8Array.from({ length: 500 }, () => random(256)),
-    packets = new FastPackets(first),
+    packets = new FastPacketDecoder(first),
     { Instance } = WebAssembly;
   let made = 0;
   WebAssembly.Instance = class extends Instance {
@@ -151,7 +151,7 @@ test("a decoder that grows keeps its instance while its tables stay", () => {
 
 test("the 64-bit integers of WebAssembly are the numbers of its rows", () => {
   const random = randomNumbers(2),
-    native = NativePackets.of(anySideInfo(random))!,
+    native = NativePacketDecoder.of(anySideInfo(random))!,
     payload = Uint8Array.from({ length: 3000 }, () => random(256));
   for (const count of [1, 2, 7, 300]) {
     const { rows } = native.decode(payload, 0, count),
@@ -169,7 +169,7 @@ test("WebAssembly and plain TypeScript decode any bytes to the same integers", (
   const random = randomNumbers(1);
   for (let trial = 0; trial < 60; trial++) {
     const info = anySideInfo(random),
-      native = NativePackets.of(info)!,
+      native = NativePacketDecoder.of(info)!,
       plain = new PacketDecoder(info);
     for (let packet = 0; packet < 8; packet++) {
       const payload = Uint8Array.from({ length: random(400) }, () => random(256)),
@@ -199,8 +199,8 @@ test("WebAssembly and plain TypeScript decode any bytes to the same motion", () 
   let moved = 0;
   for (let trial = 0; trial < 40; trial++) {
     const info = anyMotionInfo(random, 1 + random(4)),
-      native = NativeMotionPackets.of(info)!,
-      plain = new PlainMotionPackets(info);
+      native = NativeMotionPacketDecoder.of(info)!,
+      plain = new PlainMotionPacketDecoder(info);
     for (let n = 0; n < 8; n++) {
       const payload = Uint8Array.from({ length: random(3000) }, () => random(256)),
         frames = 1 + random(n ? 16 : 64),
@@ -223,7 +223,7 @@ test("motion whose offsets are too many for WebAssembly, or whose memory cannot 
     keyframesOf = (headers: Int32Array) => anyKeyframes(headers, randomNumbers(6)),
     large = { payload, count: 6000, frames: 64, firstNew: 0 },
     small = { payload, count: 50, frames: 8, firstNew: 0 },
-    plain = new PlainMotionPackets(info),
+    plain = new PlainMotionPacketDecoder(info),
     { Instance } = WebAssembly;
   let made = 0;
   WebAssembly.Instance = class extends Instance {
@@ -238,7 +238,7 @@ test("motion whose offsets are too many for WebAssembly, or whose memory cannot 
     }
   };
   try {
-    const packets = new FastMotionPackets(info);
+    const packets = new FastMotionPacketDecoder(info);
     assert.deepEqual(packets.decode(large, keyframesOf), plain.decode(large, keyframesOf));
     assert.equal(made, 0);
     for (let n = 0; n < 2; n++) assert.deepEqual(packets.decode(small, keyframesOf), plain.decode(small, keyframesOf));

@@ -4,14 +4,14 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { pictureOf } from "../src/page/screenshot.ts";
-import type { View } from "../src/render/view.ts";
+import type { WebGLRenderer } from "../src/render/webgl_renderer.ts";
 
 const CAMERA = { viewmat: [], focal: 1, height: 1 };
 
 /** A stage whose first `releases` views are released during a picture; `lost` is called for each. */
 function stageOf(releases: number, lost: () => void): { stage: Parameters<typeof pictureOf>[0]; fixed: unknown[] } {
   const fixed: unknown[] = [];
-  const next = (): View => {
+  const next = (): WebGLRenderer => {
     const view = {
       fixed: null,
       failed: false,
@@ -22,14 +22,17 @@ function stageOf(releases: number, lost: () => void): { stage: Parameters<typeof
       sorted: async () => undefined,
       steady: async () => {
         if (releases-- <= 0) return;
-        stage.view = next();
+        stage.renderer = next();
         lost();
       },
     };
-    return view as unknown as View;
+    return view as unknown as WebGLRenderer;
   };
-  const stage = { view: null as View | null, draw: (work: (view: View) => void) => work(stage.view!) };
-  stage.view = next();
+  const stage = {
+    renderer: null as WebGLRenderer | null,
+    withRenderer: (work: (renderer: WebGLRenderer) => void) => work(stage.renderer!),
+  };
+  stage.renderer = next();
   return { stage, fixed };
 }
 
@@ -66,11 +69,11 @@ test("a picture waits for the depth sort of its own camera", async () => {
   const { stage } = stageOf(0, () => undefined),
     pictures = ["old", "old", "old", "new", "new"];
   let drawn = 0;
-  Object.assign(stage.view!, {
+  Object.assign(stage.renderer!, {
     frame: async () => void drawn++,
     canvas: { toDataURL: () => pictures[Math.min(drawn - 2, pictures.length - 1)] },
   });
-  Object.defineProperty(stage.view!, "isSorting", { get: () => drawn < 5 });
+  Object.defineProperty(stage.renderer!, "isSorting", { get: () => drawn < 5 });
   assert.equal(
     await pictureOf(
       stage,

@@ -9,14 +9,14 @@ import { DecodedStream } from "../src/transport/decoded_stream.ts";
 import type { FromWorker } from "../src/transport/messages.ts";
 import { readStream } from "./vectors.ts";
 
-const choice = { concealer: "motion", dropped: 0, burst: 1, seed: 0, sent: 1 };
+const simulation = { concealer: "motion", lossRate: 0, burstLength: 1, seed: 0, sentShare: 1 };
 
 /** Returns the Gaussians of each frame of a stream that the page gets. */
 function framesOf(received: DecodedStream): { count: number; opacities: Float32Array }[] {
   const said: FromWorker[] = [],
     frames = new SequenceFrames((message) => said.push(message));
   for (let number = 0; number < received.decoder.elementDecoder.sequence!.timeline.numFrames; number++)
-    frames.frame({ kind: "frame", number, choice }, received, 1);
+    frames.frame({ kind: "frame", number, simulation }, received, 1);
   return said.flatMap((one) => (one.kind === "frame" ? [one.packed] : []));
 }
 
@@ -54,7 +54,7 @@ test("the motion of a clip that replaced one with as many packets is shown", () 
   for (let clips = 0; clips < 2; clips++) {
     const received = new DecodedStream(head);
     for (const packet of packets) received.addPacket(packet);
-    frames.frame({ kind: "frame", number: 2, choice }, received, 1);
+    frames.frame({ kind: "frame", number: 2, simulation }, received, 1);
   }
   assert.deepEqual(
     said.map((one) => one.kind === "frame" && one.concealed),

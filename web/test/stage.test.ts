@@ -171,7 +171,7 @@ test("a context that is lost repeatedly is requested with growing pauses, then g
   void stage.open();
   for (let pictures = 1; pictures <= 10; pictures++) {
     await settle();
-    Object.assign(stage.view!, { failed: true, fixed: {} }); // a picture of its own size that needs too much memory
+    Object.assign(stage.renderer!, { failed: true, fixed: {} }); // a picture of its own size that needs too much memory
     lost.at(-1)!();
     timers.tick(1000);
     lost.length = 0;

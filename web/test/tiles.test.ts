@@ -64,7 +64,7 @@ function visitor(): { listener: Listener; view: TileRequest; store: PacketStore;
       return received.decoder.intake.size;
     },
     missing: (tile) => tiling.tiles.packets[tile] - (received.decoder.intake.blocks.get(tile)?.length ?? 0),
-    moved: () => Promise.resolve(void tiling.setCamera(null)),
+    nextView: () => Promise.resolve(void tiling.setCamera(null)),
     decoded: () => Promise.resolve(void tiling.setCamera(LOOK)),
   };
   return { listener, view, store, places };

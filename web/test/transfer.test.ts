@@ -36,7 +36,7 @@ test("message bytes equal Python's", { skip: expected === null && "EXPECTED is n
     packets: 12,
     packetBytes: 1150,
     bundled: 4,
-    viewable: true,
+    viewDependent: true,
     isLive: false,
   });
   assert.equal(Buffer.from(preview).toString(), "preview");

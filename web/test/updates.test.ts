@@ -145,7 +145,7 @@ async function followed(
   }
   await reception.conceal({
     kind: "conceal",
-    choice: { concealer: "drop", dropped: 0.5, burst: 1, seed: 3, sent: 1 },
+    simulation: { concealer: "drop", lossRate: 0.5, burstLength: 1, seed: 3, sentShare: 1 },
     requestId: 1,
   });
   await ended(reception);

@@ -12,32 +12,32 @@ function sealed(bytes: Uint8Array): Uint8Array {
 }
 
 /** Returns a welcome message with one tier, for nonce 7. */
-export function welcome(change: (numbers: DataView, bytes: Uint8Array) => void = () => undefined): Uint8Array {
+export function welcome(change: (view: DataView, bytes: Uint8Array) => void = () => undefined): Uint8Array {
   const bytes = new Uint8Array(71 + 8 + 2 + 3),
-    numbers = dataView(bytes);
+    view = dataView(bytes);
   bytes[0] = 0x44;
-  numbers.setBigUint64(1, 7n, true);
-  numbers.setUint32(9, 2, true);
-  numbers.setUint32(13, 3, true);
-  numbers.setBigUint64(17, 400n, true);
-  numbers.setUint16(57, 256, true);
-  numbers.setUint32(59, 10, true);
-  numbers.setUint16(63, 1150, true);
+  view.setBigUint64(1, 7n, true);
+  view.setUint32(9, 2, true);
+  view.setUint32(13, 3, true);
+  view.setBigUint64(17, 400n, true);
+  view.setUint16(57, 256, true);
+  view.setUint32(59, 10, true);
+  view.setUint16(63, 1150, true);
   bytes[70] = 1;
-  numbers.setUint16(79, 3, true);
-  change(numbers, bytes);
+  view.setUint16(79, 3, true);
+  change(view, bytes);
   return sealed(bytes);
 }
 
 /** A datagram with an empty packet, of a block of its own unless one is given, for a position of the sending order. */
 export function empty(place: number, block = place): Uint8Array {
   const packet = new Uint8Array(24),
-    numbers = dataView(packet);
+    view = dataView(packet);
   packet[0] = 1;
-  numbers.setUint32(1, 3, true);
-  numbers.setUint16(7, block, true);
-  numbers.setUint16(10, 1, true);
-  numbers.setUint32(12, crc32(packet.subarray(16), crc32(packet.subarray(0, 12))), true);
+  view.setUint32(1, 3, true);
+  view.setUint16(7, block, true);
+  view.setUint16(10, 1, true);
+  view.setUint32(12, crc32(packet.subarray(16), crc32(packet.subarray(0, 12))), true);
   const datagram = new Uint8Array(13 + packet.length);
   datagram[0] = 0x46;
   dataView(datagram).setUint32(1, 2, true);

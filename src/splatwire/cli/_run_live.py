@@ -89,7 +89,7 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
         print_ready(command, server.port, running.facts, "live")
 
         def publish(state: ServedStream) -> None:
-            loop.call_soon_threadsafe(server.update, STREAM_NAME, state)
+            loop.call_soon_threadsafe(server.set_stream, STREAM_NAME, state)
 
         ingest = _live_ingest(command, options, protection, publish, stop.is_set, warn)
         with rate_limited_warnings(warn):

@@ -82,14 +82,14 @@ class SocketServer(abc.ABC):
         """UDP port that the server listens on, or listened on before it was closed."""
         return self._port
 
-    def update(self, name: str, stream: ServedStream) -> None:
+    def set_stream(self, name: str, stream: ServedStream) -> None:
         """Adds a stream, or updates a live stream and notifies the clients that receive it.
 
         Args:
             name: Name of the stream.
             stream: Prepared stream, or the new state of a live stream.
         """
-        self.core.update(name, stream)
+        self.core.set_stream(name, stream)
         self.pump()
 
     def drop(self, now: float) -> None:

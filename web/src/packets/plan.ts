@@ -37,7 +37,7 @@ export class Plan {
 
   constructor(
     readonly manifest: Manifest,
-    readonly count = countLanes,
+    readonly laneCounter = countLanes,
   ) {
     const { blockSize, lanes } = manifest.packetization;
     const shapes = manifest.tiers.length ? manifest.tiers : [{ count: manifest.count, lanes }];
@@ -153,7 +153,7 @@ export class Plan {
               { length: span.lanes },
               (_, lane) => Math.floor(size / span.lanes) + (lane < size % span.lanes ? 1 : 0),
             )
-          : this.count(span.first + (block - span.firstBlock) * span.blockSize, size, seed, span.lanes);
+          : this.laneCounter(span.first + (block - span.firstBlock) * span.blockSize, size, seed, span.lanes);
     this.#lanes.set(block, counts);
     return counts;
   }
@@ -161,10 +161,10 @@ export class Plan {
 
 const plans = new WeakMap<Manifest, Plan>();
 
-/** Returns the shared plan of a manifest. `count` counts the elements of lanes, as `countLanes` does. */
-export function planOf(manifest: Manifest, count = countLanes): Plan {
+/** Returns the shared plan of a manifest. `laneCounter` counts the elements of lanes, as `countLanes` does. */
+export function planOf(manifest: Manifest, laneCounter = countLanes): Plan {
   let plan = plans.get(manifest);
-  if (!plan) plans.set(manifest, (plan = new Plan(manifest, count)));
+  if (!plan) plans.set(manifest, (plan = new Plan(manifest, laneCounter)));
   return plan;
 }
 

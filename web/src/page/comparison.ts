@@ -67,25 +67,25 @@ export class Comparison {
   }
 
   #apply(): void {
-    this.stage.draw((view) => void view.setGains(this.mode() === "lossless" ? this.#lossless : this.#gains));
+    this.stage.withRenderer((renderer) => void renderer.setGains(this.mode() === "lossless" ? this.#lossless : this.#gains));
   }
 
   /** Compares the pictures with both gains. `isCurrent` returns false once the picture has changed. */
   async #compare(isCurrent: () => boolean): Promise<void> {
-    const { view } = this.stage;
-    await view?.steady();
+    const { renderer } = this.stage;
+    await renderer?.steady();
     const gains = this.#gains,
       lossless = this.#lossless;
-    if (!view || !isCurrent()) return;
+    if (!renderer || !isCurrent()) return;
     if (gains?.every((gain, n) => gain === (lossless?.[n] ?? 1))) return this.report(null);
-    await view.setGains(lossless);
-    await view.frame();
+    await renderer.setGains(lossless);
+    await renderer.frame();
     if (!isCurrent()) return this.#apply();
-    const reference = pixelsOf(view.canvas);
-    await view.setGains(gains);
-    await view.frame();
+    const reference = pixelsOf(renderer.canvas);
+    await renderer.setGains(gains);
+    await renderer.frame();
     if (!isCurrent()) return this.#apply();
-    const difference = await differenceOf(pixelsOf(view.canvas), reference, periodicPause(isCurrent));
+    const difference = await differenceOf(pixelsOf(renderer.canvas), reference, periodicPause(isCurrent));
     if (!difference) return;
     const { picture, psnr } = difference;
     this.canvas.width = picture.width;

@@ -73,8 +73,8 @@ export class Controller {
   #windowLeft = new AbortController();
   /** Address of the scene's file; empty for a scene inside the page. */
   #file = "";
-  /** Number of elements in the whole scene. */
-  #gaussians = 0;
+  /** Number of elements in the whole scene: Gaussians, or anchors. */
+  #numElements = 0;
   #size = 1;
   /** Number of redundant Gaussians among the drawn ones. */
   #copies = 0;
@@ -94,7 +94,7 @@ export class Controller {
   ) {
     this.#playback = new SequencePlayback(
       () => this.panel,
-      (number) => this.#send({ kind: "frame", number, choice: this.#choice }),
+      (number) => this.#send({ kind: "frame", number, simulation: this.#simulation }),
       wanted,
     );
     this.#worker = startWorker(); // first, because starting a thread takes time
@@ -190,7 +190,7 @@ export class Controller {
     if (name === "concealer") this.panel.setConcealers(this.panel.concealers, value);
     if (name === "gestures") this.stage.setCooperative(value === "cooperative" && !this.#isFullScreen);
     if (name === "up") this.stage.setUp(value ?? "");
-    if (name === "viewpoint") this.#viewpoint(true);
+    if (name === "viewpoint") this.#applyViewpoint(true);
     if (name === "poster") this.#showPoster(value);
     if (name === "camera-limits") this.stage.setLimits(limitsOf(value));
     if (name === "max-gaussians") this.#viewUpdates?.repeat();
@@ -249,7 +249,7 @@ export class Controller {
     this.applyAttribute("poster");
     this.applyAttribute("camera-limits");
     if (link.viewpoint) stage.setViewpoint(link.viewpoint);
-    this.#viewpoint(false);
+    this.#applyViewpoint(false);
     this.applyAttribute("autorotate");
     this.panel.showNotice("loading", "Connecting ...");
     if (preview) this.#preview(() => packPreview(fromBase64(preview)));
@@ -355,7 +355,7 @@ export class Controller {
   }
 
   /** Applies the page's viewpoint. With `force`, also if the visitor has moved the camera. */
-  #viewpoint(force: boolean): void {
+  #applyViewpoint(force: boolean): void {
     const viewpoint = viewpointOf(this.host.getAttribute("viewpoint"));
     if (!viewpoint) return;
     if (force) Object.assign(this.stage.orbit, { placed: false, touched: false, turned: false });
@@ -384,7 +384,7 @@ export class Controller {
     const { panel } = this;
     switch (message.kind) {
       case "preview":
-        if (!this.#gaussians) this.#preview(() => message);
+        if (!this.#numElements) this.#preview(() => message);
         return;
       case "info":
         return this.#onStreamInfo(message.info);
@@ -423,7 +423,7 @@ export class Controller {
   #finished(text: string, complete: boolean): void {
     this.status.complete = complete;
     this.stage.end();
-    if (this.stage.view) this.#conceal();
+    if (this.stage.renderer) this.#conceal();
     this.#playback.end();
     this.#session.finished(text, complete, this.#playback.live);
     this.#follow();
@@ -441,13 +441,13 @@ export class Controller {
   }
 
   #onStreamInfo(info: StreamInfo): void {
-    const { gaussians, size, middle, viewpoint, extent, up, viewDependent, concealers, sequence } = info,
+    const { numElements, size, middle, viewpoint, extent, up, viewDependent, concealers, sequence } = info,
       { stage } = this;
     this.#gains.skip(); // those of an earlier stream are not answered
     this.#playback.begin(sequence, stage.isVisible);
     this.panel.setConcealers(concealers);
     showMetadata(this.panel, info, this.host.hasAttribute("aria-label"));
-    this.#gaussians = gaussians;
+    this.#numElements = numElements;
     this.#size = size;
     this.#started = false;
     this.#copies = 0;
@@ -499,7 +499,7 @@ export class Controller {
     else stage.add(packed, true);
     this.#copies = 0;
     if (this.#dropsPackets) this.#conceal(); // the gains are those of the Gaussians before the update
-    this.#gaussians = status.gaussians = gaussians;
+    this.#numElements = status.gaussians = gaussians;
     panel.setRow("Gaussians", gaussians.toLocaleString());
     panel.setMessage(`Updated: ${numRemoved} Gaussians removed, ${numNew} new.`);
     void stage.shown().then(() => this.dispatch("update", { removed: numRemoved, added: numNew, gaussians }));
@@ -523,23 +523,23 @@ export class Controller {
       stage.add(packed, true);
     }
     this.#playback.showStatistics(message);
-    this.#gaussiansChanged(packed.count ? this.#gaussians : 0, false);
+    this.#gaussiansChanged(packed.count ? this.#numElements : 0, false);
     const done = (): void => this.#playback.shown(number);
-    if (stage.view) void stage.view.steady().then(done);
+    if (stage.renderer) void stage.renderer.steady().then(done);
     else setTimeout(done);
   }
 
   /** Replaces the preview when the first Gaussians of the scene arrive. */
   #start(): void {
     const room = this.host.updates ? UPDATE_ROOM : 1;
-    if (!this.#started) this.stage.begin(this.#size, this.#viewUpdates ? 0 : room * this.#gaussians);
+    if (!this.#started) this.stage.begin(this.#size, this.#viewUpdates ? 0 : room * this.#numElements);
     this.#started = true;
   }
 
   /** True if packets are dropped on purpose, so that each tile needs its own gains. */
   get #dropsPackets(): boolean {
-    const { dropped, sent } = this.panel.settings;
-    return dropped > 0 || sent < 1;
+    const { lossRate, sentShare } = this.panel.settings;
+    return lossRate > 0 || sentShare < 1;
   }
 
   /** Updates the status after Gaussians of `elements` elements are drawn. `hasNew`: some are not concealed yet. */
@@ -548,15 +548,15 @@ export class Controller {
     this.status.gaussians = stage.count - this.#copies;
     this.panel.setRow("Gaussians", this.status.gaussians.toLocaleString());
     const shown = (): Promise<void> => stage.shown();
-    if (elements || !this.#gaussians) {
+    if (elements || !this.#numElements) {
       this.#onPicture();
       this.#milestones.recordWhen("first", shown);
     }
-    if (elements >= this.#gaussians / 2) {
+    if (elements >= this.#numElements / 2) {
       this.#milestones.recordWhen("half", shown);
       stage.startWebGL();
     }
-    if (hasNew && stage.view) this.#gains.soon();
+    if (hasNew && stage.renderer) this.#gains.soon();
   }
 
   #onCounts(message: FromWorker & { kind: "counts" }): void {
@@ -575,24 +575,24 @@ export class Controller {
 
   #settingsChanged(): void {
     if (this.#playback.isSequence) return this.#playback.redraw();
-    if (this.stage.view) this.#conceal(); // painted pictures have no gains
+    if (this.stage.renderer) this.#conceal(); // painted pictures have no gains
   }
 
   #conceal(): void {
     if (this.#playback.isSequence) return this.#playback.redraw();
-    if (!this.#gaussians) return; // the worker has no scene yet, and would not answer
-    const choice = this.#choice,
-      isWhole = this.status.complete && !choice.dropped && choice.sent === 1 && !this.#copies;
-    if (!isWhole) return this.#send({ kind: "conceal", choice, requestId: this.#gains.next() });
+    if (!this.#numElements) return; // the worker has no scene yet, and would not answer
+    const simulation = this.#simulation,
+      isWhole = this.status.complete && !simulation.lossRate && simulation.sentShare === 1 && !this.#copies;
+    if (!isWhole) return this.#send({ kind: "conceal", simulation, requestId: this.#gains.next() });
     this.#gains.skip();
     this.panel.setRow("dropped on purpose", "0 packets");
     this.#comparison.show(null, null);
   }
 
   /** Simulated losses and concealer chosen in the panel. */
-  get #choice(): LossSimulation {
-    const { show: _, ...choice } = this.panel.settings;
-    return choice;
+  get #simulation(): LossSimulation {
+    const { show: _, ...simulation } = this.panel.settings;
+    return simulation;
   }
 
   /** True if this element, and not an ancestor, is full screen. */

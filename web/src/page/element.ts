@@ -2,7 +2,7 @@
 // implements it.
 
 import type { FixedCamera } from "../model/camera.ts";
-import type { View } from "../render/view.ts";
+import type { WebGLRenderer } from "../render/webgl_renderer.ts";
 import { applyStyles } from "./apply_styles.ts";
 import { Base } from "./base.ts";
 import { Controller } from "./controller.ts";
@@ -236,8 +236,8 @@ export class SplatWire extends Base {
   }
 
   /** @internal */
-  get view(): View | null {
-    return this.#controller?.stage.view ?? null;
+  get view(): WebGLRenderer | null {
+    return this.#controller?.stage.renderer ?? null;
   }
 
   /** @internal Throws if the element is not in a document. */

@@ -13,9 +13,9 @@ export interface Linked {
 
 export function readLink(): Linked {
   const fields = new URLSearchParams(location.hash.slice(1)),
-    dropped = Number(fields.get("drop") ?? 0),
+    lossRate = Number(fields.get("drop") ?? 0),
     concealer = fields.get("concealer");
-  const settings = { dropped: dropped > 0 && dropped < 1 ? dropped : 0, ...(concealer ? { concealer } : {}) };
+  const settings = { lossRate: lossRate > 0 && lossRate < 1 ? lossRate : 0, ...(concealer ? { concealer } : {}) };
   const viewpoint = viewpointOf((fields.get("view") ?? "").replaceAll(",", " "));
   return { settings, turned: fields.get("turned") === "1", viewpoint };
 }
@@ -24,13 +24,13 @@ export function readLink(): Linked {
 const DIGITS = 6;
 
 /** Returns a link to this page with the current view and settings. Other fields of the fragment stay. */
-export function writeLink({ concealer, dropped }: Settings, viewpoint: Viewpoint): string {
+export function writeLink({ concealer, lossRate }: Settings, viewpoint: Viewpoint): string {
   const address = new URL(location.href),
     fields = new URLSearchParams(address.hash.slice(1)),
     { eye, target, up } = viewpoint;
   fields.delete("turned"); // the up axis of the viewpoint says so
   fields.set("concealer", concealer);
-  fields.set("drop", String(dropped));
+  fields.set("drop", String(lossRate));
   fields.set("view", [...eye, ...target, ...up].map((value) => Number(value.toPrecision(DIGITS))).join());
   address.hash = fields.toString();
   return address.href;

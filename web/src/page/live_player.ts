@@ -5,7 +5,7 @@ import { PlayerBase, type RequestFrame } from "./player.ts";
 
 export class LivePlayer extends PlayerBase {
   readonly #buffer: JitterBuffer;
-  #begin = 0;
+  #firstPlayable = 0;
   /** True if playing at the last tick. Frames that pass during a pause are not counted as late. */
   #wasPlaying = false;
 
@@ -18,7 +18,7 @@ export class LivePlayer extends PlayerBase {
 
   /** Statistics for the panel: late frames, stalled frames, delay in seconds. */
   get statistics(): { late: number; stalled: number; buffer: number } {
-    return { late: this.skipped, stalled: Math.round(this.#buffer.stalledFrames), buffer: this.#buffer.seconds };
+    return { late: this.skipped, stalled: Math.round(this.#buffer.stalledFrames), buffer: this.#buffer.delaySeconds };
   }
 
   override get hasEnded(): boolean {
@@ -33,7 +33,7 @@ export class LivePlayer extends PlayerBase {
 
   /** Announces playable frames. */
   playable(begin: number, end: number): void {
-    this.#begin = begin;
+    this.#firstPlayable = begin;
     this.#buffer.add(begin, end, performance.now() / 1000);
     this.tick();
   }
@@ -58,7 +58,7 @@ export class LivePlayer extends PlayerBase {
 
   protected override next(): number | null {
     const due = this.playing || this.number < 0 ? this.#buffer.due(performance.now() / 1000) : this.number;
-    if (due === null || due < this.#begin) return null;
+    if (due === null || due < this.#firstPlayable) return null;
     if (this.#wasPlaying) this.skipped += Math.max(due - this.number - 1, 0);
     this.#wasPlaying = this.playing;
     return Math.max(due, this.number); // the clock may go back slightly

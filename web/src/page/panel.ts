@@ -14,7 +14,7 @@ export interface Settings extends LossSimulation {
 /** Style of a status message. `done` is visible only while the laboratory is open. */
 export type MessageStyle = "plain" | "bad" | "done";
 
-type Slider = "dropped" | "burst" | "sent";
+type Slider = "lossRate" | "burstLength" | "sentShare";
 
 /** Actions of the buttons. */
 export interface PanelActions {
@@ -38,7 +38,7 @@ const REPLAY_MS = 10_000;
 
 export class Panel {
   readonly element = createElement("div", { class: "panel" });
-  settings: Settings = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1, show: "received" };
+  settings: Settings = { concealer: "grow", lossRate: 0, burstLength: 1, seed: 0, sentShare: 1, show: "received" };
   readonly #state = createElement("p", { class: "state", part: "status", role: "status" });
   readonly #show = this.#pictureModes();
   readonly #title = createElement("p", { class: "title", part: "title" });
@@ -83,10 +83,10 @@ export class Panel {
     const play = createElement("button", { type: "button", title: "replay the packets in sending order" }, "play");
     play.addEventListener("click", () => this.#replay());
     const losses = [
-      this.#slider("dropped", "Drop packets on purpose: ", 0, 0.95, 0.01),
-      this.#slider("burst", "In bursts of ", 1, 50, 1),
+      this.#slider("lossRate", "Drop packets on purpose: ", 0, 0.95, 0.01),
+      this.#slider("burstLength", "In bursts of ", 1, 50, 1),
       again,
-      this.#slider("sent", "Sent: ", 0, 1, 0.01),
+      this.#slider("sentShare", "Sent: ", 0, 1, 0.01),
       play,
       this.#show,
     ];
@@ -208,7 +208,7 @@ export class Panel {
       const value = this.settings[name];
       slider.value = String(value);
       output.textContent =
-        name === "burst" ? `${value} packet${value === 1 ? "" : "s"}` : `${Math.round(100 * value)} %`;
+        name === "burstLength" ? `${value} packet${value === 1 ? "" : "s"}` : `${Math.round(100 * value)} %`;
     }
     for (const input of this.element.querySelectorAll<HTMLInputElement>("input[type=radio]"))
       input.checked = input.value === this.settings.show;
@@ -279,9 +279,9 @@ export class Panel {
     const began = performance.now();
     clearInterval(this.#replayTimer);
     this.#replayTimer = window.setInterval(() => {
-      const sent = Math.min((performance.now() - began) / REPLAY_MS, 1);
-      if (sent === 1) clearInterval(this.#replayTimer);
-      this.set({ sent });
+      const sentShare = Math.min((performance.now() - began) / REPLAY_MS, 1);
+      if (sentShare === 1) clearInterval(this.#replayTimer);
+      this.set({ sentShare });
     }, 250);
   }
 

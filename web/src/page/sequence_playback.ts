@@ -116,7 +116,7 @@ export class SequencePlayback {
   }
 
   /** Shows a frame's statistics in the panel. */
-  showStatistics({ concealed, shownPackets, drawMs }: FromWorker & { kind: "frame" }): void {
+  showStatistics({ concealed, shownPackets, frameMs }: FromWorker & { kind: "frame" }): void {
     const panel = this.panel();
     panel.setRow("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
     panel.setRow("motion shown", `${shownPackets.toLocaleString()} packets`);
@@ -125,7 +125,7 @@ export class SequencePlayback {
       panel.setRow("stalled", stalled ? `${stalled} frames` : "none");
       panel.setRow("buffer", `${(1000 * buffer).toFixed(0)} ms`);
     } else panel.setRow("late", `${this.#player?.skipped ?? 0} frames`);
-    panel.setRow("frame time", `${drawMs.toFixed(0)} ms`);
+    panel.setRow("frame time", `${frameMs.toFixed(0)} ms`);
   }
 
   /** Announces that a frame is on the screen, so that the next one is requested. */

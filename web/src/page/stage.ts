@@ -7,14 +7,14 @@ import type { Camera } from "../model/camera.ts";
 import { Controls } from "../render/controls.ts";
 import { frameScene, sceneCore } from "../render/framing.ts";
 import { FreeSpace } from "../render/free_space.ts";
-import { loadView } from "../render/load.ts";
+import { loadRenderer } from "../render/load.ts";
 import { Orbit, type WindowPosition } from "../render/orbit.ts";
 import { hide, type Packed, type Tile } from "../render/packed.ts";
 import type { PackedPreview } from "../render/packed_preview.ts";
 import { cameraFromPose, FAR_CLIP, halfHeight } from "../render/projection.ts";
 import type { SceneCore } from "../render/scene_core.ts";
 import { paint } from "../render/software_renderer.ts";
-import type { View } from "../render/view.ts";
+import type { WebGLRenderer } from "../render/webgl_renderer.ts";
 import { acquireContext, type ContextOwner, offerContext, releaseContext } from "../render/webgl_contexts.ts";
 import { delay, periodicPause } from "../scheduler.ts";
 import { waitOrOnline } from "../transport/backoff.ts";
@@ -62,7 +62,7 @@ export class Stage implements ContextOwner {
   #limits: readonly number[] | null = null;
   readonly #hint = createElement("p", { class: "hint" });
   #hintTimer = 0;
-  view: View | null = null;
+  renderer: WebGLRenderer | null = null;
   isVisible = true;
   /** Sphere around all frames of a clip, world units; null if the stream has none. */
   extent: BoundingSphere | null = null;
@@ -92,7 +92,7 @@ export class Stage implements ContextOwner {
   #spaceCount = 0;
   #background: readonly number[] = [0, 0, 0];
   #antialiased = false;
-  #waiting: ((view: View) => void)[] = [];
+  #waitingForRenderer: ((renderer: WebGLRenderer) => void)[] = [];
   #painting: Promise<void> | null = null;
   #stale = false;
   #shown: (() => void)[] = [];
@@ -105,9 +105,9 @@ export class Stage implements ContextOwner {
   #startWebGL: () => void = () => undefined;
   readonly #webGLWanted = new Promise<void>((resolve) => (this.#startWebGL = resolve));
 
-  /** `opened` is called with each new view, `failed` if none can be created. */
+  /** `opened` is called with each new renderer, `failed` if none can be created. */
   constructor(
-    readonly opened: (view: View) => void,
+    readonly opened: (renderer: WebGLRenderer) => void,
     readonly failed: (error: Error) => void,
     readonly title: string,
   ) {
@@ -143,24 +143,24 @@ export class Stage implements ContextOwner {
     const { clientWidth: width, clientHeight: height } = this.surface,
       camera = cameraFromPose(this.orbit.pose(), 1, width, height),
       { x, y } = at ?? { x: width / 2, y: height / 2 },
-      point = this.view?.pick(this.#parts, camera, x, y);
+      point = this.renderer?.pick(this.#parts, camera, x, y);
     return point ? new Vec3(...point) : null;
   }
 
   /** Shows the scene in a headset. Throws if there is no renderer or no session. */
   async enterHeadset(): Promise<void> {
-    if (!this.view) throw new Error("nothing is drawn yet");
-    await this.view.enterHeadset();
+    if (!this.renderer) throw new Error("nothing is drawn yet");
+    await this.renderer.enterHeadset();
   }
 
   /** Loads the renderer and starts drawing, if the element is visible and a WebGL context is free. */
   async open(): Promise<void> {
-    if (this.#opening || this.view || this.#destroyed || this.#contextFailures > MAX_CONTEXT_FAILURES) return;
+    if (this.#opening || this.renderer || this.#destroyed || this.#contextFailures > MAX_CONTEXT_FAILURES) return;
     this.#opening = true;
     try {
       await this.#open();
     } catch (error) {
-      this.release(); // a view that is incomplete
+      this.release(); // a renderer that is incomplete
       releaseContext(this);
       if (this.#retryTimer) return; // visible again, or offered a context, before the retry
       if (!this.#contextFailures) this.failed(error as Error);
@@ -172,7 +172,7 @@ export class Stage implements ContextOwner {
 
   async #open(): Promise<void> {
     if (this.#count) await this.shown();
-    const Drawing = await loadView().catch(() => {
+    const Renderer = await loadRenderer().catch(() => {
       void waitOrOnline(RECOVERY_MS).then(() => this.open());
       throw new Error("The renderer is missing; reload the page.");
     });
@@ -184,43 +184,43 @@ export class Stage implements ContextOwner {
     describe(canvas, this.title);
     this.surface.prepend(canvas);
     try {
-      this.view = new Drawing(canvas, this.orbit);
+      this.renderer = new Renderer(canvas, this.orbit);
     } catch (error) {
       canvas.remove();
       throw new Error(`This browser has no WebGL 2 (${(error as Error).message}).`);
     }
-    const view = this.view;
-    canvas.addEventListener("webglcontextlost", () => this.#contextLost(view));
-    view.watcher = (camera) => this.#reportCamera(camera);
-    view.background(this.#background);
-    view.antialias(this.#antialiased);
-    view.begin(this.#size, this.#expected);
-    if (this.#ended) view.end();
+    const renderer = this.renderer;
+    canvas.addEventListener("webglcontextlost", () => this.#contextLost(renderer));
+    renderer.watcher = (camera) => this.#reportCamera(camera);
+    renderer.background(this.#background);
+    renderer.antialias(this.#antialiased);
+    renderer.begin(this.#size, this.#expected);
+    if (this.#ended) renderer.end();
     if (this.#tiles.size)
-      view.replaceTiles(
+      renderer.replaceTiles(
         [],
         Array.from(this.#tiles, ([tile, packed]) => ({ tile, packed })),
       );
-    else for (const part of this.#parts) view.add(part);
-    do
-      await view.sorted(); // gives up after the limit of `sorted`; the painted picture stays until the view has one
-    while (this.view === view && this.#count && !view.shows);
-    if (this.view !== view) return;
-    for (const work of this.#waiting.splice(0)) work(view);
-    this.opened(view);
+    else for (const part of this.#parts) renderer.add(part);
+    // `sorted` gives up after its time limit; the painted picture stays until the renderer has one
+    do await renderer.sorted();
+    while (this.renderer === renderer && this.#count && !renderer.shows);
+    if (this.renderer !== renderer) return;
+    for (const work of this.#waitingForRenderer.splice(0)) work(renderer);
+    this.opened(renderer);
     this.paintedCanvas.classList.remove("shown");
     for (const resolve of this.#shown.splice(0)) resolve();
   }
 
   /** Handles the loss of the WebGL context: paints in software until there is another one. */
-  #contextLost(view: View): void {
-    if (this.view !== view) return;
-    const isPicture = view.failed && view.fixed !== null, // it needs more memory than the page, which is fine
-      failures = isPicture ? Math.max(this.#contextFailures, 1) : view.failuresAfter(this.#contextFailures);
+  #contextLost(renderer: WebGLRenderer): void {
+    if (this.renderer !== renderer) return;
+    const isPicture = renderer.failed && renderer.fixed !== null, // it needs more memory than the page, which is fine
+      failures = isPicture ? Math.max(this.#contextFailures, 1) : renderer.failuresAfter(this.#contextFailures);
     this.release();
     releaseContext(this);
     if (!isPicture) this.onContextLost?.();
-    this.#openLater(failures, view.reason);
+    this.#openLater(failures, renderer.reason);
   }
 
   /** Opens after a pause, or reports the error after too many failures. */
@@ -240,9 +240,9 @@ export class Stage implements ContextOwner {
 
   /** Releases the WebGL context and paints in software. */
   release(): void {
-    const view = this.view;
-    this.view = null;
-    view?.destroy();
+    const renderer = this.renderer;
+    this.renderer = null;
+    renderer?.destroy();
     this.touch();
   }
 
@@ -275,10 +275,10 @@ export class Stage implements ContextOwner {
     for (const resolve of this.#shown.splice(0)) resolve();
   }
 
-  /** Calls `work` with the view, now or once it exists. */
-  draw(work: (view: View) => void): void {
-    if (this.view) work(this.view);
-    else this.#waiting.push(work);
+  /** Calls `work` with the renderer, now or once it exists. */
+  withRenderer(work: (renderer: WebGLRenderer) => void): void {
+    if (this.renderer) work(this.renderer);
+    else this.#waitingForRenderer.push(work);
   }
 
   /** Shows a preview if nothing is shown yet. Resolves when it is on the screen. */
@@ -295,12 +295,12 @@ export class Stage implements ContextOwner {
   antialias(antialiased: boolean): void {
     if (antialiased === this.#antialiased) return;
     this.#antialiased = antialiased;
-    this.view?.antialias(antialiased);
+    this.renderer?.antialias(antialiased);
   }
 
   background(colour: readonly number[]): void {
     this.#background = colour;
-    this.view?.background(colour);
+    this.renderer?.background(colour);
   }
 
   /** Sets the initial viewpoint, unless the visitor has moved the camera or a viewpoint was set before. */
@@ -339,7 +339,7 @@ export class Stage implements ContextOwner {
     return { across: (down * width) / Math.max(height, 1), down };
   }
 
-  /** Returns the sphere to frame, in units of the view: that of the stream, else the current scene. */
+  /** Returns the sphere to frame, in the renderer's unit of length: that of the stream, else the current scene. */
   #extent(core: SceneCore): BoundingSphere {
     if (!this.extent) return core;
     const { middle, radius } = this.extent;
@@ -365,7 +365,7 @@ export class Stage implements ContextOwner {
   /** Announces that no more Gaussians will arrive. */
   end(): void {
     this.#ended = true;
-    this.view?.end();
+    this.renderer?.end();
     if (this.#count > this.#framedCount) this.#frame();
     this.touch();
   }
@@ -403,7 +403,7 @@ export class Stage implements ContextOwner {
 
   /** Reports a camera unless its picture has no pixels. A fixed camera has a size independent of the element. */
   #reportCamera(camera: Camera): void {
-    if (this.#hasSize || this.view?.fixed) this.onCamera?.(camera);
+    if (this.#hasSize || this.renderer?.fixed) this.onCamera?.(camera);
   }
 
   /** Reports the current camera. */
@@ -414,7 +414,7 @@ export class Stage implements ContextOwner {
   /** Current camera, world units. */
   get camera(): Camera {
     return (
-      this.view?.camera ??
+      this.renderer?.camera ??
       cameraFromPose(this.orbit.pose(), this.#size, this.surface.clientWidth, this.surface.clientHeight)
     );
   }
@@ -435,7 +435,7 @@ export class Stage implements ContextOwner {
     this.#expected = expected;
     if (expected > WEBGL_GAUSSIANS) this.startWebGL();
     this.#ended = false;
-    this.view?.begin(size, expected);
+    this.renderer?.begin(size, expected);
   }
 
   /** Replaces tiles. */
@@ -445,7 +445,7 @@ export class Stage implements ContextOwner {
     this.#parts = [...this.#tiles.values()];
     this.#count = this.#parts.reduce((sum, { count }) => sum + count, 0);
     if (this.#count >= 1.5 * this.#framedCount) this.#frame();
-    this.view?.replaceTiles(removed, added);
+    this.renderer?.replaceTiles(removed, added);
     if (this.#count > WEBGL_GAUSSIANS) this.startWebGL();
     this.touch();
   }
@@ -455,7 +455,7 @@ export class Stage implements ContextOwner {
     this.#parts = replaces ? [packed] : [...this.#parts, packed];
     this.#count = replaces ? packed.count : this.#count + packed.count;
     if (this.#count >= 1.5 * this.#framedCount) this.#frame();
-    this.view?.add(packed, replaces);
+    this.renderer?.add(packed, replaces);
     if (this.#count > WEBGL_GAUSSIANS) this.startWebGL();
     this.touch();
   }
@@ -470,7 +470,7 @@ export class Stage implements ContextOwner {
     }
     this.#parts = [...this.#parts, packed];
     this.#count += packed.count;
-    this.view?.update(hidden, packed);
+    this.renderer?.update(hidden, packed);
     this.touch();
   }
 
@@ -486,7 +486,7 @@ export class Stage implements ContextOwner {
 
   /** Resolves when the added Gaussians are on the screen. */
   shown(): Promise<void> {
-    if (this.view) return this.view.sorted();
+    if (this.renderer) return this.renderer.sorted();
     this.touch();
     return new Promise((resolve) => this.#shown.push(resolve));
   }
@@ -496,7 +496,7 @@ export class Stage implements ContextOwner {
     if (!this.#hasSize) return;
     if (this.#pointedAt) this.pointCameraAt(this.#pointedAt.middle, this.#pointedAt.size);
     this.#frame();
-    this.view?.resize();
+    this.renderer?.resize();
     this.touch();
   }
 
@@ -515,15 +515,15 @@ export class Stage implements ContextOwner {
   touch(): void {
     this.onChange?.();
     this.#stale = true;
-    if (this.view) this.view.touch();
+    if (this.renderer) this.renderer.touch();
     else if (this.#count && this.isVisible) this.#painting ??= this.#paint();
   }
 
-  /** Paints in software until nothing changes or there is a view. */
+  /** Paints in software until nothing changes or there is a renderer. */
   async #paint(): Promise<void> {
     this.paintedCanvas.classList.add("shown");
     await null; // batches all changes of this task
-    while (this.#stale && !this.view && !this.#destroyed) {
+    while (this.#stale && !this.renderer && !this.#destroyed) {
       const shown = this.#shown.splice(0),
         began = performance.now();
       this.#stale = false;

@@ -1,7 +1,7 @@
 // Loads the renderer, a bundle separate from the page's so that a preview does not wait for it.
 
 import { waitOrOnline } from "../transport/backoff.ts";
-import type { View } from "./view.ts";
+import type { WebGLRenderer } from "./webgl_renderer.ts";
 
 /**
  * Name of the global variable that the renderer's bundle sets, in a separate or the same file. It includes the build,
@@ -16,10 +16,10 @@ let loading: Promise<void> | null = null;
 /** Number of requests for the bundle. Browsers remember a failed import, so each one needs its own URL. */
 let requests = 0;
 
-const rendererOf = (): typeof View | undefined => (globalThis as Record<string, unknown>)[RENDERER] as typeof View;
+const rendererOf = (): typeof WebGLRenderer | undefined => (globalThis as Record<string, unknown>)[RENDERER] as typeof WebGLRenderer;
 
 /** Returns the WebGL renderer. Throws if it cannot be loaded. */
-export async function loadView(): Promise<typeof View> {
+export async function loadRenderer(): Promise<typeof WebGLRenderer> {
   if (!rendererOf()) await (loading ??= load().finally(() => (loading = null)));
   return rendererOf()!;
 }

@@ -168,7 +168,7 @@ export class DecodedStream {
    * Computes the gains of all elements under simulated losses, 0 for lost ones. Resolves to the number of received
    * packets, or to null if the result is no longer needed.
    */
-  async conceal(choice: LossSimulation, pause: Pause): Promise<number | null> {
+  async conceal(simulation: LossSimulation, pause: Pause): Promise<number | null> {
     const gains = new Float32Array(2 * this.#count),
       { elementDecoder } = this.decoder;
     const received = this.#batches.flatMap((batch, p) =>
@@ -176,17 +176,17 @@ export class DecodedStream {
     );
     const shown = shownPackets(
         received.map(({ packet }) => packet),
-        choice,
+        simulation,
       ),
       batches = received.filter((_, p) => shown[p]);
     const shownBatches = batches.map(({ batch }) => batch),
-      copies = choice.concealer === SKETCH ? this.#copies : null,
+      copies = simulation.concealer === SKETCH ? this.#copies : null,
       which = this.#copiesOfMissing(shownBatches);
     const drawn = copies ? [...shownBatches, copies.select(which)] : shownBatches,
       count = drawn.reduce((sum, batch) => sum + batch.count, 0);
     const { concealers } = elementDecoder,
       isWhole = count === this.decoder.head.manifest.count,
-      concealer = (!isWhole && concealers[choice.concealer]) || concealers["drop"],
+      concealer = (!isWhole && concealers[simulation.concealer]) || concealers["drop"],
       concealerGains = await concealer(count, () => elementDecoder.elements(drawn, pause), pause);
     if (!concealerGains) return null;
     let at = 0;

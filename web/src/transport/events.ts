@@ -16,7 +16,7 @@ export interface Counts {
   readonly seconds: number;
 }
 
-/** Source of packets read from the stream's file. The source of a session is its `Welcome.order`. */
+/** Source of packets read from the stream's file. The source of a session is its `Welcome.orderDigest`. */
 export const FILE = "file";
 
 /** Source of packets with an uncertain position. */
@@ -41,7 +41,7 @@ export interface TileRequest {
   /** Returns the number of missing packets of a tile. */
   missing(tile: number): number;
   /** Resolves when the view needs tiles that are not given up. */
-  moved(isGivenUp: (tile: number) => boolean): Promise<void>;
+  nextView(isGivenUp: (tile: number) => boolean): Promise<void>;
   /** Resolves when all received packets are decoded. */
   decoded(): Promise<void>;
 }

@@ -67,7 +67,7 @@ export function receiveAll(source: Source, receiver: Receiver, transports = TRAN
 class Failover {
   readonly #file: HttpFile;
   #session: Session | null;
-  #incomplete = 0;
+  #numIncomplete = 0;
   #numSessions = 0;
   /** Number of sessions in a row without a packet. */
   #numEmpty = 0;
@@ -99,9 +99,9 @@ class Failover {
   async attempt(nextMs: number): Promise<string> {
     const { receiver } = this,
       { store, numReceived } = receiver,
-      begun = this.#session !== null && !store.complete;
+      triesSession = this.#session !== null && !store.complete;
     let broken: Error | null = null;
-    if (begun) {
+    if (triesSession) {
       try {
         return await this.#receiveSession(this.#session!);
       } catch (error) {
@@ -124,7 +124,7 @@ class Failover {
         throw Object.assign(new Error(`${broken.message}; and ${reason}`), { waited });
       }
       if (!(error instanceof HttpError && error.final)) throw error;
-      return this.#withoutFile(error, begun, broken);
+      return this.#withoutFile(error, triesSession, broken);
     } finally {
       clearTimeout(timer);
     }
@@ -134,12 +134,12 @@ class Failover {
    * Continues without a file, as for live clips. A session that failed because of the connection is retried, and its
    * reason is reported.
    */
-  async #withoutFile(refused: HttpError, begun: boolean, broken: Error | null): Promise<string> {
+  async #withoutFile(refused: HttpError, triedSession: boolean, broken: Error | null): Promise<string> {
     this.#isWithoutFile = true;
     if (broken && !(broken instanceof NoWebTransport) && !FINAL_REFUSALS.includes(broken.message))
       throw new Error(`${broken.message}; and ${refused.message}`);
     if (broken instanceof NoWebTransport) refused.message += `, and ${broken.message}`;
-    if (begun) throw refused;
+    if (triedSession) throw refused;
     // The server may have been unreachable when its session was looked up.
     this.#session ??= await this.transports.lookUpSession(new URL(this.source.file));
     if (!this.#session) throw refused;
@@ -152,30 +152,30 @@ class Failover {
    */
   async #receiveSession(session: Session): Promise<string> {
     const { receiver } = this;
-    if (receiver.live && session.fingerprint) return this.#begin((await this.#renewed(session)) ?? session);
+    if (receiver.live && session.fingerprint) return this.#receiveOnce((await this.#renewed(session)) ?? session);
     try {
-      return await this.#begin(session);
+      return await this.#receiveOnce(session);
     } catch (error) {
       if (receiver.live || !session.fingerprint || error instanceof NoWebTransport) throw error;
       const renewed = await this.#renewed(session);
       if (!renewed) throw error;
-      return this.#begin(renewed);
+      return this.#receiveOnce(renewed);
     }
   }
 
-  async #begin(session: Session): Promise<string> {
+  async #receiveOnce(session: Session): Promise<string> {
     const { receiver, source } = this,
       { store } = receiver,
       before = store.head && {
         head: store.head,
         initSegment: store.initSegment,
-        bitsOf: (order: string): Uint8Array | null => store.bitsOf(order),
+        bitsOf: (orderDigest: string): Uint8Array | null => store.bitsOf(orderDigest),
       },
-      opening = { isRetry: this.#numSessions++ > 0, isOnlySource: receiver.live || this.#isWithoutFile },
-      outcome = await this.transports.receiveDatagrams(session, source.name, receiver, before, opening);
+      options = { isRetry: this.#numSessions++ > 0, isOnlySource: receiver.live || this.#isWithoutFile },
+      outcome = await this.transports.receiveDatagrams(session, source.name, receiver, before, options);
     if (!["complete", "sent", "stopped"].includes(outcome)) throw new Error(outcome);
     const isIncomplete = outcome === "complete" && !receiver.live && store.hasHead && !store.complete;
-    if (isIncomplete && ++this.#incomplete <= MAX_INCOMPLETE) throw new Error("the session ended without all packets");
+    if (isIncomplete && ++this.#numIncomplete <= MAX_INCOMPLETE) throw new Error("the session ended without all packets");
     return isIncomplete ? "sent" : outcome;
   }
 

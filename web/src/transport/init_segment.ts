@@ -45,11 +45,11 @@ export class InitSegment {
   /** Adds a symbol. Returns false if it does not fit. */
   add(bytes: Uint8Array): boolean {
     const { symbolBytes, initSegmentBytes } = this.welcome,
-      numbers = dataView(bytes),
+      view = dataView(bytes),
       numSourceBlocks = Math.ceil(this.numSymbols / SOURCE_BLOCK_SYMBOLS),
-      sourceBlock = numbers.getUint16(9, true),
+      sourceBlock = view.getUint16(9, true),
       payload = bytes.subarray(15, bytes.length - 4),
-      symbolIndex = Math.floor((this.numSymbols * sourceBlock) / numSourceBlocks) + numbers.getUint32(11, true),
+      symbolIndex = Math.floor((this.numSymbols * sourceBlock) / numSourceBlocks) + view.getUint32(11, true),
       next = Math.floor((this.numSymbols * (sourceBlock + 1)) / numSourceBlocks);
     if (sourceBlock >= numSourceBlocks || symbolIndex >= next || payload.length !== symbolBytes) return false;
     if (this.#received[symbolIndex]) return true; // a duplicate from the other transport
@@ -64,21 +64,21 @@ export class InitSegment {
 
   /** Returns the head and the bundled packets. Throws if they are damaged. */
   read(): { head: Head; bundled: Uint8Array[] } {
-    const object = this.#bytes,
-      numbers = dataView(object),
+    const bytes = this.#bytes,
+      view = dataView(bytes),
       bundled: Uint8Array[] = [];
-    if (this.digest !== hex(this.welcome.digest)) throw new Error("the side information is damaged");
-    const manifestEnd = 4 + (object.length >= 4 ? numbers.getUint32(0, true) : 0),
-      manifest = readManifest(object.subarray(4, manifestEnd));
+    if (this.digest !== hex(this.welcome.digest)) throw new Error("the init segment is damaged");
+    const manifestEnd = 4 + (bytes.length >= 4 ? view.getUint32(0, true) : 0),
+      manifest = readManifest(bytes.subarray(4, manifestEnd));
     let offset = manifestEnd + manifest.sideInfoBytes;
-    const head = checkHead(manifest, object.subarray(manifestEnd, offset));
-    for (; offset + 2 <= object.length && bundled.length < this.welcome.bundled; ) {
-      const size = numbers.getUint16(offset, true);
-      bundled.push(object.slice(offset + 2, offset + 2 + size));
+    const head = checkHead(manifest, bytes.subarray(manifestEnd, offset));
+    for (; offset + 2 <= bytes.length && bundled.length < this.welcome.bundled; ) {
+      const size = view.getUint16(offset, true);
+      bundled.push(bytes.slice(offset + 2, offset + 2 + size));
       offset += 2 + size;
     }
-    if (bundled.length !== this.welcome.bundled || offset !== object.length)
-      throw new Error("the side information is damaged");
+    if (bundled.length !== this.welcome.bundled || offset !== bytes.length)
+      throw new Error("the init segment is damaged");
     return { head, bundled };
   }
 }

@@ -3,27 +3,27 @@
 /** Settings of the simulated losses and the concealer. */
 export interface LossSimulation {
   readonly concealer: string;
-  /** Loss rate, and mean burst length in packets. A burst length of 1 means independent losses. */
-  readonly dropped: number;
-  readonly burst: number;
+  readonly lossRate: number;
+  /** Mean number of packets that are lost in a row; 1 for independent losses. */
+  readonly burstLength: number;
   readonly seed: number;
   /** Share of the packets that were sent so far, in order of arrival. */
-  readonly sent: number;
+  readonly sentShare: number;
 }
 
 /** Returns a mask of the packets that are not lost. Without bursts, a larger loss rate loses a superset. */
 export function shownPackets(
   packets: readonly { readonly block: number; readonly indexInBlock: number }[],
-  { dropped, burst, seed, sent }: LossSimulation,
+  { lossRate, burstLength, seed, sentShare }: LossSimulation,
 ): boolean[] {
-  const end = sent * packets.length,
-    leave = 1 / Math.max(burst, dropped / (1 - dropped), 1),
-    enter = (leave * dropped) / (1 - dropped);
+  const end = sentShare * packets.length,
+    leave = 1 / Math.max(burstLength, lossRate / (1 - lossRate), 1),
+    enter = (leave * lossRate) / (1 - lossRate);
   let lost = false;
   return packets.map(({ block, indexInBlock }, n) => {
     const chance = random(block, indexInBlock, seed);
     // Gilbert model, in order of arrival
-    lost = burst > 1 ? chance < (lost ? 1 - leave : n ? enter : dropped) : chance < dropped;
+    lost = burstLength > 1 ? chance < (lost ? 1 - leave : n ? enter : lossRate) : chance < lossRate;
     return n < end && !lost;
   });
 }

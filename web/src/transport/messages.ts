@@ -11,18 +11,19 @@ import type { Session } from "./webtransport.ts";
 
 export type ToWorker =
   | { kind: "open"; session: Session | null; name: string; file: string; bytes: Uint8Array<ArrayBuffer> | null }
-  | { kind: "conceal"; choice: LossSimulation; requestId: number }
+  | { kind: "conceal"; simulation: LossSimulation; requestId: number }
   /** `budget` is the maximum number of drawn Gaussians of a scene with levels. */
   | { kind: "view"; camera: Camera; budget: number; requestId: number }
   /** Requests a frame of a clip. Answered by `frame`. */
-  | { kind: "frame"; number: number; choice: LossSimulation }
+  | { kind: "frame"; number: number; simulation: LossSimulation }
   | { kind: "digest" }
   /** Requests updates of the scene at the location of its file, once it is complete; ends that if `file` is empty. */
   | { kind: "follow"; file: string };
 
 /** Properties of a stream. */
 export interface StreamInfo {
-  readonly gaussians: number;
+  /** Number of elements: Gaussians, or anchors. Those of the coarsest tiles in a scene with levels. */
+  readonly numElements: number;
   readonly packets: number;
   readonly degree: number;
   /** True if the Gaussians depend on the camera, which the page must then report. */
@@ -81,7 +82,7 @@ export type FromWorker =
       antialiased: boolean;
       concealed: number;
       shownPackets: number;
-      drawMs: number;
+      frameMs: number;
     }
   /** Playable frames of a live clip. `late` is the number of packets that arrived after their group was shown. */
   | { kind: "playable"; begin: number; end: number; late: number }

@@ -91,7 +91,7 @@ export async function receiveTiles(
       else if (busy.size) await Promise.race(busy);
       else {
         progress.add(0);
-        await view.moved(isGivenUp);
+        await view.nextView(isGivenUp);
       }
     }
   } finally {

@@ -35,7 +35,7 @@ import {
   writeFeedback,
   writeHave,
   writeRequest,
-  writeView,
+  writeViewUpdate,
 } from "./wire_messages.ts";
 
 const IMPOSSIBLE = "the server announces something impossible";
@@ -61,8 +61,8 @@ export interface StoredStream {
   /** Init segment without bundled packets. */
   readonly initSegment: Uint8Array;
   /**
-   * Returns one bit per stored packet in an order (`Welcome.order`), the lowest bit of a byte first; null for unknown
-   * orders.
+   * Returns one bit per stored packet in an order (`Welcome.orderDigest`), the lowest bit of a byte first; null for
+   * unknown orders.
    */
   bitsOf(orderDigest: string): Uint8Array | null;
 }
@@ -102,7 +102,7 @@ export class Transfer {
   /**
    * True once a view was sent. The server then sends its tiles, and lost datagrams are requested by sequence number.
    */
-  viewing = false;
+  hasSentView = false;
   /** Missing sequence numbers, and the number of requests for each. */
   readonly #gaps = new Map<number, number>();
   #numViewUpdates = 0;
@@ -153,18 +153,13 @@ export class Transfer {
    */
   get progress(): number {
     if (this.#numWelcomesSinceHead > 1) return 0;
-    const mayIdle = this.head && (this.viewing || this.welcome!.isLive);
+    const mayIdle = this.head && (this.hasSentView || this.welcome!.isLive);
     return this.counts.packets - (this.#initSegment?.missing ?? 0.5) + (mayIdle ? this.#largestSequence : 0);
   }
 
   /** Stream's file up to its first packet. Valid once the head arrived. */
   get fileHead(): Uint8Array {
     return this.#initSegment!.file(this.head!);
-  }
-
-  /** SHA-256 of the init segment, hexadecimal. */
-  get headDigest(): string {
-    return this.head && this.#initSegment ? this.#initSegment.digest : "";
   }
 
   receive(bytes: Uint8Array, now: number): void {
@@ -181,11 +176,11 @@ export class Transfer {
       return void this.#earlyDatagrams.push(bytes);
     if (!this.welcome || !isValid || dataView(bytes).getUint32(1, true) !== this.welcome.session)
       return void this.counts.rejected++;
-    if (kind === INIT_SYMBOL) return this.#onSideInfo(bytes, now);
+    if (kind === INIT_SYMBOL) return this.#onInitSymbol(bytes, now);
     const sequence = dataView(bytes).getUint32(5, true);
     if (sequence > this.#largestSequence + MAX_SEQUENCE_JUMP) return void this.counts.rejected++;
     this.counts.datagrams++;
-    if (this.welcome.viewable) this.#recordGaps(sequence);
+    if (this.welcome.viewDependent) this.#recordGaps(sequence);
     if (sequence > this.#largestSequence) [this.#largestSequence, this.#largestAt] = [sequence, now];
     if (kind === END) {
       this.ended = true;
@@ -195,7 +190,7 @@ export class Transfer {
       }
     } else {
       this.#fruitlessEnds = 0;
-      if (this.viewing) this.ended = false;
+      if (this.hasSentView) this.ended = false;
       const packetIndex = dataView(bytes).getUint32(9, true);
       this.#acceptPacket(packetIndex, bytes.slice(13), true);
       if (this.#packetStates[packetIndex]) this.#highestReceived = Math.max(this.#highestReceived, packetIndex);
@@ -204,9 +199,9 @@ export class Transfer {
   }
 
   /** Builds a view update. */
-  view(camera: ViewCamera, budget: number): Uint8Array {
-    this.viewing = true;
-    return writeView(this.welcome!.session, ++this.#numViewUpdates, camera, budget);
+  viewUpdate(camera: ViewCamera, budget: number): Uint8Array {
+    this.hasSentView = true;
+    return writeViewUpdate(this.welcome!.session, ++this.#numViewUpdates, camera, budget);
   }
 
   /** Records the missing sequence numbers before a datagram. */
@@ -224,48 +219,48 @@ export class Transfer {
    * be lost.
    */
   #sequencesToRequest(now: number): number[] {
-    const before = this.ended ? this.#largestSequence : this.#largestSequence - REORDER_THRESHOLD,
-      lost: number[] = [];
-    for (const [number, times] of this.#gaps) {
-      if (number > before || lost.length === MAX_NACKS) break;
-      if (now - (this.#sequenceNackedAt.get(number) ?? -1e9) < NACK_INTERVAL_MS) continue;
-      if (times === MAX_NACK_ATTEMPTS) {
-        this.#gaps.delete(number);
-        this.#sequenceNackedAt.delete(number);
+    const last = this.ended ? this.#largestSequence : this.#largestSequence - REORDER_THRESHOLD,
+      nacks: number[] = [];
+    for (const [sequence, attempts] of this.#gaps) {
+      if (sequence > last || nacks.length === MAX_NACKS) break;
+      if (now - (this.#sequenceNackedAt.get(sequence) ?? -1e9) < NACK_INTERVAL_MS) continue;
+      if (attempts === MAX_NACK_ATTEMPTS) {
+        this.#gaps.delete(sequence);
+        this.#sequenceNackedAt.delete(sequence);
         continue;
       }
-      this.#gaps.set(number, times + 1);
-      this.#sequenceNackedAt.set(number, now);
-      lost.push(number);
+      this.#gaps.set(sequence, attempts + 1);
+      this.#sequenceNackedAt.set(sequence, now);
+      nacks.push(sequence);
     }
-    return lost;
+    return nacks;
   }
 
   /** Returns the indices of overdue packets. */
   #packetsToRequest(now: number): number[] {
     const { packets, bundled } = this.welcome!,
-      lost: number[] = [];
+      nacks: number[] = [];
     const stop = this.ended ? packets : this.#highestReceived + 1 - REORDER_THRESHOLD;
     while (this.#lowestMissing < packets && this.#packetStates[this.#lowestMissing]) this.#lowestMissing++;
     for (
       let packetIndex = this.head ? this.#lowestMissing : Math.max(bundled, this.#lowestMissing);
-      packetIndex < stop && lost.length < MAX_NACKS;
+      packetIndex < stop && nacks.length < MAX_NACKS;
       packetIndex++
     ) {
       if (this.#packetStates[packetIndex] || now - (this.#packetNackedAt.get(packetIndex) ?? -1e9) < NACK_INTERVAL_MS)
         continue;
-      const tries = this.#nackCounts.get(packetIndex) ?? 0;
-      if (this.#beganLive && tries === MAX_NACK_ATTEMPTS) {
+      const attempts = this.#nackCounts.get(packetIndex) ?? 0;
+      if (this.#beganLive && attempts === MAX_NACK_ATTEMPTS) {
         this.#packetStates[packetIndex] = 2; // a late motion packet is useless
         this.#nackCounts.delete(packetIndex);
         this.#packetNackedAt.delete(packetIndex);
         continue;
       }
-      this.#nackCounts.set(packetIndex, tries + 1);
+      this.#nackCounts.set(packetIndex, attempts + 1);
       this.#packetNackedAt.set(packetIndex, now);
-      lost.push(packetIndex);
+      nacks.push(packetIndex);
     }
-    return lost;
+    return nacks;
   }
 
   feedback(now: number): Uint8Array {
@@ -275,8 +270,8 @@ export class Transfer {
       received: Math.min(this.counts.datagrams, this.#largestSequence + 1),
       clock: Math.round(this.#largestAt * 1000),
       symbolsMissing: this.head ? 0 : (this.#initSegment?.missing ?? 0),
-      lost: this.viewing ? [] : this.#packetsToRequest(now),
-      lostSequences: this.viewing ? this.#sequencesToRequest(now) : [],
+      nacks: this.hasSentView ? [] : this.#packetsToRequest(now),
+      lostSequences: this.hasSentView ? this.#sequencesToRequest(now) : [],
     });
   }
 
@@ -301,7 +296,7 @@ export class Transfer {
    */
   #resume(before: StoredStream, welcome: Welcome): void {
     if (welcome.streamId !== before.head.manifest.streamId || welcome.isLive) return void (this.isSameStream = false);
-    const bits = before.bitsOf(welcome.order);
+    const bits = before.bitsOf(welcome.orderDigest);
     if (!bits && (welcome.bundled || sha256(before.initSegment) !== hex(welcome.digest))) return;
     this.isSameStream = true;
     this.head = before.head;
@@ -355,7 +350,7 @@ export class Transfer {
     for (const { index, bytes } of this.#waitingPackets.splice(0)) this.#acceptPacket(index, bytes);
   }
 
-  #onSideInfo(bytes: Uint8Array, now: number): void {
+  #onInitSymbol(bytes: Uint8Array, now: number): void {
     if (this.head) return; // the head is complete
     if (!this.#initSegment!.add(bytes)) return void this.counts.rejected++;
     if (this.#initSegment!.missing) return;
@@ -376,7 +371,7 @@ export class Transfer {
   /** Accepts a packet. In a growing stream it may arrive before the message that announces it (`mayBeEarly`). */
   #acceptPacket(packetIndex: number, bytes: Uint8Array, mayBeEarly = false): void {
     if (!this.head && this.newPackets.length >= MAX_PACKETS_BEFORE_HEAD) return void this.counts.rejected++;
-    const { packets, packetBytes, streamId, isLive, order: orderDigest } = this.welcome!,
+    const { packets, packetBytes, streamId, isLive, orderDigest } = this.welcome!,
       packet = readPacket(bytes, streamId);
     if (packetIndex >= packets || bytes.length > packetBytes || !packet) {
       if (isLive && mayBeEarly && this.#waitingPackets.length < MAX_WAITING_PACKETS)
@@ -423,6 +418,6 @@ export class Transfer {
   #checkFinished(): void {
     if (!this.head || this.welcome!.isLive) return;
     if (this.counts.packets === this.welcome!.packets) this.finished = "complete";
-    else if (!this.viewing && this.#fruitlessEnds >= MAX_FRUITLESS_ENDS) this.finished = "sent";
+    else if (!this.hasSentView && this.#fruitlessEnds >= MAX_FRUITLESS_ENDS) this.finished = "sent";
   }
 }

@@ -56,14 +56,14 @@ export interface Session {
 }
 
 /** Options of opening a session. */
-export interface Opening {
+export interface SessionOptions {
   /** True if an earlier session of this visit failed. It is then opened with one handshake. */
   readonly isRetry: boolean;
   /** True if the stream has no file, so that there is nothing else to try. */
   readonly isOnlySource: boolean;
 }
 
-const FIRST_OPENING: Opening = { isRetry: false, isOnlySource: false };
+const FIRST_SESSION: SessionOptions = { isRetry: false, isOnlySource: false };
 
 /** Error for a browser or page that cannot open sessions. */
 export class NoWebTransport extends Error {}
@@ -91,10 +91,10 @@ export async function receiveDatagrams(
   name: string,
   listener: Listener,
   before: StoredStream | null = null,
-  opening = FIRST_OPENING,
+  options = FIRST_SESSION,
 ): Promise<string> {
   if (typeof WebTransport === "undefined") throw new NoWebTransport("this browser or page has no WebTransport");
-  const transport = await openSession(session, opening),
+  const transport = await openSession(session, options),
     transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now(), before);
   const end = (error: unknown): void =>
     void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
@@ -104,14 +104,14 @@ export async function receiveDatagrams(
     transport.close();
     throw error;
   });
-  const onStream = stream.writable.getWriter(),
-    datagrams = transport.datagrams.writable.getWriter(),
+  const streamWriter = stream.writable.getWriter(),
+    datagramWriter = transport.datagrams.writable.getWriter(),
     request = transfer.request();
   const send = (messages: readonly Uint8Array[]): void => {
     for (const one of messages) {
       // also as a datagram, because the stream waits longer if its first packet is lost
-      datagrams.write(one).catch(() => undefined);
-      onStream.write(Uint8Array.of(one.length & 255, one.length >> 8, ...one)).catch(() => undefined);
+      datagramWriter.write(one).catch(() => undefined);
+      streamWriter.write(Uint8Array.of(one.length & 255, one.length >> 8, ...one)).catch(() => undefined);
     }
   };
   send([request]);
@@ -139,13 +139,13 @@ export async function receiveDatagrams(
       else if (now - progressAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server sends nothing new";
       else
         for (const bytes of transfer.welcome ? viewReporter.messages(now) : now < transfer.waitUntil ? [] : [request])
-          datagrams.write(bytes).catch(() => undefined);
+          datagramWriter.write(bytes).catch(() => undefined);
       if (!viewReporter.isComplete) progress.report();
       viewReporter.update(now);
     }
     progress.report();
     if (transfer.welcome) {
-      const byes = Array.from({ length: NUM_BYES }, () => datagrams.write(transfer.bye()).catch(() => undefined));
+      const byes = Array.from({ length: NUM_BYES }, () => datagramWriter.write(transfer.bye()).catch(() => undefined));
       await Promise.race([Promise.all(byes), delay(BYE_TIMEOUT_MS)]);
     }
   } finally {
@@ -176,7 +176,7 @@ class ViewReporter {
   }
 
   update(now: number): void {
-    const isComplete = this.transfer.ended && this.transfer.viewing;
+    const isComplete = this.transfer.ended && this.transfer.hasSentView;
     // A view change that needs no further tiles is reported, too, because no packet follows.
     if (isComplete && (!this.isComplete || this.#completeCamera !== this.#sentCamera)) this.listener.viewComplete?.();
     if (isComplete) this.#completeCamera = this.#sentCamera;
@@ -185,21 +185,21 @@ class ViewReporter {
 
   messages(now: number): Uint8Array[] {
     const { transfer } = this,
-      hasView = transfer.welcome!.viewable && this.listener.camera !== undefined,
+      hasView = transfer.welcome!.viewDependent && this.listener.camera !== undefined,
       camera = hasView ? (this.listener.camera ?? NO_VIEW) : null,
-      datagrams: Uint8Array[] = [];
+      messages: Uint8Array[] = [];
     if (camera !== this.#sentCamera) this.#numSent = 0;
     if (camera && now - this.#sentAt >= (this.#numSent < IMMEDIATE_UPDATES ? VIEW_INTERVAL_MS : VIEW_REPEAT_MS)) {
-      datagrams.push(transfer.view(camera, camera === NO_VIEW ? 1 : BUDGET));
+      messages.push(transfer.viewUpdate(camera, camera === NO_VIEW ? 1 : BUDGET));
       this.#sentAt = now;
       this.#numSent++;
       this.#sentCamera = camera;
     }
     if (now - this.#reportedAt >= (now - this.#completeAt > IDLE_MS ? IDLE_MS / 2 : 0)) {
-      datagrams.push(transfer.feedback(now));
+      messages.push(transfer.feedback(now));
       this.#reportedAt = now;
     }
-    return datagrams;
+    return messages;
   }
 }
 
@@ -256,9 +256,9 @@ async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8
  * Opens a session with staggered parallel handshakes. A lost first datagram can make the server refuse a handshake, and
  * a lost later one delays it.
  */
-async function openSession({ url, fingerprint }: Session, { isRetry, isOnlySource }: Opening): Promise<WebTransport> {
+async function openSession({ url, fingerprint }: Session, { isRetry, isOnlySource }: SessionOptions): Promise<WebTransport> {
   const options: WebTransportOptions = { requireUnreliable: true, congestionControl: "low-latency" },
-    begun: WebTransport[] = [],
+    transports: WebTransport[] = [],
     failures: unknown[] = [];
   if (fingerprint) {
     const value = Uint8Array.from(fingerprint.match(/../g) ?? [], (digits) => parseInt(digits, 16));
@@ -270,7 +270,7 @@ async function openSession({ url, fingerprint }: Session, { isRetry, isOnlySourc
     if (found) return found;
     if (failures.length >= MAX_FAILED_HANDSHAKES) throw failures[0];
     const transport = new WebTransport(url, options);
-    begun.push(transport);
+    transports.push(transport);
     transport.closed.catch(() => undefined);
     await transport.ready.catch((error: unknown) => {
       failures.push(error);
@@ -286,7 +286,7 @@ async function openSession({ url, fingerprint }: Session, { isRetry, isOnlySourc
   } catch (error) {
     throw error instanceof AggregateError ? error.errors[0] : error;
   } finally {
-    for (const transport of begun) if (transport !== found) transport.close();
+    for (const transport of transports) if (transport !== found) transport.close();
   }
 }
 

@@ -12,9 +12,9 @@ export const BYE = 9;
 export const REFUSE = 10;
 export const END = 11;
 export const HAVE = 12;
-export const VIEW = 13;
+export const VIEW_UPDATE = 13;
 export const LIVE = 1;
-export const VIEWABLE = 2;
+export const VIEW_DEPENDENT = 2;
 export const MAX_DATAGRAM = 1200;
 export const REFUSALS = [
   "",

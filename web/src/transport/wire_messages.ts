@@ -19,22 +19,22 @@ import {
   MAX_PREVIEW,
   REQUEST,
   VERSION,
-  VIEW,
-  VIEWABLE,
+  VIEW_UPDATE,
+  VIEW_DEPENDENT,
 } from "./wire.ts";
 
-/** Bytes of `Welcome.order`. */
+/** Bytes of `Welcome.orderDigest`. */
 const ORDER_BYTES = 16;
 
 export const dataView = (bytes: Uint8Array): DataView => new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
 
 /** Builds a message: byte 0, the fields that `fill` writes, and a CRC-32 of both. */
-function message(kind: number, size: number, fill: (numbers: DataView, bytes: Uint8Array) => void): Uint8Array {
+function message(kind: number, size: number, fill: (view: DataView, bytes: Uint8Array) => void): Uint8Array {
   const bytes = new Uint8Array(1 + size + 4),
-    numbers = dataView(bytes);
+    view = dataView(bytes);
   bytes[0] = (VERSION << 4) | kind;
-  fill(numbers, bytes);
-  numbers.setUint32(1 + size, crc32(bytes.subarray(0, 1 + size)), true);
+  fill(view, bytes);
+  view.setUint32(1 + size, crc32(bytes.subarray(0, 1 + size)), true);
   return bytes;
 }
 
@@ -59,48 +59,48 @@ export interface Welcome {
   readonly packetBytes: number;
   /** Number of packets bundled with the init segment. */
   readonly bundled: number;
-  /** True if the server sends the tiles of a view first. */
-  readonly viewable: boolean;
+  /** True if the order of the packets depends on the client's view: its tiles come first. */
+  readonly viewDependent: boolean;
   /** True if the stream grows and further periods follow. */
   readonly isLive: boolean;
   readonly preview: Uint8Array;
   /** Digest of everything that determines the packets' positions: the init segment and the layout, hexadecimal. */
-  readonly order: string;
+  readonly orderDigest: string;
 }
 
 /** Reads a welcome message. Returns null if it is implausible or answers another request. */
 export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
   if (bytes.length < 77) return null;
-  const numbers = dataView(bytes),
+  const view = dataView(bytes),
     flags = bytes[69],
     ranges = bytes[70],
     previewOffset = 71 + 8 * ranges;
   if (
-    flags > (LIVE | VIEWABLE) ||
+    flags > (LIVE | VIEW_DEPENDENT) ||
     !(ranges >= 1 && ranges <= MAX_PARITY_RANGES) ||
     previewOffset + 2 > bytes.length - 4
   )
     return null;
-  const size = numbers.getUint16(previewOffset, true),
-    initSegmentBytes = Number(numbers.getBigUint64(17, true));
+  const size = view.getUint16(previewOffset, true),
+    initSegmentBytes = Number(view.getBigUint64(17, true));
   if (size > MAX_PREVIEW || size + 8 * ranges > MAX_DECLARED || previewOffset + 2 + size !== bytes.length - 4)
     return null;
   const welcome = {
-    session: numbers.getUint32(9, true),
-    streamId: numbers.getUint32(13, true),
+    session: view.getUint32(9, true),
+    streamId: view.getUint32(13, true),
     initSegmentBytes,
     digest: bytes.slice(25, 57),
-    symbolBytes: numbers.getUint16(57, true),
-    packets: numbers.getUint32(59, true),
-    packetBytes: numbers.getUint16(63, true),
-    bundled: numbers.getUint32(65, true),
-    viewable: (flags & VIEWABLE) > 0,
+    symbolBytes: view.getUint16(57, true),
+    packets: view.getUint32(59, true),
+    packetBytes: view.getUint16(63, true),
+    bundled: view.getUint32(65, true),
+    viewDependent: (flags & VIEW_DEPENDENT) > 0,
     isLive: (flags & LIVE) > 0,
     preview: bytes.slice(previewOffset + 2, previewOffset + 2 + size),
-    order: sha256(bytes.subarray(13, previewOffset)).slice(0, 2 * ORDER_BYTES),
+    orderDigest: sha256(bytes.subarray(13, previewOffset)).slice(0, 2 * ORDER_BYTES),
   };
   const isValid =
-    numbers.getBigUint64(1, true) === nonce &&
+    view.getBigUint64(1, true) === nonce &&
     initSegmentBytes > 0 &&
     initSegmentBytes <= MAX_INIT_SEGMENT_BYTES &&
     welcome.symbolBytes > 0 &&
@@ -111,8 +111,8 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
 
 export function writeRequest(nonce: bigint, name: string): Uint8Array {
   const text = new TextEncoder().encode(name);
-  return message(REQUEST, 25 + text.length, (numbers, bytes) => {
-    numbers.setBigUint64(1, nonce, true);
+  return message(REQUEST, 25 + text.length, (view, bytes) => {
+    view.setBigUint64(1, nonce, true);
     bytes[25] = text.length;
     bytes.set(text, 26);
   });
@@ -126,21 +126,21 @@ export interface Report {
   readonly clock: number;
   readonly symbolsMissing: number;
   /** Indices of missing packets to send again. */
-  readonly lost: readonly number[];
-  /** Sequence numbers of lost datagrams; their packets are to be sent again. */
+  readonly nacks: readonly number[];
+  /** Sequence view of lost datagrams; their packets are to be sent again. */
   readonly lostSequences: readonly number[];
 }
 
 export function writeFeedback(report: Report): Uint8Array {
-  const { session, largest, received, clock, symbolsMissing, lost, lostSequences } = report,
-    nacks = [...lost, ...lostSequences];
-  return message(FEEDBACK, 24 + 4 * nacks.length, (numbers) => {
+  const { session, largest, received, clock, symbolsMissing, nacks, lostSequences } = report,
+    requested = [...nacks, ...lostSequences];
+  return message(FEEDBACK, 24 + 4 * requested.length, (view) => {
     [session, largest, received, clock % 2 ** 32, symbolsMissing].forEach((value, n) =>
-      numbers.setUint32(1 + 4 * n, value, true),
+      view.setUint32(1 + 4 * n, value, true),
     );
-    numbers.setUint16(21, lost.length, true);
-    numbers.setUint16(23, lostSequences.length, true);
-    nacks.forEach((number, n) => numbers.setUint32(25 + 4 * n, number, true));
+    view.setUint16(21, nacks.length, true);
+    view.setUint16(23, lostSequences.length, true);
+    requested.forEach((number, n) => view.setUint32(25 + 4 * n, number, true));
   });
 }
 
@@ -149,29 +149,29 @@ export function writeHave(nonce: bigint, streamId: number, received: Uint8Array)
   return Array.from({ length: Math.ceil(received.length / MAX_HELD_BYTES) || 1 }, (_, n) => {
     const first = MAX_HELD_BYTES * n,
       part = received.subarray(first, first + MAX_HELD_BYTES);
-    return message(HAVE, 17 + part.length, (numbers, bytes) => {
-      numbers.setBigUint64(1, nonce, true);
-      numbers.setUint32(9, streamId, true);
+    return message(HAVE, 17 + part.length, (view, bytes) => {
+      view.setBigUint64(1, nonce, true);
+      view.setUint32(9, streamId, true);
       bytes[13] = 1;
-      numbers.setUint32(14, 8 * first, true);
+      view.setUint32(14, 8 * first, true);
       bytes.set(part, 18);
     });
   });
 }
 
 /** Builds a view update. `number` counts the updates. */
-export function writeView(session: number, number: number, camera: ViewCamera, budget: number): Uint8Array {
-  return message(VIEW, 68, (numbers) => {
+export function writeViewUpdate(session: number, number: number, camera: ViewCamera, budget: number): Uint8Array {
+  return message(VIEW_UPDATE, 68, (view) => {
     const { viewmat, focal, width, height } = camera;
-    [session, number, budget].forEach((value, n) => numbers.setUint32(1 + 4 * n, value, true));
-    [width, height].forEach((value, n) => numbers.setUint16(13 + 2 * n, Math.min(Math.round(value), 65535), true));
+    [session, number, budget].forEach((value, n) => view.setUint32(1 + 4 * n, value, true));
+    [width, height].forEach((value, n) => view.setUint16(13 + 2 * n, Math.min(Math.round(value), 65535), true));
     const rows = viewmat.slice(0, 3).flat();
-    [focal, ...rows].forEach((value, n) => numbers.setFloat32(17 + 4 * n, value, true));
+    [focal, ...rows].forEach((value, n) => view.setFloat32(17 + 4 * n, value, true));
   });
 }
 
 export function writeBye(session: number): Uint8Array {
-  return message(BYE, 4, (numbers) => numbers.setUint32(1, session, true));
+  return message(BYE, 4, (view) => view.setUint32(1, session, true));
 }
 
 /** Splits a reliable stream into messages, each preceded by its size as u16. */

@@ -192,7 +192,7 @@ class PacketCollector:
         self.num_repaired = 0
         self.highest = -1
 
-    def update(self, welcome: Welcome) -> None:
+    def extend(self, welcome: Welcome) -> None:
         """Prepares for more packets after a live stream has grown; received packets are kept.
 
         Args:

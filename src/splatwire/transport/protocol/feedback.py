@@ -7,7 +7,7 @@ from splatwire.transport.protocol.messages import Feedback
 
 MIN_LARGE_BYTES = 600
 """Minimum size of a large datagram, bytes."""
-MAX_LOGGED_DATAGRAMS = 8192
+MAX_STORED_SEND_TIMES = 8192
 """Number of sending times that are stored, those of the latest datagrams."""
 
 
@@ -34,6 +34,20 @@ class FeedbackSample(NamedTuple):
     seconds: float
 
 
+class ReportedCounts(NamedTuple):
+    """Counts of datagrams up to the latest one that the receiver has reported.
+
+    Attributes:
+        num_sent: Number of datagrams sent.
+        num_received: Number of these datagrams that were received.
+        num_large: Number of these datagrams with at least `MIN_LARGE_BYTES` bytes.
+    """
+
+    num_sent: int
+    num_received: int
+    num_large: int
+
+
 class FeedbackTracker:
     """Stores when datagrams were sent, and evaluates the receiver's reports.
 
@@ -44,7 +58,7 @@ class FeedbackTracker:
     def __init__(self) -> None:
         self.sequence = 0
         self._num_bytes = self._clock = 0
-        self._times: deque[tuple[int, float, int]] = deque(maxlen=MAX_LOGGED_DATAGRAMS)
+        self._times: deque[tuple[int, float, int]] = deque(maxlen=MAX_STORED_SEND_TIMES)
         self._last: Feedback | None = None
         self._num_large = self._num_large_reported = 0
 
@@ -54,14 +68,11 @@ class FeedbackTracker:
         return self.sequence - 1 > (self._last.largest if self._last else -1)
 
     @property
-    def reported(self) -> tuple[int, int, int]:
-        """Counts of datagrams up to the latest datagram that the receiver has reported.
-
-        Three numbers: sent datagrams, received datagrams, and sent datagrams of at least `MIN_LARGE_BYTES` bytes.
-        """
-        return (
-            (0, 0, 0) if self._last is None else (self._last.largest + 1, self._last.received, self._num_large_reported)
-        )
+    def reported_counts(self) -> ReportedCounts:
+        """Counts of datagrams up to the latest one that the receiver has reported; all 0 before the first report."""
+        if self._last is None:
+            return ReportedCounts(0, 0, 0)
+        return ReportedCounts(self._last.largest + 1, self._last.received, self._num_large_reported)
 
     def on_sent(self, num_bytes: int, now: float) -> None:
         """Records the time (seconds) and the size of a datagram that is being sent."""

@@ -14,8 +14,8 @@ from splatwire.errors import BitstreamError
 from splatwire.transport.fec import MAX_SYMBOLS, num_symbols
 from splatwire.transport.protocol.messages import ParityRange
 
-_HEAD = struct.Struct("<I")
-_CARRIED = struct.Struct("<H")
+_MANIFEST_SIZE = struct.Struct("<I")
+_PACKET_SIZE = struct.Struct("<H")
 
 
 def init_segment(manifest: Manifest, side_info: bytes, packets: Sequence[bytes] = ()) -> bytes:
@@ -29,8 +29,8 @@ def init_segment(manifest: Manifest, side_info: bytes, packets: Sequence[bytes] 
         packets: Packets to bundle, the first in sending order.
     """
     data = manifest_to_bytes(manifest)
-    bundled = b"".join(_CARRIED.pack(len(packet)) + packet for packet in packets)
-    return _HEAD.pack(len(data)) + data + side_info + bundled
+    bundled = b"".join(_PACKET_SIZE.pack(len(packet)) + packet for packet in packets)
+    return _MANIFEST_SIZE.pack(len(data)) + data + side_info + bundled
 
 
 def bundled_bytes(packet_bytes: int, count: int) -> int:
@@ -40,7 +40,7 @@ def bundled_bytes(packet_bytes: int, count: int) -> int:
         packet_bytes: Total size of the bundled packets in bytes.
         count: Number of bundled packets.
     """
-    return packet_bytes + count * _CARRIED.size
+    return packet_bytes + count * _PACKET_SIZE.size
 
 
 def split_init_segment(data: bytes) -> tuple[Manifest, bytes, tuple[bytes, ...]]:
@@ -49,21 +49,22 @@ def split_init_segment(data: bytes) -> tuple[Manifest, bytes, tuple[bytes, ...]]
     Raises:
         BitstreamError: If the data are not an init segment.
     """
-    if len(data) < _HEAD.size:
+    if len(data) < _MANIFEST_SIZE.size:
         raise BitstreamError("the init segment is cut")
-    (size,) = _HEAD.unpack_from(data)
-    if size > MAX_MANIFEST_BYTES or _HEAD.size + size > len(data):
+    (size,) = _MANIFEST_SIZE.unpack_from(data)
+    if size > MAX_MANIFEST_BYTES or _MANIFEST_SIZE.size + size > len(data):
         raise BitstreamError(f"the init segment's manifest cannot have {size} bytes")
-    manifest = manifest_from_bytes(data[_HEAD.size : _HEAD.size + size])
-    end = _HEAD.size + size + manifest.side_info_bytes
-    return manifest, data[_HEAD.size + size : end], _carried(data[end:])
+    manifest = manifest_from_bytes(data[_MANIFEST_SIZE.size : _MANIFEST_SIZE.size + size])
+    end = _MANIFEST_SIZE.size + size + manifest.side_info_bytes
+    return manifest, data[_MANIFEST_SIZE.size + size : end], _bundled_packets(data[end:])
 
 
-def _carried(data: bytes) -> tuple[bytes, ...]:
+def _bundled_packets(data: bytes) -> tuple[bytes, ...]:
+    """Splits the end of an init segment into the bundled packets, each of which its size (u16) precedes."""
     packets, offset = [], 0
     while offset < len(data):
-        size = _CARRIED.unpack_from(data, offset)[0] if offset + _CARRIED.size <= len(data) else len(data)
-        offset += _CARRIED.size + size
+        size = _PACKET_SIZE.unpack_from(data, offset)[0] if offset + _PACKET_SIZE.size <= len(data) else len(data)
+        offset += _PACKET_SIZE.size + size
         if offset > len(data):
             raise BitstreamError("the init segment ends within a packet")
         packets.append(data[offset - size : offset])
@@ -109,8 +110,8 @@ class SourceBlocks(NamedTuple):
             source_block: Index of the source block, from 0.
         """
         first = self.num_symbols * source_block // self.num_blocks
-        last = first + self.size(source_block)
-        return slice(first * self.symbol_bytes, min(last * self.symbol_bytes, self.num_bytes))
+        end = first + self.size(source_block)
+        return slice(first * self.symbol_bytes, min(end * self.symbol_bytes, self.num_bytes))
 
 
 class ParityGroup(NamedTuple):

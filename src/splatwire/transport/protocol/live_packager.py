@@ -11,7 +11,7 @@ from splatwire.transport.protocol.layout import init_segment
 from splatwire.transport.protocol.messages import ParityRange
 from splatwire.transport.protocol.motion_parity import GroupPackets, ProtectedOrder, order_and_protect
 from splatwire.transport.protocol.protection import Protection
-from splatwire.transport.protocol.send_schedule import build_send_schedule
+from splatwire.transport.protocol.send_schedule import ScheduledDatagram, build_send_schedule
 from splatwire.transport.protocol.served_stream import (
     MAX_PACKET_BYTES,
     ServedStream,
@@ -38,11 +38,11 @@ class LiveSnapshot(ServedStream):
 
     Attributes:
         persistent: One byte per packet: 1 if later groups of pictures also need the packet, else 0.
-        newest: Index in sending order of the first packet of the newest group of pictures.
+        newest_start: Index in sending order of the first packet of the newest group of pictures.
     """
 
     persistent: bytes = b""
-    newest: int = 0
+    newest_start: int = 0
 
     def may_retransmit(self, index: int) -> bool:
         """Returns True if a packet may be retransmitted.
@@ -52,7 +52,7 @@ class LiveSnapshot(ServedStream):
         Args:
             index: Index of the packet in sending order.
         """
-        return index < len(self.packets) and (index >= self.newest or bool(self.persistent[index]))
+        return index < len(self.packets) and (index >= self.newest_start or bool(self.persistent[index]))
 
 
 class LivePackager:
@@ -68,10 +68,10 @@ class LivePackager:
         self._protection, self._importance = protection, importance
         self._packets: list[bytes] = []
         self._persistent = bytearray()
-        self._first_of_group = self._num_groups = self._num_parity_groups = 0
+        self._newest_start = self._num_groups = self._num_parity_groups = 0
         self._parity_ranges: tuple[ParityRange, ...] = ()
         self._parity: tuple[tuple[bytes, ...], ...] = ()
-        self._group_schedule: tuple[tuple[int, int, int], ...] = ()
+        self._group_schedule: tuple[ScheduledDatagram, ...] = ()
 
     def add(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> LiveSnapshot:
         """Adds a group of pictures and returns the new state of the stream.
@@ -87,22 +87,22 @@ class LivePackager:
             BackendUnavailableError: If parity is requested and the package `raptorq` is not installed.
         """
         plan = manifest.plan
-        for index in range(self._first_of_group, len(self._packets)):
+        for index in range(self._newest_start, len(self._packets)):
             if not self._persistent[index]:
                 self._packets[index] = b""
-        self._first_of_group = len(self._packets)
+        self._newest_start = len(self._packets)
         ordered = sorted(packets, key=lambda packet: not plan.is_keyframe(packet.id.block))
         protected = self._order_and_protect(ordered, manifest)
-        for packet in (ordered[number] for number in protected.order):
-            named = make_packet(packet.id, packet.num_elements, packet.payload, manifest.stream_id)
-            if len(named.data) > MAX_PACKET_BYTES:
-                raise InvalidValueError(f"a packet of {len(named.data)} bytes fits no datagram")
-            self._packets.append(named.data)
+        for packet in (ordered[index] for index in protected.order):
+            data = make_packet(packet.id, packet.num_elements, packet.payload, manifest.stream_id).data
+            if len(data) > MAX_PACKET_BYTES:
+                raise InvalidValueError(f"a packet of {len(data)} bytes fits no datagram")
+            self._packets.append(data)
             self._persistent.append(plan.is_keyframe(packet.id.block))
         if len(self._packets) != manifest.num_packets:
             raise InvalidValueError(f"{len(self._packets)} packets, and the manifest says {manifest.num_packets}")
         self._protect(protected.parity_ranges)
-        return self._snapshot(manifest, side_info, more=True)
+        return self._snapshot(manifest, side_info, is_live=True)
 
     def end(self, manifest: Manifest, side_info: bytes) -> LiveSnapshot:
         """Returns the final state of the live stream, which marks the end for clients.
@@ -111,7 +111,7 @@ class LivePackager:
             manifest: Manifest of the whole stream.
             side_info: Side information of the whole stream.
         """
-        return self._snapshot(manifest, side_info, more=False)
+        return self._snapshot(manifest, side_info, is_live=False)
 
     def _order_and_protect(self, ordered: Sequence[Packet], manifest: Manifest) -> ProtectedOrder:
         plan, (share, repair) = manifest.plan, self._protection.motion_of(self._num_groups)
@@ -125,36 +125,35 @@ class LivePackager:
     def _protect(self, ranges: tuple[ParityRange, ...]) -> None:
         """Computes the repair symbols and the sending order of the newest group of pictures."""
         # The repair symbols of earlier groups of pictures are dropped.
-        num_earlier, newest = (
-            max(self._num_parity_groups, -(-self._first_of_group // MAX_SYMBOLS)),
-            self._packets[self._first_of_group :],
+        num_earlier_groups = max(self._num_parity_groups, -(-self._newest_start // MAX_SYMBOLS))
+        packets = self._packets[self._newest_start :]
+        earlier_ranges = (ParityRange(self._newest_start, num_earlier_groups, 0),) if self._newest_start else ()
+        num_earlier_groups = num_earlier_groups if earlier_ranges else 0
+        parity = parity_symbols(packets, ranges, symbol_bytes_for(MAX_PACKET_BYTES))
+        schedule = build_send_schedule(
+            [], ranges, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(packets)]
         )
-        earlier_ranges = (ParityRange(self._first_of_group, num_earlier, 0),) if self._first_of_group else ()
-        num_earlier = num_earlier if earlier_ranges else 0
-        parity = parity_symbols(newest, ranges, symbol_bytes_for(MAX_PACKET_BYTES))
-        items = build_send_schedule(
-            [], ranges, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(newest)]
-        )
-        firsts = {DATA: self._first_of_group, PARITY: 0}
-        self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_earlier, *parity)
+        first_indices = {DATA: self._newest_start, PARITY: 0}
+        self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_earlier_groups, *parity)
         self._group_schedule = tuple(
-            (kind, group + num_earlier * (kind == PARITY), n + firsts[kind]) for kind, group, n in items
+            (kind, group + num_earlier_groups * (kind == PARITY), index + first_indices[kind])
+            for kind, group, index in schedule
         )
-        self._num_parity_groups = num_earlier + len(parity)
+        self._num_parity_groups = num_earlier_groups + len(parity)
 
-    def _snapshot(self, manifest: Manifest, side_info: bytes, *, more: bool) -> LiveSnapshot:
+    def _snapshot(self, manifest: Manifest, side_info: bytes, *, is_live: bool) -> LiveSnapshot:
         data = init_segment(manifest, side_info)
         symbol_bytes = default_symbol_bytes(len(data))
-        init_symbols, scheduled = encode_init_segment(data, symbol_bytes, self._protection)
+        init_symbols, num_init_symbols = encode_init_segment(data, symbol_bytes, self._protection)
         init_items = [
             (INIT_SYMBOL, source_block, symbol)
-            for source_block, count in enumerate(scheduled)
+            for source_block, count in enumerate(num_init_symbols)
             for symbol in range(count)
         ]
-        keyframes = ((DATA, 0, n) for n in range(self._first_of_group) if self._persistent[n])
+        keyframes = ((DATA, 0, index) for index in range(self._newest_start) if self._persistent[index])
         return LiveSnapshot(
             manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols,
             tuple(self._packets), MAX_PACKET_BYTES, 0, self._parity_ranges or (ParityRange(0, 0, 0),), self._parity,
-            (*init_items, *keyframes, *self._group_schedule), is_live=more, persistent=bytes(self._persistent),
-            newest=self._first_of_group,
+            (*init_items, *keyframes, *self._group_schedule), is_live=is_live, persistent=bytes(self._persistent),
+            newest_start=self._newest_start,
         )  # fmt: skip

@@ -1,6 +1,6 @@
 """Messages of the wire protocol as named tuples (docs/wire.md).
 
-A datagram has one message. On the reliable stream of QUIC, the size of each message (u16) precedes it.
+Each datagram carries one message. On the reliable stream of QUIC, each message follows its size (u16).
 """
 
 from typing import NamedTuple
@@ -112,7 +112,7 @@ class Welcome(NamedTuple):
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         preview: Preview to show until the scene is decoded; empty without a preview.
         is_live: True for a live stream.
-        viewable: True if the server can send visible packets first.
+        view_dependent: True if the order of the packets depends on the client's viewpoint: visible packets come first.
     """
 
     nonce: int
@@ -127,7 +127,7 @@ class Welcome(NamedTuple):
     parity_ranges: tuple[ParityRange, ...]
     preview: bytes = b""
     is_live: bool = False
-    viewable: bool = False
+    view_dependent: bool = False
 
 
 class InitSymbol(NamedTuple):
@@ -229,12 +229,12 @@ class Have(NamedTuple):
     held: bytes
 
 
-class View(NamedTuple):
+class ViewUpdate(NamedTuple):
     """Viewpoint of the client, with which the server sends visible packets first.
 
     Attributes:
         session: Id of the transfer.
-        number: Number of the viewpoint, increasing.
+        number: Number of the update, increasing.
         budget: Maximum number of Gaussians that the client renders.
         width: Width of the rendered picture, pixels.
         height: Height of the rendered picture, pixels.
@@ -276,5 +276,6 @@ class End(NamedTuple):
 
 
 Message = (
-    Hello | Challenge | Request | Welcome | InitSymbol | Data | Parity | Feedback | Bye | Refuse | End | Have | View
-)
+    Hello | Challenge | Request | Welcome | InitSymbol | Data | Parity | Feedback | Bye | Refuse | End | Have
+    | ViewUpdate
+)  # fmt: skip

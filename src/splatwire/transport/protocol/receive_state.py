@@ -47,7 +47,7 @@ class ReceiveState:
         if discard or self._collector is None:
             self._collector, self._manifest, self._side_info = PacketCollector(welcome), None, b""
         else:
-            self._collector.update(welcome)
+            self._collector.extend(welcome)
         newer, self._waiting_packets = self._waiting_packets, []
         for message in newer:
             self._collector.add(message)
@@ -147,4 +147,4 @@ class ReceiveState:
 def _order_parameters(welcome: Welcome) -> tuple[object, ...]:
     """Returns the parameters of a stream that determine the sending order of its packets."""
     sizes = welcome.init_segment_bytes, welcome.symbol_bytes, welcome.num_packets, welcome.num_bundled
-    return *sizes, welcome.parity_ranges, welcome.is_live, welcome.viewable
+    return *sizes, welcome.parity_ranges, welcome.is_live, welcome.view_dependent

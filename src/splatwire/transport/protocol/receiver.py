@@ -40,7 +40,7 @@ from splatwire.transport.protocol.messages import (
     Message,
     Parity,
     Refuse,
-    View,
+    ViewUpdate,
     Welcome,
 )
 from splatwire.transport.protocol.nack import MAX_NACK_ATTEMPTS, NackTracker
@@ -147,7 +147,7 @@ class Receiver(ReceiveState):
         self._largest_sequence, self._num_received = -1, 0
         self._at_last_data = 0, 0
         self._num_quic_packets = 0
-        self._view: View | None = None
+        self._view_update: ViewUpdate | None = None
         self._viewpoint: tuple[Viewpoint, int] | None = None
         self._moved_at = -math.inf
         self._view_number, self._view_at = 0, -math.inf
@@ -228,7 +228,9 @@ class Receiver(ReceiveState):
         viewpoint = self._relative_to_origin(viewpoint)
         rows = tuple(viewpoint.viewmat[:3].ravel().tolist())
         self._view_number, self._view_repeats = self._view_number + 1, 0
-        self._view = View(0, self._view_number, budget, viewpoint.width, viewpoint.height, viewpoint.focal, rows)
+        self._view_update = ViewUpdate(
+            0, self._view_number, budget, viewpoint.width, viewpoint.height, viewpoint.focal, rows
+        )
         self._feedback_at = min(self._feedback_at, self._heard_at)
 
     def reconnect(self, now: float) -> list[Event]:
@@ -405,7 +407,7 @@ class Receiver(ReceiveState):
             self._num_received_before += self._at_last_data[1]
         self._largest_sequence, self._num_received, self._largest_arrived_at = -1, 0, now
         self._nack_tracker, self._gaps = NackTracker(), GapTracker()
-        self._view_repeats, self._fruitless_ends, self._steady_ends, self._num_notices = 0, 0, 0, 0
+        self._view_repeats, self._fruitless_ends, self._steady_ends, self._num_probes = 0, 0, 0, 0
         self._end_counted_at = -math.inf
         self._largest_datagram = 0
         self._before_ends, self._at_last_data = (0, 0), (0, 0)
@@ -437,7 +439,7 @@ class Receiver(ReceiveState):
     def _on_further_welcome(self, before: Welcome, message: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes new sizes of a live stream, or the start of the next stream, during a transfer."""
         if message == before._replace(preview=b"") and not before.is_live:  # the server's data do not arrive
-            self._heard_at, self._num_notices = now, self._num_notices + 1
+            self._heard_at, self._num_probes = now, self._num_probes + 1
             return [], []
         follows = message.stream_id not in (before.stream_id, self._stream_before)
         grows = message.stream_id == before.stream_id and message.num_packets >= before.num_packets
@@ -471,7 +473,7 @@ class Receiver(ReceiveState):
         if not (self._reliable and isinstance(message, InitSymbol)):
             self.num_datagrams += 1
             self._num_received += 1
-            if self._welcome.viewable:
+            if self._welcome.view_dependent:
                 self._gaps.on_received(message.sequence, self._largest_sequence)
             if message.sequence > self._largest_sequence:
                 self._largest_sequence, self._largest_arrived_at = message.sequence, now
@@ -490,11 +492,11 @@ class Receiver(ReceiveState):
             case End():
                 self._ended_at = now if self._ended_at is None else self._ended_at
                 self._count_end(now)
-        self._num_notices = 0
+        self._num_probes = 0
         if not isinstance(message, End):
             self._fruitless_ends = self._steady_ends = 0
             self._at_last_data = self._largest_sequence + 1, self._num_received
-            self._ended_at = None if self._viewing else self._ended_at
+            self._ended_at = None if self._uses_view_order else self._ended_at
         progress = self._collector.num_packets, self._init_segment.num_missing if self._init_segment else 0
         if progress != self._progress:
             self._progress, self._progress_at = progress, now
@@ -573,7 +575,7 @@ class Receiver(ReceiveState):
         if self._is_cut_off:
             return f"only small datagrams arrive: {SMALL_MTU}"
         ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.is_live
-        if self._viewing:
+        if self._uses_view_order:
             ended = ended and now - self._moved_at > VIEW_CORRECTION_S  # it may be the `End` of the previous view
             seen = ended and self._manifest is not None and not (self._gaps and self.options.nack)
             return "seen" if seen and not self.options.keep_open else None
@@ -605,15 +607,16 @@ class Receiver(ReceiveState):
         """True if only small datagrams have arrived, probably because the path drops large ones (MTU)."""
         assert self._welcome is not None
         assert self._collector is not None
-        if self._num_notices >= MAX_FRUITLESS_ENDS and not self._reliable:  # only notices arrive
+        if self._num_probes >= MAX_FRUITLESS_ENDS and not self._reliable:  # only probes arrive
             return True
         if self._fruitless_ends < MAX_FRUITLESS_ENDS:
             return False
         sent, received = self._largest_sequence - self._before_ends[0], self._num_received - self._before_ends[1]
-        is_steady = self._steady_ends >= MAX_FRUITLESS_ENDS and not self._viewing
+        is_steady = self._steady_ends >= MAX_FRUITLESS_ENDS and not self._uses_view_order
         if is_steady and sent - received > MAX_LOST_RATIO * received:  # retransmissions, but no `End`
             return True
-        may_idle, num_lost = self._viewing or self._welcome.is_live, self._largest_sequence + 1 - self._num_received
+        may_idle = self._uses_view_order or self._welcome.is_live
+        num_lost = self._largest_sequence + 1 - self._num_received
         if may_idle and num_lost <= MAX_LOST_RATIO * self._num_received:  # no data were sent, as after a resumption
             return False
         return self._collector.highest < 0 and self._largest_datagram < min(
@@ -622,7 +625,7 @@ class Receiver(ReceiveState):
 
     def _feedback(self, now: float) -> bytes:
         assert self._welcome is not None
-        idle = self._viewing and self._ended_at is not None and not self._gaps and now - self._ended_at > IDLE_S
+        idle = self._uses_view_order and self._ended_at is not None and not self._gaps and now - self._ended_at > IDLE_S
         self._feedback_at = now + (IDLE_S / 2 if idle else FEEDBACK_INTERVAL_S)
         missing = self._init_segment.num_missing if self._init_segment else 0
         nacks = self._nacks(now) if self.options.nack else ((), ())
@@ -631,25 +634,25 @@ class Receiver(ReceiveState):
         return encode(Feedback(self._welcome.session, largest, received, time_us, missing, *nacks))
 
     @property
-    def _viewing(self) -> bool:
+    def _uses_view_order(self) -> bool:
         """True if the server sends packets in an order that depends on the viewpoint."""
-        return self._view is not None and self._welcome is not None and self._welcome.viewable
+        return self._view_update is not None and self._welcome is not None and self._welcome.view_dependent
 
     def _viewpoint_datagrams(self, now: float) -> list[bytes]:
         """Returns a list with the viewpoint datagram, empty if it is not due."""
-        if self._view is None or self._welcome is None or not self._welcome.viewable:
+        if self._view_update is None or self._welcome is None or not self._welcome.view_dependent:
             return []
         if now - self._view_at < (VIEW_INTERVAL_S if self._view_repeats < NUM_IMMEDIATE_VIEWS else VIEW_REPEAT_S):
             return []
         self._view_at, self._view_repeats = now, self._view_repeats + 1
-        return [encode(self._view._replace(session=self._welcome.session))]
+        return [encode(self._view_update._replace(session=self._welcome.session))]
 
     def _nacks(self, now: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Returns the packets (`Feedback.nacks`) and datagrams (`Feedback.lost_sequences`) to request next."""
         assert self._welcome is not None
         if self._collector is None:
             return (), ()
-        if self._viewing:
+        if self._uses_view_order:
             return (), tuple(
                 self._gaps.due(self._largest_sequence + 1 - (REORDER_THRESHOLD if self._ended_at is None else 0), now)
             )

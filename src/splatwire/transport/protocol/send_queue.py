@@ -6,14 +6,13 @@ from collections import deque
 import numpy as np
 
 from splatwire.bitstream.tile_selection import Viewpoint, cut_of
-from splatwire.transport.protocol.messages import View
+from splatwire.transport.protocol.messages import ViewUpdate
+from splatwire.transport.protocol.send_schedule import ScheduledDatagram
 from splatwire.transport.protocol.served_stream import SendSchedule, ServedStream
-from splatwire.transport.protocol.wire import DATA
+from splatwire.transport.protocol.wire import DATA, WELCOME
 
-Item = tuple[int, int, int]
-"""Datagram to send, as three integers. The first is its kind: `INIT_SYMBOL`, `DATA` or `PARITY`. The others
-depend on the kind, as in `SendSchedule.datagrams`.
-"""
+WELCOME_ITEM: ScheduledDatagram = WELCOME, 0, 0
+"""Welcome of a live stream, which declares its new sizes."""
 MAX_LOGGED_DATAGRAMS = 8192
 """Number of latest datagrams with stored packet indices."""
 VIEW_UPDATE_COST_S = 2e-3
@@ -28,11 +27,11 @@ the newest is processed.
 """
 
 
-def viewpoint_of(view: View) -> Viewpoint:
-    """Converts a received viewpoint datagram to a `Viewpoint`."""
+def viewpoint_of(message: ViewUpdate) -> Viewpoint:
+    """Converts a received view update to a `Viewpoint`."""
     matrix = np.eye(4)
-    matrix[:3] = np.array(view.viewmat).reshape(3, 4)
-    return Viewpoint(matrix, view.focal, view.width, view.height)
+    matrix[:3] = np.array(message.viewmat).reshape(3, 4)
+    return Viewpoint(matrix, message.focal, message.width, message.height)
 
 
 class ViewUpdateBudget:
@@ -41,17 +40,17 @@ class ViewUpdateBudget:
     def __init__(self) -> None:
         self._free_at = 0.0
 
-    def take(self, now: float, last_update: float | None, tiles: int) -> float:
+    def take(self, now: float, last_update_at: float | None, num_tiles: int) -> float:
         """Reserves processing time for a client's viewpoint, and returns the time at which to process it, seconds.
 
         Args:
             now: Time, seconds.
-            last_update: Time at which the client's previous viewpoint was processed, seconds; None for the first.
-            tiles: Number of tiles of the scene.
+            last_update_at: Time at which the client's previous viewpoint was processed, seconds; None for the first.
+            num_tiles: Number of tiles of the scene.
         """
-        at = max(self._free_at, now if last_update is None else max(now, last_update + VIEW_INTERVAL_S))
-        self._free_at = at + VIEW_UPDATE_COST_S + tiles * TILE_COST_S
-        return at
+        due_at = max(self._free_at, now if last_update_at is None else max(now, last_update_at + VIEW_INTERVAL_S))
+        self._free_at = due_at + VIEW_UPDATE_COST_S + num_tiles * TILE_COST_S
+        return due_at
 
 
 class SentLog:
@@ -76,24 +75,26 @@ class SentLog:
         if self._indices is not None:
             self._indices[sequence % MAX_LOGGED_DATAGRAMS] = packet_index + 1
 
-    def packet_index(self, number: int, sequence: int) -> int:
+    def packet_index(self, lost_sequence: int, next_sequence: int) -> int:
         """Returns the index in sending order of the packet that a lost datagram contained; -1 if unknown.
 
         Args:
-            number: Sequence number of the lost datagram.
-            sequence: Sequence number of the next datagram to send; the log covers only the last datagrams before it.
+            lost_sequence: Sequence number of the lost datagram.
+            next_sequence: Sequence number of the next datagram to send; the log covers only the last datagrams before
+                it.
         """
-        is_logged = self._indices is not None and sequence - MAX_LOGGED_DATAGRAMS <= number < sequence
-        return self._indices[number % MAX_LOGGED_DATAGRAMS] - 1 if is_logged and self._indices is not None else -1
+        if self._indices is None or not next_sequence - MAX_LOGGED_DATAGRAMS <= lost_sequence < next_sequence:
+            return -1
+        return self._indices[lost_sequence % MAX_LOGGED_DATAGRAMS] - 1
 
-    def discard(self, number: int | None) -> None:
+    def discard(self, sequence: int | None) -> None:
         """Removes a lost datagram from the log, so that the server ignores further NACKs for this datagram.
 
         Args:
-            number: Sequence number of the datagram; None has no effect.
+            sequence: Sequence number of the datagram; None has no effect.
         """
-        if number is not None:
-            self.record(number, -1)
+        if sequence is not None:
+            self.record(sequence, -1)
 
 
 class SendQueue:
@@ -104,7 +105,7 @@ class SendQueue:
         reliable: True if the init segment is sent on a reliable (QUIC) stream.
 
     Attributes:
-        is_init_segment_sent: True if the latest call of `pop` returned the last datagram of the init segment. False
+        popped_last_init_symbol: True if the latest call of `pop` returned the last datagram of the init segment. False
             again after the next call.
         viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
     """
@@ -113,7 +114,7 @@ class SendQueue:
         self._stream = stream
         self._schedule = stream.reliable_schedule if reliable else stream.send_schedule
         self._next, self._next_packet = 0, stream.num_bundled
-        self.is_init_segment_sent = False
+        self.popped_last_init_symbol = False
         self._queued_tiles: np.ndarray | None = None
         self._tile_queue: deque[int] = deque()
         self._packet_queue: deque[int] = deque()
@@ -133,18 +134,18 @@ class SendQueue:
         """Number of datagrams in the part of the sending order that does not depend on the viewpoint."""
         return self._schedule.opening_end if self.has_viewpoint else len(self._schedule.datagrams)
 
-    def pop(self) -> Item:
-        """Removes the next datagram from the queue and returns it as in `SendSchedule.datagrams`."""
+    def pop(self) -> ScheduledDatagram:
+        """Removes the next datagram from the queue and returns it."""
         if self._next < self._num_scheduled:
             item = self._schedule.datagrams[self._next]
+            kind, _, index = item
             self._next += 1
-            self._next_packet = item[2] + 1 if item[0] == DATA else self._next_packet
-            self.is_init_segment_sent = self._next == self._schedule.init_segment_end
+            self._next_packet = index + 1 if kind == DATA else self._next_packet
+            self.popped_last_init_symbol = self._next == self._schedule.init_segment_end
             return item
-        self.is_init_segment_sent = False
+        self.popped_last_init_symbol = False
         if not self._packet_queue:
-            tile = self._tile_queue.popleft()
-            self._begin(tile)
+            self._queue_tile(self._tile_queue.popleft())
         return DATA, 0, self._packet_queue.popleft()
 
     def set_viewpoint(self, viewpoint: Viewpoint, budget: int, now: float) -> None:
@@ -161,41 +162,40 @@ class SendQueue:
             self._next_packet = max(self._next_packet, self._stream.opening_packets)
             self._queued_tiles = (tiles.first_packets[1:] <= self._next_packet) | (tiles.packets == 0)
             if not self._queued_tiles.all():  # finish the tile that the schedule has started
-                self._begin(int(np.argmin(self._queued_tiles)), if_begun=True)
+                self._queue_tile(int(np.argmin(self._queued_tiles)), only_rest=True)
         self.viewed_at = now
         self._tile_queue = deque(cut_of(tiles, self._queued_tiles, viewpoint, budget).wanted)
 
-    def _begin(self, tile: int, *, if_begun: bool = False) -> None:
+    def _queue_tile(self, tile: int, *, only_rest: bool = False) -> None:
         """Queues the packets of a tile.
 
         Args:
             tile: Index of the tile.
-            if_begun: False to queue all packets of the tile. True to queue only the packets that were not yet sent. In
+            only_rest: False to queue all packets of the tile. True to queue only the packets that were not yet sent. In
                 the latter case, a tile of which no packet was sent is skipped.
         """
         tiles = self._stream.tiles
         assert tiles is not None
         assert self._queued_tiles is not None
         first, end = tiles.first_packets[tile : tile + 2].tolist()
-        if if_begun and first >= self._next_packet:
+        if only_rest and first >= self._next_packet:
             return
         self._queued_tiles[tile] = True
-        self._packet_queue.extend(range(max(first, self._next_packet) if if_begun else first, end))
+        self._packet_queue.extend(range(max(first, self._next_packet) if only_rest else first, end))
 
-    def update(self, stream: ServedStream, reliable: bool, welcome: Item, num_known: int) -> None:
+    def set_stream(self, stream: ServedStream, reliable: bool, num_known: int) -> None:
         """Updates the send queue after a live stream has grown, or after another stream has replaced it.
 
         Args:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
-            welcome: Queue item of the datagram that declares the new sizes of the stream.
             num_known: Number of packets of the live stream before its growth; the new packets are added to the queue. 0
                 if another stream replaces the previous stream; the whole queue is then replaced.
         """
         self._stream = stream
         added = stream.added_datagrams(num_known, reliable=reliable)
         remaining = stream.still_useful(self._schedule.datagrams[self._next :]) if num_known else []
-        datagrams = (welcome, *added.init_segment, welcome, *remaining, welcome, *added.packets)
+        datagrams = (WELCOME_ITEM, *added.init_segment, WELCOME_ITEM, *remaining, WELCOME_ITEM, *added.packets)
         if stream.tiles is None:
             end = 1 + len(added.init_segment) if added.init_segment else 0
             self._schedule = SendSchedule(datagrams, end, 0)

@@ -34,7 +34,7 @@ from splatwire.transport.protocol.messages import (
     Hello,
     Refuse,
     Request,
-    View,
+    ViewUpdate,
 )
 from splatwire.transport.protocol.send_queue import ViewUpdateBudget
 from splatwire.transport.protocol.served_stream import ServedStream
@@ -177,7 +177,7 @@ class Server:
             case Have() if (address, message.nonce) in self._transfers:
                 self._transfers[(address, message.nonce)].exclude_known(message)
                 self._schedule((address, message.nonce))
-            case Feedback() | View() | Bye():
+            case Feedback() | ViewUpdate() | Bye():
                 key = self._sessions.get((address, message.session))
                 if key is not None:
                     self._on_client_message(key, message, now)
@@ -237,7 +237,7 @@ class Server:
         """
         self._streams, self._updates = dict(streams), dict(updates or {})
 
-    def update(self, name: str, stream: ServedStream) -> None:
+    def set_stream(self, name: str, stream: ServedStream) -> None:
         """Adds a stream, or updates a live stream and notifies the clients that receive it.
 
         Args:
@@ -250,7 +250,7 @@ class Server:
             if key not in self._transfers:  # it failed together with another transfer of the same address
                 continue
             try:
-                self._transfers[key].update(stream)
+                self._transfers[key].set_stream(stream)
                 self._schedule(key)
             except Exception as error:  # a defect of the server must not end other clients' transfers
                 self.fail(key[0], error)
@@ -345,16 +345,16 @@ class Server:
         stream = self._streams.get(name) or self._updates.get(name)
         if stream is None:
             return NOT_YET if name in self._updates else UNKNOWN_STREAM
-        held = Counter(self._networks.values())
-        if held[network] >= self._limits.per_network or not starts.allowed(network, now):
+        num_transfers = Counter(self._networks.values())
+        if num_transfers[network] >= self._limits.per_network or not starts.allowed(network, now):
             return TOO_MANY
         if len(self._transfers) >= self._limits.sessions:
-            full = choose_eviction(+held, network)
-            if full is None:
+            evicted = choose_eviction(+num_transfers, network)
+            if evicted is None:
                 return SERVER_FULL
             # The newest transfer of that network has received least.
             self._end_transfer(
-                next(key for key, other in reversed(self._networks.items()) if other == full), "displaced"
+                next(key for key, other in reversed(self._networks.items()) if other == evicted), "displaced"
             )
         session = self._new_session(key[0])
         self._transfers[key] = ServerTransfer(
@@ -381,15 +381,15 @@ class Server:
             if (address, session) not in self._sessions:
                 return session
 
-    def _on_client_message(self, key: Key, message: Feedback | View | Bye, now: float) -> None:
+    def _on_client_message(self, key: Key, message: Feedback | ViewUpdate | Bye, now: float) -> None:
         match message:
             case Bye():
                 self._end_transfer(key, "left")
                 return
-            case View():
-                self._transfers[key].on_viewpoint(message, self._view_budget, now)
+            case ViewUpdate():
+                self._transfers[key].on_view_update(message, self._view_budget, now)
             case Feedback():
-                self._transfers[key].feedback(message, now)
+                self._transfers[key].on_feedback(message, now)
                 for problem in self._transfers[key].new_problems():
                     self._log_problem(key, problem)
         self._schedule(key)

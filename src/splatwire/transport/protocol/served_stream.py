@@ -25,7 +25,7 @@ from splatwire.transport.protocol.protection import (
     packets_in_tiers,
     protected_tiers,
 )
-from splatwire.transport.protocol.send_schedule import build_send_schedule
+from splatwire.transport.protocol.send_schedule import ScheduledDatagram, build_send_schedule
 from splatwire.transport.protocol.wire import (
     DATA,
     DATA_OVERHEAD,
@@ -56,32 +56,26 @@ class SendSchedule(NamedTuple):
     """Datagrams of a stream in sending order.
 
     Attributes:
-        datagrams: Three integers for each datagram. The first integer is the kind of the content, which determines the
-            other two:
-
-            * `DATA` (a packet): 0, and the index of the packet in sending order.
-            * `INIT_SYMBOL` (a symbol of the init segment): index of the source block (part of the init segment that is
-              coded separately), and index of the symbol in the source block.
-            * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
+        datagrams: The datagrams.
         init_segment_end: Number of datagrams up to the end of the init segment.
         opening_end: Number of datagrams that are sent before the order depends on the viewpoint; 0 without tiles.
     """
 
-    datagrams: Sequence[tuple[int, int, int]]
+    datagrams: Sequence[ScheduledDatagram]
     init_segment_end: int
     opening_end: int
 
 
 class AddedDatagrams(NamedTuple):
-    """Datagrams that a new state of a live stream adds to the queue of a client, as in `SendSchedule.datagrams`.
+    """Datagrams that a new state of a live stream adds to the queue of a client.
 
     Attributes:
         init_segment: Symbols of the new init segment.
         packets: New packets, and repair symbols.
     """
 
-    init_segment: tuple[tuple[int, int, int], ...]
-    packets: tuple[tuple[int, int, int], ...]
+    init_segment: tuple[ScheduledDatagram, ...]
+    packets: tuple[ScheduledDatagram, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +94,10 @@ class ServedStream:
         num_bundled: Number of packets at the start of the sending order that are bundled in the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Repair symbols of each parity group (packets that share repair symbols).
-        schedule: Datagrams in sending order, as in `SendSchedule.datagrams`.
+        schedule: Datagrams in sending order.
         preview: Encoded preview, which clients get first; empty without a preview.
         retransmit_share: Maximum retransmitted bytes as a share of the bytes of the complete stream; None for no limit.
-        retransmittable: Number of packets at the start of the sending order that may be retransmitted; None for all.
+        retransmit_limit: Number of packets at the start of the sending order that may be retransmitted; None for all.
         tiles: Tiles of a stream with levels of detail, else None.
         opening_packets: Number of packets of the coarsest tiles, which are sent first for every viewpoint.
         is_live: True for a live stream.
@@ -119,10 +113,10 @@ class ServedStream:
     num_bundled: int
     parity_ranges: tuple[ParityRange, ...]
     parity: tuple[tuple[bytes, ...], ...]
-    schedule: tuple[tuple[int, int, int], ...]
+    schedule: tuple[ScheduledDatagram, ...]
     preview: bytes = b""
     retransmit_share: float | None = None
-    retransmittable: int | None = None
+    retransmit_limit: int | None = None
     tiles: Tiles | None = None
     opening_packets: int = 0
     is_live: bool = False
@@ -141,36 +135,39 @@ class ServedStream:
         out, because the reliable stream needs none.
         """
         source_blocks = SourceBlocks(self.init_segment_bytes, self.symbol_bytes)
-        init_items = (
-            item for item in self.schedule if item[0] == INIT_SYMBOL and item[2] < source_blocks.size(item[1])
-        )
-        return self.schedule_of((*init_items, *(item for item in self.schedule if item[0] != INIT_SYMBOL)))
+        source_symbols = (
+            (kind, block, symbol) for kind, block, symbol in self.schedule
+            if kind == INIT_SYMBOL and symbol < source_blocks.size(block)
+        )  # fmt: skip
+        others = (item for item in self.schedule if item[0] != INIT_SYMBOL)
+        return self.schedule_of((*source_symbols, *others))
 
-    def schedule_of(self, datagrams: Sequence[tuple[int, int, int]]) -> SendSchedule:
+    def schedule_of(self, datagrams: Sequence[ScheduledDatagram]) -> SendSchedule:
         """Builds a schedule from datagrams in sending order.
 
         Args:
-            datagrams: Three integers for each datagram, as in `SendSchedule.datagrams`.
+            datagrams: Three integers for each datagram.
         """
-        last_of_init_segment = last_of_opening = -1
+        init_segment_end = opening_end = 0
         for number, item in enumerate(datagrams):
-            if item[0] == INIT_SYMBOL:
-                last_of_init_segment = number
+            kind, _, _ = item
+            if kind == INIT_SYMBOL:
+                init_segment_end = number + 1
             if self.tiles is not None and self.in_opening(item):
-                last_of_opening = number
-        return SendSchedule(datagrams, last_of_init_segment + 1, last_of_opening + 1)
+                opening_end = number + 1
+        return SendSchedule(datagrams, init_segment_end, opening_end)
 
-    def in_opening(self, item: tuple[int, int, int]) -> bool:
+    def in_opening(self, item: ScheduledDatagram) -> bool:
         """True if a datagram belongs to the start of a transfer, which is the same for every viewpoint.
 
         Args:
-            item: The datagram as three integers, as in `SendSchedule.datagrams`.
+            item: The datagram.
         """
-        kind, group, symbol = item
+        kind, group, index = item
         if kind == PARITY:
-            members = self.parity_groups[group]
-            return members.packet_of(members.size - 1) < self.opening_packets
-        return kind == INIT_SYMBOL or (kind == DATA and symbol < self.opening_packets)
+            parity_group = self.parity_groups[group]
+            return parity_group.packet_of(parity_group.size - 1) < self.opening_packets
+        return kind == INIT_SYMBOL or (kind == DATA and index < self.opening_packets)
 
     @functools.cached_property
     def parity_groups(self) -> list[ParityGroup]:
@@ -194,31 +191,32 @@ class ServedStream:
         return math.inf if self.retransmit_share is None else self.retransmit_share * sum(self.sizes().values())
 
     @property
-    def counts_bytes(self) -> bool:
+    def limits_retransmission(self) -> bool:
         """True if retransmission of this stream is limited, so that the server must count retransmitted bytes."""
         return self.retransmit_share is not None or self.num_retransmittable < len(self.packets)
 
     @functools.cached_property
     def num_retransmittable(self) -> int:
         """Number of packets at the start of the sending order that may be retransmitted."""
-        return len(self.packets) if self.retransmittable is None else self.retransmittable
+        return len(self.packets) if self.retransmit_limit is None else self.retransmit_limit
 
     def may_retransmit(self, index: int) -> bool:
         """Returns True if the packet with a given index in sending order may be retransmitted."""
         return index < self.num_retransmittable
 
-    def still_useful(self, items: Sequence[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
+    def still_useful(self, items: Sequence[ScheduledDatagram]) -> list[ScheduledDatagram]:
         """Returns those of the datagrams queued in an earlier state of a live stream that are still useful.
 
         Args:
-            items: Datagrams as in `SendSchedule.datagrams`. Only packets and repair symbols can be useful.
+            items: Datagrams. Only packets and repair symbols can be useful.
         """
-        allowed, count, repair = self._retransmittable_flags, len(self.packets), [*map(len, self.parity)]
+        is_allowed, num_packets, num_repair = self._retransmittable_flags, len(self.packets), [*map(len, self.parity)]
         return [
             item
             for item in items
-            if (item[0] == DATA and item[2] < count and allowed[item[2]])
-            or (item[0] == PARITY and item[1] < len(repair) and item[2] < repair[item[1]])
+            for kind, group, index in (item,)
+            if (kind == DATA and index < num_packets and is_allowed[index])
+            or (kind == PARITY and group < len(num_repair) and index < num_repair[group])
         ]
 
     @functools.cached_property
@@ -239,16 +237,17 @@ class ServedStream:
         """
         key = reliable, num_known
         if key not in self._added_datagrams:
-            source = (self.reliable_schedule if reliable else self.send_schedule).datagrams
-            init_items = tuple(item for item in source if item[0] == INIT_SYMBOL)
+            datagrams = (self.reliable_schedule if reliable else self.send_schedule).datagrams
+            init_symbols = tuple(item for item in datagrams if item[0] == INIT_SYMBOL)
             new = () if num_known == len(self.packets) else tuple(
-                item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= num_known)
+                item for item in datagrams for kind, _, index in (item,)
+                if kind == PARITY or (kind == DATA and index >= num_known)
             )  # fmt: skip
-            self._added_datagrams[key] = AddedDatagrams(init_items, new)
+            self._added_datagrams[key] = AddedDatagrams(init_symbols, new)
         return self._added_datagrams[key]
 
     @property
-    def viewable(self) -> bool:
+    def view_dependent(self) -> bool:
         """True if the sending order depends on the client's viewpoint."""
         return self.tiles is not None
 
@@ -262,14 +261,14 @@ class ServedStream:
     @functools.cached_property
     def _sizes(self) -> dict[str, int]:
         source_blocks = SourceBlocks(self.init_segment_bytes, self.symbol_bytes)
-        per_symbol, source = self.symbol_bytes + INIT_SYMBOL_OVERHEAD, source_blocks.num_symbols
-        repair = sum(1 for kind, _, _ in self.schedule if kind == INIT_SYMBOL) - source
-        parity = sum(len(symbol) + PARITY_OVERHEAD for group in self.parity for symbol in group)
+        bytes_per_symbol, num_source = self.symbol_bytes + INIT_SYMBOL_OVERHEAD, source_blocks.num_symbols
+        num_repair = sum(1 for kind, _, _ in self.schedule if kind == INIT_SYMBOL) - num_source
+        parity_bytes = sum(len(symbol) + PARITY_OVERHEAD for group in self.parity for symbol in group)
         return {
-            "init_segment": source * per_symbol,
-            "init_protection": repair * per_symbol,
+            "init_segment": num_source * bytes_per_symbol,
+            "init_protection": num_repair * bytes_per_symbol,
             "packets": self._bytes_from(self.num_bundled),
-            "packet_protection": parity,
+            "packet_protection": parity_bytes,
         }
 
     def _bytes_from(self, first: int) -> int:
@@ -324,12 +323,12 @@ def make_served_stream(
     num_bundled = num_bundled_packets(len(packets), protection)
     data = init_segment(manifest, stream.side_info, packets[:num_bundled])
     symbol_bytes = protection.init_symbol_bytes or default_symbol_bytes(len(data))
-    init_symbols, scheduled = encode_init_segment(data, symbol_bytes, protection)
-    members = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
+    init_symbols, num_init_symbols = encode_init_segment(data, symbol_bytes, protection)
+    tiers = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
     timing = replace(protection, parity_until=0.0) if protection.motion else protection
     parity = parity_symbols(packets, ranges, symbol_bytes_for(largest))
-    per_tier = packets_in_tiers(members, protection)
-    schedule = build_send_schedule(scheduled, ranges, [*map(len, parity)], timing, per_tier)
+    tier_packets = packets_in_tiers(tiers, protection)
+    schedule = build_send_schedule(num_init_symbols, ranges, [*map(len, parity)], timing, tier_packets)
     served = ServedStream(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols, packets, largest,
         num_bundled, ranges, parity, schedule,
@@ -340,12 +339,11 @@ def make_served_stream(
 
 def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
     """Prepares a stream with levels of detail for sending in an order that depends on the client's viewpoint."""
-    count = max(1, int(np.searchsorted(np.cumsum(tiles.sizes), OPENING_BYTES, "right")))
-    last = max(int(tiles.first_packets[count]), stream.num_bundled)
-    stream = replace(stream, opening_packets=last)
-    first = tuple(filter(stream.in_opening, stream.schedule))
+    num_tiles = max(1, int(np.searchsorted(np.cumsum(tiles.sizes), OPENING_BYTES, "right")))
+    stream = replace(stream, opening_packets=max(int(tiles.first_packets[num_tiles]), stream.num_bundled))
+    opening = tuple(filter(stream.in_opening, stream.schedule))
     rest = tuple(item for item in stream.schedule if not stream.in_opening(item))
-    return replace(stream, schedule=first + rest, tiles=tiles)
+    return replace(stream, schedule=opening + rest, tiles=tiles)
 
 
 def _packets_in_order(
@@ -369,13 +367,13 @@ def _packets_in_order(
         raise InvalidValueError("parity for the motion of groups of frames is for a clip, and excludes that for tiers")
     costs = None if importance is None else [importance.get(packet.id, 0.0) for packet in ordered]
     protected = order_and_protect(group_packets(ordered, plan), costs, protection)
-    return [ordered[number] for number in protected.order], protected.parity_ranges
+    return [ordered[index] for index in protected.order], protected.parity_ranges
 
 
 def default_symbol_bytes(num_bytes: int) -> int:
     """Returns the default size of FEC symbols for an init segment of `num_bytes` bytes."""
-    finer = num_bytes // MIN_SYMBOLS // ALIGNMENT * ALIGNMENT
-    return min(max(finer, MIN_DEFAULT_SYMBOL_BYTES), MAX_INIT_SYMBOL_BYTES)
+    symbol_bytes = num_bytes // MIN_SYMBOLS // ALIGNMENT * ALIGNMENT
+    return min(max(symbol_bytes, MIN_DEFAULT_SYMBOL_BYTES), MAX_INIT_SYMBOL_BYTES)
 
 
 def encode_init_segment(
@@ -394,16 +392,18 @@ def encode_init_segment(
         every client gets. The other symbols are a reserve.
     """
     source_blocks = SourceBlocks(len(data), symbol_bytes)
-    symbols, scheduled = [], []
+    symbols, num_scheduled = [], []
     for source_block in range(source_blocks.num_blocks):
-        piece = data[source_blocks.span(source_block)]
-        size = source_blocks.size(source_block)
-        repair = min(round(protection.init_repair * size), MAX_REPAIR)
-        wanted = repair > 0 or protection.limits_retransmission
-        num_repair = min(repair + math.ceil(RESERVE_SHARE * size), MAX_REPAIR) if wanted else 0
-        symbols.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, num_repair)))
-        scheduled.append(size + repair)
-    return tuple(symbols), scheduled
+        block_data = data[source_blocks.span(source_block)]
+        num_source = source_blocks.size(source_block)
+        num_proactive = min(round(protection.init_repair * num_source), MAX_REPAIR)
+        has_repair = num_proactive > 0 or protection.limits_retransmission
+        num_repair = min(num_proactive + math.ceil(RESERVE_SHARE * num_source), MAX_REPAIR) if has_repair else 0
+        symbols.append((
+            *source_symbols(block_data, symbol_bytes), *repair_symbols(block_data, symbol_bytes, num_repair)
+        ))  # fmt: skip
+        num_scheduled.append(num_source + num_proactive)
+    return tuple(symbols), num_scheduled
 
 
 def parity_symbols(

@@ -10,10 +10,11 @@ from collections.abc import Iterator
 from splatwire.arguments import checked
 from splatwire.transport.congestion.cubic import INITIAL_WINDOW
 from splatwire.transport.congestion.pacing import Pacer, RateControl
-from splatwire.transport.protocol.feedback import FeedbackTracker
+from splatwire.transport.protocol.feedback import FeedbackTracker, ReportedCounts
 from splatwire.transport.protocol.known_packets import KnownPackets
-from splatwire.transport.protocol.messages import End, Feedback, Have, View, Welcome
-from splatwire.transport.protocol.send_queue import SendQueue, SentLog, ViewUpdateBudget, viewpoint_of
+from splatwire.transport.protocol.messages import End, Feedback, Have, ViewUpdate, Welcome
+from splatwire.transport.protocol.send_queue import WELCOME_ITEM, SendQueue, SentLog, ViewUpdateBudget, viewpoint_of
+from splatwire.transport.protocol.send_schedule import ScheduledDatagram
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.server_limits import ServerLimits
 from splatwire.transport.protocol.wire import (
@@ -48,14 +49,14 @@ MAX_SEQUENCE = (1 << 32) - 1
 """Maximum sequence number of a datagram (32 bits): enough for 23 days of a live sequence at 20 Mbit/s."""
 MAX_TOKEN_AGE_S = 1.0
 """Maximum age of a client's token at which packets are sent before the first feedback, seconds."""
-NOTICE_AFTER_S, NOTICE_INTERVAL_S = 1.0, 0.1
-"""Time without a received datagram despite reports, seconds, after which the server sends small datagrams (a welcome
-without preview), and their interval. If only these arrive, the path drops large datagrams.
+PROBE_AFTER_S, PROBE_INTERVAL_S = 1.0, 0.1
+"""Time without a received datagram despite reports, seconds, after which the server sends probes, and their interval.
+A probe is a small datagram (a welcome without preview). If only probes arrive, the path drops large datagrams.
 """
 MIN_UNREPORTED = 8
-"""Number of lost large datagrams from which on these small ones are sent, or a problem of the path is logged."""
-MIN_NOTICES = 20
-"""Number of these small datagrams after which the log says that nothing arrives."""
+"""Number of lost large datagrams from which on probes are sent, or a problem of the path is logged."""
+MIN_PROBES = 20
+"""Number of probes after which the log says that nothing arrives."""
 MIN_SMALL_ARRIVED = 10
 """Number of small datagrams that arrive one after another while all large ones are lost, from which on the path is
 taken to drop large datagrams.
@@ -100,21 +101,21 @@ class ServerTransfer:
         self._pacer = Pacer(limits.fixed_rate or self.control.rate)
         self._feedback_tracker = FeedbackTracker()
         self._sent_log = SentLog(stream.tiles is not None)
-        self._view: View | None = None
+        self._view_update: ViewUpdate | None = None
         self._view_due_at: float | None = None
-        self._has_feedback, self._reported, self._may_send_opening = reliable_init_segment, False, False
-        self._retransmissions: deque[tuple[int, int, int]] = deque()
-        self._retransmitted_at: dict[tuple[int, int, int], float] = {}
-        self._queued: set[tuple[int, int, int]] = set()
+        self._may_send, self._has_reported, self._may_send_initial_window = reliable_init_segment, False, False
+        self._retransmissions: deque[ScheduledDatagram] = deque()
+        self._retransmitted_at: dict[ScheduledDatagram, float] = {}
+        self._queued_retransmissions: set[ScheduledDatagram] = set()
         self._known_packets = KnownPackets()
         self._num_init_retransmissions = self._retransmitted_bytes = 0
         self._init_symbol_cursor = stream.proactive_symbols
         self._init_segment_sent_at: float | None = None
         self._end_at, self._num_ends = 0.0, 0
         self._welcomed_at, self._num_welcomes = -WELCOME_INTERVAL_S, 0
-        self._arrived_at, self._notice_at = now, -math.inf
-        self._reported_before = 0, 0, 0
-        self._num_small_arrived = self._num_large_lost = self._num_notices = 0
+        self._arrived_at, self._probed_at = now, -math.inf
+        self._counts_before = ReportedCounts(0, 0, 0)
+        self._num_small_arrived = self._num_large_lost = self._num_probes = 0
         self._problems, self._returned_problems = set[str](), set[str]()
         self._max_bytes = SPARE_BYTES
         self._raise_byte_limit(0)
@@ -143,11 +144,11 @@ class ServerTransfer:
                 stream.parity_ranges,
                 stream.preview if preview else b"",
                 stream.is_live,
-                stream.viewable,
+                stream.view_dependent,
             )
         )
 
-    def update(self, stream: ServedStream) -> None:
+    def set_stream(self, stream: ServedStream) -> None:
         """Continues with the new state of a live stream, or with a different stream.
 
         Args:
@@ -159,11 +160,13 @@ class ServerTransfer:
             self._queue, num_known, retransmissions = SendQueue(stream, self._reliable_init_segment), 0, deque()
             self._known_packets, self._retransmitted_at = KnownPackets(), {}
             self._max_bytes = self.bytes_sent + SPARE_BYTES
-        self._queue.update(stream, self._reliable_init_segment, (WELCOME, 0, 0), num_known)
+        self._queue.set_stream(stream, self._reliable_init_segment, num_known)
         self._retransmissions = deque(
-            item for item in retransmissions if item[0] == DATA and stream.may_retransmit(item[2])
+            (kind, group, index)
+            for kind, group, index in retransmissions
+            if kind == DATA and stream.may_retransmit(index)
         )
-        self._queued = set(self._retransmissions)
+        self._queued_retransmissions = set(self._retransmissions)
         self._num_init_retransmissions, self._init_segment_sent_at, self._init_symbol_cursor = (
             0,
             None,
@@ -183,14 +186,14 @@ class ServerTransfer:
         """Records which packets the client already has. These are not sent, and the client's byte limit is lowered."""
         self._max_bytes -= int(self._limits.max_sent_ratio * self._known_packets.add(message, self.stream))
 
-    def _take_next(self, now: float) -> tuple[int, int, int] | None:
+    def _take_next(self, now: float) -> ScheduledDatagram | None:
         """Removes datagrams from the queue up to the first one that the client needs, and returns this datagram.
 
-        The result is as in `SendSchedule.datagrams`. It is None if the client needs no datagram of the queue.
+        The result is None if the client needs no datagram of the queue.
         """
         while self._queue:
             item = self._queue.pop()
-            if self._queue.is_init_segment_sent:
+            if self._queue.popped_last_init_symbol:
                 self._init_segment_sent_at = now
             if not self._known_packets.has(item, self.stream):
                 return item
@@ -206,7 +209,7 @@ class ServerTransfer:
         """
         if round_trip is not None and round_trip <= MAX_TOKEN_AGE_S and self.stream.tiles is None:  # wait for a view
             self.control.on_handshake_rtt(round_trip)
-            self._pacer.rate, self._may_send_opening = self._limits.fixed_rate or self.control.rate, True
+            self._pacer.rate, self._may_send_initial_window = self._limits.fixed_rate or self.control.rate, True
 
     @property
     def is_exhausted(self) -> bool:
@@ -222,35 +225,37 @@ class ServerTransfer:
         Args:
             now: Time, seconds.
         """
-        if self._reported or now - self._welcomed_at < WELCOME_INTERVAL_S or self._num_welcomes == MAX_WELCOMES:
+        if self._has_reported or now - self._welcomed_at < WELCOME_INTERVAL_S or self._num_welcomes == MAX_WELCOMES:
             return False
         self._welcomed_at, self._num_welcomes = now, self._num_welcomes + 1
         return True
 
     def next_at(self) -> float | None:
         """Returns the time of the next datagram, seconds; None if nothing may be sent now."""
-        opening = self._may_send_opening and not self._reported and self.bytes_sent < INITIAL_WINDOW
-        if self.is_exhausted or not (self._has_feedback or opening):
+        in_initial_window = (
+            self._may_send_initial_window and not self._has_reported and self.bytes_sent < INITIAL_WINDOW
+        )
+        if self.is_exhausted or not (self._may_send or in_initial_window):
             return None
-        pending = self._retransmissions or self._queue
-        sending = self._pacer.next_at() if pending else max(self._pacer.next_at(), self._end_at)
-        return sending if self._view_due_at is None else min(sending, self._view_due_at)
+        is_pending = self._retransmissions or self._queue
+        send_at = self._pacer.next_at() if is_pending else max(self._pacer.next_at(), self._end_at)
+        return send_at if self._view_due_at is None else min(send_at, self._view_due_at)
 
     def poll(self, now: float) -> bytes | None:
         """Returns the next datagram to send if it is due at time `now` (seconds), else None."""
-        if self._view is not None and self._view_due_at is not None and self._view_due_at <= now:
-            self._queue.set_viewpoint(viewpoint_of(self._view), self._view.budget, now)
+        if self._view_update is not None and self._view_due_at is not None and self._view_due_at <= now:
+            self._queue.set_viewpoint(viewpoint_of(self._view_update), self._view_update.budget, now)
             self._view_due_at, self._num_ends = None, 0
         due_at = self.next_at()
         if due_at is None or due_at > now:
             return None
         if now > self.heard_at + FEEDBACK_TIMEOUT_S:
-            self._has_feedback = self._may_send_opening = False
+            self._may_send = self._may_send_initial_window = False
             return None
         self._slow_down(now)
-        if self._may_notice(now):
-            self._notice_at, self._num_notices = now, self._num_notices + 1
-            if self._num_notices >= MIN_NOTICES:
+        if self._is_probe_due(now):
+            self._probed_at, self._num_probes = now, self._num_probes + 1
+            if self._num_probes >= MIN_PROBES:
                 self._problems.add("nothing arrives")
             return self._record_sent(self.welcome(preview=False), now, counted=False)
         if self._retransmissions:
@@ -259,43 +264,44 @@ class ServerTransfer:
         elif (next_item := self._take_next(now)) is not None:
             item = next_item
         else:
-            waits = self._queue.has_viewpoint and self._num_ends > NUM_FREQUENT_ENDS
-            self._end_at, self._num_ends = now + (SLOW_END_INTERVAL_S if waits else END_INTERVAL_S), self._num_ends + 1
+            is_slow = self._queue.has_viewpoint and self._num_ends > NUM_FREQUENT_ENDS
+            interval = SLOW_END_INTERVAL_S if is_slow else END_INTERVAL_S
+            self._end_at, self._num_ends = now + interval, self._num_ends + 1
             self._sent_log.record(self._feedback_tracker.sequence, -1)
             if self._num_ends % 2 or not self.stream.is_live:
                 return self._record_sent(encode(End(self.session, self._feedback_tracker.sequence)), now)
-            item = (WELCOME, 0, 0)
-        if item[0] == WELCOME:
+            item = WELCOME_ITEM
+        kind, group, index = item
+        if kind == WELCOME:
             return self._record_sent(self.welcome(), now, counted=False)
-        return self._record_sent(
-            self._datagram(*item), now, counted=not (self._reliable_init_segment and item[0] == INIT_SYMBOL)
-        )
+        is_on_stream = self._reliable_init_segment and kind == INIT_SYMBOL
+        return self._record_sent(self._datagram(kind, group, index), now, counted=not is_on_stream)
 
-    def on_viewpoint(self, view: View, budget: ViewUpdateBudget, now: float) -> None:
+    def on_view_update(self, message: ViewUpdate, budget: ViewUpdateBudget, now: float) -> None:
         """Schedules the processing of a client's viewpoint; an older viewpoint that is still waiting is dropped.
 
         Args:
-            view: Received viewpoint.
+            message: Received viewpoint.
             budget: Budget that limits the processing time for the viewpoints of all clients.
             now: Time, seconds.
         """
         tiles = self.stream.tiles
-        if tiles is None or (self._view is not None and view.number <= self._view.number):
+        if tiles is None or (self._view_update is not None and message.number <= self._view_update.number):
             return
-        self._view = view
+        self._view_update = message
         if self._view_due_at is None:
             self._view_due_at = budget.take(now, self._queue.viewed_at, tiles.num_tiles)
 
-    def feedback(self, message: Feedback, now: float) -> None:
+    def on_feedback(self, message: Feedback, now: float) -> None:
         """Processes a feedback report of the client: sets the sending rate and queues retransmissions."""
-        if not self._reported and self._num_welcomes:
+        if not self._has_reported and self._num_welcomes:
             self.control.on_handshake_rtt(now - self._welcomed_at)
-        self.heard_at, self._has_feedback, self._reported = now, True, True
+        self.heard_at, self._may_send, self._has_reported = now, True, True
         if self._feedback_tracker.is_plausible(message):
-            measured = self._feedback_tracker.on_feedback(message, now)
+            sample = self._feedback_tracker.on_feedback(message, now)
             self._check_arrivals(now)
-            if measured is not None:
-                self.control.on_feedback(now, *measured)
+            if sample is not None:
+                self.control.on_feedback(now, *sample)
                 self._pacer.rate = self._limits.fixed_rate or self.control.rate
         self._queue_retransmissions(message, now)
 
@@ -311,8 +317,8 @@ class ServerTransfer:
     @property
     def lost_share(self) -> float:
         """Share of the reported datagrams that were lost, 0 to 1."""
-        sent, received, _ = self._feedback_tracker.reported
-        return 1 - min(received, sent) / sent if sent else 0.0
+        num_sent, num_received, _ = self._feedback_tracker.reported_counts
+        return 1 - min(num_received, num_sent) / num_sent if num_sent else 0.0
 
     def _check_arrivals(self, now: float) -> None:
         """Looks for problems of the path in a new report, and stores the problems that are found.
@@ -320,13 +326,11 @@ class ServerTransfer:
         One problem is a path that drops all large datagrams. The other is a fixed sending rate at which too many
         datagrams are lost.
         """
-        reported = sent, _, _ = self._feedback_tracker.reported
-        num_sent, num_received, num_large = (
-            after - before for after, before in zip(reported, self._reported_before, strict=True)
-        )
-        self._reported_before = reported
+        counts, before = self._feedback_tracker.reported_counts, self._counts_before
+        num_sent, num_received, num_large = (total - earlier for total, earlier in zip(counts, before, strict=True))
+        self._counts_before = counts
         if num_received > 0:
-            self._arrived_at, self._num_notices = now, 0
+            self._arrived_at, self._num_probes = now, 0
         # An `End` is small and arrives, while the retransmissions between two of them are lost.
         if num_received != num_sent - num_large:
             self._num_small_arrived = self._num_large_lost = 0
@@ -336,22 +340,23 @@ class ServerTransfer:
         if self._num_small_arrived >= MIN_SMALL_ARRIVED and self._num_large_lost >= MIN_UNREPORTED:
             self._problems.add("only small datagrams arrive")
         large_arrives = num_received > num_sent - num_large  # else the path may drop large datagrams at any rate
-        if self._limits.fixed_rate and large_arrives and sent >= MIN_LOSS_DATAGRAMS and self.lost_share > MIN_LOSS:
+        is_significant = counts.num_sent >= MIN_LOSS_DATAGRAMS and self.lost_share > MIN_LOSS
+        if self._limits.fixed_rate and large_arrives and is_significant:
             self._problems.add("rate too high")
 
-    def _may_notice(self, now: float) -> bool:
-        """True if a small datagram (the welcome without preview) should be sent now instead of a packet.
+    def _is_probe_due(self, now: float) -> bool:
+        """True if a probe (the welcome without preview, a small datagram) should be sent now instead of a packet.
 
-        This is the case if the client reports no arrivals, perhaps because the path drops large datagrams. A small
-        datagram may still arrive. A client that gets only such datagrams can report this cause.
+        This is the case if the client reports no arrivals, perhaps because the path drops large datagrams. A probe may
+        still arrive. A client that gets only probes can report this cause.
         """
-        num_unreported = self._feedback_tracker.sequence - self._feedback_tracker.reported[0]
+        num_unreported = self._feedback_tracker.sequence - self._feedback_tracker.reported_counts.num_sent
         if self._reliable_init_segment:  # a reliable stream repeats these, and delivers them after an outage
             return False
-        if self.stream.is_live or not self._reported or num_unreported < MIN_UNREPORTED:
+        if self.stream.is_live or not self._has_reported or num_unreported < MIN_UNREPORTED:
             return False
-        stalled = min(now - self._arrived_at, now - self.began_at) > NOTICE_AFTER_S
-        return stalled and now - self._notice_at >= NOTICE_INTERVAL_S
+        stalled = min(now - self._arrived_at, now - self.began_at) > PROBE_AFTER_S
+        return stalled and now - self._probed_at >= PROBE_INTERVAL_S
 
     def _slow_down(self, now: float) -> None:
         """Reduces the sending rate if the client's feedback is overdue."""
@@ -359,26 +364,29 @@ class ServerTransfer:
             self.control.on_feedback_timeout(now)
             self._pacer.rate = self.control.rate
 
-    def _on_retransmitted(self, item: tuple[int, int, int], now: float) -> None:
+    def _on_retransmitted(self, item: ScheduledDatagram, now: float) -> None:
         """Records that a datagram was retransmitted.
 
         Args:
-            item: The datagram, as in `SendSchedule.datagrams`.
+            item: The datagram.
             now: Time, seconds.
         """
-        if item[0] == INIT_SYMBOL:
+        kind, _, _ = item
+        if kind == INIT_SYMBOL:
             self._num_init_retransmissions -= 1
             self._init_segment_sent_at = now if self._num_init_retransmissions == 0 else None
         else:
-            self._queued.discard(item)
+            self._queued_retransmissions.discard(item)
             self._retransmitted_at[item] = now
 
-    def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
-        self._sent_log.record(self._feedback_tracker.sequence, symbol if kind == DATA else -1)
+    def _datagram(self, kind: int, group: int, index: int) -> bytes:
+        """Returns the bytes of a datagram, and logs it as sent. The arguments are those of `ScheduledDatagram`."""
+        sequence = self._feedback_tracker.sequence
+        self._sent_log.record(sequence, index if kind == DATA else -1)
         if kind == DATA:
-            return encode_data(self.session, self._feedback_tracker.sequence, symbol, self.stream.packets[symbol])
-        source = self.stream.init_symbols if kind == INIT_SYMBOL else self.stream.parity
-        return encode_symbol(kind, self.session, self._feedback_tracker.sequence, group, symbol, source[group][symbol])
+            return encode_data(self.session, sequence, index, self.stream.packets[index])
+        symbols = self.stream.init_symbols if kind == INIT_SYMBOL else self.stream.parity
+        return encode_symbol(kind, self.session, sequence, group, index, symbols[group][index])
 
     def _record_sent(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
         if counted:
@@ -394,12 +402,12 @@ class ServerTransfer:
 
         Packets are queued until the stream's limit on retransmitted bytes is reached.
         """
-        wait = max(RETRANSMIT_INTERVAL_S, 1.25 * (self.control.round_trip or 0.0))
+        interval = max(RETRANSMIT_INTERVAL_S, 1.25 * (self.control.round_trip or 0.0))
         symbol_bytes = self.stream.symbol_bytes + INIT_SYMBOL_OVERHEAD
         missing = (
             0 if self._reliable_init_segment else min(message.symbols_missing, sum(map(len, self.stream.init_symbols)))
         )
-        if missing and self._init_segment_sent_at is not None and now - self._init_segment_sent_at >= wait:
+        if missing and self._init_segment_sent_at is not None and now - self._init_segment_sent_at >= interval:
             items = self._further_init_symbols(missing)
             self._init_segment_sent_at, self._num_init_retransmissions = None, len(items)
             self._retransmitted_bytes += len(items) * symbol_bytes
@@ -409,23 +417,23 @@ class ServerTransfer:
             - self._retransmitted_bytes
             - INIT_RESERVE_FACTOR * missing * symbol_bytes
         )
-        for index, number in self._requested(message):
+        for index, sequence in self._requested(message):
             item = (DATA, 0, index)
             if index < 0 or not self.stream.may_retransmit(index):
                 continue
-            if item in self._queued:
-                self._sent_log.discard(number)
+            if item in self._queued_retransmissions:
+                self._sent_log.discard(sequence)
                 continue
-            if now - self._retransmitted_at.get(item, -1e9) < wait:
+            if now - self._retransmitted_at.get(item, -1e9) < interval:
                 continue
             size = len(self.stream.packets[index]) + DATA_OVERHEAD
             if size > bytes_left:
                 break
             bytes_left -= size
             self._retransmitted_bytes += size
-            self._queued.add(item)
+            self._queued_retransmissions.add(item)
             self._retransmissions.append(item)
-            self._sent_log.discard(number)
+            self._sent_log.discard(sequence)
 
     def _requested(self, message: Feedback) -> Iterator[tuple[int, int | None]]:
         """Yields the packets that the client requests again in a feedback report (NACKs).
@@ -439,23 +447,23 @@ class ServerTransfer:
               sequence number.
         """
         yield from ((index, None) for index in message.nacks)
-        for number in message.lost_sequences:
-            yield self._sent_log.packet_index(number, self._feedback_tracker.sequence), number
+        for sequence in message.lost_sequences:
+            yield self._sent_log.packet_index(sequence, self._feedback_tracker.sequence), sequence
 
-    def _further_init_symbols(self, missing: int) -> list[tuple[int, int, int]]:
+    def _further_init_symbols(self, missing: int) -> list[ScheduledDatagram]:
         """Chooses further symbols of the init segment for a client that cannot decode it yet.
 
         Args:
             missing: Number of symbols that the client still needs.
 
         Returns:
-            The symbols, as in `SendSchedule.datagrams`; more than are missing, because some will be lost.
+            The symbols; more than are missing, because some will be lost.
         """
         init_symbols = self.stream.init_symbols
         longest = max(map(len, init_symbols))
         # About 50 % more than are missing, because some will be lost; one more if retransmission is limited.
-        count = min(missing + 1 if self.stream.counts_bytes else missing + missing // 2 + 2, 512)
-        items: list[tuple[int, int, int]] = []
+        count = min(missing + 1 if self.stream.limits_retransmission else missing + missing // 2 + 2, 512)
+        items: list[ScheduledDatagram] = []
         while len(items) < count:
             symbol = self._init_symbol_cursor % longest
             items += [

@@ -36,7 +36,7 @@ from splatwire.transport.protocol.messages import (
     ParityRange,
     Refuse,
     Request,
-    View,
+    ViewUpdate,
     Welcome,
 )
 
@@ -47,12 +47,13 @@ SMALL_MTU = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU i
 """Error message if the path delivers no datagrams of the maximum size."""
 HELLO_BYTES = MAX_DATAGRAM
 """Size in bytes of a client's first datagram: the maximum, so that no response is larger (anti-amplification)."""
-HELLO, CHALLENGE, REQUEST, WELCOME, INIT_SYMBOL, DATA, PARITY, FEEDBACK, BYE, REFUSE, END, HAVE, VIEW = range(1, 14)
+HELLO, CHALLENGE, REQUEST, WELCOME, INIT_SYMBOL, DATA, PARITY, FEEDBACK, BYE, REFUSE = range(1, 11)
+END, HAVE, VIEW_UPDATE = range(11, 14)
 MESSAGE_KINDS = (
     "", "hello", "challenge", "request", "welcome", "init symbol", "data", "parity", "feedback", "bye", "refuse", "end",
-    "have", "view",
+    "have", "view update",
 )  # fmt: skip
-TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE, VIEW))
+TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE, VIEW_UPDATE))
 ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, INIT_SYMBOL))
 """Kinds of messages that are sent on the reliable stream instead if there is one (QUIC), with a u16 size prefix."""
 
@@ -61,7 +62,7 @@ MAX_FOCAL, MAX_COORDINATE, MAX_ROTATION_ERROR = 1e6, 1e12, 0.01
 its matrix from a rotation.
 """
 
-LIVE, VIEWABLE = 1, 2
+LIVE, VIEW_DEPENDENT = 1, 2
 """Flags of a welcome: live stream; view-dependent sending order."""
 _QUIC_VERSIONS = (b"\x00\x00\x00\x01", b"\x6b\x33\x43\xcf")
 _CRC = struct.Struct("<I")
@@ -76,7 +77,7 @@ _DATA = struct.Struct("<BIII")
 _PARITY = struct.Struct("<BIIHI")
 _FEEDBACK = struct.Struct("<BIIIIIHH")
 _BYE = struct.Struct("<BI")
-_VIEW = struct.Struct("<BIIIHH13f")
+_VIEW_UPDATE = struct.Struct("<BIIIHH13f")
 _REFUSE = struct.Struct("<BQB")
 _END = struct.Struct("<BII")
 _HAVE = struct.Struct("<BQIBI")
@@ -132,7 +133,7 @@ def encode(message: Message) -> bytes:
             prefix = _REQUEST.pack(VERSION << 4 | REQUEST, message.nonce, message.token, len(name))
             return _with_checksum(prefix + name + message.scene_token.encode())
         case Welcome():
-            flags = LIVE * message.is_live | VIEWABLE * message.viewable
+            flags = LIVE * message.is_live | VIEW_DEPENDENT * message.view_dependent
             prefix = _WELCOME.pack(VERSION << 4 | WELCOME, *message[:9], flags, len(message.parity_ranges))
             ranges = b"".join(_PARITY_RANGE.pack(*parity_range) for parity_range in message.parity_ranges)
             return _with_checksum(prefix + ranges + _SIZE.pack(len(message.preview)) + message.preview)
@@ -144,8 +145,8 @@ def encode(message: Message) -> bytes:
             return _with_checksum(prefix + struct.pack(f"<{len(requested)}I", *requested))
         case Bye():
             return _with_checksum(_BYE.pack(VERSION << 4 | BYE, *message))
-        case View():
-            return _with_checksum(_VIEW.pack(VERSION << 4 | VIEW, *message[:-1], *message.viewmat))
+        case ViewUpdate():
+            return _with_checksum(_VIEW_UPDATE.pack(VERSION << 4 | VIEW_UPDATE, *message[:-1], *message.viewmat))
         case Refuse():
             return _with_checksum(_REFUSE.pack(VERSION << 4 | REFUSE, *message))
         case End():
@@ -157,7 +158,7 @@ def encode(message: Message) -> bytes:
 def message_kind(data: bytes) -> int:
     """Returns the kind of a message without further checks, or 0 for bytes of another protocol."""
     kind = data[0] & 15 if data else 0
-    return kind if data and data[0] >> 4 == VERSION and 1 <= kind <= VIEW else 0
+    return kind if data and data[0] >> 4 == VERSION and 1 <= kind <= VIEW_UPDATE else 0
 
 
 def refuse_other_version(data: bytes) -> bytes | None:
@@ -278,10 +279,11 @@ def _welcome(body: bytes) -> Welcome:
         or len(body) != end + _SIZE.size + size
     ):
         raise BitstreamError("a welcome of inconsistent size")
-    if flags & ~(LIVE | VIEWABLE):
+    if flags & ~(LIVE | VIEW_DEPENDENT):
         raise BitstreamError(f"a welcome with the unknown flags {flags:#x}")
     ranges = tuple(ParityRange(*values) for values in _PARITY_RANGE.iter_unpack(body[_WELCOME.size : end]))
-    return Welcome._make([*fields[1:], ranges, body[end + _SIZE.size :], bool(flags & LIVE), bool(flags & VIEWABLE)])
+    is_live, view_dependent = bool(flags & LIVE), bool(flags & VIEW_DEPENDENT)
+    return Welcome._make([*fields[1:], ranges, body[end + _SIZE.size :], is_live, view_dependent])
 
 
 def _feedback(body: bytes) -> Feedback:
@@ -289,8 +291,8 @@ def _feedback(body: bytes) -> Feedback:
     count = num_packets + num_datagrams
     if count > MAX_NACKS or len(body) != _FEEDBACK.size + 4 * count:
         raise BitstreamError("a feedback report of inconsistent size")
-    asked = struct.unpack_from(f"<{count}I", body, _FEEDBACK.size)
-    return Feedback._make([*fields[1:], asked[:num_packets], asked[num_packets:]])
+    requested = struct.unpack_from(f"<{count}I", body, _FEEDBACK.size)
+    return Feedback._make([*fields[1:], requested[:num_packets], requested[num_packets:]])
 
 
 def _have(body: bytes) -> Have:
@@ -308,19 +310,19 @@ def _symbol(body: bytes) -> tuple[Any, ...]:
     return (*fields, body[_INIT_SYMBOL.size :])
 
 
-def _view(body: bytes) -> View:
-    *fields, focal = _unpack_exact(_VIEW, body)[:6]
-    rows = _VIEW.unpack(body)[7:]
-    turn = np.array(rows, dtype=np.float64).reshape(3, 4)
-    fine = (
-        np.isfinite(turn).all()
+def _view_update(body: bytes) -> ViewUpdate:
+    *fields, focal = _unpack_exact(_VIEW_UPDATE, body)[:6]
+    rows = _VIEW_UPDATE.unpack(body)[7:]
+    viewmat = np.array(rows, dtype=np.float64).reshape(3, 4)
+    is_in_range = (
+        np.isfinite(viewmat).all()
         and 0 < focal < MAX_FOCAL
         and min(fields[2:]) > 0
-        and np.abs(turn).max() < MAX_COORDINATE
+        and np.abs(viewmat).max() < MAX_COORDINATE
     )
-    if not fine or np.abs(turn[:, :3] @ turn[:, :3].T - np.eye(3)).max() > MAX_ROTATION_ERROR:
-        raise BitstreamError("a view with an invalid camera")
-    return View._make([*fields, focal, rows])
+    if not is_in_range or np.abs(viewmat[:, :3] @ viewmat[:, :3].T - np.eye(3)).max() > MAX_ROTATION_ERROR:
+        raise BitstreamError("a view update with an invalid camera")
+    return ViewUpdate._make([*fields, focal, rows])
 
 
 _DECODERS: dict[int, Callable[[bytes], Message]] = {
@@ -333,7 +335,7 @@ _DECODERS: dict[int, Callable[[bytes], Message]] = {
     FEEDBACK: _feedback,
     BYE: lambda body: Bye(*_unpack_exact(_BYE, body)),
     REFUSE: lambda body: Refuse(*_unpack_exact(_REFUSE, body)),
-    VIEW: _view,
+    VIEW_UPDATE: _view_update,
     END: lambda body: End(*_unpack_exact(_END, body)),
     HAVE: _have,
 }

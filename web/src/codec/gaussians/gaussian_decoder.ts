@@ -12,8 +12,8 @@ import { allowedMemory, CONCEALMENT_BYTES } from "../memory.ts";
 import { emptySplats, type Splats, selectSplats, splatBytes, subSplats } from "../splats.ts";
 import { SymbolsDigest, type Verification } from "./digest.ts";
 import { GaussianBatch } from "./gaussian_batch.ts";
-import { FastPackets } from "./native.ts";
-import type { Decoded, GaussianPackets } from "./packet.ts";
+import { FastPacketDecoder } from "./native.ts";
+import type { Decoded, GaussianPacketDecoder } from "./packet.ts";
 import { predictedElements } from "./predicted.ts";
 import { type RedundantGaussians, readRedundantGaussians } from "./redundant_copies.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
@@ -27,7 +27,7 @@ export class GaussianDecoder implements ElementDecoder<GaussianBatch> {
   readonly middle = null;
   readonly concealers: Readonly<Record<string, Concealer>>;
   readonly info: SideInfo;
-  readonly #packets: GaussianPackets;
+  readonly #packetDecoder: GaussianPacketDecoder;
   readonly #keptBytes: number;
   #copies: RedundantGaussians | null = null;
   /** Digest of the packets decoded so far; null if it is only computed on demand. */
@@ -52,7 +52,7 @@ export class GaussianDecoder implements ElementDecoder<GaussianBatch> {
     const { count } = plan.manifest,
       fits = fileBytes > 0 && count * splatBytes(this.degree) <= allowedMemory(fileBytes);
     this.#room = fits ? emptySplats(count, this.degree) : null;
-    this.#packets = new FastPackets(this.info);
+    this.#packetDecoder = new FastPacketDecoder(this.info);
     if (this.info.sections.has("sketch")) this.#readCopies(); // throws at once if copies are damaged, as Python does
     const sketch = fromElements((elements, pause) => sceneFree(elements, pause, this.#readCopies().growth));
     this.concealers = this.info.sections.has("sketch") ? { ...SPLAT_CONCEALERS, sketch } : SPLAT_CONCEALERS;
@@ -108,7 +108,7 @@ export class GaussianDecoder implements ElementDecoder<GaussianBatch> {
 
   /** Decodes a packet. The next call may overwrite the result if it is `mayReuse`. */
   #decode({ payload, block, count }: Packet, mayReuse = false): Decoded {
-    return this.#packets.decode(payload, block, count, mayReuse, false);
+    return this.#packetDecoder.decode(payload, block, count, mayReuse, false);
   }
 
   copies(): Promise<Copies<GaussianBatch>> {

@@ -6,7 +6,7 @@ import { BLOCK, compress, ROUNDS } from "../../sha256.ts";
 import { splatsIn } from "../splats.ts";
 import { COEFFICIENTS, COLUMNS } from "./layout.ts";
 import { MODULE } from "./native_module.ts";
-import { type Decoded, type GaussianPackets, PacketDecoder } from "./packet.ts";
+import { type Decoded, type GaussianPacketDecoder, PacketDecoder } from "./packet.ts";
 import type { SideInfo } from "./side_info.ts";
 import { constantTerms } from "./steps.ts";
 import { FRACTIONS, WHOLES } from "./to_splats.ts";
@@ -117,20 +117,20 @@ export const compressFast: typeof compress = (state, blocks) => {
 };
 
 /** Decodes the packets of one kind: in WebAssembly if possible. Memory is only taken for the first packet. */
-export class FastPackets implements GaussianPackets {
-  #decoder: GaussianPackets | null = null;
+export class FastPacketDecoder implements GaussianPacketDecoder {
+  #decoder: GaussianPacketDecoder | null = null;
 
   constructor(public info: SideInfo) {}
 
   /** Replaces the side information by that of more blocks. The instance stays if its tables are the same. */
   grow(info: SideInfo): void {
-    if (this.#decoder instanceof NativePackets && hasSameTables(this.info, info)) this.#decoder.info = info;
+    if (this.#decoder instanceof NativePacketDecoder && hasSameTables(this.info, info)) this.#decoder.info = info;
     else this.#decoder = null;
     this.info = info;
   }
 
   decode(payload: Uint8Array, block: number, count: number, mayReuse = false, asRows = !mayReuse): Decoded {
-    this.#decoder ??= NativePackets.of(this.info) ?? new PacketDecoder(this.info);
+    this.#decoder ??= NativePacketDecoder.of(this.info) ?? new PacketDecoder(this.info);
     try {
       return this.#decoder.decode(payload, block, count, mayReuse, asRows);
     } catch (error) {
@@ -155,7 +155,7 @@ function hasSameTables(one: SideInfo, other: SideInfo): boolean {
 }
 
 /** Decodes the packets of one kind in WebAssembly. */
-export class NativePackets implements GaussianPackets {
+export class NativePacketDecoder implements GaussianPacketDecoder {
   readonly #exports: Exports;
 
   private constructor(
@@ -180,10 +180,10 @@ export class NativePackets implements GaussianPackets {
   }
 
   /** Returns a decoder; null where there is no WebAssembly. */
-  static of(info: SideInfo): NativePackets | null {
+  static of(info: SideInfo): NativePacketDecoder | null {
     const exports = instantiate<Exports>();
     try {
-      return exports && new NativePackets(info, exports);
+      return exports && new NativePacketDecoder(info, exports);
     } catch {
       return null; // no memory for its tables
     }

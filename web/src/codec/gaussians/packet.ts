@@ -69,7 +69,7 @@ const POWER = Float64Array.from({ length: 64 }, (_, bits) => 2 ** bits);
 const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 
 /** Decodes the packets of one stream. */
-export interface GaussianPackets {
+export interface GaussianPacketDecoder {
   /**
    * Decodes the payload of a packet of `count` Gaussians. Any bytes decode to some integers. If `mayReuse`, the next
    * call may overwrite the result. If `asRows`, the result has `rows`, not `integers`; this is the default unless
@@ -79,7 +79,7 @@ export interface GaussianPackets {
 }
 
 /** Decodes packets without WebAssembly. */
-export class PacketDecoder implements GaussianPackets {
+export class PacketDecoder implements GaussianPacketDecoder {
   /** Distributions by context, for means in eighths of a step from -4. Created on demand. */
   readonly #mixtures: (Mixture | undefined)[];
   /** Distributions by scale and mean, which contexts share. */

@@ -5,7 +5,7 @@ import { BitstreamError, ByteReader } from "../../bytes.ts";
 import type { Growth } from "../../conceal/scene_free.ts";
 import { MAX_COPIES } from "../../packets/limits.ts";
 import type { Splats } from "../splats.ts";
-import { FastPackets } from "./native.ts";
+import { FastPacketDecoder } from "./native.ts";
 import { readBlocks, type SideInfo } from "./side_info.ts";
 import { toSplats } from "./to_splats.ts";
 
@@ -34,7 +34,7 @@ export function readRedundantGaussians(bytes: Uint8Array, info: SideInfo, count:
     );
   const here: SideInfo = { ...info, ...readBlocks(reader.blob(), 1) },
     indices = readIndices(reader, copies, count);
-  const splats = toSplats(new FastPackets(here).decode(reader.rest(), 0, copies), here, 0);
+  const splats = toSplats(new FastPacketDecoder(here).decode(reader.rest(), 0, copies), here, 0);
   return { indices, splats, growth: { base: [size, opacity], trust } };
 }
 

@@ -32,7 +32,7 @@ import {
 
 /** Decoded integers of a packet of n tracks over F frames. */
 export interface Motion {
-  /** Heads, shape (n, HEADER_FIELDS). All entries of a row are -1 if invalid bytes contain fewer tracks. */
+  /** Headers, shape (n, HEADER_FIELDS). All entries of a row are -1 if invalid bytes contain fewer tracks. */
   readonly headers: Int32Array;
   /** Residuals in steps, shape (n, channels, F). */
   readonly residuals: Int32Array;
@@ -44,20 +44,20 @@ export function decodeMotion(
   payload: Uint8Array,
   models: Int32Array,
   count: number,
-  frames: number,
+  numFrames: number,
   firstNew: number,
 ): Motion {
   const coder = new RangeDecoder(payload),
-    own = models.slice(),
+    packetModels = models.slice(),
     headers = new Int32Array(HEADER_FIELDS * count).fill(-1),
-    residuals = new Int32Array(count * NUM_CHANNELS * frames),
-    found = readHeaders(coder, own, headers, count, frames, firstNew),
-    numCoefficients = Int32Array.from({ length: NUM_KINDS }, () => coder.below(frames + 1));
-  let before = -1;
-  for (let i = 0; i < found; i++) {
+    residuals = new Int32Array(count * NUM_CHANNELS * numFrames),
+    numFound = readHeaders(coder, packetModels, headers, count, numFrames, firstNew),
+    numCoefficients = Int32Array.from({ length: NUM_KINDS }, () => coder.below(numFrames + 1));
+  let previous = -1;
+  for (let i = 0; i < numFound; i++) {
     if (headers[HEADER_FIELDS * i + STATE] !== MOVING) continue;
-    readTrack(coder, own, residuals, i, before, numCoefficients, frames);
-    before = i;
+    readTrack(coder, packetModels, residuals, i, previous, numCoefficients, numFrames);
+    previous = i;
   }
   return { headers, residuals, numCoefficients };
 }
@@ -67,26 +67,26 @@ function readHeaders(
   models: Int32Array,
   headers: Int32Array,
   count: number,
-  frames: number,
+  numFrames: number,
   firstNew: number,
 ): number {
   const first = coder.raw(TRACK_BITS),
-    lead = Math.min(coder.gamma(), 1 << 24),
-    span = coder.raw(CANDIDATE_BITS),
-    tail = Math.min(coder.gamma(), 1 << 24);
-  let at = 0,
+    gapBefore = Math.min(coder.gamma(), 1 << 24),
+    numCandidates = coder.raw(CANDIDATE_BITS),
+    gapAfter = Math.min(coder.gamma(), 1 << 24);
+  let numFound = 0,
     gone = 0,
-    moved = 0,
-    before = first - lead;
-  for (let track = first; track < first + Math.min(span, MAX_CANDIDATES); track++) {
+    lastStates = 0,
+    before = first - gapBefore;
+  for (let track = first; track < first + Math.min(numCandidates, MAX_CANDIDATES); track++) {
     gone = coder.bit(models, C_ABSENT + gone);
     if (gone) continue;
-    if (at === count) break;
-    const state = coder.bit(models, C_MOVING + moved);
-    moved = ((moved << 1) | state) & 3;
-    const begins = track >= firstNew && coder.bit(models, C_BEGINS) ? coder.below(frames) : 0,
-      ends = coder.bit(models, C_ENDS) ? coder.below(frames) : frames,
-      row = HEADER_FIELDS * at++;
+    if (numFound === count) break;
+    const state = coder.bit(models, C_MOVING + lastStates);
+    lastStates = ((lastStates << 1) | state) & 3;
+    const begins = track >= firstNew && coder.bit(models, C_BEGINS) ? coder.below(numFrames) : 0,
+      ends = coder.bit(models, C_ENDS) ? coder.below(numFrames) : numFrames,
+      row = HEADER_FIELDS * numFound++;
     headers[row + TRACK] = track;
     headers[row + STATE] = state;
     headers[row + BEGINS] = begins;
@@ -95,8 +95,8 @@ function readHeaders(
     headers[row + GAP_AFTER] = 0;
     before = track + 1;
   }
-  if (at) headers[HEADER_FIELDS * (at - 1) + GAP_AFTER] = tail;
-  return at;
+  if (numFound) headers[HEADER_FIELDS * (numFound - 1) + GAP_AFTER] = gapAfter;
+  return numFound;
 }
 
 /**
@@ -107,43 +107,45 @@ function readTrack(
   models: Int32Array,
   residuals: Int32Array,
   i: number,
-  before: number,
+  previous: number,
   numCoefficients: Int32Array,
-  frames: number,
+  numFrames: number,
 ): void {
-  let largest = 0;
+  let largestOfKind = 0;
   for (let c = 0; c < NUM_CHANNELS; c++) {
     const kind = KIND_OF[c],
-      first = c === 0 || KIND_OF[c - 1] !== kind,
-      at = (i * NUM_CHANNELS + c) * frames;
-    let own = 0;
-    if (first) {
-      largest = 0;
-      if (before >= 0) own = Math.abs(residuals[(before * NUM_CHANNELS + c) * frames]);
+      isFirst = c === 0 || KIND_OF[c - 1] !== kind,
+      at = (i * NUM_CHANNELS + c) * numFrames;
+    let largestOfChannel = 0;
+    if (isFirst) {
+      largestOfKind = 0;
+      if (previous >= 0) largestOfChannel = Math.abs(residuals[(previous * NUM_CHANNELS + c) * numFrames]);
     }
     for (let k = 0; k < numCoefficients[kind]; k++) {
-      let near = Math.max(own, largest);
-      if (!first) near = Math.max(near, 2 * Math.abs(residuals[at - frames + k]));
-      const level = Math.min(near < 2 ** 31 ? 32 - Math.clz32(near) : NEIGHBOUR_CONTEXTS, NEIGHBOUR_CONTEXTS - 1),
-        value = readCoefficient(coder, models, kind, k, level);
+      let expectedMagnitude = Math.max(largestOfChannel, largestOfKind);
+      if (!isFirst) expectedMagnitude = Math.max(expectedMagnitude, 2 * Math.abs(residuals[at - numFrames + k]));
+      const octave = expectedMagnitude < 2 ** 31 ? 32 - Math.clz32(expectedMagnitude) : NEIGHBOUR_CONTEXTS,
+        neighbourContext = Math.min(octave, NEIGHBOUR_CONTEXTS - 1),
+        value = readCoefficient(coder, models, kind, k, neighbourContext);
       residuals[at + k] = value;
-      own = k === 0 && first ? Math.abs(value) : Math.max(own, Math.abs(value));
+      largestOfChannel = k === 0 && isFirst ? Math.abs(value) : Math.max(largestOfChannel, Math.abs(value));
     }
-    largest = Math.max(largest, own);
+    largestOfKind = Math.max(largestOfKind, largestOfChannel);
   }
 }
 
-function readCoefficient(coder: RangeDecoder, models: Int32Array, kind: number, order: number, level: number): number {
-  if (
-    !coder.bit(
-      models,
-      C_ZERO + (kind * DEGREE_CONTEXTS + Math.min(order, DEGREE_CONTEXTS - 1)) * NEIGHBOUR_CONTEXTS + level,
-    )
-  )
-    return 0;
-  const base = C_OCTAVE + (kind * NEIGHBOUR_CONTEXTS + level) * OCTAVE_CONTEXTS;
+function readCoefficient(
+  coder: RangeDecoder,
+  models: Int32Array,
+  kind: number,
+  degree: number,
+  neighbourContext: number,
+): number {
+  const degreeContext = kind * DEGREE_CONTEXTS + Math.min(degree, DEGREE_CONTEXTS - 1);
+  if (!coder.bit(models, C_ZERO + degreeContext * NEIGHBOUR_CONTEXTS + neighbourContext)) return 0;
+  const octaveContext = C_OCTAVE + (kind * NEIGHBOUR_CONTEXTS + neighbourContext) * OCTAVE_CONTEXTS;
   let octave = 0;
-  while (octave < MAX_OCTAVE && coder.bit(models, base + Math.min(octave, OCTAVE_CONTEXTS - 1))) octave++;
+  while (octave < MAX_OCTAVE && coder.bit(models, octaveContext + Math.min(octave, OCTAVE_CONTEXTS - 1))) octave++;
   const magnitude = Math.min(2 ** octave + coder.raw(octave), MAX_QUANTISED);
   return coder.raw(1) ? -magnitude : magnitude;
 }

@@ -10,8 +10,8 @@ import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
 export const NEIGHBOURS = 40;
 /** Squared colour contrast at which the correction by contrast is halved. */
 const COLOUR_RIDGE = 0.1 * DC * DC;
-const PREVIOUS = 8,
-  UNKNOWN = 255;
+/** Kinds of changing channels of a row that was no neighbour yet. */
+const UNKNOWN = 255;
 
 /** Motion field of a set of tracks. */
 export class MotionField {
@@ -19,11 +19,9 @@ export class MotionField {
   readonly #fit: Quadratic;
   readonly #currentSums: NeighbourSums;
   readonly #previousSums: NeighbourSums;
-  /**
-   * Kinds of channels that change in each row, or have a non-zero offset before the group times `PREVIOUS`. Rows that
-   * were no neighbours yet are `UNKNOWN`.
-   */
-  readonly #kinds: Uint8Array;
+  /** Kinds of channels that change in each row, or `UNKNOWN`; and kinds with a non-zero offset before the group. */
+  readonly #changedKinds: Uint8Array;
+  readonly #previousKinds: Uint8Array;
   /**
    * Neighbours of the last query by row, the same by keyframe index for the state before the group, and their positions
    * relative to the query.
@@ -32,7 +30,8 @@ export class MotionField {
   readonly #previousNeighbours: NeighbourSet;
   readonly #offsets: Float64Array;
   readonly #contrast = new Float64Array(3);
-  readonly #own = new Float32Array(NUM_CHANNELS);
+  readonly #position = new Float32Array(3);
+  readonly #deviation = new Float32Array(NUM_CHANNELS);
   readonly #found: Float32Array;
 
   /**
@@ -57,7 +56,8 @@ export class MotionField {
     this.#fit = new Quadratic(count);
     this.#currentSums = new NeighbourSums(frames, count, arrived.offsets, origins);
     this.#previousSums = new NeighbourSums(1, count, past.lastOffsets, null);
-    this.#kinds = new Uint8Array(observedRows.length).fill(UNKNOWN);
+    this.#changedKinds = new Uint8Array(observedRows.length).fill(UNKNOWN);
+    this.#previousKinds = new Uint8Array(observedRows.length);
     this.#neighbours = emptyNeighbours(count);
     this.#previousNeighbours = { ...this.#neighbours, rows: new Int32Array(count), kinds: new Uint8Array(count) };
     this.#offsets = new Float64Array(3 * count);
@@ -69,16 +69,16 @@ export class MotionField {
     this.#tree.leftOut = Uint8Array.from(this.observedRows, (row) => rows[row]);
   }
 
-  #kindsOf(n: number): number {
-    const known = this.#kinds[n];
-    if (known !== UNKNOWN) return known;
+  /** Determines the kinds of an observed row when it is a neighbour for the first time. */
+  #findKinds(n: number): void {
+    if (this.#changedKinds[n] !== UNKNOWN) return;
     const { arrived, origins, past, frames } = this,
       row = this.observedRows[n],
       size = frames * NUM_CHANNELS,
       last = arrived.keyframeIndices[row] * NUM_CHANNELS,
-      from = origins ? changedKinds(origins, n * NUM_CHANNELS, (n + 1) * NUM_CHANNELS) : 0,
-      changed = changedKinds(arrived.offsets, row * size, (row + 1) * size) | from;
-    return (this.#kinds[n] = changed + PREVIOUS * changedKinds(past.lastOffsets, last, last + NUM_CHANNELS));
+      kindsOfOrigin = origins ? changedKinds(origins, n * NUM_CHANNELS, (n + 1) * NUM_CHANNELS) : 0;
+    this.#changedKinds[n] = changedKinds(arrived.offsets, row * size, (row + 1) * size) | kindsOfOrigin;
+    this.#previousKinds[n] = changedKinds(past.lastOffsets, last, last + NUM_CHANNELS);
   }
 
   /**
@@ -87,20 +87,20 @@ export class MotionField {
    */
   predict(keyframeIndex: number, out: Float32Array): void {
     const { lastOffsets, wasExtrapolated, positionStep } = this.past,
-      own = this.#own,
+      deviation = this.#deviation,
       changed = this.#queryNeighbours(keyframeIndex, 0),
-      had = unionOf(this.#previousNeighbours.kinds) & POSE;
-    this.#computeWeights(keyframeIndex, changed | had);
+      previous = unionOf(this.#previousNeighbours.kinds) & POSE;
+    this.#computeWeights(keyframeIndex, changed | previous);
     this.#currentSums.of(this.#neighbours, changed, this.#contrast, out);
     if (wasExtrapolated?.[keyframeIndex]) return;
-    this.#previousSums.of(this.#previousNeighbours, had, this.#contrast, own);
-    let apart = 0;
-    for (let c = 0; c < FIRST_SHAPE; c++) own[c] = lastOffsets[keyframeIndex * NUM_CHANNELS + c] - own[c];
-    for (let a = 0; a < 3; a++) apart += own[a] * own[a];
-    if (!apart) return;
-    const trust = apart / (apart + positionStep(keyframeIndex) ** 2 + 1e-30);
+    this.#previousSums.of(this.#previousNeighbours, previous, this.#contrast, deviation);
+    let square = 0;
+    for (let c = 0; c < FIRST_SHAPE; c++) deviation[c] = lastOffsets[keyframeIndex * NUM_CHANNELS + c] - deviation[c];
+    for (let a = 0; a < 3; a++) square += deviation[a] * deviation[a];
+    if (!square) return;
+    const trust = square / (square + positionStep(keyframeIndex) ** 2 + 1e-30);
     for (let frame = 0; frame < this.frames; frame++)
-      for (let c = 0; c < FIRST_SHAPE; c++) out[frame * NUM_CHANNELS + c] += trust * own[c];
+      for (let c = 0; c < FIRST_SHAPE; c++) out[frame * NUM_CHANNELS + c] += trust * deviation[c];
   }
 
   /** Adds the neighbours' changes to a track's offsets. */
@@ -120,23 +120,23 @@ export class MotionField {
     const { observedRows, arrived, past } = this,
       { points } = this.#tree,
       { means } = past.splats,
-      here = this.#own,
+      position = this.#position,
       offsets = this.#offsets,
       { rows, origins, kinds } = this.#neighbours,
-      last = this.#previousNeighbours;
+      previous = this.#previousNeighbours;
     for (let a = 0; a < 3; a++)
-      here[a] = means[3 * keyframeIndex + a] + moved * past.lastOffsets[keyframeIndex * NUM_CHANNELS + a];
-    const near = this.#tree.nearest(here[0], here[1], here[2]);
+      position[a] = means[3 * keyframeIndex + a] + moved * past.lastOffsets[keyframeIndex * NUM_CHANNELS + a];
+    const near = this.#tree.nearest(position[0], position[1], position[2]);
     for (let i = 0; i < near.length; i++) {
       const n = near[i],
         row = observedRows[n];
-      for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * n + a] - here[a];
+      for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * n + a] - position[a];
+      this.#findKinds(n);
       rows[i] = row;
       origins[i] = n;
-      const both = this.#kindsOf(n);
-      kinds[i] = both % PREVIOUS;
-      last.rows[i] = arrived.keyframeIndices[row];
-      last.kinds[i] = both / PREVIOUS;
+      kinds[i] = this.#changedKinds[n];
+      previous.rows[i] = arrived.keyframeIndices[row];
+      previous.kinds[i] = this.#previousKinds[n];
     }
     return unionOf(kinds);
   }

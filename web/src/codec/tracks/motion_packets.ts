@@ -3,7 +3,7 @@
 import { instantiate } from "../gaussians/native.ts";
 import { HEADER_FIELDS, MAX_GROUP_FRAMES, MOVING, NUM_CHANNELS, STATE } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
-import { codingOrder, coefficients, coefficientsOf, normalisedPositions } from "./predict.ts";
+import { codingOrder, coefficients, totalCoefficients, normalisedPositions } from "./predict.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import { offsetsOf, polynomials, unitsOf } from "./trajectories.ts";
 
@@ -41,14 +41,14 @@ export interface MotionPacket {
   readonly firstNew: number;
 }
 
-interface MotionPackets {
+interface MotionPacketDecoder {
   /** Decodes a packet. Returns null if `keyframesOf` does so for its headers. */
   decode(packet: MotionPacket, keyframesOf: (headers: Int32Array) => TrackKeyframes | null): DecodedMotion | null;
 }
 
 /** Decodes in WebAssembly if possible. */
-export class FastMotionPackets implements MotionPackets {
-  #native: MotionPackets | null | undefined;
+export class FastMotionPacketDecoder implements MotionPacketDecoder {
+  #native: MotionPacketDecoder | null | undefined;
 
   constructor(readonly info: SequenceInfo) {}
 
@@ -56,18 +56,18 @@ export class FastMotionPackets implements MotionPackets {
     const { count, frames } = packet;
     if (this.#native !== null && count <= MAX_TRACKS && count * frames * NUM_CHANNELS <= MAX_OFFSETS) {
       try {
-        this.#native ??= NativeMotionPackets.of(this.info);
+        this.#native ??= NativeMotionPacketDecoder.of(this.info);
         if (this.#native) return this.#native.decode(packet, keyframesOf);
       } catch (error) {
         if (!(error instanceof WebAssembly.RuntimeError)) throw error;
         this.#native = null; // its memory cannot grow
       }
     }
-    return new PlainMotionPackets(this.info).decode(packet, keyframesOf);
+    return new PlainMotionPacketDecoder(this.info).decode(packet, keyframesOf);
   }
 }
 
-export class PlainMotionPackets implements MotionPackets {
+export class PlainMotionPacketDecoder implements MotionPacketDecoder {
   constructor(readonly info: SequenceInfo) {}
 
   decode(
@@ -81,7 +81,7 @@ export class PlainMotionPackets implements MotionPackets {
       moving = movingOf(headers),
       offsets = new Float32Array(frames * stride),
       found = coefficients(keyframes.positions, moving, keyframes.shifts, residuals, numCoefficients),
-      row = coefficientsOf(numCoefficients),
+      row = totalCoefficients(numCoefficients),
       units = unitsOf(this.info);
     for (let i = 0; i < count; i++)
       if (moving[i]) offsetsOf(found, i * row, frames, numCoefficients, units, offsets, i * NUM_CHANNELS, stride);
@@ -105,7 +105,7 @@ interface Exports {
   offsets(moving: number): number;
 }
 
-export class NativeMotionPackets implements MotionPackets {
+export class NativeMotionPacketDecoder implements MotionPacketDecoder {
   #frames = 0;
 
   private constructor(
@@ -118,9 +118,9 @@ export class NativeMotionPackets implements MotionPackets {
   }
 
   /** Returns a decoder; null where there is no WebAssembly. */
-  static of(info: SequenceInfo): NativeMotionPackets | null {
+  static of(info: SequenceInfo): NativeMotionPacketDecoder | null {
     const exports = instantiate<Exports>();
-    return exports && new NativeMotionPackets(info, exports);
+    return exports && new NativeMotionPacketDecoder(info, exports);
   }
 
   /** Tables of the module: units of the channels, polynomials with one row per degree, initial models. */

@@ -54,13 +54,13 @@ export class NeighbourSums {
   readonly #highs: Float64Array;
   readonly #shares: Float64Array;
   /** Offset of each changing neighbour's values, and its weight. Padded with weights of 0. */
-  readonly #at: Int32Array;
-  readonly #counts: Float64Array;
+  readonly #valueOffsets: Int32Array;
+  readonly #weights: Float64Array;
 
   /** `values` has shape (rows, frames, channels). `origins`, shape (rows, channels), is subtracted; null means 0. */
   constructor(
     readonly frames: number,
-    most: number,
+    maxNeighbours: number,
     readonly values: Float32Array,
     readonly origins: Float32Array | null,
   ) {
@@ -68,8 +68,8 @@ export class NeighbourSums {
     this.#lows = new Float64Array(frames * NUM_CHANNELS);
     this.#highs = new Float64Array(frames * NUM_CHANNELS);
     this.#shares = new Float64Array(frames);
-    this.#at = new Int32Array(most + NEIGHBOURS_PER_PASS);
-    this.#counts = new Float64Array(most + NEIGHBOURS_PER_PASS);
+    this.#valueOffsets = new Int32Array(maxNeighbours + NEIGHBOURS_PER_PASS);
+    this.#weights = new Float64Array(maxNeighbours + NEIGHBOURS_PER_PASS);
   }
 
   /**
@@ -90,20 +90,20 @@ export class NeighbourSums {
     out.set(sums);
   }
 
-  #add(near: NeighbourSet, kind: number, counts: Float64Array, begin: number, end: number): void {
+  #add(near: NeighbourSet, kind: number, weights: Float64Array, begin: number, end: number): void {
     const { values } = this,
       sums = this.#sums,
-      some = this.#selectChanging(near, kind, counts),
+      numChanging = this.#selectChanging(near, kind, weights),
       width = end - begin;
-    for (let i = 0; i < some; i += NEIGHBOURS_PER_PASS) {
-      const p = this.#counts[i],
-        q = this.#counts[i + 1],
-        r = this.#counts[i + 2],
-        s = this.#counts[i + 3];
-      let a = this.#at[i] + begin,
-        b = this.#at[i + 1] + begin,
-        c = this.#at[i + 2] + begin,
-        d = this.#at[i + 3] + begin;
+    for (let i = 0; i < numChanging; i += NEIGHBOURS_PER_PASS) {
+      const p = this.#weights[i],
+        q = this.#weights[i + 1],
+        r = this.#weights[i + 2],
+        s = this.#weights[i + 3];
+      let a = this.#valueOffsets[i] + begin,
+        b = this.#valueOffsets[i + 1] + begin,
+        c = this.#valueOffsets[i + 2] + begin,
+        d = this.#valueOffsets[i + 3] + begin;
       for (let k = begin; k < sums.length; k += NUM_CHANNELS) {
         for (let n = 0; n < width; n++)
           sums[k + n] += p * values[a + n] + q * values[b + n] + (r * values[c + n] + s * values[d + n]);
@@ -113,30 +113,30 @@ export class NeighbourSums {
         d += NUM_CHANNELS;
       }
     }
-    if (this.origins) this.#subtract(near, this.origins, counts, begin, end);
+    if (this.origins) this.#subtract(near, this.origins, weights, begin, end);
   }
 
   /** Lists the neighbours that change in a kind of channel. Returns their number, rounded up. */
-  #selectChanging({ rows, kinds }: NeighbourSet, kind: number, counts: Float64Array): number {
+  #selectChanging({ rows, kinds }: NeighbourSet, kind: number, weights: Float64Array): number {
     const stride = this.frames * NUM_CHANNELS;
-    let some = 0;
+    let numChanging = 0;
     for (let i = 0; i < rows.length; i++) {
       if (!(kinds[i] & kind)) continue;
-      this.#at[some] = rows[i] * stride;
-      this.#counts[some++] = counts[i];
+      this.#valueOffsets[numChanging] = rows[i] * stride;
+      this.#weights[numChanging++] = weights[i];
     }
-    for (; some % NEIGHBOURS_PER_PASS; some++) {
-      this.#at[some] = this.#at[some - 1];
-      this.#counts[some] = 0;
+    for (; numChanging % NEIGHBOURS_PER_PASS; numChanging++) {
+      this.#valueOffsets[numChanging] = this.#valueOffsets[numChanging - 1];
+      this.#weights[numChanging] = 0;
     }
-    return some;
+    return numChanging;
   }
 
-  #subtract(near: NeighbourSet, from: Float32Array, counts: Float64Array, begin: number, end: number): void {
+  #subtract(near: NeighbourSet, from: Float32Array, weights: Float64Array, begin: number, end: number): void {
     const sums = this.#sums;
     for (let c = begin; c < end; c++) {
       let sum = 0;
-      for (let i = 0; i < counts.length; i++) sum += counts[i] * from[near.origins[i] * NUM_CHANNELS + c];
+      for (let i = 0; i < weights.length; i++) sum += weights[i] * from[near.origins[i] * NUM_CHANNELS + c];
       for (let k = c; k < sums.length; k += NUM_CHANNELS) sums[k] -= sum;
     }
   }

@@ -13,7 +13,7 @@ const RADIUS = 1 << 10,
 const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 
 /** Returns the number of coefficients of a track, all channels together. */
-export function coefficientsOf(numCoefficients: Int32Array): number {
+export function totalCoefficients(numCoefficients: Int32Array): number {
   let total = 0;
   for (let c = 0; c < NUM_CHANNELS; c++) total += numCoefficients[KIND_OF[c]];
   return total;
@@ -43,28 +43,28 @@ export function coefficients(
 ): Float64Array {
   const count = moving.length,
     frames = residuals.length / NUM_CHANNELS / Math.max(count, 1),
-    size = coefficientsOf(numCoefficients),
-    small = normalisedPositions(positions),
+    size = totalCoefficients(numCoefficients),
+    normalised = normalisedPositions(positions),
     known = new Int32Array(count),
     means = new Float64Array(size),
-    plane = new Plane(small);
+    plane = new Plane(normalised);
   if (buffer.length < count * size) buffer = new Float64Array(count * size);
   const out = buffer.subarray(0, count * size).fill(0);
-  let found = 0;
-  for (let i = 0; i < count; i++) if (!moving[i]) known[found++] = i;
-  for (const i of codingOrder(small, moving, shifts)) {
-    plane.fit(known, found, i);
-    const own = i * size;
+  let numKnown = 0;
+  for (let i = 0; i < count; i++) if (!moving[i]) known[numKnown++] = i;
+  for (const i of codingOrder(normalised, moving, shifts)) {
+    plane.fit(known, numKnown, i);
+    const row = i * size;
     weightedMeans(plane, moving, out, means);
     for (let c = 0, u = 0; c < NUM_CHANNELS; c++) {
       const end = numCoefficients[KIND_OF[c]],
         step = end ? 2 ** shifts[i * NUM_CHANNELS + c] : 0;
       for (let k = 0, at = (i * NUM_CHANNELS + c) * frames; k < end; k++, at++, u++) {
         const value = Math.floor((means[u] + WEIGHT / 2) / WEIGHT) + residuals[at] * step;
-        out[own + u] = clip(value, -MAX_COEFFICIENT, MAX_COEFFICIENT);
+        out[row + u] = clip(value, -MAX_COEFFICIENT, MAX_COEFFICIENT);
       }
     }
-    known[found++] = i;
+    known[numKnown++] = i;
   }
   return out;
 }
@@ -113,33 +113,33 @@ export function normalisedPositions(positions: Float64Array): Float64Array {
 /** Returns the moving tracks in coding order: by step, then along a Z-order curve with decreasing strides. */
 export function codingOrder(positions: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
   const keys = new Float64Array(moving.length),
-    some = new Int32Array(moving.length);
+    tracks = new Int32Array(moving.length);
   let n = 0;
   for (let i = 0; i < moving.length; i++) {
     if (!moving[i]) continue;
     for (let a = 0; a < 3; a++) keys[n] += spreadBits(positions[3 * i + a] >> (POSITION_BITS - 10)) << a;
-    some[n++] = i;
+    tracks[n++] = i;
   }
-  const by = sortedBy(keys, some, n),
+  const alongCurve = sortedBy(keys, tracks, n),
     bits = n > 1 ? 32 - Math.clz32(n - 1) : 0;
   for (let slot = 0, at = 0; slot < 1 << bits; slot++) {
-    let back = 0;
-    for (let bit = 0; bit < bits; bit++) back |= ((slot >> bit) & 1) << (bits - 1 - bit);
-    if (back >= n) continue;
-    const i = (some[at] = by[back]);
+    let reversed = 0;
+    for (let bit = 0; bit < bits; bit++) reversed |= ((slot >> bit) & 1) << (bits - 1 - bit);
+    if (reversed >= n) continue;
+    const i = (tracks[at] = alongCurve[reversed]);
     keys[at++] = (shifts[i * NUM_CHANNELS] + shifts[i * NUM_CHANNELS + 3]) >> 1;
   }
-  return sortedBy(keys, some, n);
+  return sortedBy(keys, tracks, n);
 }
 
 /** Returns the first `n` tracks by ascending key, an integer below 2^30. Equal keys keep their order. */
 function sortedBy(keys: Float64Array, tracks: Int32Array, n: number): Int32Array {
   const unit = 2 ** 22, // larger than the number of tracks, so that sorting needs no function
-    some = keys.subarray(0, n),
+    sorted = keys.subarray(0, n),
     found = new Int32Array(n);
-  for (let i = 0; i < n; i++) some[i] = some[i] * unit + i;
-  some.sort();
-  for (let i = 0; i < n; i++) found[i] = tracks[some[i] % unit];
+  for (let i = 0; i < n; i++) sorted[i] = sorted[i] * unit + i;
+  sorted.sort();
+  for (let i = 0; i < n; i++) found[i] = tracks[sorted[i] % unit];
   return found;
 }
 
@@ -162,8 +162,8 @@ class Plane {
 
   constructor(readonly positions: Float64Array) {}
 
-  fit(known: Int32Array, found: number, i: number): void {
-    this.#find(known, found, i);
+  fit(known: Int32Array, numKnown: number, i: number): void {
+    this.#find(known, numKnown, i);
     const { count, weights } = this;
     weights.fill(Math.floor(WEIGHT / Math.max(count, 1)), 0, count);
     if (count >= 4) this.#plane(i);
@@ -173,14 +173,14 @@ class Plane {
   }
 
   /** Finds the nearest tracks, nearest first. Among equal distances the earlier track counts. */
-  #find(known: Int32Array, found: number, i: number): void {
+  #find(known: Int32Array, numKnown: number, i: number): void {
     const { positions, indices } = this,
       squaredDistances = this.#squaredDistances,
       x = positions[3 * i],
       y = positions[3 * i + 1],
       z = positions[3 * i + 2];
     let count = 0;
-    for (let m = 0; m < found; m++) {
+    for (let m = 0; m < numKnown; m++) {
       const j = known[m],
         dx = positions[3 * j] - x,
         dy = positions[3 * j + 1] - y,

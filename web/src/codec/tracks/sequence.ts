@@ -9,7 +9,7 @@ import { checkMemory } from "../memory.ts";
 import { emptySplats, type Splats, subSplats } from "../splats.ts";
 import { KeyframeGaussians } from "./keyframe_gaussians.ts";
 import { BEGINS, ENDS, GAP_AFTER, GAP_BEFORE, HEADER_FIELDS, NUM_CHANNELS, TRACK } from "./layout.ts";
-import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
+import { type DecodedMotion, FastMotionPacketDecoder } from "./motion_packets.ts";
 import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
 import { HELD, HIDDEN, INTERPOLATED, positionsOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
@@ -72,7 +72,7 @@ export class Sequence implements SequenceDecoder {
   readonly #receivedElements: number[];
   /** First group with motion packets still in memory. */
   #firstGroup = 0;
-  readonly #packets: FastMotionPackets;
+  readonly #motionDecoder: FastMotionPacketDecoder;
   #cachedBytes = 0;
   /** Gaussians of the last frame, if their memory may be used again. */
   #room = emptySplats(0, 0);
@@ -88,7 +88,7 @@ export class Sequence implements SequenceDecoder {
     this.#keyframes = new KeyframeGaussians(info);
     this.#motion = info.groups.map(() => []);
     this.#receivedElements = info.groups.map(() => 0);
-    this.#packets = new FastMotionPackets(info);
+    this.#motionDecoder = new FastMotionPacketDecoder(info);
   }
 
   /** Continues with a longer clip, which has more groups. */
@@ -275,7 +275,7 @@ export class Sequence implements SequenceDecoder {
     if (cached) return cached;
     const { payload, count } = packet,
       { firstNew } = info.groups[group],
-      decoded = this.#packets.decode({ payload, count, frames, firstNew }, (headers) =>
+      decoded = this.#motionDecoder.decode({ payload, count, frames, firstNew }, (headers) =>
         this.#keyframes.of(headers, group),
       );
     if (!decoded) return null;

@@ -10,7 +10,7 @@ import type { Copies } from "../element_batch.ts";
 import type { DecodedPacket, ElementDecoder } from "../element_decoder.ts";
 import { addRows, integers32 } from "../gaussians/digest.ts";
 import { GaussianBatch } from "../gaussians/gaussian_batch.ts";
-import { compressFast, FastPackets } from "../gaussians/native.ts";
+import { compressFast, FastPacketDecoder } from "../gaussians/native.ts";
 import type { Decoded } from "../gaussians/packet.ts";
 import { toSplats } from "../gaussians/to_splats.ts";
 import { CONCEALMENT_BYTES } from "../memory.ts";
@@ -49,7 +49,7 @@ export class TrackDecoder implements ElementDecoder<GaussianBatch> {
   /** Received packets and frames of the clip. */
   readonly sequence: Sequence;
   /** Decoder of the keyframe Gaussians of one shot. Packets of a file, and those of a server, are in order of shots. */
-  readonly #keyframePackets: FastPackets;
+  readonly #keyframeDecoder: FastPacketDecoder;
   #firsts: readonly FirstOfGroup[];
 
   constructor(
@@ -58,7 +58,7 @@ export class TrackDecoder implements ElementDecoder<GaussianBatch> {
   ) {
     this.info = readSequenceInfo(sideInfo, plan.manifest);
     this.sequence = new Sequence(this.info, sideInfo.length);
-    this.#keyframePackets = new FastPackets(this.info.keyframeInfo);
+    this.#keyframeDecoder = new FastPacketDecoder(this.info.keyframeInfo);
     this.#firsts = firstsOf(this.info, plan);
   }
 
@@ -110,8 +110,8 @@ export class TrackDecoder implements ElementDecoder<GaussianBatch> {
 
   #decode(payload: Uint8Array, keyframeBlock: number, count: number): Decoded {
     const { firstBlock, keyframeInfo } = shotOf(this.info, keyframeBlock);
-    if (this.#keyframePackets.info !== keyframeInfo) this.#keyframePackets.grow(keyframeInfo);
-    return this.#keyframePackets.decode(payload, keyframeBlock - firstBlock, count);
+    if (this.#keyframeDecoder.info !== keyframeInfo) this.#keyframeDecoder.grow(keyframeInfo);
+    return this.#keyframeDecoder.decode(payload, keyframeBlock - firstBlock, count);
   }
 
   accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianBatch {

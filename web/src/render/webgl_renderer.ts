@@ -87,7 +87,7 @@ interface Hiding {
   readonly version: number;
 }
 
-export class View {
+export class WebGLRenderer {
   readonly #app: AppBase;
   readonly #camera: Entity;
   readonly #target: HalfFloatTarget;
