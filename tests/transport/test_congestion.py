@@ -194,7 +194,7 @@ def test_queue_delay_is_relative_to_the_shortest_transit():
     meter = QueueMeter()
     waits = [meter.add(0.1 * n, -500.0 + wait) for n, wait in enumerate([0.02, 0.0, 0.03, 0.04, 0.03, 0.01, 0.3])]
     assert waits == pytest.approx([0.0, 0.0, 0.03, 0.04, 0.03, 0.01, 0.3])
-    assert meter.top == pytest.approx(0.03), "a queue that stood for three reports"
+    assert meter.max_delay == pytest.approx(0.03), "a queue that stood for three reports"
     assert meter.is_high(0.02)
     assert not meter.is_high(0.014)
     assert meter.is_low(0.005)

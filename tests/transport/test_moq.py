@@ -26,7 +26,7 @@ from splatwire.types import SplatScene
 pytest.importorskip("moq", reason="the package moq-rs is not installed")
 import splatwire.transport.moq.publisher as moq_publisher
 import splatwire.transport.moq.receiver as moq_receiver
-from splatwire.transport.moq.publisher import INIT_TRACK, RelayTrust, need_moq, parts_of, publish, tiles_of
+from splatwire.transport.moq.publisher import INIT_TRACK, RelayTrust, need_moq, packets_of_tracks, publish, tiles_of
 from splatwire.transport.moq.receiver import RelayReceiver, receive_relayed
 from splatwire.transport.protocol.events import Interrupted, Resumed
 from splatwire.transport.protocol.layout import init_segment
@@ -137,7 +137,7 @@ class HostileRelay:
 def truth(stream: SceneStream) -> dict[str, list[bytes]]:
     head = init_segment(stream.manifest, stream.side_info)
     packets = [packet.data for packet in stream.packets]
-    parts = parts_of(stream.manifest, tiles_of(stream.manifest, stream.side_info))
+    parts = packets_of_tracks(stream.manifest, tiles_of(stream.manifest, stream.side_info))
     return {
         INIT_TRACK: [head],
         **{f"part/{n}": [file_record(packets[at]) for at in places] for n, places in enumerate(parts)},

@@ -56,7 +56,7 @@ def test_datagrams_that_wait_for_the_limit_claim_the_next_turn():
     server.poll(0.0)
     pacer.sent(50_000, 0.0)  # as a response over HTTP
     assert server.poll(0.2) == []
-    assert pacer.claimed
+    assert pacer.datagrams_wait
     sent, now = [], 0.2
     while not sent:
         now = server.next_at()
@@ -116,7 +116,7 @@ def test_many_http_responses_leave_turns_to_datagrams():
             if pacer.next_at() <= loop.time():
                 pacer.sent(1200, loop.time())
                 turns.append(loop.time())
-            pacer.claimed = True
+            pacer.datagrams_wait = True
         return turns
 
     async def work():

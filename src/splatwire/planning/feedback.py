@@ -13,7 +13,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.planning.distortion import StreamVariant
 from splatwire.planning.planner import FINAL_TRIALS, MAX_SIMULATED_DATAGRAMS, ScenePlan, check_request, expected_result
 from splatwire.planning.transfer_model import SimulatedTransfers, draw_losses, model_transfer
-from splatwire.transport.protocol.protection import MAX_RETRANSMITTED, Protection
+from splatwire.transport.protocol.protection import MAX_RETRANSMIT_SHARE, Protection
 
 OVERHEAD = 1.1
 """Retransmitted bytes relative to the ideal; more than 1, because receiver reports can be late or lost. In simulated
@@ -108,7 +108,7 @@ def _plan(
     spent = {"init_protection": round(again * sizes["init_segment"]), "packet_protection": round(resent)}
     total = sum(sizes.values()) + sum(spent.values()) + variant.preview_bytes
     # Any limit, however large, makes the sender keep unsent repair symbols of the init segment.
-    limit = MAX_RETRANSMITTED if count == len(ends) else None
+    limit = MAX_RETRANSMIT_SHARE if count == len(ends) else None
     protection = Protection(init_repair=0.0, retransmit_share=limit, retransmit_until=until)
     return ScenePlan(protection, number, result.psnr, result.lost, total, 1.0, sizes | spent, extra)
 

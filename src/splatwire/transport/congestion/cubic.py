@@ -8,6 +8,7 @@ INITIAL_WINDOW = 10 * SEGMENT
 """Initial window in bytes (RFC 6928)."""
 MIN_WINDOW = 2 * SEGMENT
 C, BETA = 0.4, 0.7
+"""Constants of CUBIC: growth, segments per cubed second; and factor on the window after congestion."""
 RENO_FRIENDLY = 3 * (1 - BETA) / (1 + BETA)
 
 
@@ -22,12 +23,11 @@ class CubicWindow:
     def __init__(self) -> None:
         self.bytes = INITIAL_WINDOW
         self.threshold = float("inf")
-        self._most = 0.0
-        self._since: float | None = None
-        self._origin = 0.0
+        self._max_window = 0.0
+        self._epoch_start: float | None = None
         self._k = 0.0
-        self._reno = 0.0
-        self._undo: tuple[float, float] | None = None
+        self._reno_window = 0.0
+        self._before_reduction: tuple[float, float] | None = None
 
     @property
     def in_slow_start(self) -> bool:
@@ -47,14 +47,14 @@ class CubicWindow:
             round_trip: Smoothed round-trip time, seconds.
         """
         rounds = seconds / round_trip
-        if self._since is None:
-            self._since, self._reno = now - seconds, self.bytes
-            self._most = max(self._most, self.bytes)
-            self._k = ((self._most - self.bytes) / SEGMENT / C) ** (1 / 3)
-        since = now - self._since
-        target = self._most + SEGMENT * C * (since - self._k) ** 3
-        self._reno += SEGMENT * rounds * (1.0 if self._reno >= self._most else RENO_FRIENDLY)
-        self.bytes = min(max(self.bytes, target, self._reno), 1.5**rounds * self.bytes)
+        if self._epoch_start is None:
+            self._epoch_start, self._reno_window = now - seconds, self.bytes
+            self._max_window = max(self._max_window, self.bytes)
+            self._k = ((self._max_window - self.bytes) / SEGMENT / C) ** (1 / 3)
+        elapsed = now - self._epoch_start
+        target = self._max_window + SEGMENT * C * (elapsed - self._k) ** 3
+        self._reno_window += SEGMENT * rounds * (1.0 if self._reno_window >= self._max_window else RENO_FRIENDLY)
+        self.bytes = min(max(self.bytes, target, self._reno_window), 1.5**rounds * self.bytes)
 
     def reduce(self, share: float = BETA, in_use: float = float("inf")) -> None:
         """Reduces the window after congestion to a share of the bytes in flight.
@@ -64,10 +64,10 @@ class CubicWindow:
             in_use: Number of bytes in flight, limited to the old window. The default is a fully used window.
         """
         used = min(self.bytes, in_use)
-        self._undo = self.bytes, self.threshold
-        self._most = used * (1 + BETA) / 2 if used < self._most else used
+        self._before_reduction = self.bytes, self.threshold
+        self._max_window = used * (1 + BETA) / 2 if used < self._max_window else used
         self.bytes = self.threshold = max(share * used, MIN_WINDOW)
-        self._since = None
+        self._epoch_start = None
 
     def exit_slow_start(self) -> None:
         """Ends slow start at the current window."""
@@ -75,14 +75,17 @@ class CubicWindow:
 
     def undo(self) -> None:
         """Restores the window from before the last reduction, because the loss was not congestion."""
-        if self._undo:
-            self.bytes, self.threshold = max(self.bytes, self._undo[0]), max(self.threshold, self._undo[1])
-            self._undo, self._since = None, None
+        if self._before_reduction:
+            self.bytes, self.threshold = (
+                max(self.bytes, self._before_reduction[0]),
+                max(self.threshold, self._before_reduction[1]),
+            )
+            self._before_reduction, self._epoch_start = None, None
 
     def set(self, window: float) -> None:
         """Sets the window to a number of bytes and leaves slow start."""
         self.bytes = self.threshold = max(window, MIN_WINDOW)
-        self._since = None
+        self._epoch_start = None
 
     def restart(self, threshold: float) -> None:
         """Restarts slow start after a feedback timeout.
@@ -91,4 +94,4 @@ class CubicWindow:
             threshold: New slow-start threshold, bytes.
         """
         self.threshold = max(threshold, MIN_WINDOW)
-        self.bytes, self._since = max(min(INITIAL_WINDOW, self.bytes / 2), MIN_WINDOW), None
+        self.bytes, self._epoch_start = max(min(INITIAL_WINDOW, self.bytes / 2), MIN_WINDOW), None

@@ -7,7 +7,8 @@ GAIN = 2.0
 """Window as a multiple of the bandwidth-delay product (BBR's `cwnd_gain`). With 2, the window doubles each round trip
 while the delivery rate grows.
 """
-RATE_WINDOW_S, MIN_WINDOW_S = 1.0, 10.0
+RATE_WINDOW_S, MIN_RTT_WINDOW_S = 1.0, 10.0
+"""Periods over which the maximum delivery rate and the minimum round-trip time are taken, seconds."""
 
 
 class DeliveryRateWindow:
@@ -21,8 +22,9 @@ class DeliveryRateWindow:
 
     def __init__(self) -> None:
         self.bytes = INITIAL_WINDOW
-        self._fastest, self._least = WindowedMinFilter(RATE_WINDOW_S), WindowedMinFilter(MIN_WINDOW_S)
-        self._since: float | None = None
+        self._max_rate_filter = WindowedMinFilter(RATE_WINDOW_S)
+        self._min_rtt_filter = WindowedMinFilter(MIN_RTT_WINDOW_S)
+        self._interval_start: float | None = None
         self._delivered = 0.0
 
     def on_acked(self, now: float, num_bytes: float, round_trip: float) -> None:
@@ -33,11 +35,11 @@ class DeliveryRateWindow:
             num_bytes: Number of acknowledged bytes.
             round_trip: Round-trip time of the acknowledged packet, seconds.
         """
-        least = self._least.add(now, max(round_trip, 1e-3))
-        if self._since is None:
-            self._since = now - least
+        min_rtt = self._min_rtt_filter.add(now, max(round_trip, 1e-3))
+        if self._interval_start is None:
+            self._interval_start = now - min_rtt
         self._delivered += num_bytes
-        if now - self._since >= least:
-            fastest = -self._fastest.add(now, -self._delivered / (now - self._since))
-            self.bytes = max(GAIN * fastest * least, INITIAL_WINDOW)
-            self._since, self._delivered = now, 0.0
+        if now - self._interval_start >= min_rtt:
+            max_rate = -self._max_rate_filter.add(now, -self._delivered / (now - self._interval_start))
+            self.bytes = max(GAIN * max_rate * min_rtt, INITIAL_WINDOW)
+            self._interval_start, self._delivered = now, 0.0

@@ -1,5 +1,6 @@
 """Pacing and rate control of a sender, which reacts to queuing delay and congestion, not to random loss."""
 
+import math
 from dataclasses import dataclass, field
 
 from splatwire.transport.congestion.cubic import INITIAL_WINDOW, MIN_WINDOW, CubicWindow
@@ -45,13 +46,13 @@ class Pacer:
     Attributes:
         rate: Sending rate, bytes per second.
         burst_s: Maximum burst after a pause, as seconds of sending at the current rate.
-        claimed: True while datagrams wait for this pacer. HTTP responses with the same pacer then pause, so that both
-            get a share of the rate.
+        datagrams_wait: True while datagrams wait for this pacer. HTTP responses with the same pacer then pause, so that
+            both get a share of the rate.
     """
 
     rate: float
     burst_s: float = 0.004
-    claimed: bool = False
+    datagrams_wait: bool = False
     _free_at: float = 0.0
 
     def next_at(self) -> float:
@@ -69,7 +70,7 @@ class _Round:
 
     Attributes:
         began_at: Time at which the round began, seconds.
-        seen: Sent and lost datagrams.
+        counts: Sent and lost datagrams.
         arrived_bytes: Estimated size of the received datagrams in bytes.
         seconds: Time in which these bytes were received, seconds.
         min_queue: Shortest queuing delay, seconds.
@@ -77,7 +78,7 @@ class _Round:
     """
 
     began_at: float
-    seen: LossCounter = field(default_factory=LossCounter)
+    counts: LossCounter = field(default_factory=LossCounter)
     arrived_bytes: float = 0.0
     seconds: float = 0.0
     min_queue: float = float("inf")
@@ -94,7 +95,7 @@ class _RateReduction:
         window: Congestion window before the reduction, bytes.
         rate: Sending rate during the reduction, bytes per second.
         before: For a test: sent and lost datagrams before the reduction.
-        seen: Sent and lost datagrams during the reduction.
+        counts: Sent and lost datagrams during the reduction.
     """
 
     kind: str
@@ -102,7 +103,7 @@ class _RateReduction:
     window: float
     rate: float
     before: LossCounter = field(default_factory=LossCounter)
-    seen: LossCounter = field(default_factory=LossCounter)
+    counts: LossCounter = field(default_factory=LossCounter)
 
 
 class RateControl:
@@ -122,18 +123,18 @@ class RateControl:
 
     def __init__(self, start_rate: float = START_RATE, max_rate: float = MAX_RATE, *, bounded: bool = False) -> None:
         self.round_trip: float | None = None
-        self._latest = 0.0
+        self._recent_round_trip = 0.0
         self.window = CubicWindow()
         self.competing = False
         self.queue, self.loss = QueueMeter(), LossMeter()
         self._start_rate, self._max_rate = min(start_rate, max_rate), max_rate
-        self._quiet_since, self._quiet = 0.0, False
+        self._timeout_start, self._has_timed_out = 0.0, False
         self._round: _Round | None = None
-        self._pause: _RateReduction | None = None
-        self._carried = 0.0
+        self._reduction: _RateReduction | None = None
+        self._delivery_rate = 0.0
         self._probe_at, self._probe_interval = 0.0, MIN_PROBE_INTERVAL_S
-        self._left: tuple[float, float] | None = None
-        self._hold_until = 0.0
+        self._competition_ended_at, self._competition_window = -math.inf, 0.0
+        self._recovery_until = 0.0
         self._bounded = bounded
         self.rate = self._start_rate if bounded else min(self._start_rate, INITIAL_WINDOW / ASSUMED_ROUND_TRIP_S)
 
@@ -150,13 +151,13 @@ class RateControl:
         Args:
             now: Time, seconds.
         """
-        self._quiet_since = now
+        self._timeout_start = now
 
     def on_feedback_timeout(self, now: float) -> None:
         """Halves the sending rate if the feedback timeout has expired at time `now`, seconds (RFC 8085, 3.1.1)."""
         wait = max(FEEDBACK_TIMEOUT_ROUNDS * (self.round_trip or ASSUMED_ROUND_TRIP_S), FEEDBACK_TIMEOUT_S)
-        if now - self._quiet_since > wait:
-            self._quiet_since, self._quiet = now, True
+        if now - self._timeout_start > wait:
+            self._timeout_start, self._has_timed_out = now, True
             self.rate = max(self.rate / 2, MIN_RATE)
 
     def on_feedback(
@@ -185,40 +186,40 @@ class RateControl:
         """
         only_lost = self.round_trip is None and round_trip < FEEDBACK_TIMEOUT_ROUNDS * ASSUMED_ROUND_TRIP_S
         self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip
-        self._latest = 0.5 * ((self._latest or round_trip) + round_trip)
-        if self._quiet:
+        self._recent_round_trip = 0.5 * ((self._recent_round_trip or round_trip) + round_trip)
+        if self._has_timed_out:
             # Only a handshake or the first report was lost: a congested path would show a long round-trip time.
             self.window.restart(float("inf") if only_lost else self.window.bytes / 2)
-            self._pause = self._round = None
-        self._quiet_since, self._quiet = now, False
+            self._reduction = self._round = None
+        self._timeout_start, self._has_timed_out = now, False
         queue = self.queue.add(now, transit)
         current = self._round = self._round or _Round(now)
         lost = max(num_sent - num_arrived, 0)
-        current.seen.add(LossCounter(num_sent, lost))
+        current.counts.add(LossCounter(num_sent, lost))
         current.arrived_bytes += bytes_arrived
         current.seconds += seconds
         current.min_queue, current.max_queue = min(current.min_queue, queue), max(current.max_queue, queue)
-        if self.window.in_slow_start and not self._pause and num_arrived and self._within_baseline(current.seen):
+        if self.window.in_slow_start and not self._reduction and num_arrived and self._within_baseline(current.counts):
             # Scaled up, because baseline loss is no congestion.
             self.window.on_acked(bytes_arrived * num_sent / num_arrived)
-        if current.min_queue > MAX_START_QUEUE_S and current.seen.sent >= 8:
+        if current.min_queue > MAX_START_QUEUE_S and current.counts.sent >= 8:
             self.window.exit_slow_start()
-        if now - current.began_at >= max(self.round_trip, MIN_ROUND_S) and current.seen.sent >= 2:
+        if now - current.began_at >= max(self.round_trip, MIN_ROUND_S) and current.counts.sent >= 2:
             self._round = _Round(now)
-            current.seen.events = int(current.seen.lost > 0)
+            current.counts.events = int(current.counts.lost > 0)
             self._end_round(current, now)
         self._set_rate()
 
     def _set_rate(self) -> None:
         assert self.round_trip is not None
-        least = MIN_WINDOW / max(self.round_trip, MIN_ROUND_S)
-        if self._pause:
-            wanted = max(self._pause.rate, least / 4)
+        min_rate = MIN_WINDOW / max(self.round_trip, MIN_ROUND_S)
+        if self._reduction:
+            rate = max(self._reduction.rate, min_rate / 4)
         else:
             # A more smoothed round-trip time would lag behind the queue: after the window is reduced, the queue would
             # drain completely, and competing delay-based flows (BBR) would take the path for idle.
-            wanted = max(self.window.bytes / max(self._latest, MIN_ROUND_S / 2), least)
-        self.rate = min(wanted, self._max_rate)
+            rate = max(self.window.bytes / max(self._recent_round_trip, MIN_ROUND_S / 2), min_rate)
+        self.rate = min(rate, self._max_rate)
 
     def _end_round(self, done: _Round, now: float) -> None:
         """Adapts congestion window or sending rate at the end of a control round (about one round trip).
@@ -230,52 +231,58 @@ class RateControl:
         assert self.round_trip is not None
         length = max(now - done.began_at, 1e-3)
         arrived = done.arrived_bytes / max(done.seconds, 1e-3)
-        self._carried = arrived if self._carried == 0.0 else 0.5 * (self._carried + arrived)
+        self._delivery_rate = arrived if self._delivery_rate == 0.0 else 0.5 * (self._delivery_rate + arrived)
         high, low = self.queue.is_high(done.max_queue), self.queue.is_low(done.max_queue)
-        broken = self.loss.is_circuit_broken(done.seen)
-        congested = broken or (high and self.loss.is_congested(done.seen))
-        rise = self.loss.loss_rise(done.seen) if low and not self._testing else None
+        broken = self.loss.is_circuit_broken(done.counts)
+        congested = broken or (high and self.loss.is_congested(done.counts))
+        before_test = self.loss.loss_rise(done.counts) if low and not self._is_testing else None
         if congested:
             self._reduce(done, now)
-        elif self._pause:
-            self._within_pause(self._pause, done, now)
-        elif rise is not None:
-            self._begin("test", now, 3 * self.round_trip, TEST_RATE_SHARE * self.rate, rise)
+        elif self._reduction:
+            self._update_reduction(self._reduction, done, now)
+        elif before_test is not None:
+            self._begin_reduction("test", now, 3 * self.round_trip, TEST_RATE_SHARE * self.rate, before_test)
         elif self.competing and now >= self._probe_at and not self.window.in_slow_start:
-            self._begin("probe", now, self._time_to_drain(PROBE_RATE_SHARE), PROBE_RATE_SHARE * self._capacity)
+            self._begin_reduction(
+                "probe", now, self._time_to_drain(PROBE_RATE_SHARE), PROBE_RATE_SHARE * self._capacity
+            )
         elif not self.competing and done.min_queue > MAX_QUEUE_S:
-            self._begin("drain", now, 2 * self._time_to_drain(DRAIN_RATE_SHARE), DRAIN_RATE_SHARE * self._capacity)
-        elif not self.window.in_slow_start and self._may_grow(done.seen, length):
+            self._begin_reduction(
+                "drain", now, 2 * self._time_to_drain(DRAIN_RATE_SHARE), DRAIN_RATE_SHARE * self._capacity
+            )
+        elif not self.window.in_slow_start and self._may_grow(done.counts, length):
             self.window.grow(now, length, max(self.round_trip, MIN_ROUND_S))
 
-    def _may_grow(self, seen: LossCounter, length: float) -> bool:
+    def _may_grow(self, counts: LossCounter, length: float) -> bool:
         """True if the sender used so much of the allowed rate that the congestion window may grow (RFC 7661).
 
         Args:
-            seen: Sent and lost datagrams of the control round.
+            counts: Sent and lost datagrams of the control round.
             length: Duration of the control round, seconds.
         """
-        return seen.sent * DATAGRAM > 0.5 * self.rate * length
+        return counts.sent * DATAGRAM > 0.5 * self.rate * length
 
-    def _within_baseline(self, seen: LossCounter) -> bool:
+    def _within_baseline(self, counts: LossCounter) -> bool:
         """True if the loss in a control round is at most the path's baseline loss."""
         baseline = self.loss.baseline or ASSUMED_BASELINE_LOSS
-        return seen.lost <= BASELINE_TOLERANCE * baseline * seen.sent + self.loss.deviation(seen.sent)
+        return counts.lost <= BASELINE_TOLERANCE * baseline * counts.sent + self.loss.deviation(counts.sent)
 
     @property
-    def _testing(self) -> bool:
-        return self._pause is not None and self._pause.kind == "test"
+    def _is_testing(self) -> bool:
+        return self._reduction is not None and self._reduction.kind == "test"
 
     @property
     def _capacity(self) -> float:
         """Estimated capacity of the path, bytes per second."""
-        return min(self._carried / (1.0 - self.loss.baseline), self.rate)
+        return min(self._delivery_rate / (1.0 - self.loss.baseline), self.rate)
 
     def _time_to_drain(self, share: float) -> float:
-        return (self.round_trip or 0.0) + 1.2 * self.queue.queue / (1.0 - share)
+        return (self.round_trip or 0.0) + 1.2 * self.queue.delay / (1.0 - share)
 
-    def _begin(self, kind: str, now: float, seconds: float, rate: float, before: LossCounter | None = None) -> None:
-        self._pause = _RateReduction(kind, now + seconds, self.window.bytes, rate, before or LossCounter())
+    def _begin_reduction(
+        self, kind: str, now: float, seconds: float, rate: float, before: LossCounter | None = None
+    ) -> None:
+        self._reduction = _RateReduction(kind, now + seconds, self.window.bytes, rate, before or LossCounter())
 
     def _reduce(self, done: _Round, now: float) -> None:
         """Reduces the congestion window after congestion, at most once per round trip.
@@ -284,36 +291,37 @@ class RateControl:
             done: Feedback of the control round that has ended.
             now: Time, seconds.
         """
-        # Further losses in the same round trip belong to the same congestion event.
-        if done.began_at < self._hold_until:
+        # Further counts in the same round trip belong to the same congestion event.
+        if done.began_at < self._recovery_until:
             return
         self.window.reduce()
-        self._hold_until = now + (self.round_trip or 0.0)
-        if self._pause:
-            self._pause.window = self.window.bytes
+        self._recovery_until = now + (self.round_trip or 0.0)
+        if self._reduction:
+            self._reduction.window = self.window.bytes
 
-    def _within_pause(self, pause: _RateReduction, done: _Round, now: float) -> None:
-        pause.seen.add(done.seen)
-        drained = done.min_queue < max(DRAINED_QUEUE_S, 0.1 * self.queue.top)
-        if pause.kind == "test":
-            if now >= pause.until and self.loss.test_done(pause.before, pause.seen):
-                self._pause = None
-                if self.loss.finish_test(pause.before, pause.seen, TEST_RATE_SHARE):
+    def _update_reduction(self, reduction: _RateReduction, done: _Round, now: float) -> None:
+        reduction.counts.add(done.counts)
+        is_drained = done.min_queue < max(DRAINED_QUEUE_S, 0.1 * self.queue.max_delay)
+        if reduction.kind == "test":
+            if now >= reduction.until and self.loss.test_done(reduction.before, reduction.counts):
+                self._reduction = None
+                if self.loss.finish_test(reduction.before, reduction.counts, TEST_RATE_SHARE):
                     self.window.reduce()
                 else:
                     self.window.undo()
-        elif drained:
-            self._pause = None
-            if pause.kind == "drain":
+        elif is_drained:
+            self._reduction = None
+            if reduction.kind == "drain":
                 self.window.reduce(1.0)
-                self._exit_drain(pause.rate / DRAIN_RATE_SHARE, self.round_trip or 0.0)
+                self._exit_drain(reduction.rate / DRAIN_RATE_SHARE, self.round_trip or 0.0)
             else:
-                self.competing, self._left = False, (now, pause.window)
+                self.competing = False
+                self._competition_ended_at, self._competition_window = now, reduction.window
                 # The window before the probe would refill the queue at once.
-                self._exit_drain(pause.rate / PROBE_RATE_SHARE, self._latest)
-        elif now >= pause.until:
-            self._pause = None
-            self._enter_competitive_mode(now, pause)
+                self._exit_drain(reduction.rate / PROBE_RATE_SHARE, self._recent_round_trip)
+        elif now >= reduction.until:
+            self._reduction = None
+            self._enter_competitive_mode(now, reduction)
 
     def _exit_drain(self, capacity: float, round_trip: float) -> None:
         """Sets the window from the path's capacity after the queue was drained.
@@ -324,21 +332,21 @@ class RateControl:
         """
         self.window.set(CRUISE_RATE_SHARE * capacity * max(round_trip, MIN_ROUND_S))
 
-    def _enter_competitive_mode(self, now: float, pause: _RateReduction) -> None:
+    def _enter_competitive_mode(self, now: float, reduction: _RateReduction) -> None:
         """Enters competitive mode, because another flow fills the queue. In this mode, only loss reduces the rate.
 
         Args:
             now: Time, seconds.
-            pause: The temporary rate reduction that has just ended.
+            reduction: The temporary rate reduction that has just ended.
         """
-        window = pause.window
-        if pause.kind == "drain":
-            again = self._left is not None and now - self._left[0] < MIN_PROBE_INTERVAL_S
-            if again and self._left is not None:
-                window = max(window, self._left[1])
+        window = reduction.window
+        if reduction.kind == "drain":
+            is_repeated = now - self._competition_ended_at < MIN_PROBE_INTERVAL_S
+            if is_repeated:
+                window = max(window, self._competition_window)
             self._probe_interval = (
-                min(2 * self._probe_interval, MAX_PROBE_INTERVAL_S) if again else MIN_PROBE_INTERVAL_S
+                min(2 * self._probe_interval, MAX_PROBE_INTERVAL_S) if is_repeated else MIN_PROBE_INTERVAL_S
             )
-        self.competing, self._left = True, None
+        self.competing, self._competition_ended_at = True, -math.inf
         self._probe_at = now + self._probe_interval
         self.window.set(window)

@@ -44,7 +44,7 @@ class WindowedMinFilter:
 
     def __init__(self, window_s: float) -> None:
         self._window_s = window_s
-        self._kept: deque[tuple[float, float]] = deque()
+        self._candidates: deque[tuple[float, float]] = deque()
 
     def add(self, now: float, value: float) -> float:
         """Adds a value that was measured at time `now` (seconds).
@@ -52,21 +52,27 @@ class WindowedMinFilter:
         Returns:
             Minimum of all values of the last `window_s` seconds, including the new one.
         """
-        while self._kept and self._kept[-1][1] >= value:
-            self._kept.pop()
-        self._kept.append((now, value))
-        while self._kept[0][0] < now - self._window_s:
-            self._kept.popleft()
-        return self._kept[0][1]
+        while self._candidates and self._candidates[-1][1] >= value:
+            self._candidates.pop()
+        self._candidates.append((now, value))
+        while self._candidates[0][0] < now - self._window_s:
+            self._candidates.popleft()
+        return self._candidates[0][1]
 
 
 class QueueMeter:
-    """Estimates the queuing delay from one-way delays, without synchronised clocks."""
+    """Estimates the queuing delay from one-way delays, without synchronised clocks.
+
+    Attributes:
+        delay: Queuing delay of the latest report, seconds.
+        max_delay: Longest recent queuing delay, seconds.
+    """
 
     def __init__(self) -> None:
-        self._base, self._top = WindowedMinFilter(BASE_WINDOW_S), WindowedMinFilter(LONGEST_QUEUE_WINDOW_S)
-        self._late: deque[float] = deque(maxlen=MIN_LATE_REPORTS)
-        self.queue = self.top = 0.0
+        self._min_transit_filter = WindowedMinFilter(BASE_WINDOW_S)
+        self._max_delay_filter = WindowedMinFilter(LONGEST_QUEUE_WINDOW_S)
+        self._recent_delays: deque[float] = deque(maxlen=MIN_LATE_REPORTS)
+        self.delay = self.max_delay = 0.0
 
     def add(self, now: float, transit: float) -> float:
         """Adds a one-way delay and returns the queuing delay: excess over the minimum delay, seconds.
@@ -75,18 +81,18 @@ class QueueMeter:
             now: Time, seconds.
             transit: One-way delay, seconds, plus any constant clock offset.
         """
-        self.queue = transit - self._base.add(now, transit)
-        self._late.append(self.queue)
-        self.top = -self._top.add(now, -min(self._late))
-        return self.queue
+        self.delay = transit - self._min_transit_filter.add(now, transit)
+        self._recent_delays.append(self.delay)
+        self.max_delay = -self._max_delay_filter.add(now, -min(self._recent_delays))
+        return self.delay
 
-    def is_high(self, queue: float) -> bool:
+    def is_high(self, delay: float) -> bool:
         """Returns True if a queuing delay (seconds) indicates that the queue may have overflowed."""
-        return queue >= max(HIGH_QUEUE_SHARE * self.top, MIN_QUEUE_S)
+        return delay >= max(HIGH_QUEUE_SHARE * self.max_delay, MIN_QUEUE_S)
 
-    def is_low(self, queue: float) -> bool:
+    def is_low(self, delay: float) -> bool:
         """Returns True if a queuing delay (seconds) is so short that the queue cannot have overflowed."""
-        return queue <= max(LOW_QUEUE_SHARE * self.top, MIN_QUEUE_S)
+        return delay <= max(LOW_QUEUE_SHARE * self.max_delay, MIN_QUEUE_S)
 
 
 @dataclass
@@ -127,21 +133,21 @@ class LossMeter:
     def __init__(self) -> None:
         self.baseline = 0.0
         self._max_baseline = 0.0
-        self._recent = 0.0
-        self._excess = 0.0
-        self._spread = 0.0
-        self._late = LossCounter()
+        self._recent_loss = 0.0
+        self._excess_losses = 0.0
+        self._variance = 0.0
+        self._recent_counts = LossCounter()
 
-    def is_circuit_broken(self, seen: LossCounter) -> bool:
+    def is_circuit_broken(self, counts: LossCounter) -> bool:
         """Returns True if the recent loss rate exceeds `CIRCUIT_BREAKER_LOSS`.
 
         The caller then treats the path as congested, even if the queuing delay is short.
 
         Args:
-            seen: Numbers of datagrams sent and lost in the last control round (about one round trip).
+            counts: Numbers of datagrams sent and lost in the last control round (about one round trip).
         """
-        self._recent += min(seen.sent / CIRCUIT_BREAKER_DATAGRAMS, 1.0) * (seen.share - self._recent)
-        return self._recent > CIRCUIT_BREAKER_LOSS
+        self._recent_loss += min(counts.sent / CIRCUIT_BREAKER_DATAGRAMS, 1.0) * (counts.share - self._recent_loss)
+        return self._recent_loss > CIRCUIT_BREAKER_LOSS
 
     def deviation(self, sent: int) -> float:
         """Returns the maximum number of excess losses that can be due to chance: three standard deviations.
@@ -152,42 +158,44 @@ class LossMeter:
             sent: Number of sent datagrams.
         """
         # Three standard deviations. The variance is measured on this path, so that it includes bursts of losses.
-        return 3.0 * math.sqrt(self._spread * sent)
+        return 3.0 * math.sqrt(self._variance * sent)
 
-    def is_congested(self, seen: LossCounter) -> bool:
+    def is_congested(self, counts: LossCounter) -> bool:
         """Returns True if recent losses are significantly above the baseline loss, which indicates congestion.
 
         Args:
-            seen: Numbers of datagrams sent and lost in one control round (about one round trip), while the queue at the
-                bottleneck of the path was long.
+            counts: Numbers of datagrams sent and lost in one control round (about one round trip), while the queue at
+                the bottleneck of the path was long.
         """
-        self._excess = max(self._excess + seen.lost - BASELINE_TOLERANCE * self.baseline * seen.sent, 0.0)
-        if self._excess <= 0.5 + self.deviation(seen.sent):
+        self._excess_losses = max(
+            self._excess_losses + counts.lost - BASELINE_TOLERANCE * self.baseline * counts.sent, 0.0
+        )
+        if self._excess_losses <= 0.5 + self.deviation(counts.sent):
             return False
-        self._excess = 0.0
+        self._excess_losses = 0.0
         return True
 
-    def loss_rise(self, seen: LossCounter) -> LossCounter | None:
+    def loss_rise(self, counts: LossCounter) -> LossCounter | None:
         """Detects a significant rise of the loss rate while the queue is short, and updates the baseline loss.
 
         Args:
-            seen: Numbers of datagrams sent and lost while the queue was short, in one control round (about one round
+            counts: Numbers of datagrams sent and lost while the queue was short, in one control round (about one round
                 trip).
 
         Returns:
             Sent and lost datagrams of the recent rounds if their loss rate rose significantly, else None.
         """
-        off = seen.lost - seen.sent * self.baseline
-        self.baseline = min(max(self.baseline + off / BASELINE_DATAGRAMS, 0.0), self._max_baseline)
+        excess = counts.lost - counts.sent * self.baseline
+        self.baseline = min(max(self.baseline + excess / BASELINE_DATAGRAMS, 0.0), self._max_baseline)
         if self.baseline:  # else the variation may be congestion
-            self._spread += (off * off / seen.sent - self._spread) / VARIANCE_ROUNDS
-        late = self._late
-        late.add(seen)
-        most = (self.baseline + LOSS_STEP) * late.sent + self.deviation(late.sent)
-        rose = late.events >= MIN_LOSS_ROUNDS and late.lost > most
-        if rose or late.sent > BASELINE_DATAGRAMS:
-            self._late = LossCounter()
-        return late if rose else None
+            self._variance += (excess * excess / counts.sent - self._variance) / VARIANCE_ROUNDS
+        recent = self._recent_counts
+        recent.add(counts)
+        threshold = (self.baseline + LOSS_STEP) * recent.sent + self.deviation(recent.sent)
+        has_risen = recent.events >= MIN_LOSS_ROUNDS and recent.lost > threshold
+        if has_risen or recent.sent > BASELINE_DATAGRAMS:
+            self._recent_counts = LossCounter()
+        return recent if has_risen else None
 
     def test_done(self, before: LossCounter, during: LossCounter) -> bool:
         """True if a test at a lower sending rate has lasted long enough to compare loss rates.
@@ -198,28 +206,28 @@ class LossMeter:
         """
         return during.sent * before.events >= MIN_LOSS_ROUNDS * before.sent
 
-    def finish_test(self, before: LossCounter, during: LossCounter, slower: float) -> bool:
+    def finish_test(self, before: LossCounter, during: LossCounter, rate_share: float) -> bool:
         """Evaluates a test at a lower sending rate, and updates the baseline loss if the loss persisted.
 
         Args:
             before: Sent and lost datagrams before the test.
             during: Sent and lost datagrams during the test.
-            slower: Sending rate during the test as a share of the rate before the test.
+            rate_share: Sending rate during the test as a share of the rate before the test.
 
         Returns:
             True if the loss was congestion. This is the case if the loss decreased at the lower rate, or if the loss is
             so high that the path counts as congested anyway. False if the loss persisted at the lower rate. It is then
             random loss of the path.
         """
-        self._late = LossCounter()
-        if_full = max(1.0 - (1.0 - before.share) / slower, 0.0)
-        if before.share > CIRCUIT_BREAKER_LOSS or during.share < 0.5 * (before.share + if_full):
+        self._recent_counts = LossCounter()
+        share_if_congested = max(1.0 - (1.0 - before.share) / rate_share, 0.0)
+        if before.share > CIRCUIT_BREAKER_LOSS or during.share < 0.5 * (before.share + share_if_congested):
             return True
-        first, both = not self.baseline, LossCounter()
-        both.add(before)
-        both.add(during)
-        self.baseline = min(both.share, MAX_BASELINE_LOSS)
-        if first:
-            self._spread = self.baseline * both.lost / both.events
+        is_first, total = not self.baseline, LossCounter()
+        total.add(before)
+        total.add(during)
+        self.baseline = min(total.share, MAX_BASELINE_LOSS)
+        if is_first:
+            self._variance = self.baseline * total.lost / total.events
         self._max_baseline = min(BASELINE_TOLERANCE * self.baseline + LOSS_STEP, MAX_BASELINE_LOSS)
         return False

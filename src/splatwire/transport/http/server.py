@@ -281,10 +281,10 @@ class PageServer:
             limit.reschedule(None)
         async with self._turn:  # responses take turns, and alternate with datagrams that wait
             await _wait_for_pacer(pacer)
-            if pacer.claimed:
+            if pacer.datagrams_wait:
                 before = pacer.next_at()
                 await asyncio.sleep(YIELD_S)
-                pacer.claimed &= pacer.next_at() > before  # else no datagram waits any more
+                pacer.datagrams_wait &= pacer.next_at() > before  # else no datagram waits any more
                 await _wait_for_pacer(pacer)
             if limit is not None and end is not None:
                 limit.reschedule(end + loop.time() - began)

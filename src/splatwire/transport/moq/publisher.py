@@ -117,7 +117,7 @@ def error_text(error: Exception) -> str:
     return text[1:-1] if text.startswith("'") and text.endswith("'") else text  # moq-rs puts quotes around it
 
 
-def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
+def packets_of_tracks(manifest: Manifest, tiles: Tiles | None) -> list[range]:
     """Divides the packets of a stream among MoQ tracks.
 
     Args:
@@ -160,8 +160,8 @@ async def publish(
     # Objects on reliable streams: relays do not cache datagrams for clients that connect later.
     moq = need_moq()
     packets = [packet.data for packet in send_sequence(stream, "tiers")]
-    parts = parts_of(stream.manifest, tiles_of(stream.manifest, stream.side_info))
-    head = init_segment(stream.manifest, stream.side_info)
+    track_packets = packets_of_tracks(stream.manifest, tiles_of(stream.manifest, stream.side_info))
+    init_bytes = init_segment(stream.manifest, stream.side_info)
     published: dict[str, Any] = {}
     num_bytes = 0
     origin = moq.OriginProducer()
@@ -170,9 +170,9 @@ async def publish(
 
     async def answer() -> None:
         nonlocal num_bytes
-        async for request in _requests(requests):
+        async for request in _track_requests(requests):
             name = request.name
-            frames = _frames_of(name, head, parts, packets)
+            frames = _frames_of(name, init_bytes, track_packets, packets)
             if frames is None:
                 request.abort(NO_SUCH_TRACK)
                 continue
@@ -241,22 +241,22 @@ async def _keep_session(
         pause = min(2 * pause, MAX_PAUSE_S)
 
 
-async def _requests(requests: Any) -> AsyncIterator[Any]:
+async def _track_requests(requests: Any) -> AsyncIterator[Any]:
     while True:
         yield await requests.requested_track()
 
 
-def _frames_of(name: str, head: bytes, track_packets: list[range], packets: list[bytes]) -> list[bytes] | None:
+def _frames_of(name: str, init_bytes: bytes, track_packets: list[range], packets: list[bytes]) -> list[bytes] | None:
     """Returns the data blocks (MoQ frames) of a MoQ track, or None for an unknown track name.
 
     Args:
         name: Name of the MoQ track.
-        head: Bytes of manifest and side information (data that all packets need).
+        init_bytes: Bytes of manifest and side information (data that all packets need).
         track_packets: For each MoQ track that has packets, the indices of these packets in sending order.
         packets: All packets in sending order.
     """
     if name == INIT_TRACK:
-        return [head[at : at + FRAME_BYTES] for at in range(0, len(head), FRAME_BYTES)]
+        return [init_bytes[at : at + FRAME_BYTES] for at in range(0, len(init_bytes), FRAME_BYTES)]
     kind, _, number = name.partition("/")
     if (
         kind != "part"

@@ -24,7 +24,7 @@ from splatwire.transport.moq.publisher import (
     RelayTrust,
     error_text,
     need_moq,
-    parts_of,
+    packets_of_tracks,
     session,
     tiles_of,
 )
@@ -40,13 +40,13 @@ from splatwire.transport.protocol.events import (
 from splatwire.transport.protocol.layout import split_init_segment
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
 
-AT_ONCE = 8
+MAX_SUBSCRIPTIONS = 8
 """Maximum number of concurrent track subscriptions."""
 RECONNECT_INTERVAL_S = 1.0
 """Pause between two sessions with the relay, after an outage, seconds."""
 
 
-class BrokenOffError(BitstreamError):
+class InterruptedTransferError(BitstreamError):
     """The session with the relay has ended early. A new session may resume the transfer."""
 
 
@@ -61,7 +61,7 @@ def _records(data: bytes) -> Iterator[bytes]:
 
 
 @dataclass(frozen=True)
-class _Counts:
+class _NoRepairs:
     """Numbers of damaged and repaired packets, for the same reports as those of other receivers.
 
     Both are always 0: over a relay, packets are sent on reliable QUIC streams without repair symbols.
@@ -90,14 +90,14 @@ class RelayReceiver:
         self.options = options
         self.finished: Finished | None = None
         self.num_bytes = self.num_datagrams = self.num_rejected = 0
-        self.collector = _Counts()
+        self.collector = _NoRepairs()
         self._on_event = on_event or (lambda event: None)
         self._intake: PacketIntake | None = None
         self._manifest: Manifest | None = None
-        self._side_info = self._head = b""
+        self._side_info = self._init_bytes = b""
         self._subscriptions: list[Any] = []
-        self._complete_parts: set[int] = set()
-        self._heard_at, self._bytes_before, self._broken_off = 0.0, 0, False
+        self._complete_tracks: set[int] = set()
+        self._heard_at, self._bytes_before, self._is_interrupted = 0.0, 0, False
 
     def stream(self) -> SceneStream | None:
         """Returns the stream with the packets received so far, or None until the side information is complete."""
@@ -119,18 +119,18 @@ class RelayReceiver:
             self.finished = Finished(reason, self._manifest is not None)
             self._on_event(self.finished)
 
-    def may_resume(self, now: float) -> bool:
-        """Returns True if an interrupted transfer may still be resumed.
+    def interrupt(self, now: float) -> bool:
+        """Records an interruption, and returns True if the transfer may still be resumed.
 
-        If so, the interruption is also reported as an event.
+        If so, the interruption is also reported as an event, once until the transfer continues.
 
         Args:
             now: Time, seconds.
         """
         if self._manifest is None or now - self._heard_at > self.options.reconnect_s or not self.options.reconnect_s:
             return False
-        if not self._broken_off:
-            self._broken_off = True
+        if not self._is_interrupted:
+            self._is_interrupted = True
             self._on_event(Interrupted())
         return True
 
@@ -146,44 +146,45 @@ class RelayReceiver:
             Reason of the end of the transfer, as in `Finished.reason`.
 
         Raises:
-            BrokenOffError: If the relay is silent or ends a track early.
+            InterruptedTransferError: If the relay is silent or ends a track early.
             BitstreamError: If the init segment is invalid.
         """
         self._subscriptions.clear()
         self._bytes_before = self.num_bytes
-        most = self.options.limits.init_segment_bytes
-        data = b"".join(
-            [frame async for frame in self._frames(broadcast, INIT_TRACK, INIT_TRACK_PRIORITY, most, most // 64 + 1)]
-        )
+        max_bytes = self.options.limits.init_segment_bytes
+        frames = self._frames(broadcast, INIT_TRACK, INIT_TRACK_PRIORITY, max_bytes, max_bytes // 64 + 1)
+        data = b"".join([frame async for frame in frames])
         manifest, self._side_info, bundled = split_init_segment(data)
         check_side_info(manifest, self._side_info, "the side information that was sent")
         if bundled or manifest.num_packets > self.options.limits.packets:
             raise BitstreamError(f"the relay announces {manifest.num_packets} packets")
         tiles = tiles_of(manifest, self._side_info)
-        kept = data == self._head
-        if self._broken_off:
-            self._broken_off = False
-            self._on_event(Resumed(kept))
-        if not kept or self._intake is None:
-            self._head, self._manifest, self._intake = data, manifest, PacketIntake(manifest)
-            self._complete_parts = set()
+        is_same = data == self._init_bytes
+        if self._is_interrupted:
+            self._is_interrupted = False
+            self._on_event(Resumed(is_same))
+        if not is_same or self._intake is None:
+            self._init_bytes, self._manifest, self._intake = data, manifest, PacketIntake(manifest)
+            self._complete_tracks = set()
             self._on_event(Welcomed(manifest.num_packets, len(data)))
             self._on_event(SideInfoArrived(manifest, self._side_info, self._intake))
-        parts, order = parts_of(manifest, tiles), self._order(manifest, tiles)
-        complete = self._complete_parts
-        wanted = [(rank, number) for rank, number in enumerate(order) if parts[number] and number not in complete]
-        waiting = iter([(number, parts[number], rank) for rank, number in wanted])
+        track_packets, order = packets_of_tracks(manifest, tiles), self._order(manifest, tiles)
+        complete = self._complete_tracks
+        wanted = [
+            (rank, number) for rank, number in enumerate(order) if track_packets[number] and number not in complete
+        ]
+        waiting = iter([(number, track_packets[number], rank) for rank, number in wanted])
 
         async def work() -> None:
             for number, indices, rank in waiting:
-                await self._part(
+                await self._receive_track(
                     broadcast,
                     number,
                     indices,
                     max(1, INIT_TRACK_PRIORITY - 1 - rank * INIT_TRACK_PRIORITY // len(order)),
                 )
 
-        tasks = [asyncio.ensure_future(work()) for _ in range(AT_ONCE)]
+        tasks = [asyncio.ensure_future(work()) for _ in range(MAX_SUBSCRIPTIONS)]
         try:
             await asyncio.gather(*tasks)
         finally:
@@ -191,7 +192,7 @@ class RelayReceiver:
                 task.cancel()
         if self._intake.report().complete:
             return "complete"
-        seen = self.options.viewpoint is not None and all(number in self._complete_parts for _, number in wanted)
+        seen = self.options.viewpoint is not None and all(number in self._complete_tracks for _, number in wanted)
         return "seen" if seen else "sent"
 
     def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
@@ -204,18 +205,17 @@ class RelayReceiver:
             tiles: Tiles of the stream, one for each track; None for a stream without levels of detail.
         """
         if tiles is None or self.options.viewpoint is None:
-            return list(range(len(parts_of(manifest, tiles))))
+            return list(range(len(packets_of_tracks(manifest, tiles))))
         viewpoint = self.options.viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, manifest.codec))
         return list(cut_of(tiles, np.zeros(tiles.num_tiles, dtype=bool), viewpoint).wanted)
 
-    async def _part(self, broadcast: Any, number: int, indices: range, priority: int) -> None:
+    async def _receive_track(self, broadcast: Any, number: int, indices: range, priority: int) -> None:
         assert self._manifest is not None
         assert self._intake is not None
-        most = min(len(indices) * (RECORD_PREFIX.size + MAX_PACKET_BYTES), self.options.limits.stream_bytes)
-        data = b"".join(
-            [frame async for frame in self._frames(broadcast, f"part/{number}", priority, most, len(indices))]
-        )
-        num_taken = 0
+        max_bytes = min(len(indices) * (RECORD_PREFIX.size + MAX_PACKET_BYTES), self.options.limits.stream_bytes)
+        frames = self._frames(broadcast, f"part/{number}", priority, max_bytes, len(indices))
+        data = b"".join([frame async for frame in frames])
+        num_accepted = 0
         for record in _records(data):
             try:
                 packet = self._intake.add(packet_from_bytes(record, self._manifest.stream_id), "relay")
@@ -224,13 +224,13 @@ class RelayReceiver:
             if packet is None:
                 self.num_rejected += 1
             else:
-                num_taken += 1
+                num_accepted += 1
                 self._on_event(PacketArrived(packet, False))
-        if num_taken == len(indices):
-            self._complete_parts.add(number)
+        if num_accepted == len(indices):
+            self._complete_tracks.add(number)
 
     async def _frames(
-        self, broadcast: Any, name: str, priority: int, most_bytes: int, most_frames: int
+        self, broadcast: Any, name: str, priority: int, max_bytes: int, max_frames: int
     ) -> AsyncIterator[bytes]:
         """Subscribes to a track of the relay and yields its data frame by frame.
 
@@ -238,11 +238,11 @@ class RelayReceiver:
             broadcast: The scene at the relay (package `moq`).
             name: Name of the track.
             priority: Priority of the subscription; the relay sends tracks with higher priority first.
-            most_bytes: Maximum total size of the frames, bytes.
-            most_frames: Maximum number of frames.
+            max_bytes: Maximum total size of the frames, bytes.
+            max_frames: Maximum number of frames.
 
         Raises:
-            BrokenOffError: If the relay is silent or ends the track early.
+            InterruptedTransferError: If the relay is silent or ends the track early.
             BitstreamError: If the frames exceed the limits on number or size.
         """
         moq = need_moq()
@@ -258,17 +258,19 @@ class RelayReceiver:
                 if frame is None:
                     return
                 self._heard_at = asyncio.get_running_loop().time()
-                most_bytes, most_frames = most_bytes - len(frame.payload), most_frames - 1
+                max_bytes, max_frames = max_bytes - len(frame.payload), max_frames - 1
                 self.num_bytes += len(frame.payload)
                 self.num_datagrams += 1
                 num_bytes = self.num_bytes - self._bytes_before
-                if most_bytes < 0 or most_frames < 0 or num_bytes > self.options.limits.stream_bytes:
+                if max_bytes < 0 or max_frames < 0 or num_bytes > self.options.limits.stream_bytes:
                     raise BitstreamError(f"the track '{name}' of the relay is larger than it can be")
                 yield frame.payload
         except TimeoutError as error:
-            raise BrokenOffError(f"the relay fell silent before the end of the track '{name}'") from error
+            raise InterruptedTransferError(f"the relay fell silent before the end of the track '{name}'") from error
         except moq.Error as error:
-            raise BrokenOffError(f"the relay gave up the track '{name}': {error_text(error) or 'it ended'}") from error
+            raise InterruptedTransferError(
+                f"the relay gave up the track '{name}': {error_text(error) or 'it ended'}"
+            ) from error
 
 
 async def receive_relayed(
@@ -295,15 +297,15 @@ async def receive_relayed(
                 async with asyncio.timeout(CONNECT_TIMEOUT_S):
                     broadcast = await client.announced_broadcast(name).available()
             except TimeoutError as error:
-                raise BrokenOffError(f"the relay has no broadcast '{name}'") from error
+                raise InterruptedTransferError(f"the relay has no broadcast '{name}'") from error
             return await receiver.receive(broadcast)
 
     async def work() -> str:
         while True:
             try:
                 return await attempt()
-            except (BrokenOffError, InvalidValueError, need_moq().Error) as error:
-                if not receiver.may_resume(asyncio.get_running_loop().time()):
+            except (InterruptedTransferError, InvalidValueError, need_moq().Error) as error:
+                if not receiver.interrupt(asyncio.get_running_loop().time()):
                     if isinstance(error, InvalidValueError) and receiver.stream() is None:
                         raise
                     return error_text(error) or "the relay ended the session"

@@ -67,7 +67,7 @@ def choose_eviction(connections: Mapping[Network, int], newcomer: Network) -> Ne
     """
     for depth in range(1, len(newcomer) + 1):
         largest = _largest_holder(connections, newcomer[: depth - 1], depth)
-        if largest is not None and largest[1] > _places(connections, newcomer[:depth]) + 1:
+        if largest is not None and largest[1] > _num_connections(connections, newcomer[:depth]) + 1:
             return largest_holder(connections, largest[0])
     return None
 
@@ -89,23 +89,24 @@ def largest_holder(connections: Mapping[Network, int], prefix: Network = ()) -> 
     return prefix
 
 
-def _places(held: Mapping[Network, int], within: Network) -> int:
-    return sum(count for network, count in held.items() if network[: len(within)] == within)
+def _num_connections(connections: Mapping[Network, int], prefix: Network) -> int:
+    """Returns the number of connections of all networks with the prefixes `prefix`."""
+    return sum(count for network, count in connections.items() if network[: len(prefix)] == prefix)
 
 
-def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
+def _largest_holder(connections: Mapping[Network, int], prefix: Network, depth: int) -> tuple[Network, int] | None:
     """Returns the IP prefix of a given depth with the most connections, and the number of these connections.
 
-    The result is None if no network has the prefixes `within`.
+    The result is None if no network has the prefixes `prefix`.
 
     Args:
-        held: Number of connections per network. A network is a tuple of nested IP prefixes, the widest first.
-        within: Prefixes that a network must start with; other networks are ignored.
+        connections: Number of connections per network. A network is a tuple of nested IP prefixes, the widest first.
+        prefix: Prefixes that a network must start with; other networks are ignored.
         depth: Number of leading prefixes to compare. Networks with the same leading prefixes are counted together.
     """
     counts: Counter[Network] = Counter()
-    for network, count in held.items():
-        if network[: len(within)] == within:
+    for network, count in connections.items():
+        if network[: len(prefix)] == prefix:
             counts[network[:depth]] += count
     return counts.most_common(1)[0] if counts else None
 
@@ -117,12 +118,12 @@ class ConnectionSlots:
     network that has many connections (`largest_holder`).
 
     Args:
-        most: Maximum number of connections in total.
+        max_connections: Maximum number of connections in total.
         per_network: Maximum number of connections per network; None for no such maximum.
     """
 
-    def __init__(self, most: int, per_network: int | None = None) -> None:
-        self._most, self._per_network = most, per_network
+    def __init__(self, max_connections: int, per_network: int | None = None) -> None:
+        self._max_connections, self._per_network = max_connections, per_network
         self._connections: dict[Network, list[asyncio.WriteTransport]] = {}
 
     def __len__(self) -> int:
@@ -143,13 +144,13 @@ class ConnectionSlots:
         """
         if self._per_network is not None and len(self._connections.get(network, ())) >= self._per_network:
             return False
-        if len(self) >= self._most:
+        if len(self) >= self._max_connections:
             counts = {other: len(held) for other, held in self._connections.items()}
-            full = largest_holder(counts) if self._per_network is None else choose_eviction(counts, network)
-            if full is None:
+            evicted = largest_holder(counts) if self._per_network is None else choose_eviction(counts, network)
+            if evicted is None:
                 return False
-            oldest = self._connections[full][0]
-            self.leave(full, oldest)
+            oldest = self._connections[evicted][0]
+            self.leave(evicted, oldest)
             oldest.abort()
         self._connections.setdefault(network, []).append(connection)
         return True
@@ -194,18 +195,18 @@ class StartRateLimiter:
     """Limits how many transfers each network may start within `WINDOW_S`.
 
     Args:
-        most: Maximum number of new transfers per network within `WINDOW_S`.
+        max_starts: Maximum number of new transfers per network within `WINDOW_S`.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, max_starts: int) -> None:
+        self._max_starts = max_starts
         self._networks: OrderedDict[Network, _Starts] = OrderedDict()
 
     def __len__(self) -> int:
         """Number of recent transfers that are stored, summed over all IP networks."""
         return sum(len(starts.recent) for starts in self._networks.values())
 
-    def seen(self, network: Network, nonce: int) -> bool:
+    def has_started(self, network: Network, nonce: int) -> bool:
         """True if the network has recently started a transfer with this nonce, so that the request is a repetition.
 
         Args:
@@ -214,12 +215,12 @@ class StartRateLimiter:
         """
         return network in self._networks and nonce in self._networks[network].counts
 
-    def allowed(self, network: Network, now: float) -> bool:
+    def may_start(self, network: Network, now: float) -> bool:
         """True if the network may start another transfer at time `now`, seconds."""
         if (starts := self._networks.get(network)) is None:
             return True
         starts.drop_expired(now)
-        return len(starts.recent) < self._most
+        return len(starts.recent) < self._max_starts
 
     def record(self, network: Network, nonce: int, now: float) -> None:
         """Counts a transfer that a client of the given network has started.
@@ -233,7 +234,7 @@ class StartRateLimiter:
         starts.drop_expired(now)
         starts.recent.append((now, nonce))
         starts.counts[nonce] = starts.counts.get(nonce, 0) + 1
-        if len(starts.recent) > self._most:
+        if len(starts.recent) > self._max_starts:
             starts.drop_oldest()
         self._networks.move_to_end(network)
         while len(self._networks) > MAX_NETWORKS or next(iter(self._networks.values())).is_expired(now):

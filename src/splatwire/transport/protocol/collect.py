@@ -68,7 +68,7 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
         ),
         (covered == w.num_packets and groups_fit, "a protection that contradicts itself"),
     )
-    return next((f"the server announces {problem}" for fine, problem in checks if not fine), None)
+    return next((f"the server announces {problem}" for is_valid, problem in checks if not is_valid), None)
 
 
 class InitSegmentCollector:
@@ -111,21 +111,22 @@ class InitSegmentCollector:
         if message.source_block >= len(self._pieces) or self._pieces[message.source_block] is not None:
             return None
         size, symbols = self._source_blocks.size(message.source_block), self._symbols[message.source_block]
-        useless = message.symbol in symbols or message.symbol >= size + fec.MAX_REPAIR
-        if useless or len(message.payload) != self._source_blocks.symbol_bytes:
+        is_useless = message.symbol in symbols or message.symbol >= size + fec.MAX_REPAIR
+        if is_useless or len(message.payload) != self._source_blocks.symbol_bytes:
             return None
         symbols[message.symbol] = message.payload
         block_data = fec.recover(symbols, size, self._source_blocks.symbol_bytes) if len(symbols) >= size else None
         if block_data is None:
             if len(symbols) > size + SPARE_SYMBOLS:  # improbable for valid symbols: at least one is corrupt
-                self._restart(message.source_block)
+                self._discard_block(message.source_block)
             return None
         span = self._source_blocks.span(message.source_block)
         self._pieces[message.source_block] = b"".join(block_data)[: span.stop - span.start]
         symbols.clear()
-        return self._whole()
+        return self._joined()
 
-    def _whole(self) -> bytes | None:
+    def _joined(self) -> bytes | None:
+        """Returns the init segment if all source blocks are decoded. Discards all blocks if the digest is wrong."""
         pieces = [piece for piece in self._pieces if piece is not None]
         if len(pieces) < len(self._pieces):
             return None
@@ -133,10 +134,10 @@ class InitSegmentCollector:
         if hashlib.sha256(data).digest() == self._digest:
             return data
         for source_block in range(len(self._pieces)):
-            self._restart(source_block)
+            self._discard_block(source_block)
         return None
 
-    def _restart(self, source_block: int) -> None:
+    def _discard_block(self, source_block: int) -> None:
         """Discards all received symbols of a source block of the init segment, because one of them is corrupt.
 
         Args:
@@ -183,14 +184,14 @@ class PacketCollector:
         self._is_received = bytearray(welcome.num_packets)
         self._early: dict[int, Packet] = {}
         self._intake: PacketIntake | None = None
-        self._known = 0
+        self._num_listed = 0
         self._members: dict[int, dict[int, Packet]] = {}
         self._repair: dict[int, dict[int, bytes]] = {}
         self.num_packets = 0
         self.num_bad = 0
         self.num_duplicate = 0
         self.num_repaired = 0
-        self.highest = -1
+        self.highest_index = -1
 
     def extend(self, welcome: Welcome) -> None:
         """Prepares for more packets after a live stream has grown; received packets are kept.
@@ -228,14 +229,14 @@ class PacketCollector:
         if self._intake is None:
             self._intake = PacketIntake(manifest)
         self._intake.extend(manifest)
-        self._known = manifest.num_packets
+        self._num_listed = manifest.num_packets
         early, self._early = self._early, {}
         taken = []
         for index, packet in early.items():
             if self._offer(packet):
                 taken.append(packet)
             else:  # not a packet of this stream: its index is free again
-                self._release(index)
+                self._forget(index)
         for index, data in enumerate(bundled):
             new = None if self._is_received[index] else self._take(index, data)
             if new is not None:
@@ -261,10 +262,10 @@ class PacketCollector:
         new = self._take(message.packet_index, message.packet)
         if new is None:
             return []
-        self.highest = max(self.highest, message.packet_index)
-        member = self._finder.find(message.packet_index)
-        out = [new] if self._intake and message.packet_index < self._known else []
-        return out + self._solve(member[0]) if member else out
+        self.highest_index = max(self.highest_index, message.packet_index)
+        found = self._finder.find(message.packet_index)
+        out = [new] if self._intake and message.packet_index < self._num_listed else []
+        return out + self._recover_group(found[0]) if found else out
 
     def add_parity(self, message: Parity) -> list[Packet]:
         """Adds a received repair symbol, and returns the lost packets that can now be recovered."""
@@ -280,14 +281,14 @@ class PacketCollector:
         repair = self._repair.setdefault(message.group, {})
         if len(repair) < group.size + SPARE_SYMBOLS:
             repair[group.size + message.symbol] = message.payload
-        return self._solve(message.group)
+        return self._recover_group(message.group)
 
     def missing(self, start: int, stop: int) -> Iterator[int]:
         """Yields the indices of missing packets from `start` to `stop` (exclusive), ascending."""
-        at = self._is_received.find(0, start, stop)
-        while at >= 0:
-            yield at
-            at = self._is_received.find(0, at + 1, stop)
+        index = self._is_received.find(0, start, stop)
+        while index >= 0:
+            yield index
+            index = self._is_received.find(0, index + 1, stop)
 
     def received_masks(self) -> Iterator[tuple[int, bytes]]:
         """Yields bit masks of the received packets, divided so that each mask fits into one datagram.
@@ -310,32 +311,34 @@ class PacketCollector:
         except BitstreamError:
             self.num_bad += 1
             return None
-        if self._intake is None or index >= self._known:
+        if self._intake is None or index >= self._num_listed:
             self._early[index] = packet
         elif not self._offer(packet):
             return None
         self._is_received[index] = 1
         self.num_packets += 1
-        member = self._finder.find(index)
-        if member:
-            self._members.setdefault(member[0], {})[member[1]] = packet
+        if found := self._finder.find(index):
+            group, symbol = found
+            self._members.setdefault(group, {})[symbol] = packet
         return packet
 
     def _offer(self, packet: Packet) -> bool:
+        """Passes a packet to the intake, and returns True if it belongs to the stream."""
         assert self._intake is not None
         if self._intake.add(packet, "datagram"):
             return True
         self.num_bad += 1
         return False
 
-    def _release(self, index: int) -> None:
+    def _forget(self, index: int) -> None:
+        """Removes a packet, so that another one may have its index."""
         self._is_received[index] = 0
         self.num_packets -= 1
-        member = self._finder.find(index)
-        if member:
-            self._members.get(member[0], {}).pop(member[1], None)
+        if found := self._finder.find(index):
+            group, symbol = found
+            self._members.get(group, {}).pop(symbol, None)
 
-    def _solve(self, number: int) -> list[Packet]:
+    def _recover_group(self, number: int) -> list[Packet]:
         """Recovers the lost packets of a parity group if enough repair symbols have been received.
 
         Args:
@@ -358,7 +361,7 @@ class PacketCollector:
                 index = group.packet_of(n)
                 packet = self._take(index, fec.unframed(symbol))
                 self.num_repaired += packet is not None
-                if packet is not None and self._intake and index < self._known:
+                if packet is not None and self._intake and index < self._num_listed:
                     out.append(packet)
         del self._repair[number]
         return out

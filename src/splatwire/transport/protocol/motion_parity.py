@@ -9,7 +9,7 @@ from splatwire.transport.fec import MAX_REPAIR, MAX_SYMBOLS
 from splatwire.transport.protocol.messages import MAX_PARITY_RANGES, ParityRange
 from splatwire.transport.protocol.protection import Protection
 
-MAX_CODES = (MAX_PARITY_RANGES - 2) // 2
+MAX_SETTINGS = (MAX_PARITY_RANGES - 2) // 2
 """Maximum number of parity settings in a sequence; in longer sequences, neighbouring groups of pictures share one."""
 
 
@@ -59,8 +59,8 @@ def order_and_protect(
     """Sorts the packets of a sequence for sending, and determines their parity.
 
     In each group of pictures, keyframe packets come first, then motion packets with parity, then all other motion
-    packets. A stream has at most `MAX_CODES` parity settings. If there are more groups of pictures, several consecutive
-    groups are sorted as one, and share a setting.
+    packets. A stream has at most `MAX_SETTINGS` parity settings. If there are more groups of pictures, several
+    consecutive groups are sorted as one, and share a setting.
 
     Args:
         groups: Packet indices of consecutive groups of pictures.
@@ -72,21 +72,24 @@ def order_and_protect(
     Returns:
         Sending order of the packets, and their parity.
     """
-    together = max(-(-len(groups) // MAX_CODES), 1)
+    groups_per_setting = max(-(-len(groups) // MAX_SETTINGS), 1)
     order, ranges = list[int](), list[ParityRange]()
-    for begin in range(0, len(groups), together):
-        keyframes, coded, others, repair = list[int](), list[int](), list[int](), 0.0
-        for number, group in enumerate(groups[begin : begin + together], first + begin):
-            share, most = protection.motion_of(number)
-            chosen = _most_important(group.motion, importance, _round_up(share * len(group.motion)) if most else 0)
+    for begin in range(0, len(groups), groups_per_setting):
+        keyframes, protected, others, total_repair = list[int](), list[int](), list[int](), 0.0
+        for number, group in enumerate(groups[begin : begin + groups_per_setting], first + begin):
+            share, repair = protection.motion_of(number)
+            chosen = _most_important(group.motion, importance, _round_up(share * len(group.motion)) if repair else 0)
             keyframes += group.keyframes
-            coded += [packet for packet in group.motion if packet in chosen]
+            protected += [packet for packet in group.motion if packet in chosen]
             others += [packet for packet in group.motion if packet not in chosen]
-            repair += most * len(chosen)
-        codes = -(-len(coded) // MAX_SYMBOLS)
-        symbols = min(_round_up(repair / codes), MAX_REPAIR) if codes else 0
-        order += [*keyframes, *coded, *others]
-        ranges += [ParityRange(len(keyframes), 0, 0), ParityRange(len(coded), codes if symbols else 0, symbols)]
+            total_repair += repair * len(chosen)
+        num_parity_groups = -(-len(protected) // MAX_SYMBOLS)
+        num_repair = min(_round_up(total_repair / num_parity_groups), MAX_REPAIR) if num_parity_groups else 0
+        order += [*keyframes, *protected, *others]
+        ranges += [
+            ParityRange(len(keyframes), 0, 0),
+            ParityRange(len(protected), num_parity_groups if num_repair else 0, num_repair),
+        ]
         ranges.append(ParityRange(len(others), 0, 0))
     return ProtectedOrder(tuple(order), _joined(ranges))
 
@@ -110,9 +113,9 @@ def _joined(ranges: Sequence[ParityRange]) -> tuple[ParityRange, ...]:
         ranges: Consecutive ranges of packets, with their parity.
     """
     out = list[ParityRange]()
-    for one in ranges:
-        if one.num_packets and out and not (one.groups or out[-1].groups):
-            out[-1] = ParityRange(out[-1].num_packets + one.num_packets, 0, 0)
-        elif one.num_packets:
-            out.append(one)
+    for parity_range in ranges:
+        if parity_range.num_packets and out and not (parity_range.groups or out[-1].groups):
+            out[-1] = ParityRange(out[-1].num_packets + parity_range.num_packets, 0, 0)
+        elif parity_range.num_packets:
+            out.append(parity_range)
     return tuple(out) or (ParityRange(0, 0, 0),)

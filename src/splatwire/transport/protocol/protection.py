@@ -11,7 +11,7 @@ from splatwire.transport.protocol.wire import INIT_SYMBOL_OVERHEAD, MAX_DATAGRAM
 
 MAX_INIT_SYMBOL_BYTES = (MAX_DATAGRAM - INIT_SYMBOL_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32
 MIN_SYMBOL_BYTES = 64
-MAX_RETRANSMITTED = 4.0
+MAX_RETRANSMIT_SHARE = 4.0
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Protection:
         checks += [("parity_until", self.parity_until, 1.0), ("tier_spread", self.tier_spread, 1.0)]
         checks += [
             ("bundled_share", self.bundled_share, 1.0),
-            ("retransmit_share", self.retransmit_share or 0.0, MAX_RETRANSMITTED),
+            ("retransmit_share", self.retransmit_share or 0.0, MAX_RETRANSMIT_SHARE),
         ]
         checks += [("retransmit_until", self.retransmit_until, 1.0)]
         checks += [("repair of a tier", repair, 2.0) for repair in self.tier_repair]
@@ -112,13 +112,13 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[Parit
     Raises:
         InvalidValueError: If parity is requested for tiers that the stream does not have.
     """
-    present, bundled = max(tiers, default=0) + 1, num_bundled_packets(len(tiers), protection)
-    if len(protection.tier_repair) > present:
+    num_tiers, num_bundled = max(tiers, default=0) + 1, num_bundled_packets(len(tiers), protection)
+    if len(protection.tier_repair) > num_tiers:
         raise InvalidValueError(
-            f"parity for {len(protection.tier_repair)} tiers, and the stream has {present}: encode with --tiers"
+            f"parity for {len(protection.tier_repair)} tiers, and the stream has {num_tiers}: encode with --tiers"
         )
-    sizes = [(tiers[bundled:].count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
-    return _parity_ranges([(bundled, 0.0), *sizes], len(tiers))
+    sizes = [(tiers[num_bundled:].count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
+    return _parity_ranges([(num_bundled, 0.0), *sizes], len(tiers))
 
 
 def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
@@ -132,10 +132,10 @@ def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int,
         Number of packets of each tier. If the tiers are sent one after another (`tier_spread` is 0), a single number
         for all tiers together.
     """
-    bundled = num_bundled_packets(len(tiers), protection)
+    num_bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:
-        return (len(tiers) - bundled,)
-    return tuple(tiers[bundled:].count(tier) for tier in range(max(tiers, default=0) + 1))
+        return (len(tiers) - num_bundled,)
+    return tuple(tiers[num_bundled:].count(tier) for tier in range(max(tiers, default=0) + 1))
 
 
 def _parity_ranges(sizes: Sequence[tuple[int, float]], num_packets: int) -> tuple[ParityRange, ...]:

@@ -31,7 +31,7 @@ class ReceiveState:
         self._side_info = b""
         self._waiting_packets: list[Data] = []
         self._was_live = False
-        self._joined_at = self._missed_before = 0
+        self._num_before_joining = self._num_missed_before = 0
 
     def _begin(self, welcome: Welcome, *, discard: bool) -> None:
         """Prepares to receive the stream that the server has declared.
@@ -41,15 +41,16 @@ class ReceiveState:
             discard: True to discard all data received before.
         """
         if discard or self._collector is None:
-            self._missed_before, self._joined_at = self.num_missed, welcome.num_packets if welcome.is_live else 0
+            self._num_missed_before = self.num_missed
+            self._num_before_joining = welcome.num_packets if welcome.is_live else 0
         self._welcome, self._init_segment = welcome, InitSegmentCollector(welcome)
         self._was_live = welcome.is_live or (self._was_live and not discard)
         if discard or self._collector is None:
             self._collector, self._manifest, self._side_info = PacketCollector(welcome), None, b""
         else:
             self._collector.extend(welcome)
-        newer, self._waiting_packets = self._waiting_packets, []
-        for message in newer:
+        waiting, self._waiting_packets = self._waiting_packets, []
+        for message in waiting:
             self._collector.add(message)
 
     def _resume(self, before: Welcome, welcome: Welcome) -> bool:
@@ -65,11 +66,11 @@ class ReceiveState:
         """
         if self._collector is None or welcome.stream_id != before.stream_id:
             return False
-        same = welcome.digest == before.digest and _order_parameters(welcome) == _order_parameters(before)
-        grown = before.is_live and welcome.num_packets >= before.num_packets
-        if not same and not grown:
+        is_same = welcome.digest == before.digest and _order_parameters(welcome) == _order_parameters(before)
+        has_grown = before.is_live and welcome.num_packets >= before.num_packets
+        if not is_same and not has_grown:
             return False
-        if same:
+        if is_same:
             self._welcome = welcome
         else:
             self._begin(welcome, discard=False)
@@ -102,10 +103,10 @@ class ReceiveState:
     def num_missed(self) -> int:
         """Number of packets of a live sequence that have not arrived, counted since this receiver joined."""
         if self._welcome is None or self._collector is None or not self._was_live:
-            return self._missed_before
+            return self._num_missed_before
         # Packets from before it joined do not count: the server does not send their motion to late receivers.
-        missing = self._collector.missing(self._joined_at, self._welcome.num_packets)
-        return self._missed_before + sum(1 for _ in missing)
+        missing = self._collector.missing(self._num_before_joining, self._welcome.num_packets)
+        return self._num_missed_before + sum(1 for _ in missing)
 
     @property
     def welcome(self) -> Welcome | None:

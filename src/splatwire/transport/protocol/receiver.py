@@ -414,7 +414,7 @@ class Receiver(ReceiveState):
         self._progress, self._progress_at = (0, 0), now
         self._ended_at: float | None = None
         if self._collector is not None:
-            self._collector.highest = -1
+            self._collector.highest_index = -1
 
     def _received_lists(self, now: float) -> list[bytes]:
         """Returns datagrams that list the packets which this receiver has from an earlier transfer.
@@ -619,7 +619,7 @@ class Receiver(ReceiveState):
         num_lost = self._largest_sequence + 1 - self._num_received
         if may_idle and num_lost <= MAX_LOST_RATIO * self._num_received:  # no data were sent, as after a resumption
             return False
-        return self._collector.highest < 0 and self._largest_datagram < min(
+        return self._collector.highest_index < 0 and self._largest_datagram < min(
             MAX_DATAGRAM // 2, self._welcome.packet_bytes
         )
 
@@ -659,7 +659,7 @@ class Receiver(ReceiveState):
         start = (
             self._welcome.num_bundled if self._manifest is None else 0
         )  # bundled packets arrive with the init segment
-        stop = self._collector.highest + 1 - REORDER_THRESHOLD
+        stop = self._collector.highest_index + 1 - REORDER_THRESHOLD
         if self._ended_at is not None:
             stop = self._welcome.num_packets
         missing = self._collector.missing(max(start, self._nack_tracker.exhausted), max(stop, 0))

@@ -215,7 +215,7 @@ class Server:
                 if total is not None:
                     total.sent(len(data), now)
         if total is not None:
-            total.claimed = bool(self._due) and self._due[0][0] <= now
+            total.datagrams_wait = bool(self._due) and self._due[0][0] <= now
         return out
 
     def next_at(self) -> float | None:
@@ -317,7 +317,7 @@ class Server:
             return refusal  # followers request the next update several times a second
         self.num_refused += 1
         # A network with too many refused requests is not logged any more.
-        if not self._refusals.allowed(network, now):
+        if not self._refusals.may_start(network, now):
             return TOO_MANY if refusal in (UNKNOWN_STREAM, NEEDS_TOKEN) else refusal
         self._refusals.record(network, request.nonce, now)
         client, reason = network_text(network), REFUSALS[refusal]
@@ -332,7 +332,7 @@ class Server:
             it is repeated: then nothing is sent.
         """
         starts = self._update_starts if message.name in self._updates else self._starts
-        if self._starts.seen(network, key[1]) or self._update_starts.seen(network, key[1]):
+        if self._starts.has_started(network, key[1]) or self._update_starts.has_started(network, key[1]):
             self.num_rejected += 1
             return 0
         if self.draining:
@@ -346,7 +346,7 @@ class Server:
         if stream is None:
             return NOT_YET if name in self._updates else UNKNOWN_STREAM
         num_transfers = Counter(self._networks.values())
-        if num_transfers[network] >= self._limits.per_network or not starts.allowed(network, now):
+        if num_transfers[network] >= self._limits.per_network or not starts.may_start(network, now):
             return TOO_MANY
         if len(self._transfers) >= self._limits.sessions:
             evicted = choose_eviction(+num_transfers, network)
