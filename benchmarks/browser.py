@@ -59,7 +59,7 @@ from splatwire.codec import decode_stream
 from splatwire.concealment import conceal
 from splatwire.render import render_scene
 from splatwire.transport import ServerLimits, make_served_stream
-from splatwire.transport.http.content import DRAWING, SCRIPT, Link, PageContent, web_file
+from splatwire.transport.http.content import RENDERER, SCRIPT, PageContent, WebTransportEndpoint, web_file
 from splatwire.transport.http.pack import pack_stream
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.protocol.preview import stream_preview
@@ -194,7 +194,7 @@ async def left_open(stream: SceneStream, minutes: float) -> dict[str, Any]:
         return (time.monotonic() - began) % 10 > 7
 
     relay = Relay(server.port, has_left, has_left, delay_s=0.02)
-    link = Link(relay.port, WEBTRANSPORT_PATH, IDENTITY.fingerprint)
+    link = WebTransportEndpoint(relay.port, WEBTRANSPORT_PATH, IDENTITY.fingerprint)
     async with PageServer(PageContent({"scene": served}, link)) as pages:
 
         def drive() -> dict[str, Any]:
@@ -283,7 +283,7 @@ async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any
     relay = Relay(slow.port, bernoulli(0.2, rng), bernoulli(0.2, rng), delay_s=0.02, jitter=0.1)
 
     def content(port: int) -> PageContent:
-        return PageContent({"scene": served}, Link(port, WEBTRANSPORT_PATH, IDENTITY.fingerprint))
+        return PageContent({"scene": served}, WebTransportEndpoint(port, WEBTRANSPORT_PATH, IDENTITY.fingerprint))
 
     rough_copy = random.Random(4)
     part = stream.with_packets([packet for packet in stream.packets if rough_copy.random() >= 0.2])
@@ -332,7 +332,7 @@ def main() -> None:
 
 def measured(path: Path, rate: float, pages: int) -> dict[str, Any]:
     stream, _ = read_stream(path)
-    scripts = {name: web_file(name).encode() for name in (SCRIPT, DRAWING)}
+    scripts = {name: web_file(name).encode() for name in (SCRIPT, RENDERER)}
     found = asyncio.run(measure(stream, rate, pages))
     bundle = {name: {"bytes": len(text), "gzip": len(gzip.compress(text, 9))} for name, text in scripts.items()}
     scene = {stream.manifest.elements.lower(): stream.manifest.num_elements, "bytes": stream.num_bytes}

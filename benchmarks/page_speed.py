@@ -44,7 +44,7 @@ from PIL import Image
 from splatwire.bitstream import read_stream
 from splatwire.codec import decode_stream
 from splatwire.render.importance import cameras_around
-from splatwire.transport.http.content import DRAWING, SCRIPT, web_file
+from splatwire.transport.http.content import RENDERER, SCRIPT, web_file
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "transport"))
@@ -176,7 +176,7 @@ def pages(given: argparse.Namespace) -> dict[str, dict[str, tuple[str, bytes]]]:
     target, up = eye + forward, -down
     html, js, binary = "text/html; charset=utf-8", "text/javascript", "application/octet-stream"
     viewpoint = " ".join(str(round(float(v), 5)) for v in (*eye, *target, *up))
-    scripts = {f"/{name}": (js, web_file(name).encode()) for name in (SCRIPT, DRAWING)}
+    scripts = {f"/{name}": (js, web_file(name).encode()) for name in (SCRIPT, RENDERER)}
     swz = {
         "/": (html, OURS.replace("VIEWPOINT", viewpoint).encode()),
         "/scene.swz": (binary, given.stream.read_bytes()),

@@ -20,7 +20,7 @@ from splatwire.bitstream import Packetization
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport import Protection, ReceiverOptions, Server, make_served_stream
 from splatwire.transport.access import Access
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.downloads import DownloadedFile
 from splatwire.transport.http.tokens import make_token, read_key, token_problem
 from splatwire.transport.protocol.messages import NEEDS_TOKEN, REFUSALS, Request, Welcome
@@ -43,7 +43,7 @@ def content():
     program = make_served_stream(stream, Protection())
     programs = dict.fromkeys(("secret", "hidden", "open"), program)
     access = Access(frozenset({"secret"}), frozenset({"hidden"}), partial(token_problem, KEY))
-    return PageContent(programs, Link(4840, "/splatwire", None), access=access, downloads=Files())
+    return PageContent(programs, WebTransportEndpoint(4840, "/splatwire", None), access=access, downloads=Files())
 
 
 def asked(content, path, headers=""):

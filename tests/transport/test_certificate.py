@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.quic.certificate import DAYS, RENEWED_DAYS, Identity, RenewedIdentity
 from splatwire.transport.quic.client import Trust
 from splatwire.transport.quic.server import QuicServer
@@ -51,7 +51,9 @@ def test_renewed_certificate_is_served_and_announced_by_the_page():
         server = QuicServer(PROGRAMS, "127.0.0.1", 0, identity=identity)
         await server.start()
         try:
-            content = PageContent({"big": b""}, lambda: Link(server.port, "/splatwire", identity().fingerprint))
+            content = PageContent(
+                {"big": b""}, lambda: WebTransportEndpoint(server.port, "/splatwire", identity().fingerprint)
+            )
 
             def page_fingerprint() -> tuple[str, str]:
                 page, facts = (asked(content, target) for target in ("/", "/streams.json"))
@@ -75,6 +77,6 @@ def test_renewed_certificate_is_served_and_announced_by_the_page():
 
 
 def asked(content: PageContent, target: str) -> str:
-    _, body = content.answer(f"GET {target} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
+    _, body = content.respond_now(f"GET {target} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
     assert isinstance(body, bytes)
     return body.decode()

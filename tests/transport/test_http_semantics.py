@@ -20,7 +20,7 @@ def ask(
     """Status, headers by name and body of a response; underscores in names of headers mean hyphens."""
     lines = [f"{method} {target} HTTP/1.1", f"Host: {host}"]
     lines += [f"{name.replace('_', '-')}: {value}" for name, value in headers.items()]
-    answer = content.answer(("\r\n".join(lines) + "\r\n\r\n").encode("latin-1"))
+    answer = content.respond_now(("\r\n".join(lines) + "\r\n\r\n").encode("latin-1"))
     status, *fields = answer.head.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
     return int(status.split()[1]), dict(field.split(": ", 1) for field in fields), bytes(answer.body)
 
@@ -60,7 +60,7 @@ def test_if_match_compares_entity_tags_strongly(value: str, status: int):
 
 def test_repeated_headers_are_one_list():
     head = f'GET {STREAM} HTTP/1.1\r\nHost: a\r\nIf-None-Match: {TAG}\r\nIf-None-Match: "x"\r\n\r\n'
-    assert PageContent({"city": BODY}, host="a").answer(head.encode()).head.startswith(b"HTTP/1.1 304 ")
+    assert PageContent({"city": BODY}, host="a").respond_now(head.encode()).head.startswith(b"HTTP/1.1 304 ")
 
 
 def test_head_has_the_headers_of_get_and_no_body():
@@ -71,7 +71,7 @@ def test_head_has_the_headers_of_get_and_no_body():
             assert (status, headers, body) == (*found[:2], b"")
             assert int(headers["Content-Length"]) == len(found[2])
     monitoring = MonitoringContent.__new__(MonitoringContent)
-    head = monitoring.answer(b"HEAD /none HTTP/1.1\r\nHost: a\r\n\r\n")
+    head = monitoring.respond_now(b"HEAD /none HTTP/1.1\r\nHost: a\r\n\r\n")
     assert head.head.startswith(b"HTTP/1.1 404 ")
     assert head.body == b""
 
@@ -126,19 +126,19 @@ def test_an_absolute_url_and_its_path_have_the_same_answer():
 def test_requests_of_http_1_0_need_no_host(content: PageContent, method: str):
     """Health checks of proxies and load balancers send none; HTTP/1.1 requires it."""
     for target, status in (("/", 200), ("/streams.json", 200), (STREAM, 200), ("/none", 404)):
-        assert content.answer(f"{method} {target} HTTP/1.0\r\n\r\n".encode()).head.split()[1] == b"%d" % status
-        assert content.answer(f"{method} {target} HTTP/1.1\r\n\r\n".encode()).head.split()[1] == b"400"
+        assert content.respond_now(f"{method} {target} HTTP/1.0\r\n\r\n".encode()).head.split()[1] == b"%d" % status
+        assert content.respond_now(f"{method} {target} HTTP/1.1\r\n\r\n".encode()).head.split()[1] == b"400"
 
 
 @pytest.mark.parametrize("host", ["", "evil.example", "a b"])
 def test_a_host_of_http_1_0_is_checked(host: str):
-    answer = LOCAL.answer(f"GET / HTTP/1.0\r\nHost: {host}\r\n\r\n".encode())
+    answer = LOCAL.respond_now(f"GET / HTTP/1.0\r\nHost: {host}\r\n\r\n".encode())
     assert answer.head.split()[1] == (b"403" if host == "evil.example" else b"400")
 
 
 def test_monitoring_answers_http_1_0_without_a_host():
     monitoring = MonitoringContent.__new__(MonitoringContent)
-    assert monitoring.answer(b"GET /healthz HTTP/1.0\r\n\r\n").head.startswith(b"HTTP/1.1 200 ")
+    assert monitoring.respond_now(b"GET /healthz HTTP/1.0\r\n\r\n").head.startswith(b"HTTP/1.1 200 ")
 
 
 def test_options_request_may_concern_the_whole_server():
@@ -173,7 +173,7 @@ def test_bodies_of_clear_length_are_ignored(headers: dict[str, str]):
 
 def test_an_old_client_has_no_chunked_body():
     head = f"GET {STREAM} HTTP/1.0\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
-    assert LOCAL.answer(head.encode()).head.startswith(b"HTTP/1.1 400 ")
+    assert LOCAL.respond_now(head.encode()).head.startswith(b"HTTP/1.1 400 ")
 
 
 PREFLIGHT = {"Access_Control_Request_Method": "GET", "Access_Control_Request_Headers": "if-range,range"}

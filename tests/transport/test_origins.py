@@ -5,7 +5,7 @@ from http import HTTPStatus
 import pytest
 
 from splatwire.errors import InvalidValueError
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.origins import is_loopback, is_loopback_origin, parse_origin
 from splatwire.view.page import _origins
 
@@ -19,7 +19,7 @@ FOREIGN = (
 
 def asked(content, target="/streams/ball.swz", origin=None, host="127.0.0.1:8080", more=""):
     line = "" if origin is None else f"Origin: {origin}\r\n"
-    head = content.answer(f"GET {target} HTTP/1.1\r\nHost: {host}\r\n{line}{more}\r\n".encode()).head.decode()
+    head = content.respond_now(f"GET {target} HTTP/1.1\r\nHost: {host}\r\n{line}{more}\r\n".encode()).head.decode()
     status, *lines = head.rstrip("\r\n").split("\r\n")
     found = {}
     for text in lines:
@@ -71,7 +71,7 @@ def test_answers_with_origins_vary_by_origin(more):
 )  # fmt: skip
 def test_status_lines_have_the_standard_reason(target, host, more, code):
     content = PageContent({"ball": b"scene"})
-    head = content.answer(f"GET {target} HTTP/1.1\r\nHost: {host}\r\n{more}\r\n".encode()).head
+    head = content.respond_now(f"GET {target} HTTP/1.1\r\nHost: {host}\r\n{more}\r\n".encode()).head
     reason = "Range Not Satisfiable" if code == 416 else HTTPStatus(code).phrase  # RFC 9110; 416 differs in Python
     assert head.startswith(f"HTTP/1.1 {code} {reason}\r\n".encode())
 
@@ -98,7 +98,7 @@ def test_pages_of_other_origins_see_why_a_stream_is_refused(origins, readable):
 
 def test_proxy_with_another_host_header_is_answered_with_the_right_one():
     content = PageContent({"ball": b"scene"}, public_origin="https://splats.example.org")
-    answer = content.answer(b"GET / HTTP/1.1\r\nHost: splat_backend\r\n\r\n")
+    answer = content.respond_now(b"GET / HTTP/1.1\r\nHost: splat_backend\r\n\r\n")
     assert b"Host: splats.example.org" in answer.body
     assert b"--public-url" not in answer.body
 
@@ -118,7 +118,7 @@ def test_scripts_are_compressed_only_for_clients_that_accept_it(text, packed):
 
 def test_proxy_host_header_is_accepted():
     content = PageContent(
-        {"ball": b"scene"}, Link(4840, "/splatwire", None), public_origin="https://splats.example.org"
+        {"ball": b"scene"}, WebTransportEndpoint(4840, "/splatwire", None), public_origin="https://splats.example.org"
     )
     for host in ("splats.example.org", "SPLATS.example.org:443", "127.0.0.1:8080", "localhost"):
         assert asked(content, "/", host=host)[0] == 200
@@ -130,9 +130,9 @@ def test_proxy_host_header_is_accepted():
 @pytest.mark.parametrize("host", ["127.0.0.1:8080", "10.0.0.1", "[::1]:80", "localhost"])
 def test_page_does_not_depend_on_the_host_header(host):
     """A proxy may use an internal address."""
-    content = PageContent({"ball": b"scene"}, Link(4840, "/splatwire", "ab" * 32))
-    answer = content.answer(f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
-    assert answer == content.answer(b"GET / HTTP/1.1\r\nHost: 192.168.1.1\r\n\r\n")
+    content = PageContent({"ball": b"scene"}, WebTransportEndpoint(4840, "/splatwire", "ab" * 32))
+    answer = content.respond_now(f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+    assert answer == content.respond_now(b"GET / HTTP/1.1\r\nHost: 192.168.1.1\r\n\r\n")
     assert b'session=":4840/splatwire"' in answer.body
 
 

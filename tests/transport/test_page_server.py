@@ -17,12 +17,12 @@ from typing import Any
 import pytest
 
 from splatwire.errors import BitstreamError
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.messages import read_request
 from splatwire.transport.http.server import CHUNK_BYTES, PageLimits, PageServer
 
 BODY = random.Random(0).randbytes(8 << 20)
-CONTENT = PageContent({"big": BODY}, Link(4840, "/splatwire", "ab" * 32))
+CONTENT = PageContent({"big": BODY}, WebTransportEndpoint(4840, "/splatwire", "ab" * 32))
 HERE, ELSEWHERE = "127.0.0.1", "127.0.0.2"
 GET = b"GET %b HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
 PATIENT = PageLimits(request_s=60.0, chunk_s=60.0)
@@ -294,7 +294,7 @@ def test_shutdown_prints_nothing_during_transfers(caplog: pytest.LogCaptureFixtu
     ],
 )  # fmt: skip
 def test_host_header_must_be_an_address_or_a_name(host: str):
-    head, _ = CONTENT.answer(f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n".encode("latin-1"))
+    head, _ = CONTENT.respond_now(f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n".encode("latin-1"))
     assert head.startswith(b"HTTP/1.1 400 ")
     assert b"Injected" not in head
     assert b"script-src *" not in head
@@ -368,7 +368,7 @@ def test_mutated_requests_get_answers_with_fixed_headers():
                     del head[at : at + rng.randrange(9)]
                 case 3:
                     head[at:at] = rng.choice(good)[: rng.randrange(60)]
-        answer, _ = CONTENT.answer(bytes(head))
+        answer, _ = CONTENT.respond_now(bytes(head))
         status, *lines = answer.decode().removesuffix("\r\n\r\n").split("\r\n")
         codes.add(status)
         names |= {line.partition(":")[0] for line in lines}
@@ -388,7 +388,7 @@ def test_mutated_requests_get_answers_with_fixed_headers():
 def test_hostile_ranges_get_their_bytes_or_nothing():
     rng, body = random.Random(8), bytes(range(256)) * 4
     content = PageContent({"city": body})
-    tag = content.answer(GET % b"/streams/city.swz").head.decode().split('ETag: "')[1].split('"')[0]
+    tag = content.respond_now(GET % b"/streams/city.swz").head.decode().split('ETag: "')[1].split('"')[0]
     numbers = ["0", "1", "7", "1023", "1024", "99999999999999999999", "-1", "", "x", "0x10", "1.5", "٣"]
     for _ in range(int(os.environ.get("SPLATWIRE_FUZZ_CASES", "600"))):
         some = "-".join(rng.choice(numbers) for _ in range(rng.choice([1, 2, 2, 2, 3])))
@@ -396,7 +396,7 @@ def test_hostile_ranges_get_their_bytes_or_nothing():
         words += [f"If-Range: {rng.choice([tag, chr(34) + tag + chr(34), 'W/x', ''])}"] * rng.randrange(2)
         words += [f"If-None-Match: {rng.choice(['*', chr(34) + tag + chr(34), chr(34)])}"] * rng.randrange(2)
         request = f"GET /streams/city.swz?{rng.choice([tag, '', 'x'])} HTTP/1.1\r\nHost: localhost\r\n"
-        answer = content.answer((request + "\r\n".join(words) + "\r\n\r\n").encode("utf-8"))
+        answer = content.respond_now((request + "\r\n".join(words) + "\r\n\r\n").encode("utf-8"))
         head, status = answer.head.decode("latin-1"), int(answer.head[9:12])
         assert status in (200, 206, 304, 400, 416)
         if status == 206:

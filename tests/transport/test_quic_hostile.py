@@ -43,7 +43,7 @@ from splatwire.transport.quic.common import (
     length_prefixed,
 )
 from splatwire.transport.quic.server import MIN_MALFORMED, RETRY_HANDSHAKES
-from splatwire.transport.quic.sessions import MAX_PENDING, MAX_PENDING_MESSAGES
+from splatwire.transport.quic.sessions import MAX_PENDING_DATAGRAMS, MAX_PENDING_MESSAGES
 from transport.test_quic import OTHER, fetch, run, serving
 
 pytestmark = pytest.mark.slow
@@ -295,9 +295,9 @@ def test_a_client_that_acknowledges_nothing_fills_no_memory():
             await until(lambda: server.connections and next(iter(server.connections))._sessions.has_request)
             (connection,) = server.connections
             session = connection._sessions._session
-            for number in range(2 * MAX_PENDING):
+            for number in range(2 * MAX_PENDING_DATAGRAMS):
                 session.send(encode_data(1, number, number, bytes(1000)))
-            assert len(connection.quic._datagrams_pending) == MAX_PENDING
+            assert len(connection.quic._datagrams_pending) == MAX_PENDING_DATAGRAMS
             head = encode(
                 Welcome(1, 1, 1, WINDOW_BYTES, bytes(32), 1000, 1, 1000, 0, (ParityRange(1, 0, 0),), b"", True, False)
             )

@@ -19,7 +19,7 @@ import pytest
 pytest.importorskip("cryptography", reason="the package cryptography is not installed")
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.proxies import parse_networks
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.quic.certificate import self_signed
@@ -142,7 +142,9 @@ def ask(port: int, path: str, authority: Path | None, **headers: str) -> Answer:
 def test_page_and_streams_behind_nginx(tmp_path: Path, caplog: pytest.LogCaptureFixture):
     caplog.set_level(logging.INFO, "splatwire.transport")
     plain, secure = free_port(), free_port()
-    content = PageContent({"ball": BODY}, Link(4840, "/splatwire", None), public_origin=f"https://{NAME}")
+    content = PageContent(
+        {"ball": BODY}, WebTransportEndpoint(4840, "/splatwire", None), public_origin=f"https://{NAME}"
+    )
 
     async def work() -> None:
         async with PageServer(content, proxies=parse_networks(["127.0.0.1"])) as server:
@@ -161,7 +163,7 @@ def test_page_and_streams_behind_nginx(tmp_path: Path, caplog: pytest.LogCapture
                 first = await asked(f"/streams/{path}")
                 assert (first.status, first.body) == (200, BODY)
                 assert first.headers["Access-Control-Allow-Origin"] == "*"
-                before = server.num_answers
+                before = server.num_responses
                 again = await asked(f"/streams/{path}")
                 part = await asked(f"/streams/{path}", Range="bytes=300000-300099")
                 assert (again.body, again.headers["X-Cache"], again.headers["ETag"]) == (
@@ -171,11 +173,11 @@ def test_page_and_streams_behind_nginx(tmp_path: Path, caplog: pytest.LogCapture
                 )
                 assert (part.status, part.body) == (206, BODY[300_000:300_100])
                 assert part.headers["Content-Range"] == f"bytes 300000-300099/{len(BODY)}"
-                assert server.num_answers == before
+                assert server.num_responses == before
                 current = await asked("/streams/ball.swz")
                 assert (current.body, current.headers["X-Cache"]) == (BODY, "MISS")
                 assert (await asked("/streams/ball.swz")).headers["X-Cache"] == "MISS"
-                assert server.num_answers > before
+                assert server.num_responses > before
 
     asyncio.run(asyncio.wait_for(work(), 60))
     assert logged_clients(caplog) == {VISITOR}
@@ -185,7 +187,9 @@ def test_page_and_streams_behind_nginx(tmp_path: Path, caplog: pytest.LogCapture
 def test_page_and_streams_behind_caddy(tmp_path: Path, caplog: pytest.LogCaptureFixture):
     caplog.set_level(logging.INFO, "splatwire.transport")
     secure = free_port()
-    content = PageContent({"ball": BODY}, Link(4840, "/splatwire", None), public_origin=f"https://{NAME}")
+    content = PageContent(
+        {"ball": BODY}, WebTransportEndpoint(4840, "/splatwire", None), public_origin=f"https://{NAME}"
+    )
 
     async def work() -> None:
         async with PageServer(content, proxies=parse_networks(["127.0.0.1"])) as server:

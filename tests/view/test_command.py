@@ -79,7 +79,7 @@ def test_losses_and_cameras_are_passed_to_the_page():
     stream = encode_scene(tiny_causal_scene(num_anchors=200))
     content = page_of_stream("tiny", stream.with_packets(stream.packets[1:]), tiny_cameras(), "127.0.0.1")
     page, file = (
-        content.answer(f"GET {target} HTTP/1.1\r\nHost: localhost".encode()).body
+        content.respond_now(f"GET {target} HTTP/1.1\r\nHost: localhost".encode()).body
         for target in ("/", "/streams/tiny.swz")
     )
     assert [packet.id for packet in stream_from_bytes(file)[0].packets] == [packet.id for packet in stream.packets[1:]]

@@ -12,7 +12,7 @@ from explicit import encode_splats
 from splatwire.bitstream import SceneStream
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.transport import ServedStream, ServerLimits, make_served_stream
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.quic.certificate import self_signed
 from splatwire.transport.quic.common import WEBTRANSPORT_PATH
@@ -142,7 +142,9 @@ def test_intermittent_link_resends_only_lost_packets(stream: SceneStream, progra
             await server.start()
             relay = Relay(server.port, gone, gone, delay_s=0.003)
             stack.callback(relay.close)
-            content = PageContent({"ball": program}, Link(relay.port, WEBTRANSPORT_PATH, identity.fingerprint))
+            content = PageContent(
+                {"ball": program}, WebTransportEndpoint(relay.port, WEBTRANSPORT_PATH, identity.fingerprint)
+            )
             page_server = await stack.enter_async_context(PageServer(content))
 
             def drive() -> Any:

@@ -26,7 +26,7 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.viewpoint import SECTION
 from splatwire.errors import InvalidValueError
 from splatwire.transport import ServedStream, make_served_stream
-from splatwire.transport.http.content import FILES, Link, PageContent, served_stream_file, web_file
+from splatwire.transport.http.content import FILES, PageContent, WebTransportEndpoint, served_stream_file, web_file
 from splatwire.transport.http.pack import pack_stream
 from splatwire.transport.http.server import PageServer
 from splatwire.types.splat_scene import SplatScene
@@ -71,7 +71,7 @@ def programs(stream: SceneStream) -> dict[str, ServedStream]:
 
 def answered(content: PageContent, request: bytes) -> bytes:
     """The complete answer."""
-    head, body = content.answer(request)
+    head, body = content.respond_now(request)
     assert isinstance(body, bytes | memoryview)
     return head + body
 
@@ -126,12 +126,14 @@ def test_browser_receives_decodes_and_renders(
             stack.callback(relay.close)
             lossy, broken = [
                 await stack.enter_async_context(
-                    PageServer(PageContent(programs, Link(relay.port, WEBTRANSPORT_PATH, digits)))
+                    PageServer(PageContent(programs, WebTransportEndpoint(relay.port, WEBTRANSPORT_PATH, digits)))
                 )
                 for digits in (identity.fingerprint, "0" * 64)
             ]
-            links = iter([Link(relay.port, WEBTRANSPORT_PATH, "1" * 64)] * 2)  # of a page before the renewal
-            renewed = Link(relay.port, WEBTRANSPORT_PATH, identity.fingerprint)
+            links = iter(
+                [WebTransportEndpoint(relay.port, WEBTRANSPORT_PATH, "1" * 64)] * 2
+            )  # of a page before the renewal
+            renewed = WebTransportEndpoint(relay.port, WEBTRANSPORT_PATH, identity.fingerprint)
             older = await stack.enter_async_context(PageServer(PageContent(programs, lambda: next(links, renewed))))
             half = half_of(with_copies(stream))
             gaps = await stack.enter_async_context(PageServer(PageContent({"half": stream_to_bytes(half)})))
@@ -224,7 +226,7 @@ def check_settings(page: Browser) -> None:
 
 
 def test_page_server_serves_only_its_files_and_streams(programs: dict[str, ServedStream], stream: SceneStream) -> None:
-    content = PageContent(programs, Link(4840, "/splatwire", "ab" * 32), host="scenes.local")
+    content = PageContent(programs, WebTransportEndpoint(4840, "/splatwire", "ab" * 32), host="scenes.local")
     for request, code in (
         ("GET / HTTP/1.1\r\nHost: 127.0.0.1:80", b"200"),
         ("GET /?stream=other HTTP/1.1\r\nHost: localhost", b"200"),

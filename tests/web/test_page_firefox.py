@@ -13,7 +13,7 @@ from scenes import tiny_causal_scene
 from splatwire.bitstream import Packetization
 from splatwire.codec import encode_scene
 from splatwire.transport import make_served_stream
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.server import PageServer
 from transport.firefox import Firefox, executable, firefox
 from web.pictures import ELEMENT
@@ -49,7 +49,7 @@ def test_firefox_decodes_the_integers_of_python() -> None:
     async def work() -> None:
         server = QuicServer(programs, "127.0.0.1", 0, identity=identity)
         await server.start()
-        link = Link(server.port, WEBTRANSPORT_PATH, identity.fingerprint)
+        link = WebTransportEndpoint(server.port, WEBTRANSPORT_PATH, identity.fingerprint)
         async with PageServer(PageContent(programs, link)) as pages:
 
             def drive() -> None:

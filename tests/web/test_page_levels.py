@@ -15,7 +15,7 @@ from splatwire.codec import with_section
 from splatwire.codec.viewpoint import SECTION, viewpoint_section
 from splatwire.lod import encode_levels
 from splatwire.transport import ServerLimits
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.protocol import served_stream
 from splatwire.types import Cameras, SplatScene
@@ -106,7 +106,7 @@ def test_datagrams_deliver_visible_tiles() -> None:
 
     async def work() -> None:
         quic = QuicServer(programs, "127.0.0.1", 0, identity=identity)
-        async with PageServer(PageContent(programs, Link((await quic.start()).port, WEBTRANSPORT_PATH,
+        async with PageServer(PageContent(programs, WebTransportEndpoint((await quic.start()).port, WEBTRANSPORT_PATH,
                                                          identity.fingerprint))) as server:  # fmt: skip
             came = await packets_of(server.url, contents, "WebTransport datagrams")
         quic.close()
@@ -124,7 +124,7 @@ def test_visible_tiles_are_fetched_over_http_when_the_session_breaks() -> None:
 
     async def work() -> None:
         quic = QuicServer(programs, "127.0.0.1", 0, identity=identity, limits=slowly)
-        link = Link((await quic.start()).port, WEBTRANSPORT_PATH, identity.fingerprint)
+        link = WebTransportEndpoint((await quic.start()).port, WEBTRANSPORT_PATH, identity.fingerprint)
         loop = asyncio.get_running_loop()
         async with PageServer(PageContent(programs, link)) as server:
 

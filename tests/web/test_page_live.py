@@ -14,7 +14,7 @@ from moving_sequences import moving_frames
 from splatwire.sequence import SequenceOptions
 from splatwire.sequence.frames import Frame
 from splatwire.sequence.live_encoder import LiveEncoder
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.protocol.live_packager import LiveSnapshot
 from transport.chromium import executable, isolated_page
@@ -59,7 +59,7 @@ async def live_server() -> AsyncIterator[tuple[QuicServer, str]]:
         server = QuicServer({}, "127.0.0.1", 0, identity=identity)
         stack.callback(server.close)
         await server.start()
-        link = Link(server.port, WEBTRANSPORT_PATH, identity.fingerprint)
+        link = WebTransportEndpoint(server.port, WEBTRANSPORT_PATH, identity.fingerprint)
         pages = await stack.enter_async_context(PageServer(PageContent({"live": None}, link)))
         yield server, pages.url
 

@@ -9,7 +9,7 @@ from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from prometheus_client.registry import Collector
 
 from splatwire.errors import BitstreamError
-from splatwire.transport.http.messages import Answer, Request, make_answer, read_request
+from splatwire.transport.http.messages import Request, Response, make_response, read_request
 from splatwire.transport.running_server import RunningServer
 from splatwire.transport.udp import UdpServer
 from splatwire.version import __version__
@@ -32,31 +32,31 @@ class MonitoringContent:
         self._registry.register(_ServerCollector(self.running))
         ProcessCollector(registry=self._registry)
 
-    def answer(self, head: bytes) -> Answer:
+    def respond_now(self, head: bytes) -> Response:
         """Returns the HTTP response to a request, given its head with the final empty line."""
         try:
             request = read_request(head)
         except BitstreamError:
-            return make_answer("400 Bad Request")
-        return self._answer(request).for_method(request.method)
+            return make_response("400 Bad Request")
+        return self._respond_now(request).for_method(request.method)
 
-    def _answer(self, request: Request) -> Answer:
+    def _respond_now(self, request: Request) -> Response:
         if request.method not in ("GET", "HEAD"):
-            return make_answer("405 Method Not Allowed", headers="Allow: GET, HEAD\r\n")
+            return make_response("405 Method Not Allowed", headers="Allow: GET, HEAD\r\n")
         match request.target:
             case "/healthz":
-                return make_answer("200 OK", body=b"ok\n")
+                return make_response("200 OK", body=b"ok\n")
             case "/readyz":
                 reason = self.running.not_ready()
                 status = "503 Service Unavailable" if reason else "200 OK"
-                return make_answer(status, body=f"{reason or 'ready'}\n".encode())
+                return make_response(status, body=f"{reason or 'ready'}\n".encode())
             case "/metrics":
-                return make_answer("200 OK", CONTENT_TYPE_LATEST, generate_latest(self._registry))
-        return make_answer("404 Not Found")
+                return make_response("200 OK", CONTENT_TYPE_LATEST, generate_latest(self._registry))
+        return make_response("404 Not Found")
 
-    def busy(self, head: bytes) -> Answer:
+    def busy(self, head: bytes) -> Response:
         """Returns the HTTP response that refuses a request because the server is busy."""
-        return make_answer("503 Service Unavailable", headers="Retry-After: 1\r\n")
+        return make_response("503 Service Unavailable", headers="Retry-After: 1\r\n")
 
 
 class _ServerCollector(Collector):

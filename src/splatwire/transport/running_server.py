@@ -102,4 +102,4 @@ class RunningServer:
         text = f"served {self.server.core.num_served} clients, {self.server.bytes_sent:,} bytes"
         if self.page is None:
             return text
-        return f"{text}, and {self.page.num_answers:,} requests over HTTP, {self.page.bytes_sent:,} bytes"
+        return f"{text}, and {self.page.num_responses:,} requests over HTTP, {self.page.bytes_sent:,} bytes"

@@ -161,9 +161,9 @@ class UdpServer(SocketServer):
             if message_kind(data) not in FROM_KNOWN and not self._responses.take(address, now):
                 self.drop(now)
                 continue
-            answer = self.core.receive(address, data, now)
-            if answer is not None and len(self._backlog) < MAX_PENDING_RESPONSES:
-                self._backlog.append((address, answer))
+            response = self.core.receive(address, data, now)
+            if response is not None and len(self._backlog) < MAX_PENDING_RESPONSES:
+                self._backlog.append((address, response))
         self.pump()
 
     def pump(self) -> None:

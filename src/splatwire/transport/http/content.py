@@ -20,13 +20,13 @@ from splatwire.errors import BitstreamError, SplatwireError
 from splatwire.transport.access import Access
 from splatwire.transport.http.downloads import FOLDERS, TILESET, Downloads, prefixed_tileset
 from splatwire.transport.http.messages import (
-    Answer,
     GrowingFile,
     Request,
+    Response,
     accepts_gzip,
     is_current,
-    make_answer,
-    make_part,
+    make_file_response,
+    make_response,
     read_request,
     token_in,
     token_of,
@@ -36,9 +36,9 @@ from splatwire.transport.http.scene_list import preview_attributes, scene_list, 
 from splatwire.transport.protocol.layout import SourceBlocks, split_init_segment
 from splatwire.transport.protocol.served_stream import ServedStream
 
-SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
+SCRIPT, RENDERER, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
 """Files of the browser page: script of the receiver, script of the renderer (loaded by the receiver), style sheet."""
-FILES = {SCRIPT: "text/javascript", DRAWING: "text/javascript", STYLE: "text/css"}
+FILES = {SCRIPT: "text/javascript", RENDERER: "text/javascript", STYLE: "text/css"}
 PART_TYPES = {"json": "application/json", "glb": "model/gltf-binary", "webp": "image/webp"}
 """Media types of files in folders of other formats, by suffix."""
 STREAMS, PRIVATE = "/streams/", "/private/"
@@ -55,7 +55,7 @@ _PREFLIGHT = (
 """CORS headers that answer a preflight: methods and request headers that a page of another web origin may use."""
 
 
-class Link(NamedTuple):
+class WebTransportEndpoint(NamedTuple):
     """WebTransport endpoint of the server, to which the page connects.
 
     Attributes:
@@ -77,7 +77,7 @@ class PageContent:
     Attributes:
         streams: Streams by name: a prepared stream, the bytes of a `.swz` file, or a file that still grows. None for a
             live sequence, which is not offered over HTTP.
-        link: WebTransport endpoint, or a function that returns the current one; None without an endpoint.
+        endpoint: WebTransport endpoint, or a function that returns the current one; None without an endpoint.
         host: Address that the server listens on; accepted in the `Host` header of requests.
         origins: Web origins whose pages may read the streams. None allows all origins, or only those of this machine if
             the server listens on a loopback address.
@@ -90,7 +90,7 @@ class PageContent:
     """
 
     streams: Mapping[str, ServedStream | bytes | GrowingFile | None]
-    link: Link | Callable[[], Link] | None = None
+    endpoint: WebTransportEndpoint | Callable[[], WebTransportEndpoint] | None = None
     host: str = "127.0.0.1"
     origins: tuple[str, ...] | None = None
     public_origin: str | None = None
@@ -101,7 +101,7 @@ class PageContent:
     _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
     _tags: dict[int, str] = field(default_factory=dict, init=False, repr=False)
 
-    def answer(self, head: bytes) -> Answer:
+    def respond_now(self, head: bytes) -> Response:
         """Returns the HTTP response to a request for the page, a script, a list or a stream.
 
         A download in another file format gets status 404, because only `respond` waits for the conversion.
@@ -112,10 +112,10 @@ class PageContent:
         try:
             request = read_request(head)
         except BitstreamError:
-            return make_answer("400 Bad Request")
-        return self._answer(request).for_method(request.method)
+            return make_response("400 Bad Request")
+        return self._respond_now(request).for_method(request.method)
 
-    async def respond(self, head: bytes) -> Answer:
+    async def respond(self, head: bytes) -> Response:
         """Returns the HTTP response to any request; for a download in another format, waits for the conversion.
 
         Args:
@@ -124,15 +124,15 @@ class PageContent:
         try:
             request = read_request(head)
         except BitstreamError:
-            return make_answer("400 Bad Request")
+            return make_response("400 Bad Request")
         wanted = self._parse_download(request.target)
         if wanted is None or self.downloads is None or not self._is_own_host(request.host):
-            return self.answer(head)
-        shared = self._cors_headers(request.headers.get("origin"))
+            return self.respond_now(head)
+        cors_headers = self._cors_headers(request.headers.get("origin"))
         if request.method == "OPTIONS":
             return self._preflight(request)
         if request.method not in ("GET", "HEAD"):
-            return self.answer(head)
+            return self.respond_now(head)
         name, form, part = wanted
         if (refused := self._unauthorized(name, request)) is not None:
             return refused.for_method(request.method)
@@ -141,19 +141,19 @@ class PageContent:
         try:
             download = await self.downloads.file(stream, self._entity_tag(stream), form, part)
         except (SplatwireError, OSError):
-            return make_answer("500 Internal Server Error", headers=shared).for_method(request.method)
+            return make_response("500 Internal Server Error", headers=cors_headers).for_method(request.method)
         if download is None:
-            return make_answer("404 Not Found", headers=shared).for_method(request.method)
+            return make_response("404 Not Found", headers=cors_headers).for_method(request.method)
         file_name = quote(f"{name}.{form}", safe="")
         attachment = f"Content-Disposition: attachment; filename*=UTF-8''{file_name}\r\n"
-        headers = shared if part else attachment + shared
+        headers = cors_headers if part else attachment + cors_headers
         kind = PART_TYPES.get(part.rpartition(".")[2], "application/octet-stream")
         data, tag = download
         if request.target == f"/{TILESET}":
             data = prefixed_tileset(bytes(data), f"{quote(name, safe='')}/{form}/")
             tag = hashlib.sha256(data).hexdigest()[:16]
         private = self._is_private(name)
-        return make_part(kind, data, headers, request, tag, private=private).for_method(request.method)
+        return make_file_response(kind, data, headers, request, tag, private=private).for_method(request.method)
 
     def _parse_download(self, target: str) -> tuple[str, str, str] | None:
         """Parses a download path such as `/room.spz` or `/room/3dtiles/tileset.json`.
@@ -179,7 +179,7 @@ class PageContent:
         stream = self.streams.get(name)
         if self.downloads is None or not isinstance(stream, ServedStream) or stream.is_live:
             return ()
-        schema = _head(stream)[0].schema
+        schema = _manifest_and_side_info(stream)[0].schema
         private = self._is_private(name)  # addresses inside the files of a folder have no token
         offered = tuple(form for form in self.downloads.formats if not (private and form in FOLDERS))
         return offered if schema.explicit and not schema.timed else ()
@@ -199,30 +199,32 @@ class PageContent:
         ]  # fmt: skip
         return f'<nav aria-label="files for other programs"><ul>{"".join(links)}</ul></nav>' if links else ""
 
-    def _answer(self, request: Request) -> Answer:
+    def _respond_now(self, request: Request) -> Response:
         if request.method not in ("GET", "HEAD", "OPTIONS"):
-            return make_answer("405 Method Not Allowed", headers=f"Allow: {METHODS}\r\n")
+            return make_response("405 Method Not Allowed", headers=f"Allow: {METHODS}\r\n")
         if not self._is_own_host(request.host):
-            return make_answer("403 Forbidden", body=self._host_advice())
+            return make_response("403 Forbidden", body=self._host_advice())
         origin = request.headers.get("origin")
         if request.method == "OPTIONS":  # also for missing scenes, so that no response reveals names of private scenes
             return self._preflight(request)
         if (refused := self._unauthorized(self._requested_scene(request), request)) is not None:
             return refused
-        resource = self._find(request.target, request.query, origin)
+        resource = self._find_resource(request.target, request.query, origin)
         if resource is None:  # pages of other origins may see that a stream is missing
-            return make_answer("404 Not Found", headers=self._cors_headers(origin))
+            return make_response("404 Not Found", headers=self._cors_headers(origin))
         status, kind, body, headers = resource
         script = request.target[1:] in FILES
         if isinstance(body, bytes) and (script or request.target.startswith((STREAMS, PRIVATE))):
             packed = script and accepts_gzip(request.headers.get("accept-encoding", ""))
             private = request.target.startswith(PRIVATE)
-            return make_part(kind, body, headers, request, self._entity_tag(body), packed=packed, private=private)
+            return make_file_response(
+                kind, body, headers, request, self._entity_tag(body), packed=packed, private=private
+            )
         if is_current("", request.headers.get("if-none-match", "")):
-            return make_answer("304 Not Modified", kind, headers=headers, bodiless=True)
+            return make_response("304 Not Modified", kind, headers=headers, bodiless=True)
         # With "no-store", browsers would not keep the page for the back button.
-        kept = request.target == "/" and not self._is_private(self._shown_name(request.query))
-        return make_answer(status, kind, body, headers, cache="no-cache" if kept else "no-store")
+        is_cacheable = request.target == "/" and not self._is_private(self._shown_name(request.query))
+        return make_response(status, kind, body, headers, cache="no-cache" if is_cacheable else "no-store")
 
     def _requested_scene(self, request: Request) -> str:
         """Returns the name of the scene that a request is for; empty for a request that needs no access token."""
@@ -233,7 +235,7 @@ class PageContent:
         name, _, form = unquote(request.target[1:]).rpartition(".")
         return name if self.downloads is not None and form in self.downloads.formats else ""
 
-    def _unauthorized(self, name: str, request: Request) -> Answer | None:
+    def _unauthorized(self, name: str, request: Request) -> Response | None:
         """Returns the response that refuses a request for a scene; None if the request is allowed."""
         if self.access is None or not name:
             return None
@@ -242,7 +244,7 @@ class PageContent:
         if reason is None:
             return None
         headers = f"WWW-Authenticate: Bearer\r\n{self._cors_headers(request.headers.get('origin'))}"
-        return make_answer("401 Unauthorized", body=f"{reason}\n".encode(), headers=headers)
+        return make_response("401 Unauthorized", body=f"{reason}\n".encode(), headers=headers)
 
     def _is_private(self, name: str) -> bool:
         return self.access is not None and name in self.access.private
@@ -260,14 +262,14 @@ class PageContent:
         wanted = re.search(r"(?:^|&)stream=([^&]*)", query)
         return unquote(wanted[1]) if wanted else next(iter(self._listed()), "")
 
-    def _preflight(self, request: Request) -> Answer:
+    def _preflight(self, request: Request) -> Response:
         """Returns the response to an OPTIONS request (CORS preflight)."""
         headers = self._cors_headers(request.headers.get("origin"))
         if request.target != "/" and "Access-Control-Allow-Origin" in headers:
             headers = f"{headers.replace(_READABLE, '')}{_PREFLIGHT}"
-        return make_answer("204 No Content", headers=f"Allow: {METHODS}\r\n{headers}")
+        return make_response("204 No Content", headers=f"Allow: {METHODS}\r\n{headers}")
 
-    def busy(self, head: bytes) -> Answer:
+    def busy(self, head: bytes) -> Response:
         """Returns the HTTP response that refuses a request because the server is busy.
 
         Args:
@@ -276,10 +278,10 @@ class PageContent:
         try:
             request = read_request(head)
         except BitstreamError:
-            return make_answer("400 Bad Request")
-        shared = self._cors_headers(request.headers.get("origin"))
-        answer = make_answer("503 Service Unavailable", headers=f"Retry-After: 1\r\n{shared}")
-        return answer.for_method(request.method)
+            return make_response("400 Bad Request")
+        cors_headers = self._cors_headers(request.headers.get("origin"))
+        response = make_response("503 Service Unavailable", headers=f"Retry-After: 1\r\n{cors_headers}")
+        return response.for_method(request.method)
 
     def _host_advice(self) -> bytes:
         """Returns the text of the response to an unknown `Host` header: advice on how to reach the server."""
@@ -297,7 +299,9 @@ class PageContent:
             self._tags[id(file)] = hashlib.sha256(file).hexdigest()[:16]
         return self._tags[id(file)]
 
-    def _find(self, target: str, query: str, origin: str | None) -> tuple[str, str, bytes | GrowingFile, str] | None:
+    def _find_resource(
+        self, target: str, query: str, origin: str | None
+    ) -> tuple[str, str, bytes | GrowingFile, str] | None:
         """Finds the page, script, list or stream at a path.
 
         Args:
@@ -309,17 +313,17 @@ class PageContent:
             Status, media type, body and further headers of the response; None if nothing has this path.
         """
         if target == "/":
-            return "200 OK", "text/html; charset=utf-8", self._page(query).encode(), self._policy()
-        shared = self._cors_headers(origin)
+            return "200 OK", "text/html; charset=utf-8", self._page(query).encode(), self._content_security_policy()
+        cors_headers = self._cors_headers(origin)
         if kind := FILES.get(target[1:]):
-            headers = f"{shared}Vary: Accept-Encoding\r\n"
+            headers = f"{cors_headers}Vary: Accept-Encoding\r\n"
             return "200 OK", f"{kind}; charset=utf-8", _web_bytes(target[1:]), headers
         if target == "/streams.json":
-            return "200 OK", "application/json", json.dumps(self._described()).encode(), shared
+            return "200 OK", "application/json", json.dumps(self._stream_list()).encode(), cors_headers
         folder = PRIVATE if target.startswith(PRIVATE) else STREAMS
         name = unquote(target.removeprefix(folder).removesuffix(".swz"))
         if target == self._stream_path(name) and (file := self._file(name)) is not None:
-            return "200 OK", "application/octet-stream", file, shared
+            return "200 OK", "application/octet-stream", file, cors_headers
         return None
 
     def _page(self, query: str) -> str:
@@ -327,10 +331,10 @@ class PageContent:
         token = token_in(query) if self._is_private(name) else ""
         address = f"{self._stream_path(name)}?token={token}" if token else self._stream_url(name)
         attributes = {"src": address, **self.attributes} if name else dict(self.attributes)
-        if (link := self._link()) and not self._is_private(name):
+        if (endpoint := self._endpoint()) and not self._is_private(name):
             # Relative, because behind a proxy the request's host may differ from the one in the visitor's address bar.
-            attributes["session"] = f":{link.port}{link.path}"
-            attributes["fingerprint"] = link.fingerprint or ""
+            attributes["session"] = f":{endpoint.port}{endpoint.path}"
+            attributes["fingerprint"] = endpoint.fingerprint or ""
         stream = self.streams.get(name)
         if isinstance(stream, ServedStream) and stream.preview:
             attributes["preview"] = base64.b64encode(stream.preview).decode()
@@ -360,21 +364,21 @@ class PageContent:
         """Returns the URL path of a stream's file. Paths of private scenes are in a separate folder."""
         return stream_path(name).replace(STREAMS, PRIVATE, 1) if self._is_private(name) else stream_path(name)
 
-    def _policy(self) -> str:
-        link = self._link()
-        session = f" https://*:{link.port}" if link else ""
+    def _content_security_policy(self) -> str:
+        endpoint = self._endpoint()
+        session = f" https://*:{endpoint.port}" if endpoint else ""
         return (
             "Content-Security-Policy: default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
             f"img-src data:; worker-src blob:; connect-src 'self'{session}; base-uri 'none'; form-action 'none'; "
             "frame-ancestors *\r\n"
         )
 
-    def _described(self) -> dict[str, object]:
-        link = self._link()
-        return {"streams": [stream_path(name) for name in self._listed()], **(link._asdict() if link else {})}
+    def _stream_list(self) -> dict[str, object]:
+        endpoint = self._endpoint()
+        return {"streams": [stream_path(name) for name in self._listed()], **(endpoint._asdict() if endpoint else {})}
 
-    def _link(self) -> Link | None:
-        return self.link() if callable(self.link) else self.link
+    def _endpoint(self) -> WebTransportEndpoint | None:
+        return self.endpoint() if callable(self.endpoint) else self.endpoint
 
     def _cors_headers(self, origin: str | None) -> str:
         """Returns the CORS headers of a response to a page of the given web origin."""
@@ -440,11 +444,11 @@ def download_path(name: str, format_name: str) -> str:
 
 def served_stream_file(stream: ServedStream) -> bytes:
     """Returns the bytes of a prepared stream as one `.swz` file."""
-    manifest, side_info = _head(stream)
+    manifest, side_info = _manifest_and_side_info(stream)
     return b"".join([file_head(manifest, side_info), *map(file_record, stream.packets)])
 
 
-def _head(stream: ServedStream) -> tuple[Manifest, bytes]:
+def _manifest_and_side_info(stream: ServedStream) -> tuple[Manifest, bytes]:
     """Parses the init segment of a stream, and returns manifest and side information (data that all packets need)."""
     source_blocks = SourceBlocks(stream.init_segment_bytes, stream.symbol_bytes)
     symbols = (
@@ -458,5 +462,5 @@ def _head(stream: ServedStream) -> tuple[Manifest, bytes]:
 
 def _side_info_of(stream: ServedStream) -> tuple[bytes, str]:
     """Returns the side information of a prepared stream and the name of the stream's codec schema."""
-    manifest, side_info = _head(stream)
+    manifest, side_info = _manifest_and_side_info(stream)
     return side_info, manifest.codec

@@ -49,13 +49,13 @@ class GrowingFile(Protocol):
         """Yields the bytes of the file piece by piece during reception."""
 
 
-class Answer(NamedTuple):
+class Response(NamedTuple):
     """HTTP response: bytes of the head, and the body."""
 
     head: bytes
     body: bytes | memoryview | GrowingFile
 
-    def for_method(self, method: str) -> "Answer":
+    def for_method(self, method: str) -> "Response":
         """Returns the response for a request method, without body for HEAD."""
         return self._replace(body=b"") if method == "HEAD" else self
 
@@ -167,10 +167,10 @@ def read_range(text: str, size: int) -> tuple[int, int] | None:
     return (first, min(last + 1, size)) if first < size else (size, size)
 
 
-def make_part(
+def make_file_response(
     kind: str, body: bytes | mmap, headers: str, request: Request, tag: str, *, packed: bool = False,
     private: bool = False,
-) -> Answer:  # fmt: skip
+) -> Response:  # fmt: skip
     """Returns the response to a GET or HEAD request for a file or a byte range (RFC 9110, sections 13 and 14).
 
     Args:
@@ -191,19 +191,19 @@ def make_part(
     headers = f'Accept-Ranges: bytes\r\nETag: "{tag}"\r\n{headers}'
     content = body if isinstance(body, bytes) else memoryview(body)
     if not is_current(tag, asked.get("if-match", "*"), weak=False):
-        return make_answer("412 Precondition Failed", headers=headers)
+        return make_response("412 Precondition Failed", headers=headers)
     if is_current(tag, asked.get("if-none-match", "")):
-        return make_answer("304 Not Modified", kind, content, headers, cache=cache, bodiless=True)
+        return make_response("304 Not Modified", kind, content, headers, cache=cache, bodiless=True)
     same = request.method == "GET" and asked.get("if-range", f'"{tag}"') == f'"{tag}"'
     wanted = read_range(asked.get("range", ""), len(body)) if same else None
     if wanted is None:
-        return make_answer("200 OK", kind, content, headers, cache=cache)
+        return make_response("200 OK", kind, content, headers, cache=cache)
     first, end = wanted
     if first == end:
-        return make_answer("416 Range Not Satisfiable", headers=f"Content-Range: bytes */{len(body)}\r\n{headers}")
+        return make_response("416 Range Not Satisfiable", headers=f"Content-Range: bytes */{len(body)}\r\n{headers}")
     headers = f"Content-Range: bytes {first}-{end - 1}/{len(body)}\r\n{headers}"
     part = memoryview(body)[first:end]
-    return make_answer("206 Partial Content", kind, part, headers, cache=cache)
+    return make_response("206 Partial Content", kind, part, headers, cache=cache)
 
 
 def is_current(tag: str, condition: str, *, weak: bool = True) -> bool:
@@ -220,7 +220,7 @@ def is_current(tag: str, condition: str, *, weak: bool = True) -> bool:
     return listed == ["*"] or (bool(tag) and f'"{tag}"' in listed)
 
 
-def make_answer(
+def make_response(
     status: str,
     kind: str = "text/plain; charset=utf-8",
     body: bytes | memoryview | GrowingFile = b"",
@@ -228,7 +228,7 @@ def make_answer(
     *,
     bodiless: bool = False,
     cache: str = "no-store",
-) -> Answer:
+) -> Response:
     """Builds an HTTP response.
 
     Args:
@@ -241,7 +241,7 @@ def make_answer(
     """
     if status.startswith("204 "):
         head = f"HTTP/1.1 {status}\r\n{headers}Cache-Control: {cache}\r\nConnection: close\r\n\r\n"
-        return Answer(head.encode("latin-1"), b"")
+        return Response(head.encode("latin-1"), b"")
     if not isinstance(body, GrowingFile):
         body = body or f"{status}\n".encode()
         headers = f"Content-Length: {len(body)}\r\n{headers}"
@@ -250,4 +250,4 @@ def make_answer(
         f"X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: {cache}\r\n"
         "Connection: close\r\n\r\n"
     )
-    return Answer(head.encode("latin-1"), b"" if bodiless else body)
+    return Response(head.encode("latin-1"), b"" if bodiless else body)

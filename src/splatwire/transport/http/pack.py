@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from splatwire.bitstream import Manifest, SceneStream, stream_to_bytes
 from splatwire.errors import InvalidValueError
-from splatwire.transport.http.content import DRAWING, SCRIPT, STYLE, web_file
+from splatwire.transport.http.content import RENDERER, SCRIPT, STYLE, web_file
 from splatwire.transport.http.scene_list import preview_attributes, scene_list
 from splatwire.transport.protocol.preview import stream_preview
 
@@ -28,7 +28,7 @@ style-src '{style_hash}'; img-src data:; worker-src blob:; base-uri 'none'; form
 {scripts}
 </html>
 """
-_CHOOSE = """\
+_SELECTION_SCRIPT = """\
 const links = [...document.querySelectorAll("nav a")], element = document.querySelector("splat-wire");
 function choose() {
   const found = links.findIndex(({ hash }) => hash === location.hash), place = Math.max(found, 0);
@@ -67,7 +67,10 @@ def pack_streams(streams: Mapping[str, SceneStream]) -> bytes:
     """
     for stream in streams.values():
         check_page_support(stream.manifest)
-    style, scripts = web_file(STYLE), [web_file(DRAWING), web_file(SCRIPT), *([_CHOOSE] if len(streams) > 1 else [])]
+    style, scripts = (
+        web_file(STYLE),
+        [web_file(RENDERER), web_file(SCRIPT), *([_SELECTION_SCRIPT] if len(streams) > 1 else [])],
+    )
     title, previews = next(iter(streams)), {name: stream_attributes(stream) for name, stream in streams.items()}
     return _PAGE.format(
         hashes=" ".join(f"'{_source_hash(script)}'" for script in scripts),

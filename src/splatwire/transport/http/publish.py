@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from splatwire.bitstream import SceneStream, send_sequence, stream_to_bytes
 from splatwire.errors import InvalidValueError
-from splatwire.transport.http.content import DRAWING, SCRIPT, STYLE, web_file
+from splatwire.transport.http.content import RENDERER, SCRIPT, STYLE, web_file
 from splatwire.transport.http.pack import check_page_support, stream_attributes
 from splatwire.transport.http.scene_list import scene_list
 from splatwire.version import __version__
@@ -27,7 +27,7 @@ POLICY = (
 )
 """Content Security Policy of the pages."""
 _SAFE_NAME = re.compile(r"[^/\\\0-\x1f]{1,120}")
-_TAKEN_NAMES = {"index", "404"}
+_RESERVED_NAMES = {"index", "404"}
 """Names of pages that hosts show by themselves."""
 _PAGE = """\
 <!doctype html>
@@ -37,9 +37,9 @@ _PAGE = """\
 <meta http-equiv="Content-Security-Policy" content="{policy}">
 <title>{title}</title>
 {social}<link rel="icon" href="data:,">
-<link rel="stylesheet" href="{engine}/{style}">
-<link rel="modulepreload" href="{engine}/{script}">
-<script type="module" src="{engine}/{script}"></script>
+<link rel="stylesheet" href="{player_folder}/{style}">
+<link rel="modulepreload" href="{player_folder}/{script}">
+<script type="module" src="{player_folder}/{script}"></script>
 <main><h1>{title}</h1>{scenes}<splat-wire {attributes}></splat-wire></main>
 <noscript>{picture}This page draws with JavaScript.</noscript>
 </html>
@@ -74,36 +74,36 @@ def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None
     if not scenes:
         raise InvalidValueError("a site needs at least one scene")
     for name, scene in scenes.items():
-        _check(name, scene.stream)
+        _check_scene(name, scene.stream)
     if len({name.casefold() for name in scenes}) < len(scenes):
         raise InvalidValueError(
             "two names of scenes differ only in case, so some disks have one file for both: rename one"
         )
-    engine, files = _engine_folder(), dict[str, bytes]()
-    for file in (SCRIPT, DRAWING, STYLE):
-        files[f"{engine}/{file}"] = web_file(file).encode()
+    player_folder, files = _player_folder(), dict[str, bytes]()
+    for file in (SCRIPT, RENDERER, STYLE):
+        files[f"{player_folder}/{file}"] = web_file(file).encode()
     paths, pictures = dict[str, str](), dict[str, str]()
     for name, scene in scenes.items():
         data = stream_to_bytes(scene.stream.with_packets(send_sequence(scene.stream, "tiers")))
-        paths[name] = _hashed(f"streams/{name}", data, "swz")
+        paths[name] = _hashed_path(f"streams/{name}", data, "swz")
         files[paths[name]] = data
         if scene.thumbnail is not None:
-            pictures[name] = _hashed(f"thumbnails/{name}", scene.thumbnail, "jpg")
+            pictures[name] = _hashed_path(f"thumbnails/{name}", scene.thumbnail, "jpg")
             files[pictures[name]] = scene.thumbnail
-    files["_headers"] = _netlify_headers(engine).encode()
-    files["vercel.json"] = _vercel_headers(engine).encode()
+    files["_headers"] = _netlify_headers(player_folder).encode()
+    files["vercel.json"] = _vercel_headers(player_folder).encode()
     files["streams.json"] = json.dumps({"streams": [f"/{quote(path)}" for path in paths.values()]}).encode()
     pages = {name: f"{name}.html" if number else "index.html" for number, name in enumerate(scenes)}
     previews = {name: stream_attributes(scene.stream) for name, scene in scenes.items()}
     for name in reversed(list(scenes)):
         base = None if url is None else url.rstrip("/")
         listed = scene_list(previews, name, lambda other: quote(pages[other]))
-        attributes = {"src": quote(paths[name]), **_attributes(previews[name])}
+        attributes = {"src": quote(paths[name]), **_viewer_attributes(previews[name])}
         files[pages[name]] = _PAGE.format(
             policy=POLICY,
             title=html.escape(name),
             social=_link_preview(name, base, pages[name], pictures.get(name)),
-            engine=engine, style=STYLE, script=SCRIPT,
+            player_folder=player_folder, style=STYLE, script=SCRIPT,
             scenes=listed,
             attributes=" ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items()),
             picture=f'<img src="{quote(pictures[name])}" alt="{html.escape(name)}"> ' if name in pictures else "",
@@ -111,25 +111,25 @@ def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None
     return files
 
 
-def _check(name: str, stream: SceneStream) -> None:
-    if not _SAFE_NAME.fullmatch(name) or name.startswith(".") or name.lower() in _TAKEN_NAMES:
+def _check_scene(name: str, stream: SceneStream) -> None:
+    if not _SAFE_NAME.fullmatch(name) or name.startswith(".") or name.lower() in _RESERVED_NAMES:
         raise InvalidValueError(f"a scene called {name!r:.60} cannot have a file of that name: rename it")
     check_page_support(stream.manifest)
     if missing := stream.manifest.num_packets - len(stream.packets):
         raise InvalidValueError(f"{name}: {missing:,} of {stream.manifest.num_packets:,} packets are missing")
 
 
-def _engine_folder() -> str:
+def _player_folder() -> str:
     """Returns the name of the folder of the player's files, with version and content hash."""
-    digest = hashlib.sha256("\0".join(map(web_file, (SCRIPT, DRAWING, STYLE))).encode()).hexdigest()
+    digest = hashlib.sha256("\0".join(map(web_file, (SCRIPT, RENDERER, STYLE))).encode()).hexdigest()
     return f"splatwire-{__version__}-{digest[:HASH_DIGITS]}"
 
 
-def _hashed(stem: str, data: bytes, suffix: str) -> str:
+def _hashed_path(stem: str, data: bytes, suffix: str) -> str:
     return f"{stem}.{hashlib.sha256(data).hexdigest()[:HASH_DIGITS]}.{suffix}"
 
 
-def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
+def _viewer_attributes(preview: Mapping[str, str]) -> dict[str, str]:
     """Returns a scene's HTML attributes with the attribute `data` renamed to `preview`, as the viewer element expects.
 
     Args:
@@ -155,11 +155,11 @@ def _link_preview(name: str, url: str | None, page: str, picture: str | None) ->
     return "".join(f'<meta property="{key}" content="{html.escape(value)}">\n' for key, value in tags.items())
 
 
-def _header_rules(engine: str) -> dict[str, dict[str, str]]:
+def _header_rules(player_folder: str) -> dict[str, dict[str, str]]:
     """Returns the HTTP response headers that a web host must send for a static site.
 
     Args:
-        engine: Name of the folder with the scripts and style sheets of the player.
+        player_folder: Name of the folder with the scripts and style sheets of the player.
 
     Returns:
         For each URL pattern, the header values by header name.
@@ -167,7 +167,7 @@ def _header_rules(engine: str) -> dict[str, dict[str, str]]:
     shared = {"Access-Control-Allow-Origin": "*", "Cross-Origin-Resource-Policy": "cross-origin"}
     return {
         "/*": {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"},
-        f"/{engine}/*": {"Cache-Control": FOREVER, **shared},
+        f"/{player_folder}/*": {"Cache-Control": FOREVER, **shared},
         "/streams/*": {
             "Cache-Control": f"{FOREVER}, no-transform",
             "Content-Type": "application/octet-stream",
@@ -181,30 +181,30 @@ def _header_rules(engine: str) -> dict[str, dict[str, str]]:
     }
 
 
-def _netlify_headers(engine: str) -> str:
+def _netlify_headers(player_folder: str) -> str:
     """Returns the text of the file `_headers`, which sets the HTTP headers of a site at Netlify and Cloudflare Pages.
 
     Args:
-        engine: Name of the folder with the scripts and style sheets of the player.
+        player_folder: Name of the folder with the scripts and style sheets of the player.
     """
     blocks = [
         "\n".join([path, *(f"  {key}: {value}" for key, value in rule.items())])
-        for path, rule in _header_rules(engine).items()
+        for path, rule in _header_rules(player_folder).items()
     ]
     return "\n".join([*blocks, ""])
 
 
-def _vercel_headers(engine: str) -> str:
+def _vercel_headers(player_folder: str) -> str:
     """Returns the text of the file `vercel.json`, from which the web host Vercel takes the HTTP headers of a site.
 
     Args:
-        engine: Name of the folder with the scripts and style sheets of the player.
+        player_folder: Name of the folder with the scripts and style sheets of the player.
     """
     rules = [
         {
             "source": re.escape(path).replace(r"\*", "(.*)").replace(r"\.", ".").replace(r"\-", "-"),
             "headers": [{"key": key, "value": value} for key, value in rule.items()],
         }
-        for path, rule in _header_rules(engine).items()
+        for path, rule in _header_rules(player_folder).items()
     ]
     return json.dumps({"headers": rules}, indent=2) + "\n"

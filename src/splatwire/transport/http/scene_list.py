@@ -23,10 +23,14 @@ def scene_list(scenes: Mapping[str, Mapping[str, str]], current: str, address: C
         return ""
     items = []
     for name, attributes in scenes.items():
-        words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
-        seen = f'<splat-wire-preview aria-hidden="true" {words}></splat-wire-preview>' if "data" in attributes else ""
+        attributes_text = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
+        preview = (
+            f'<splat-wire-preview aria-hidden="true" {attributes_text}></splat-wire-preview>'
+            if "data" in attributes
+            else ""
+        )
         aria_current = ' aria-current="page"' if name == current else ""
-        items.append(f'<li><a href="{html.escape(address(name))}"{aria_current}>{seen}{html.escape(name)}</a></li>')
+        items.append(f'<li><a href="{html.escape(address(name))}"{aria_current}>{preview}{html.escape(name)}</a></li>')
     return f'<nav aria-label="scenes"><ul>{"".join(items)}</ul></nav>'
 
 

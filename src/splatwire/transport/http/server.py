@@ -14,7 +14,7 @@ from splatwire.errors import BitstreamError
 from splatwire.transport.address import cannot_listen
 from splatwire.transport.congestion.pacing import Pacer
 from splatwire.transport.event_log import log_event
-from splatwire.transport.http.messages import Answer, GrowingFile, make_answer, read_request
+from splatwire.transport.http.messages import GrowingFile, Response, make_response, read_request
 from splatwire.transport.http.proxies import IpNetwork, client_address
 from splatwire.transport.protocol.admission import ConnectionSlots, Network, network_of, network_text
 
@@ -69,10 +69,10 @@ class Content(Protocol):
     def host(self) -> str:
         """Address that the server listens on."""
 
-    def answer(self, head: bytes) -> Answer:
+    def respond_now(self, head: bytes) -> Response:
         """Returns the HTTP response to a request, given its head with the final empty line."""
 
-    def busy(self, head: bytes) -> Answer:
+    def busy(self, head: bytes) -> Response:
         """Returns the HTTP response that refuses a request because the server is busy."""
 
 
@@ -80,7 +80,7 @@ class Content(Protocol):
 class SlowContent(Protocol):
     """Typing protocol for the content of an HTTP server, with responses that take time to prepare (converted files)."""
 
-    async def respond(self, head: bytes) -> Answer:
+    async def respond(self, head: bytes) -> Response:
         """Returns the HTTP response to a request, and waits until its content is prepared.
 
         Args:
@@ -101,7 +101,7 @@ class PageServer:
 
     Attributes:
         statuses: Number of responses by HTTP status code.
-        num_answers: Number of requests that got a response.
+        num_responses: Number of requests that got a response.
         bytes_sent: Number of response bytes sent.
 
     Raises:
@@ -122,7 +122,7 @@ class PageServer:
         self._waiting = ConnectionSlots(self._limits.waiting)
         self._slots = ConnectionSlots(self._limits.slots, self._limits.per_network)
         self.statuses: Counter[int] = Counter()
-        self.num_answers = self.bytes_sent = 0
+        self.num_responses = self.bytes_sent = 0
 
     async def __aenter__(self) -> "PageServer":
         host = self.content.host
@@ -197,11 +197,13 @@ class PageServer:
                 await self._respond(head, self.content.busy(head), network, writer)
                 return
             try:
-                self.num_answers += 1
+                self.num_responses += 1
                 content = self.content
-                answer = await content.respond(head) if isinstance(content, SlowContent) else content.answer(head)
-                refused = answer.head[9:10] == b"4"
-                await self._respond(head, answer, network, writer, close=not refused)
+                response = (
+                    await content.respond(head) if isinstance(content, SlowContent) else content.respond_now(head)
+                )
+                refused = response.head[9:10] == b"4"
+                await self._respond(head, response, network, writer, close=not refused)
                 if refused:
                     await _linger(reader, writer)
             finally:
@@ -212,14 +214,14 @@ class PageServer:
             error.__traceback__ = None
 
     async def _respond(
-        self, head: bytes, answer: Answer, network: Network, writer: asyncio.StreamWriter, *, close: bool = True
+        self, head: bytes, response: Response, network: Network, writer: asyncio.StreamWriter, *, close: bool = True
     ) -> None:
         """Sends a response to the client, and counts and logs the response."""
-        loop, status = asyncio.get_running_loop(), int(answer.head[9:12])
+        loop, status = asyncio.get_running_loop(), int(response.head[9:12])
         began, sent, complete = loop.time(), _Count(), False
         self.statuses[status] += 1
         try:
-            await self._send(answer, writer, sent)
+            await self._send(response, writer, sent)
             complete = True
             if close:
                 writer.close()
@@ -231,7 +233,7 @@ class PageServer:
                     bytes=sent.num_bytes, seconds=seconds, complete=complete,
                 )  # fmt: skip
 
-    async def _send(self, answer: Answer, writer: asyncio.StreamWriter, sent: "_Count") -> None:
+    async def _send(self, response: Response, writer: asyncio.StreamWriter, sent: "_Count") -> None:
         """Sends a response to the client, as fast as the client reads.
 
         Raises:
@@ -242,12 +244,12 @@ class PageServer:
         connection = transport.get_extra_info("socket")
         if connection is not None and hasattr(socket, "TCP_NOTSENT_LOWAT"):  # else the kernel buffers megabytes
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, CHUNK_BYTES)
-        await self._write(answer.head, writer, sent)
-        if not isinstance(answer.body, GrowingFile):
-            async with asyncio.timeout(limits.grace_s + len(answer.body) / limits.slowest_bytes_s) as limit:
-                await self._write(answer.body, writer, sent, limit)
+        await self._write(response.head, writer, sent)
+        if not isinstance(response.body, GrowingFile):
+            async with asyncio.timeout(limits.grace_s + len(response.body) / limits.slowest_bytes_s) as limit:
+                await self._write(response.body, writer, sent, limit)
         else:
-            async for piece in answer.body.pieces():
+            async for piece in response.body.pieces():
                 await self._write(piece, writer, sent)
 
     async def _write(
@@ -304,14 +306,14 @@ async def _read_head(reader: asyncio.StreamReader) -> bytes | None:
         return None
 
 
-def _too_long(start: bytes) -> Answer:
+def _too_long(start: bytes) -> Response:
     """Returns the error response to a request whose head (request line and header fields) is too long.
 
     Args:
         start: Bytes of the head received so far. The status is 431 if they contain a complete request line, else 414.
     """
     line_ends = b"\r\n" in start
-    return make_answer("431 Request Header Fields Too Large" if line_ends else "414 URI Too Long")
+    return make_response("431 Request Header Fields Too Large" if line_ends else "414 URI Too Long")
 
 
 async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

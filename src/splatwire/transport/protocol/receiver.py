@@ -337,7 +337,7 @@ class Receiver(ReceiveState):
         self.num_rejected += 1
         return [], []
 
-    def refuse_transport(self) -> tuple[list[bytes], list[Event]]:
+    def on_wrong_transport(self) -> tuple[list[bytes], list[Event]]:
         """Ends the transfer because the server's port serves plain UDP, not QUIC.
 
         Returns:

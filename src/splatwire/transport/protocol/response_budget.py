@@ -43,11 +43,11 @@ class ResponseBudget:
     """
 
     def __init__(self) -> None:
-        self._until, self._num = 0.0, 0
+        self._until, self._num_responses = 0.0, 0
         self._addresses: dict[Hashable, int] = {}
         self._networks: dict[Hashable, int] = {}
 
-    def has_room(self, address: Any, now: float) -> bool:
+    def may_respond(self, address: Any, now: float) -> bool:
         """Returns True if a response to a client may be sent.
 
         Args:
@@ -55,13 +55,16 @@ class ResponseBudget:
             now: Time, seconds.
         """
         if now >= self._until:
-            self._until, self._num = now + WINDOW_S, 0
+            self._until, self._num_responses = now + WINDOW_S, 0
             self._addresses.clear()
             self._networks.clear()
-        if self._num >= MAX_RESPONSES or self._addresses.get(address, 0) >= MAX_ADDRESS_RESPONSES:
+        if self._num_responses >= MAX_RESPONSES or self._addresses.get(address, 0) >= MAX_ADDRESS_RESPONSES:
             return False
         # The first half is for everybody, so that a forged address does not exclude its owner.
-        return 2 * self._num < MAX_RESPONSES or self._networks.get(network_key(address), 0) < MAX_NETWORK_RESPONSES
+        return (
+            2 * self._num_responses < MAX_RESPONSES
+            or self._networks.get(network_key(address), 0) < MAX_NETWORK_RESPONSES
+        )
 
     def take(self, address: Any, now: float) -> bool:
         """Counts a response to a client, and returns True if it may be sent.
@@ -70,10 +73,10 @@ class ResponseBudget:
             address: Socket address of the client.
             now: Time, seconds.
         """
-        if not self.has_room(address, now):
+        if not self.may_respond(address, now):
             return False
         network = network_key(address)
-        self._num += 1
+        self._num_responses += 1
         self._addresses[address] = self._addresses.get(address, 0) + 1
         self._networks[network] = self._networks.get(network, 0) + 1
         return True

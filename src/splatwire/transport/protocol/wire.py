@@ -54,7 +54,7 @@ MESSAGE_KINDS = (
     "have", "view update",
 )  # fmt: skip
 TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE, VIEW_UPDATE))
-ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, INIT_SYMBOL))
+STREAM_MESSAGES = frozenset((REQUEST, WELCOME, REFUSE, INIT_SYMBOL))
 """Kinds of messages that are sent on the reliable stream instead if there is one (QUIC), with a u16 size prefix."""
 
 MAX_FOCAL, MAX_COORDINATE, MAX_ROTATION_ERROR = 1e6, 1e12, 0.01

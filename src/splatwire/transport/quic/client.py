@@ -25,21 +25,21 @@ from splatwire.transport.quic.common import (
     INTERNAL,
     MALFORMED,
     REFUSED,
-    STREAM,
+    SESSION_STREAM,
     MessageReader,
     configuration,
+    is_stream_message,
     length_prefixed,
     limit_backoff,
-    on_stream,
     send_on_stream,
 )
 from splatwire.transport.udp import Tap, connected_socket, new_nonce, resolve
 
-FIRST_PAUSE_S, LAST_PAUSE_S = 0.25, 2.0
+MIN_PAUSE_S, MAX_PAUSE_S = 0.25, 2.0
 """Pauses before a new connection is tried, seconds: the first pause, and the maximum after repeated doubling."""
-CALM_S = 5.0
+STABLE_S = 5.0
 """Lifetime of a connection, seconds, from which on the pause before the next connection is the shortest one again."""
-UNTRUSTED = range(0x100 + 42, 0x100 + 49)
+CERTIFICATE_ALERTS = range(0x100 + 42, 0x100 + 49)
 """QUIC error codes of TLS alerts about certificates, bad_certificate to unknown_ca (RFC 9001, 4.8; RFC 8446, 6)."""
 
 
@@ -101,7 +101,7 @@ async def receive_quic(
     settings.server_name = address.host
     settings.cadata = trust.authority
     settings.verify_mode = ssl.CERT_NONE if trust.insecure or trust.fingerprint else ssl.CERT_REQUIRED
-    pause = FIRST_PAUSE_S
+    pause = MIN_PAUSE_S
     while True:
         began, transfer_events = loop.time(), list[Event]()
         try:
@@ -121,7 +121,7 @@ async def receive_quic(
             if stop is not None:
                 stop.remove_done_callback(client.stopped)
         if receiver.finished is None:
-            pause = FIRST_PAUSE_S if loop.time() - began > CALM_S else min(2 * pause, LAST_PAUSE_S)
+            pause = MIN_PAUSE_S if loop.time() - began > STABLE_S else min(2 * pause, MAX_PAUSE_S)
             await asyncio.wait([stop or loop.create_future()], timeout=pause)
             transfer_events = receiver.reconnect(loop.time())
         for event in transfer_events:
@@ -148,8 +148,8 @@ class _Client(QuicConnectionProtocol):
         self._reader = MessageReader()
         self._alarm: asyncio.TimerHandle | None = None
         self._finished = self._loop.create_future()
-        self._established = self._lost = False
-        self._gone = asyncio.Event()
+        self._established = self._is_interrupted = False
+        self._socket_closed = asyncio.Event()
 
     async def run(self, connection: socket.socket) -> Receiver:
         await self._loop.create_datagram_endpoint(lambda: self, sock=connection)
@@ -161,28 +161,28 @@ class _Client(QuicConnectionProtocol):
             if self._alarm:
                 self._alarm.cancel()
             try:
-                self._send_and_report(*(([], []) if self._lost else self._receiver.stop()))
+                self._send_and_report(*(([], []) if self._is_interrupted else self._receiver.stop()))
             finally:
                 self.transmit()  # sends pending goodbyes, which closing would drop
                 self.close(0, "")
-                self._transport_now.close()
-                await self._gone.wait()
+                self._socket_transport.close()
+                await self._socket_closed.wait()
         return self._receiver
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport_now = transport
+        self._socket_transport = transport
         self._local_address = transport.get_extra_info("sockname")[:2]
-        super().connection_made(_Connected(transport, self._tap_datagram))
+        super().connection_made(_ConnectedTransport(transport, self._tap_datagram))
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._gone.set()
+        self._socket_closed.set()
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         assert isinstance(data, bytes)
         self._tap_datagram(False, data)
         try:
             if not self._established and self._is_refusal(data):
-                self._send_and_report(*self._receiver.refuse_transport())
+                self._send_and_report(*self._receiver.on_wrong_transport())
                 self._finish()
                 return
             if self._established:
@@ -209,7 +209,7 @@ class _Client(QuicConnectionProtocol):
         if not isinstance(exc, ConnectionRefusedError) or self._established:
             return
         if self._receiver.may_resume(self._loop.time()):  # the server may be restarting
-            self._lost = True
+            self._is_interrupted = True
             self._finish()
         else:
             self.stop("nothing listens there")
@@ -223,7 +223,7 @@ class _Client(QuicConnectionProtocol):
                 self._stream_data(event)
             case events.DatagramFrameReceived() if self._established:
                 self._send_and_report(*self._receiver.receive(event.data, now))
-            case events.StreamReset() | events.StopSendingReceived() if event.stream_id == STREAM:
+            case events.StreamReset() | events.StopSendingReceived() if event.stream_id == SESSION_STREAM:
                 self.stop("the server closed the stream of the session")
             case events.ConnectionTerminated():
                 self._on_terminated(event)
@@ -232,10 +232,10 @@ class _Client(QuicConnectionProtocol):
     def _on_terminated(self, event: events.ConnectionTerminated) -> None:
         """Processes the end of the QUIC connection, which may also end the transfer."""
         by_application = event.frame_type is None
-        final = event.error_code in ((MALFORMED, INTERNAL) if by_application else UNTRUSTED)
+        final = event.error_code in ((MALFORMED, INTERNAL) if by_application else CERTIFICATE_ALERTS)
         now, idle = self._loop.time(), not by_application and _is_timeout(event)
         if not final and (self._receiver.may_resume(now) or (idle and self._receiver.may_connect(now))):
-            self._lost = True
+            self._is_interrupted = True
             self._finish()
         else:
             before = "" if self._receiver.welcome is None else "the server fell silent; "
@@ -254,7 +254,7 @@ class _Client(QuicConnectionProtocol):
 
     def _stream_data(self, event: events.StreamDataReceived) -> None:
         try:
-            messages = self._reader.feed(event.data) if event.stream_id == STREAM else []
+            messages = self._reader.feed(event.data) if event.stream_id == SESSION_STREAM else []
         except BitstreamError as error:
             self.stop(str(error))
             return
@@ -301,8 +301,8 @@ class _Client(QuicConnectionProtocol):
 
     def _send_and_report(self, messages: list[bytes], transfer_events: list[Event]) -> None:
         for data in messages:
-            if on_stream(data):
-                send_on_stream(self._quic, STREAM, length_prefixed(data))  # if it is closed, its event follows
+            if is_stream_message(data):
+                send_on_stream(self._quic, SESSION_STREAM, length_prefixed(data))  # if it is closed, its event follows
             elif self._established:
                 self._quic.send_datagram_frame(data)
         if self._on_event:
@@ -330,7 +330,7 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
     reason = event.reason_phrase or (hex(event.error_code) if event.error_code else "the server closed the connection")
     if not established and _is_timeout(event):
         return f"no answer: {NO_QUIC}, or {SMALL_MTU}"
-    if event.error_code in UNTRUSTED:
+    if event.error_code in CERTIFICATE_ALERTS:
         return (
             f"the server's certificate is not trusted: {reason}. Trust it with --fingerprint (which the server "
             "prints when it starts) or --authority (a file with its certificate, or with that of the authority that "
@@ -339,7 +339,7 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
     return f"the session ended: {reason}"
 
 
-class _Connected:
+class _ConnectedTransport:
     """Transport for aioquic that sends datagrams over a connected UDP socket, and reports each datagram to a function.
 
     Args:

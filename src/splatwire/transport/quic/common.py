@@ -12,12 +12,12 @@ from aioquic.quic.congestion.base import QuicCongestionControl, register_congest
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.congestion.delivery_rate import DeliveryRateWindow
-from splatwire.transport.protocol.wire import MAX_DATAGRAM, ON_STREAM, message_kind
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, STREAM_MESSAGES, message_kind
 
 ALPN = "splatwire/1"
 ALPN_HTTP = "h3"
 WEBTRANSPORT_PATH = "/splatwire"
-STREAM = 0
+SESSION_STREAM = 0
 """Number of the reliable QUIC stream in a session without HTTP/3: the client's first bidirectional stream."""
 MAX_UDP_BYTES = 1232
 """Maximum UDP payload of QUIC packets, bytes: fits the IPv6 minimum MTU of 1280. Leaves room for a datagram of
@@ -107,9 +107,9 @@ def length_prefixed(data: bytes) -> bytes:
     return len(data).to_bytes(2, "little") + data
 
 
-def on_stream(data: bytes) -> bool:
+def is_stream_message(data: bytes) -> bool:
     """True if a message is sent on the reliable QUIC stream instead of in a DATAGRAM frame."""
-    return message_kind(data) in ON_STREAM
+    return message_kind(data) in STREAM_MESSAGES
 
 
 def send_on_stream(quic: Any, stream: int, data: bytes) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from splatwire.transport.access import Access
-from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.proxies import IpNetwork
 from splatwire.transport.http.server import PageLimits, PageServer
 from splatwire.transport.protocol.served_stream import ServedStream
@@ -63,11 +63,11 @@ async def open_quic_server(
         return RunningServer(server, facts)
     pinned, public = page.pinned, page.public_origin
 
-    def link() -> Link:
-        return Link(server.port, WEBTRANSPORT_PATH, identity().fingerprint if pinned else None)
+    def endpoint() -> WebTransportEndpoint:
+        return WebTransportEndpoint(server.port, WEBTRANSPORT_PATH, identity().fingerprint if pinned else None)
 
     shown = streams if page.live is None else {page.live: None}
-    content = PageContent(shown, link, host, origins or None, public, access=access)
+    content = PageContent(shown, endpoint, host, origins or None, public, access=access)
     page_limits = PageLimits(limits.sessions, 2 * limits.per_network)
     opened = await stack.enter_async_context(
         PageServer(content, page.port, page_limits, proxies=page.proxies, pacer=server.core.total_pacer)

@@ -53,7 +53,7 @@ BATCH = 64
 """Maximum number of datagrams passed to QUIC before the socket is read again."""
 MAX_UNSENT = 1024
 """Maximum number of datagrams that wait while the socket accepts none; further ones are lost, as on the path."""
-SPARE = 16
+SPARE_CONNECTIONS = 16
 """Number of connections that may start a handshake beyond twice `QuicLimits.connections`. A full server can then still
 tell clients the reason of its refusal, which needs a complete handshake.
 """
@@ -61,7 +61,7 @@ RETRY_HANDSHAKES = 4
 """Number of concurrent handshakes from which on clients must first return a token (QUIC Retry)."""
 MAX_HANDSHAKES_FACTOR = 4
 """Number of handshakes that a network may start within `HANDSHAKE_WINDOW_S`, as a multiple of
-`QuicLimits.per_network`, plus `SPARE`.
+`QuicLimits.per_network`, plus `SPARE_CONNECTIONS`.
 """
 MIN_EXCESS = 1000
 """Minimum number of excess datagrams of connections for a log line."""
@@ -230,15 +230,15 @@ class QuicServer(SocketServer):
             del self.connections[connection]
             self.networks -= Counter([connection.network])
 
-    def is_full(self, network: Network, *, begins: bool = False) -> bool:
+    def is_full(self, network: Network, *, is_new: bool = False) -> bool:
         """True if the maximum number of connections is exceeded, in total or for one network.
 
         Args:
             network: Network of the client.
-            begins: True to test the higher limits, which apply before the handshake of a new connection is finished.
+            is_new: True to test the higher limits, which apply before the handshake of a new connection is finished.
         """
         counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
-        return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)
+        return any(taken >= 2 * most + SPARE_CONNECTIONS if is_new else taken > most for taken, most in counts)
 
     def connection_to_evict(self, network: Network, newcomer: "_Connection | None" = None) -> "_Connection | None":
         """Chooses the connection that is closed in favour of a new one when the server is full.
@@ -274,7 +274,7 @@ class _LimitedEndpoint(AioquicServer):
         self._retry: Any = None
 
     def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
-        while self._owner.is_full(self._network, begins=True):  # the address has been validated by now
+        while self._owner.is_full(self._network, is_new=True):  # the address has been validated by now
             other = self._owner.connection_to_evict(self._network)
             if other is None:
                 break
@@ -310,7 +310,7 @@ class _LimitedEndpoint(AioquicServer):
         """
         owner, now = self._owner, self._loop.time()
         is_busy = len(owner.handshaking) >= RETRY_HANDSHAKES
-        if is_busy and TOKEN_PREFIX not in data[:MAX_TOKEN_OFFSET] and not self._responses.has_room(addr, now):
+        if is_busy and TOKEN_PREFIX not in data[:MAX_TOKEN_OFFSET] and not self._responses.may_respond(addr, now):
             owner.drop(now)
             return False
         initial = parse_initial(data)
@@ -326,14 +326,14 @@ class _LimitedEndpoint(AioquicServer):
         self._network = network_of(addr)
         # Beyond the limit, some more connections are accepted, so that their clients can be refused with a reason.
         # After that, a client must return a token, and replaces a connection of another network.
-        if owner.is_full(self._network, begins=True):
+        if owner.is_full(self._network, is_new=True):
             if not has_token:
                 self._send_retry(initial, addr, now)
                 return False
             if owner.connection_to_evict(self._network) is None:
                 owner.num_refused += 1
                 return False
-        if not self._handshakes.take(addr, MAX_HANDSHAKES_FACTOR * owner.limits.per_network + SPARE, now):
+        if not self._handshakes.take(addr, MAX_HANDSHAKES_FACTOR * owner.limits.per_network + SPARE_CONNECTIONS, now):
             owner.drop(now)
             return False
         owner.load_identity()
@@ -433,11 +433,11 @@ class _Connection(QuicConnectionProtocol):
         self.quic = quic
         self.owner = owner
         self._sessions: NativeSession | WebTransportSessions | None = None
-        self._over = False
-        self._read = 0
+        self._has_ended = False
+        self._num_bytes_read = 0
         self._budget: InputBudget | None = None
         self._sending_s = 0.0
-        self._patience = self._loop.call_later(REQUEST_TIMEOUT_S, self._impatient)
+        self._request_timer = self._loop.call_later(REQUEST_TIMEOUT_S, self._on_request_timeout)
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Processes a UDP datagram of this connection.
@@ -453,7 +453,7 @@ class _Connection(QuicConnectionProtocol):
         began, self._sending_s = time.thread_time(), 0.0
         self.guarded(super().datagram_received, data, addr)
         self._spend(time.thread_time() - began - self._sending_s)
-        if not self._over:
+        if not self._has_ended:
             self._limit_memory()
 
     def _limit_memory(self) -> None:
@@ -463,7 +463,7 @@ class _Connection(QuicConnectionProtocol):
         keeps every packet of acknowledgements until the client acknowledges it.
         """
         handshake_bytes = (len(stream.receiver._buffer) for stream in self.quic._crypto_streams.values())
-        if self.quic._local_max_data.used - self._read + sum(handshake_bytes) > MAX_UNREAD_BYTES:
+        if self.quic._local_max_data.used - self._num_bytes_read + sum(handshake_bytes) > MAX_UNREAD_BYTES:
             self.malformed("too much waits for what is missing before it")
         elif any(len(space.sent_packets) > MAX_UNACKNOWLEDGED for space in self.quic._spaces.values()):
             self.malformed("the client acknowledges nothing")
@@ -471,21 +471,21 @@ class _Connection(QuicConnectionProtocol):
     def quic_event_received(self, event: events.QuicEvent) -> None:
         """Processes an event of aioquic, such as the end of the handshake or received data."""
         if isinstance(event, events.StreamDataReceived):
-            self._read += len(event.data)
+            self._num_bytes_read += len(event.data)
         match event:
             case events.ProtocolNegotiated():
                 self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
             case events.HandshakeCompleted():
                 self.owner.handshaking.discard(self)
                 self._budget = InputBudget(self._loop.time())
-                while not self._over and self.owner.is_full(self.network):
+                while not self._has_ended and self.owner.is_full(self.network):
                     # Not refused earlier: the reason would not reach the client before the handshake.
                     self.owner.num_refused += 1
                     (self.owner.connection_to_evict(self.network, self) or self).end(FULL, FULL_REASON)
             case events.ConnectionTerminated():
                 self._ended()
                 self._loop.call_soon(self._release)  # aioquic still uses its objects in this turn
-            case _ if self._sessions is not None and not self._over:
+            case _ if self._sessions is not None and not self._has_ended:
                 self._sessions.event(event)
 
     def transmit(self) -> None:
@@ -533,7 +533,7 @@ class _Connection(QuicConnectionProtocol):
 
     def end(self, code: int, reason: str) -> None:
         """Closes the connection with an application error code and a reason for the client."""
-        if not self._over:
+        if not self._has_ended:
             self._ended()
             self.close(code, reason)
 
@@ -544,8 +544,8 @@ class _Connection(QuicConnectionProtocol):
         self.end(MALFORMED, reason[:200])
 
     def _ended(self) -> None:
-        self._over = True
-        self._patience.cancel()
+        self._has_ended = True
+        self._request_timer.cancel()
         self.owner.leave(self)
         if self._sessions is not None:
             self._sessions.end()
@@ -564,6 +564,6 @@ class _Connection(QuicConnectionProtocol):
         self._connection_id_issued_handler = self._connection_id_retired_handler = lambda _: None
         self._connection_terminated_handler = lambda: None
 
-    def _impatient(self) -> None:
+    def _on_request_timeout(self) -> None:
         if self._sessions is None or not self._sessions.has_request:
             self.end(FULL, "no request was received")

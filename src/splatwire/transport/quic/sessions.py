@@ -13,12 +13,12 @@ from splatwire.transport.protocol.wire import MAX_DATAGRAM, WELCOME, decode, mes
 from splatwire.transport.quic.common import (
     MAX_OUTSIDE_BYTES,
     MIN_FRAGMENT_BYTES,
-    STREAM,
+    SESSION_STREAM,
     WEBTRANSPORT_PATH,
     WINDOW_BYTES,
     MessageReader,
+    is_stream_message,
     length_prefixed,
-    on_stream,
     send_on_stream,
 )
 
@@ -31,7 +31,7 @@ MAX_PENDING_MESSAGES = 512
 """Maximum number of messages that wait until the client opens the reliable stream: the client's request as DATAGRAM may
 overtake the opening of the stream. The side information of a large scene has some hundred messages.
 """
-MAX_PENDING = 2048
+MAX_PENDING_DATAGRAMS = 2048
 """Maximum number of DATAGRAM frames that wait in QUIC until earlier bytes are acknowledged; further ones are dropped,
 as by a full queue on the path. A client may confirm to the protocol core what it never acknowledges to QUIC.
 """
@@ -56,30 +56,28 @@ class Session:
         self._prefix = prefix
         self._reader = MessageReader()
         self._copies = REDUNDANT_FRAMES
-        self._most_unacknowledged = WINDOW_BYTES
+        self._max_unacknowledged = WINDOW_BYTES
         self._pending_messages: list[bytes] = []
 
     def send(self, data: bytes) -> None:
         """Queues a message of the wire protocol for sending."""
-        copied, quic = on_stream(data) and self._copies > 0, self.connection.quic
-        if on_stream(data):
+        copied, quic = is_stream_message(data) and self._copies > 0, self.connection.quic
+        if is_stream_message(data):
             # a long init segment may follow a welcome
             if message_kind(data) == WELCOME and isinstance(message := decode(data), Welcome):
-                self._most_unacknowledged = max(
-                    self._most_unacknowledged, WINDOW_BYTES + 2 * message.init_segment_bytes
-                )
-            self._on_stream(length_prefixed(data))
-        if copied or not on_stream(data):
+                self._max_unacknowledged = max(self._max_unacknowledged, WINDOW_BYTES + 2 * message.init_segment_bytes)
+            self._send_on_stream(length_prefixed(data))
+        if copied or not is_stream_message(data):
             self._copies -= copied
-            if len(quic._datagrams_pending) < MAX_PENDING:
+            if len(quic._datagrams_pending) < MAX_PENDING_DATAGRAMS:
                 quic.send_datagram_frame(self._prefix + data)
 
-    def _on_stream(self, message: bytes) -> None:
+    def _send_on_stream(self, message: bytes) -> None:
         quic = self.connection.quic
         if self.stream is not None:
             if not send_on_stream(quic, self.stream, message):
                 self.connection.malformed("the stream was given up")
-            elif len(quic._streams[self.stream].sender._buffer) > self._most_unacknowledged:
+            elif len(quic._streams[self.stream].sender._buffer) > self._max_unacknowledged:
                 self.connection.malformed("the client acknowledges nothing on the stream")
         elif len(self._pending_messages) < MAX_PENDING_MESSAGES:
             self._pending_messages.append(message)
@@ -90,7 +88,7 @@ class Session:
         """Stores the number of the reliable stream that the client has opened, and sends waiting messages."""
         self.stream = stream
         for message in self._pending_messages:
-            self._on_stream(message)
+            self._send_on_stream(message)
         self._pending_messages.clear()
 
     def stream_data(self, data: bytes) -> None:
@@ -117,14 +115,14 @@ class NativeSession:
 
     def __init__(self, connection: Any) -> None:
         self._connection = connection
-        self._session = Session(connection, STREAM)
+        self._session = Session(connection, SESSION_STREAM)
         self.has_request = False
 
     def event(self, event: events.QuicEvent) -> None:
         """Processes an event of the QUIC connection: data on the reliable stream, or a DATAGRAM frame."""
         match event:
             case events.StreamDataReceived():
-                if event.stream_id != STREAM:
+                if event.stream_id != SESSION_STREAM:
                     self._connection.malformed(f"a stream {event.stream_id}")
                     return
                 self.has_request = True
@@ -155,7 +153,7 @@ class WebTransportSessions:
         self._id: int | None = None
         self._session: Session | None = None
         self._answered_streams: set[int] = set()
-        self._outside = 0
+        self._num_outside_bytes = 0
         self.has_request = False
 
     def event(self, event: events.QuicEvent) -> None:
@@ -165,16 +163,16 @@ class WebTransportSessions:
             if isinstance(event, events.StopSendingReceived) and (inside or event.stream_id == self._id):
                 self._connection.malformed("the stream was given up")
                 return
-            self._outside += 0 if inside else max(MIN_FRAGMENT_BYTES, len(getattr(event, "data", b"")))
-            if self._outside > MAX_OUTSIDE_BYTES:
+            self._num_outside_bytes += 0 if inside else max(MIN_FRAGMENT_BYTES, len(getattr(event, "data", b"")))
+            if self._num_outside_bytes > MAX_OUTSIDE_BYTES:
                 self._connection.malformed("more than any session says outside its stream")
                 return
         try:
-            heard = self._http.handle_event(event)
+            http_events = self._http.handle_event(event)
         except (RuntimeError, ValueError):  # aioquic replies on a stream that the client has reset
             self._connection.malformed("a stream was given up")
             return
-        for reported in heard:
+        for reported in http_events:
             self._on_event(reported)
         if isinstance(event, (events.StreamDataReceived, events.StreamReset)) and event.stream_id == self._id:
             ended = isinstance(event, events.StreamReset) or event.end_stream
