@@ -420,6 +420,14 @@ def test_retransmission_of_the_init_segment_sends_new_symbols():
     assert not scheduled & set(again)
 
 
+def test_deprecated_name_of_feedback_warns_and_processes_the_report():
+    transfer = ServerTransfer(make_served_stream(STREAM), 7, ServerLimits(), 0.0)
+    assert transfer.next_at() is None
+    with pytest.warns(DeprecationWarning, match="use on_feedback"):
+        transfer.feedback(Feedback(7, 0, 0, 0, 0), 0.0)
+    assert transfer.next_at() is not None
+
+
 def test_preview_is_part_of_the_first_answer():
     """The preview may contain any bytes, and arrives even if no symbol of the side information does."""
     preview = random.Random(0).randbytes(MAX_PREVIEW)

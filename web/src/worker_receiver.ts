@@ -653,7 +653,7 @@ export class WorkerReceiver implements Receiver {
       get packets() {
         return intake.size;
       },
-      missing: (tile) => tiling.tiles.packets[tile] - (intake.blocks.get(tile)?.length ?? 0),
+      missing: (tile) => tiling.tiles.numPackets[tile] - (intake.blocks.get(tile)?.length ?? 0),
       nextView: async (isGivenUp) => {
         await this.#send();
         if (wanted().some((tile) => !isGivenUp(tile))) return; // the view has changed

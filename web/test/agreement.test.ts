@@ -177,8 +177,8 @@ test("the units of a cut cover the scene exactly once", { skip }, () => {
         tiles.children[tile].length ? tiles.children[tile].reduce((sum, child) => sum + size(child), 0) : 0,
       size = (unit: number): number => elementDecoder.splatsOf(unit).reduce((sum, { count }) => sum + count, 0);
     for (let tile = 0; tile < tiles.count; tile++)
-      if (tiles.children[tile].length) assert.equal(of(tile), tiles.gaussians[tile]);
-      else assert.equal(size(tiles.count + tile), tiles.gaussians[tile]);
+      if (tiles.children[tile].length) assert.equal(of(tile), tiles.numGaussians[tile]);
+      else assert.equal(size(tiles.count + tile), tiles.numGaussians[tile]);
     for (const { drawn } of views) {
       const covered = drawUnits.drawn({ drawn, wanted: [] }).flatMap((unit) => {
         const { tile, child } = drawUnits.of(unit);
@@ -219,7 +219,7 @@ test("a tile is drawn once most packets arrived, and redrawn with late packets",
     return swaps;
   };
   const isDrawn = (): boolean => [...held.keys()].some((unit) => drawUnits.of(unit).tile === finer);
-  const late = of(finer).slice(0, Math.floor(tiles.packets[finer] / 4) + 1);
+  const late = of(finer).slice(0, Math.floor(tiles.numPackets[finer] / 4) + 1);
   assert.ok(late.length > 1);
   for (const bytes of [...of(0), ...of(finer).slice(late.length)]) received.addPacket(bytes);
   show();

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 
 import { BitstreamError } from "../src/bytes.ts";
-import { AnchorPrediction } from "../src/codec/causal/expected.ts";
+import { AnchorPrediction } from "../src/codec/causal/anchor_prediction.ts";
 import { PacketDecoder } from "../src/codec/causal/packet.ts";
 import { readRedundantAnchors } from "../src/codec/causal/redundant_copies.ts";
 import { readSideInfo as readAnchors } from "../src/codec/causal/side_info.ts";

@@ -63,7 +63,7 @@ function visitor(): { listener: Listener; view: TileRequest; store: PacketStore;
     get packets() {
       return received.decoder.intake.size;
     },
-    missing: (tile) => tiling.tiles.packets[tile] - (received.decoder.intake.blocks.get(tile)?.length ?? 0),
+    missing: (tile) => tiling.tiles.numPackets[tile] - (received.decoder.intake.blocks.get(tile)?.length ?? 0),
     nextView: () => Promise.resolve(void tiling.setCamera(null)),
     decoded: () => Promise.resolve(void tiling.setCamera(LOOK)),
   };

@@ -8,7 +8,7 @@ import type { PacketStore } from "./packet_store.ts";
 import { ProgressReporter } from "./progress_reporter.ts";
 
 /** Largest number of concurrent requests. */
-const AT_ONCE = 2;
+const MAX_REQUESTS = 2;
 /** Largest number of requests for a tile that arrives damaged. */
 const MAX_TRIES = 3;
 const RANGE_REQUESTS = "HTTP, by ranges";
@@ -86,7 +86,7 @@ export async function receiveTiles(
     await view.decoded();
     while (!listener.stopped() && remaining() > 0) {
       const isFree = (tile: number): boolean => !requested.has(tile) && !isGivenUp(tile),
-        run = busy.size < AT_ONCE ? nextRun(view, isFree, file.limits.tilesBytes) : null;
+        run = busy.size < MAX_REQUESTS ? nextRun(view, isFree, file.limits.tilesBytes) : null;
       if (run) start(run);
       else if (busy.size) await Promise.race(busy);
       else {

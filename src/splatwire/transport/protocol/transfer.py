@@ -4,6 +4,7 @@ The caller passes feedback and the time, and gets datagrams to send.
 """
 
 import math
+import warnings
 from collections import deque
 from collections.abc import Iterator
 
@@ -304,6 +305,11 @@ class ServerTransfer:
                 self.control.on_feedback(now, *sample)
                 self._pacer.rate = self._limits.fixed_rate or self.control.rate
         self._queue_retransmissions(message, now)
+
+    def feedback(self, message: Feedback, now: float) -> None:
+        """Deprecated name of `on_feedback`."""
+        warnings.warn("ServerTransfer.feedback is deprecated, use on_feedback", DeprecationWarning, stacklevel=2)
+        self.on_feedback(message, now)
 
     def new_problems(self) -> list[str]:
         """Returns the problems of the path that were found since the previous call, as keys of `PROBLEMS`.

@@ -15,7 +15,7 @@ import type { Copies } from "../element_batch.ts";
 import type { ElementDecoder } from "../element_decoder.ts";
 import { tierLayout } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
-import { AnchorPrediction, type ReceivedAnchors } from "./expected.ts";
+import { AnchorPrediction, type ReceivedAnchors } from "./anchor_prediction.ts";
 import { PacketDecoder } from "./packet.ts";
 import { type RedundantAnchors, readRedundantAnchors } from "./redundant_copies.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
@@ -45,9 +45,9 @@ export class CausalDecoder implements ElementDecoder<CausalBatch> {
   readonly degree = 0;
   readonly info: SideInfo;
   readonly heads: Heads;
-  readonly #packets: PacketDecoder;
+  readonly #packetDecoder: PacketDecoder;
   readonly #order: Int32Array | null;
-  readonly #expected: AnchorPrediction;
+  readonly #prediction: AnchorPrediction;
   #sketch: RedundantAnchors | null = null;
 
   constructor(
@@ -59,8 +59,8 @@ export class CausalDecoder implements ElementDecoder<CausalBatch> {
     this.#order = tiers.order;
     const [opacity, covariance, color] = this.info.heads.map(floatMlp);
     this.heads = new Heads(opacity, covariance, color);
-    this.#packets = new PacketDecoder(this.info);
-    this.#expected = new AnchorPrediction(this.#packets, plan.manifest.count, tiers.sizes);
+    this.#packetDecoder = new PacketDecoder(this.info);
+    this.#prediction = new AnchorPrediction(this.#packetDecoder, plan.manifest.count, tiers.sizes);
   }
 
   /** Size of the scene, world units. About half of the anchors are within this distance of the centre. */
@@ -88,7 +88,7 @@ export class CausalDecoder implements ElementDecoder<CausalBatch> {
   }
 
   get concealmentBytes(): number {
-    return this.#expected.bytes;
+    return this.#prediction.bytes;
   }
 
   bytesOf(packet: Packet): number {
@@ -100,7 +100,7 @@ export class CausalDecoder implements ElementDecoder<CausalBatch> {
     return new CausalBatch(
       packet,
       ranks,
-      toAnchors(this.#packets.decode(packet.payload, ranks), this.info),
+      toAnchors(this.#packetDecoder.decode(packet.payload, ranks), this.info),
       this.heads,
     );
   }
@@ -109,10 +109,10 @@ export class CausalDecoder implements ElementDecoder<CausalBatch> {
   async digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
     const digest = newSha256(),
       { offsets } = this.info,
-      { width } = this.#packets;
+      { width } = this.#packetDecoder;
     for (const packet of blocks.flat()) {
       await pause();
-      const { count, voxels, masks, values } = this.#packets.decode(packet.payload, this.#ranks(packet)),
+      const { count, voxels, masks, values } = this.#packetDecoder.decode(packet.payload, this.#ranks(packet)),
         bytes = new DataView(new ArrayBuffer(4 * count * (3 + offsets + width)));
       for (let n = 0, at = 0; n < count; n++) {
         for (let a = 0; a < 3; a++, at += 4) bytes.setInt32(at, voxels[3 * n + a], true);
@@ -126,10 +126,10 @@ export class CausalDecoder implements ElementDecoder<CausalBatch> {
 
   async copies(pause: Pause): Promise<Copies<CausalBatch> | null> {
     const { features, offsets } = this.info,
-      lengths = await this.#expected.lengths(pause),
+      lengths = await this.#prediction.lengths(pause),
       { count } = this.plan.manifest;
     if (!lengths) return null;
-    const positions = (ranks: Int32Array): Float32Array => this.#expected.positions(ranks);
+    const positions = (ranks: Int32Array): Float32Array => this.#prediction.positions(ranks);
     const sketch = (this.#sketch ??= readRedundantAnchors(this.info.sections.get(SKETCH)!, {
       count,
       features,
@@ -148,7 +148,7 @@ export class CausalDecoder implements ElementDecoder<CausalBatch> {
   }
 
   elements(batches: readonly CausalBatch[], pause: Pause): Promise<Elements | null> {
-    return this.#expected.elements(batches, pause);
+    return this.#prediction.elements(batches, pause);
   }
 
   #ranks(packet: Packet): Int32Array {

@@ -104,22 +104,22 @@ export function cutOf(
 /** Returns the selected tiles, most useful first. A coarser tile precedes its children. */
 function selectedTiles(tiles: Tiles, camera: ViewCamera | null, budget: number): number[] {
   if (budget === Infinity) return Array.from({ length: tiles.count }, (_, tile) => tile);
-  const { count, parents, gaussians } = tiles,
+  const { count, parents, numGaussians } = tiles,
     eye = camera ? cameraPosition(camera) : [],
-    least = camera ? MIN_SCREEN_ERROR : 0,
+    minError = camera ? MIN_SCREEN_ERROR : 0,
     errors = new Float64Array(count),
-    useful = new Float64Array(count),
+    usefulness = new Float64Array(count),
     selected: number[] = [];
   for (let tile = 0; tile < count; tile++) {
-    const [error, use] = tileUtility(tiles, tile, camera, eye),
+    const [error, utility] = tileUtility(tiles, tile, camera, eye),
       parent = parents[tile];
     errors[tile] = parent < 0 ? error : Math.min(error, errors[parent]);
-    useful[tile] = parent < 0 ? use : Math.min(use, useful[parent]);
-    if (errors[tile] > least) selected.push(tile);
+    usefulness[tile] = parent < 0 ? utility : Math.min(utility, usefulness[parent]);
+    if (errors[tile] > minError) selected.push(tile);
   }
-  selected.sort((a, b) => (useful[a] === useful[b] ? a - b : useful[b] - useful[a]));
+  selected.sort((a, b) => (usefulness[a] === usefulness[b] ? a - b : usefulness[b] - usefulness[a]));
   let spent = 0;
-  const end = selected.findIndex((tile) => (spent += gaussians[tile]) > budget && parents[tile] >= 0);
+  const end = selected.findIndex((tile) => (spent += numGaussians[tile]) > budget && parents[tile] >= 0);
   return end < 0 ? selected : selected.slice(0, end);
 }
 

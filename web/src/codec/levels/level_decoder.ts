@@ -37,7 +37,7 @@ class LevelBatch implements ElementBatch {
   }
 
   get indices(): Int32Array {
-    return this.elementDecoder.gaussians.plan.members(this.packet);
+    return this.elementDecoder.gaussianDecoder.plan.members(this.packet);
   }
 
   /** Returns the indices of the Gaussians that represent a child tile; all if `child` is null. */
@@ -59,7 +59,7 @@ class LevelBatch implements ElementBatch {
   }
 
   decoded(): Splats {
-    return this.elementDecoder.gaussians.read(this.packet).splats;
+    return this.elementDecoder.gaussianDecoder.read(this.packet).splats;
   }
 
   forCamera(): ViewGaussians {
@@ -83,7 +83,7 @@ export class LevelDecoder implements ElementDecoder<LevelBatch>, Tiling {
    * Coarser tiles replace lost ones: a tile is drawn once most of it was received. No further concealment is needed.
    */
   readonly concealers = { drop: CONCEALERS.drop };
-  readonly gaussians: GaussianDecoder;
+  readonly gaussianDecoder: GaussianDecoder;
   readonly tiles: Tiles;
   readonly noGaussians: Splats;
   readonly #receivedPackets: Int32Array;
@@ -96,8 +96,8 @@ export class LevelDecoder implements ElementDecoder<LevelBatch>, Tiling {
   #cachedTile: { readonly tile: number; readonly splats: readonly Splats[] } | null = null;
 
   constructor(sideInfo: Uint8Array, plan: Plan) {
-    this.gaussians = new GaussianDecoder(sideInfo, plan);
-    this.tiles = readTiles(this.gaussians.info, plan);
+    this.gaussianDecoder = new GaussianDecoder(sideInfo, plan);
+    this.tiles = readTiles(this.gaussianDecoder.info, plan);
     this.drawUnits = new DrawUnits(this.tiles);
     this.#receivedPackets = new Int32Array(this.tiles.count);
     this.#batches = Array.from({ length: this.tiles.count }, () => []);
@@ -106,21 +106,21 @@ export class LevelDecoder implements ElementDecoder<LevelBatch>, Tiling {
   }
 
   get degree(): number {
-    return this.gaussians.degree;
+    return this.gaussianDecoder.degree;
   }
 
   get size(): number {
-    return this.gaussians.size;
+    return this.gaussianDecoder.size;
   }
 
   get sections(): Map<string, Uint8Array> {
-    return this.gaussians.sections;
+    return this.gaussianDecoder.sections;
   }
 
   /** Number of Gaussians in all levels but the finest, enough for a first view. */
   get baseCount(): number {
-    const { gaussians, errors } = this.tiles;
-    return gaussians.reduce((sum, count, tile) => sum + (errors[tile] > 0 ? count : 0), 0);
+    const { numGaussians, errors } = this.tiles;
+    return numGaussians.reduce((sum, count, tile) => sum + (errors[tile] > 0 ? count : 0), 0);
   }
 
   /** Mean of the coarsest tiles' centres, world units. */
@@ -168,11 +168,11 @@ export class LevelDecoder implements ElementDecoder<LevelBatch>, Tiling {
   }
 
   setCamera(camera: Camera | null, budget = this.budget): boolean {
-    const { packets, parents } = this.tiles,
+    const { numPackets, parents } = this.tiles,
       received = this.#receivedPackets,
-      isComplete = (tile: number): boolean => received[tile] === packets[tile],
+      isComplete = (tile: number): boolean => received[tile] === numPackets[tile],
       isDrawable = (tile: number): boolean =>
-        received[tile] >= (parents[tile] < 0 ? 1 : DRAWABLE_SHARE * packets[tile]);
+        received[tile] >= (parents[tile] < 0 ? 1 : DRAWABLE_SHARE * numPackets[tile]);
     this.#cut = cutOf(this.tiles, isComplete, camera, budget, isDrawable);
     const drawn = this.drawUnits.drawn(this.#cut),
       isUnchanged = drawn.length === this.#drawn.size && drawn.every((unit) => this.#drawn.has(unit));
@@ -181,7 +181,7 @@ export class LevelDecoder implements ElementDecoder<LevelBatch>, Tiling {
   }
 
   bytesOf(packet: Packet): number {
-    return this.gaussians.bytesOf(packet);
+    return this.gaussianDecoder.bytesOf(packet);
   }
 
   read(packet: Packet): LevelBatch {
@@ -192,7 +192,7 @@ export class LevelDecoder implements ElementDecoder<LevelBatch>, Tiling {
   }
 
   digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
-    return this.gaussians.digest(blocks, pause);
+    return this.gaussianDecoder.digest(blocks, pause);
   }
 
   copies(): Promise<Copies<LevelBatch> | null> {

@@ -13,8 +13,8 @@ export interface Tiles {
   readonly parents: Int32Array;
   /** Children (finer tiles) of each tile. */
   readonly children: readonly (readonly number[])[];
-  readonly gaussians: Int32Array;
-  readonly packets: Int32Array;
+  readonly numGaussians: Int32Array;
+  readonly numPackets: Int32Array;
   /** Index of each tile's first packet and offset of its first byte, counted from the end of the side information. */
   readonly firstPackets: Float64Array;
   readonly offsets: Float64Array;
@@ -57,8 +57,8 @@ export function readTiles(info: SideInfo, plan: Plan): Tiles {
     count,
     parents,
     children: childrenOf(parents),
-    gaussians: Int32Array.from({ length: count }, (_, tile) => plan.blockCount(tile)),
-    packets: Int32Array.from(packets),
+    numGaussians: Int32Array.from({ length: count }, (_, tile) => plan.blockCount(tile)),
+    numPackets: Int32Array.from(packets),
     firstPackets: cumulativeSums(packets),
     offsets: cumulativeSums(sizes),
     errors,

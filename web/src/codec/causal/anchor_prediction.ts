@@ -17,8 +17,8 @@ const BATCH = 256,
   MIN_SPREAD = 1e-6;
 /** Limits of binary logarithms of deviations, and of the relative errors of features and lengths. */
 const LOG_DEVIATIONS = [-6, 13],
-  FEATURES = [1e-3, 1e3],
-  LENGTHS = [1e-4, 1e3];
+  FEATURE_ERRORS = [1e-3, 1e3],
+  LENGTH_ERRORS = [1e-4, 1e3];
 
 /** Anchors received in one packet. */
 export interface ReceivedAnchors {
@@ -44,7 +44,7 @@ export class AnchorPrediction {
 
   /** `tierSizes` are the typical sizes of each anchor's tier, by rank; null if the stream does not contain them. */
   constructor(
-    readonly packets: PacketDecoder,
+    readonly packetDecoder: PacketDecoder,
     readonly count: number,
     readonly tierSizes: Float32Array | null,
   ) {}
@@ -55,7 +55,7 @@ export class AnchorPrediction {
   }
 
   get #width(): number {
-    return this.packets.info.features + NUM_LOG_SIZES;
+    return this.packetDecoder.info.features + NUM_LOG_SIZES;
   }
 
   /**
@@ -96,8 +96,8 @@ export class AnchorPrediction {
     }
     const shares = this.#stepWeights(received, ranks.length);
     ranks.forEach((rank, n) => {
-      expectedErrors[2 * n] = Math.log(clip(this.#featureError(rank, shares), FEATURES));
-      expectedErrors[2 * n + 1] = Math.log(clip(this.#lengthError(rank), LENGTHS));
+      expectedErrors[2 * n] = Math.log(clip(this.#featureError(rank, shares), FEATURE_ERRORS));
+      expectedErrors[2 * n + 1] = Math.log(clip(this.#lengthError(rank), LENGTH_ERRORS));
     });
     return { logs, numGaussians, expectedErrors };
   }
@@ -107,7 +107,7 @@ export class AnchorPrediction {
    * divided by the number of channels.
    */
   #stepWeights(received: readonly ReceivedAnchors[], count: number): Float64Array {
-    const { info } = this.packets;
+    const { info } = this.packetDecoder;
     return Float64Array.from(featureSteps(info), (step, c) => {
       const mean = received.reduce((sum, { sums }) => sum + sums[c], 0) / count,
         square = received.reduce((sum, { squares }) => sum + squares[c], 0) / count;
@@ -126,16 +126,16 @@ export class AnchorPrediction {
 
   /** The scale counts for three lengths. */
   #lengthError(rank: number): number {
-    const { info } = this.packets;
-    let off = 0,
-      all = 0;
+    const { info } = this.packetDecoder;
+    let error = 0,
+      total = 0;
     for (let a = 0; a < NUM_LOG_SIZES; a++) {
       const length = exponential(this.#logs[NUM_LOG_SIZES * rank + a]) * (a ? 1 : 3);
-      off +=
+      error +=
         length * this.#expectedError(rank, info.features + a) * info.logSteps[a ? 1 : 0] * Math.LN2 * 2 ** -LOG_BITS;
-      all += length;
+      total += length;
     }
-    return off / Math.max(all, 6 * MIN_LENGTH);
+    return error / Math.max(total, 6 * MIN_LENGTH);
   }
 
   /**
@@ -152,7 +152,7 @@ export class AnchorPrediction {
   positions(ranks: Int32Array): Float32Array {
     return worldPositions(
       Int32Array.from({ length: 3 * ranks.length }, (_, n) => this.#voxels[3 * ranks[Math.floor(n / 3)] + (n % 3)]),
-      this.packets.info,
+      this.packetDecoder.info,
     );
   }
 
@@ -172,8 +172,8 @@ export class AnchorPrediction {
 
   #predictBatch(first: number, end: number): void {
     for (let rank = first; rank < end; rank++)
-      this.#voxels.set(predictedPosition(this.packets.info.positions, rank), 3 * rank);
-    const { logs, logDeviations } = this.packets.predicted(this.#voxels.subarray(3 * first, 3 * end));
+      this.#voxels.set(predictedPosition(this.packetDecoder.info.positions, rank), 3 * rank);
+    const { logs, logDeviations } = this.packetDecoder.predicted(this.#voxels.subarray(3 * first, 3 * end));
     this.#logs.set(logs, NUM_LOG_SIZES * first);
     this.#logDeviations.set(logDeviations, this.#width * first);
     this.#numPredicted = end;
