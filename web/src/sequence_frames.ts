@@ -95,7 +95,7 @@ export class SequenceFrames {
   }
 
   /**
-   * Returns a filter of the motion packets that simulated losses leave. The same losses and packets give the same filter.
+   * Returns a filter of the motion packets that simulated losses leave. The same losses and packets give the same one.
    */
   #motionFilter(
     packets: readonly Packet[],

@@ -154,8 +154,8 @@ test("tile indexes are read or rejected as in Python", { skip }, () => {
       try {
         const { elementDecoder } = new StreamDecoder({ ...head, sideInfo: bytesOf(text) });
         assert.ok(elementDecoder instanceof LevelDecoder);
-        const { packets, offsets, errors } = elementDecoder.tiles;
-        found = { packets: [...packets], offsets: [...offsets], errors: [...errors] };
+        const { numPackets, offsets, errors } = elementDecoder.tiles;
+        found = { packets: [...numPackets], offsets: [...offsets], errors: [...errors] };
       } catch (error) {
         assert.ok(error instanceof BitstreamError, `case ${n} of ${name}: ${(error as Error).stack}`);
       }

@@ -8,7 +8,7 @@ import { ContainerReader } from "../src/packets/container.ts";
 import { type Listener, NO_SOURCE } from "../src/transport/events.ts";
 import type { Transports } from "../src/transport/failover.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
-import { NoWebTransport, type SessionOptions, receiveDatagrams, type Session } from "../src/transport/webtransport.ts";
+import { NoWebTransport, receiveDatagrams, type Session, type SessionOptions } from "../src/transport/webtransport.ts";
 import type { WorkerReceiver } from "../src/worker_receiver.ts";
 import { Caches, LIMITS, otherStream, part, Server, visit } from "./fake_web.ts";
 import { fileOf, readStream } from "./vectors.ts";

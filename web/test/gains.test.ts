@@ -76,7 +76,10 @@ test("properties of the elements are only computed if something is missing", asy
     calls: number[] = [];
   for (const some of [packets.slice(1), packets.slice(0, 1)]) {
     for (const bytes of some) received.addPacket(bytes);
-    assert.equal(await received.conceal(simulation, async () => true), calls.length ? packets.length : packets.length - 1);
+    assert.equal(
+      await received.conceal(simulation, async () => true),
+      calls.length ? packets.length : packets.length - 1,
+    );
     calls.push(elements.mock.callCount());
   }
   assert.deepEqual(calls, [1, 1]);

@@ -67,7 +67,9 @@ export class Comparison {
   }
 
   #apply(): void {
-    this.stage.withRenderer((renderer) => void renderer.setGains(this.mode() === "lossless" ? this.#lossless : this.#gains));
+    this.stage.withRenderer(
+      (renderer) => void renderer.setGains(this.mode() === "lossless" ? this.#lossless : this.#gains),
+    );
   }
 
   /** Compares the pictures with both gains. `isCurrent` returns false once the picture has changed. */

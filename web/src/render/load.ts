@@ -16,7 +16,8 @@ let loading: Promise<void> | null = null;
 /** Number of requests for the bundle. Browsers remember a failed import, so each one needs its own URL. */
 let requests = 0;
 
-const rendererOf = (): typeof WebGLRenderer | undefined => (globalThis as Record<string, unknown>)[RENDERER] as typeof WebGLRenderer;
+const rendererOf = (): typeof WebGLRenderer | undefined =>
+  (globalThis as Record<string, unknown>)[RENDERER] as typeof WebGLRenderer;
 
 /** Returns the WebGL renderer. Throws if it cannot be loaded. */
 export async function loadRenderer(): Promise<typeof WebGLRenderer> {

@@ -175,7 +175,8 @@ class Failover {
       outcome = await this.transports.receiveDatagrams(session, source.name, receiver, before, options);
     if (!["complete", "sent", "stopped"].includes(outcome)) throw new Error(outcome);
     const isIncomplete = outcome === "complete" && !receiver.live && store.hasHead && !store.complete;
-    if (isIncomplete && ++this.#numIncomplete <= MAX_INCOMPLETE) throw new Error("the session ended without all packets");
+    if (isIncomplete && ++this.#numIncomplete <= MAX_INCOMPLETE)
+      throw new Error("the session ended without all packets");
     return isIncomplete ? "sent" : outcome;
   }
 

@@ -256,7 +256,10 @@ async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8
  * Opens a session with staggered parallel handshakes. A lost first datagram can make the server refuse a handshake, and
  * a lost later one delays it.
  */
-async function openSession({ url, fingerprint }: Session, { isRetry, isOnlySource }: SessionOptions): Promise<WebTransport> {
+async function openSession(
+  { url, fingerprint }: Session,
+  { isRetry, isOnlySource }: SessionOptions,
+): Promise<WebTransport> {
   const options: WebTransportOptions = { requireUnreliable: true, congestionControl: "low-latency" },
     transports: WebTransport[] = [],
     failures: unknown[] = [];

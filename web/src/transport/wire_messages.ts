@@ -19,8 +19,8 @@ import {
   MAX_PREVIEW,
   REQUEST,
   VERSION,
-  VIEW_UPDATE,
   VIEW_DEPENDENT,
+  VIEW_UPDATE,
 } from "./wire.ts";
 
 /** Bytes of `Welcome.orderDigest`. */

@@ -14,8 +14,8 @@ import { AnchorBatch, type AnchorData, selectAnchors } from "../anchor_batch.ts"
 import type { Copies } from "../element_batch.ts";
 import type { ElementDecoder } from "../element_decoder.ts";
 import { tierLayout } from "../tiers.ts";
-import { floatMlp, toAnchors } from "./anchors.ts";
 import { AnchorPrediction, type ReceivedAnchors } from "./anchor_prediction.ts";
+import { floatMlp, toAnchors } from "./anchors.ts";
 import { PacketDecoder } from "./packet.ts";
 import { type RedundantAnchors, readRedundantAnchors } from "./redundant_copies.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";

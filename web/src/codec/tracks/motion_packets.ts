@@ -3,7 +3,7 @@
 import { instantiate } from "../gaussians/native.ts";
 import { HEADER_FIELDS, MAX_GROUP_FRAMES, MOVING, NUM_CHANNELS, STATE } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
-import { codingOrder, coefficients, totalCoefficients, normalisedPositions } from "./predict.ts";
+import { codingOrder, coefficients, normalisedPositions, totalCoefficients } from "./predict.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import { offsetsOf, polynomials, unitsOf } from "./trajectories.ts";
 
