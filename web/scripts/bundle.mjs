@@ -18,33 +18,34 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  * interface, or of JSON. Bundles of the same build have the same short names.
  */
 const INTERNAL = `
-  addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute axisCount
+  addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute arrived axisCount
   axisDeviation baseCount baseDigest baseExponents batchesOf batchSize birthGroup birthGroups bitsOf blockCount
   blockMeans blockSize bundled bytesOf cancelConcealment canRetry changeMs checkConcealmentMemory closeness
-  columnShifts completeRows concealmentBytes confirmed conflicts contradicts contrasts corners damagedTiles damages
-  datagramsLost defaultDirection delaySeconds densityRadius deviations drawnChildren drawUnits elementDecoder
-  elementsOf elementsPerByte endState enterHeadset expectedErrors extents failuresAfter featureActivations
-  firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets formatVersion
-  frameMs framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies groupFrames hasAnswered hasCopies
-  hasEnded hasHead hasManifestOf hasSentView hasUnknownBirth headBytes headSize helpOpen hideNotice identityAt
-  idleMs indexInBlock initSegment initSegmentBytes initSegmentMs intake isComplete isCut isFree isKeyframe isLinear
-  isLive isOnlySource isReceived isReordered isRetry isRetryable isSame isSameStream isSequence isSorting
-  isTryingWhole isVerified isVisible isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo
-  laneCounter lastOffsets latticeBits latticeShift leafIndex leafSize leaveOut leftOut log2MotionUnits logDeviations
-  logScales logStepRatios logSteps lookUpSession lostSequences manifestBytes maxExcess maxPositionShift maxTiers
-  medianRadius moveBetween nacks nearestFirst nearestOthers newPackets nextView noGaussians noteChange noteFailure
-  noteUseless numBirths numBlocks numCoefficients numElements numGaussians numHarmonics numHidden numInitSegments
-  numIntact numKeyframes numLatePackets numLowBits numMoving numNew numOffsets numPackets numReceived numRemoved
-  numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextLost onFirstUse
-  onLiveHead orderDigest packetBytes packetsOf paintedCanvas partsOf pictureChanged planBlock planIndices
-  playableEnd playingLive pointCameraAt polynomials positionStep predictAxis receiveDatagrams recordWhen refusals
-  rejected reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame requestId rescale residuals
-  resultDigest rowSteps scaleIndices sceneInView setConcealers setCooperative setLimits setMessage setRow
-  setViewpoint setVisible showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest simulation sizeLog
-  stalledFrames startWebGL stateOf stopProbabilities storeValues streamId symbolBytes symbolsDigest symbolsMissing
-  takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timeline transmittance transports unsigned
-  upperBits upRotation useless viewComplete viewDependent viewUpdate visibleParts voxelSize waited wasExtrapolated
-  welcome withdraw withoutComparison withRenderer zeroPoints
+  columnShifts compared completeRows concealmentBytes confirmed conflicts contradicts contrasts corners damagedTiles
+  damages datagramsLost defaultDirection delaySeconds densityRadius deviations drawnChildren drawUnits
+  elementDecoder elementsOf elementsPerByte endState enterHeadset expectedErrors extents failuresAfter
+  featureActivations firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera
+  forgetOffsets formatVersion frameMs framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies
+  gaussianDecoder groupFrames hasAnswered hasCopies hasEnded hasHead hasManifestOf hasSentView hasUnknownBirth
+  headBytes headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment initSegmentBytes initSegmentMs
+  intake isComplete isCut isFree isKeyframe isLinear isLive isOnlySource isReceived isReordered isRetry isRetryable
+  isSame isSameStream isSequence isSorting isTryingWhole isVerified isVisible isWebPage isWhole keptBytes
+  keyframeBlock keyframeIndices keyframeInfo laneCounter lastOffsets latticeBits latticeShift leafIndex leafSize
+  leaveOut leftOut log2MotionUnits logDeviations logScales logStepRatios logSteps lookUpSession lostSequences
+  manifestBytes maxExcess maxPositionShift maxTiers medianRadius moveBetween nacks nearestFirst nearestOthers
+  newPackets nextView noGaussians noteChange noteFailure noteUseless numBirths numBlocks numCoefficients numElements
+  numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLatePackets numLowBits numMoving
+  numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted
+  onAnswer onCamera onChange onContextLost onFirstUse onLiveHead orderDigest packetBytes packetDecoder packetsOf
+  paintedCanvas partsOf pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt polynomials
+  positionStep predictAxis receiveDatagrams recordWhen refusals rejected renderer reorient repeatMs replaceTiles
+  reportCamera reportPlayable requestFrame requestId rescale residuals resultDigest rowSteps scaleIndices
+  sceneInView setConcealers setCooperative setLimits setMessage setRow setViewpoint setVisible showNotice
+  shownPackets sideInfo sideInfoBytes sideInfoDigest simulation sizeLog stalledFrames startWebGL stateOf
+  stopProbabilities storeValues streamId symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes
+  tileRequest tilesBytes tiling timeline transmittance transports unsigned upperBits upRotation useless viewComplete
+  viewDependent viewUpdate visibleParts voxelSize waited waitUntil wasExtrapolated welcome withdraw
+  withoutComparison withRenderer zeroPoints
 `
   .trim()
   .split(/\s+/);
