@@ -212,7 +212,7 @@ def test_memory_of_start_records_is_bounded():
         starts.record((n,), n, 0.0)
     assert tracemalloc.get_traced_memory()[0] < 1_000 * MAX_NETWORKS
     tracemalloc.stop()
-    assert [starts.seen((n,), n) for n in (0, 3 * MAX_NETWORKS - 1)] == [False, True]
+    assert [starts.has_started((n,), n) for n in (0, 3 * MAX_NETWORKS - 1)] == [False, True]
     assert len(starts._networks) == MAX_NETWORKS
 
 
@@ -274,23 +274,23 @@ def test_starts_are_forgotten_after_the_window() -> None:
     assert len(starts) == 100
     starts.record((5,), 4711, WINDOW_S + 0.505)
     assert len(starts) == 100 - 51 + 1
-    assert not starts.seen((4,), 4)
-    assert starts.seen((99,), 99)
+    assert not starts.has_started((4,), 4)
+    assert starts.has_started((99,), 99)
     starts.record((5,), 4711, 3 * WINDOW_S)
     assert len(starts) == 1
-    assert starts.allowed((5,), 4 * WINDOW_S)
+    assert starts.may_start((5,), 4 * WINDOW_S)
     assert len(starts) == 0
 
 
 def test_a_nonce_that_starts_again_counts_each_time() -> None:
     starts = StartRateLimiter(3)
     for now in range(3):
-        assert starts.allowed(("client",), float(now))
+        assert starts.may_start(("client",), float(now))
         starts.record(("client",), 7, float(now))
-    assert not starts.allowed(("client",), 3.0)
+    assert not starts.may_start(("client",), 3.0)
     starts.record(("client",), 8, 3.0)
-    assert starts.seen(("client",), 7)
+    assert starts.has_started(("client",), 7)
     for now in range(4, 6):
         starts.record(("client",), 8, float(now))
-    assert not starts.seen(("client",), 7)
+    assert not starts.has_started(("client",), 7)
     assert len(starts) == 3

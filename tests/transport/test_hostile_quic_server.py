@@ -15,7 +15,7 @@ from aioquic.asyncio.protocol import QuicConnectionProtocol
 from aioquic.asyncio.server import serve
 from aioquic.quic import events
 
-from splatwire.transport.quic.common import ALPN, STREAM, MessageReader, configuration, length_prefixed
+from splatwire.transport.quic.common import ALPN, SESSION_STREAM, MessageReader, configuration, length_prefixed
 from transport.test_quic import IDENTITY, fetch, run
 
 pytestmark = pytest.mark.slow
@@ -50,9 +50,12 @@ async def reason(malice: Malice) -> str:
 @pytest.mark.parametrize(
     "malice",
     [
-        lambda quic, again: (quic.send_stream_data(STREAM, again), quic.stop_stream(STREAM, 9)),
-        lambda quic, again: (quic.send_stream_data(STREAM, again, end_stream=True), quic.stop_stream(STREAM, 9)),
-        lambda quic, again: quic.reset_stream(STREAM, 9),
+        lambda quic, again: (quic.send_stream_data(SESSION_STREAM, again), quic.stop_stream(SESSION_STREAM, 9)),
+        lambda quic, again: (
+            quic.send_stream_data(SESSION_STREAM, again, end_stream=True),
+            quic.stop_stream(SESSION_STREAM, 9),
+        ),
+        lambda quic, again: quic.reset_stream(SESSION_STREAM, 9),
     ],
     ids=["stops", "ends and stops", "resets"],
 )
