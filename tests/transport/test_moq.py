@@ -167,7 +167,7 @@ def test_a_damaged_visible_tile_is_missing_from_the_view():
     tracks, options = truth(LEVELS), ReceiverOptions(viewpoint=far())
     whole, damaged = RelayReceiver(options, None), RelayReceiver(options, None)
     assert asyncio.run(whole.receive(HostileRelay(tracks))) == "seen"
-    number = max(whole._complete_parts)
+    number = max(whole._complete_tracks)
     frame = bytearray(tracks[f"part/{number}"][0])
     frame[-1] ^= 1
     altered = tracks | {f"part/{number}": [bytes(frame)]}
