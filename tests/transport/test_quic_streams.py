@@ -73,7 +73,7 @@ def test_data_outside_the_session_stream_is_bounded(stream: int, begins: bytes, 
             client.quic.send_stream_data(stream, begins)
             await pour(client, stream)
             await until(lambda: client.ended)
-            assert connection._read < MAX_OUTSIDE_BYTES + 4000
+            assert connection._num_bytes_read < MAX_OUTSIDE_BYTES + 4000
             await still_serves(server.port)
             await close_client(client)
 
