@@ -214,7 +214,7 @@ def test_endlessly_growing_file_does_not_block_other_frames(tmp_path):
 def test_frame_that_grew_while_nothing_checked_the_folder_is_not_skipped(tmp_path: Path) -> None:
     """Compilation may stop the checks for many seconds."""
     said: list[str] = []
-    source = FolderSource(tmp_path, said.append, wall=lambda: 0.0)
+    source = FolderSource(tmp_path, said.append, wall_clock=lambda: 0.0)
     first, second = tmp_path / "frame_0.ply", tmp_path / "frame_1.ply"
     first.write_bytes(b"x")
     second.write_bytes(b"x")

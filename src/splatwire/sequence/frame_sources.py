@@ -147,8 +147,8 @@ class FolderSource:
             return []
         # A frame that nothing checked for a while, such as during compilation, may be complete already.
         paused = now - self._listed_at - MAX_CHECK_INTERVAL_S
-        if self._seen and paused > 0:
-            self._seen = {name: (state, at, first + paused) for name, (state, at, first) in self._seen.items()}
+        if self._pending and paused > 0:
+            self._pending = {name: (state, at, first + paused) for name, (state, at, first) in self._pending.items()}
         self._listed_at, self._num_names = now, len(names)
         self._forget(names)
         candidates = (names - self._processed.keys()) | self._pending.keys()
