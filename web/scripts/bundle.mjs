@@ -34,14 +34,14 @@ const INTERNAL = `
   leaveOut leftOut log2MotionUnits logDeviations logScales logStepRatios logSteps lookUpSession lostSequences
   manifestBytes maxExcess maxPositionShift maxTiers medianRadius moveBetween nacks nearestFirst nearestOthers
   newPackets nextView noGaussians noteChange noteFailure noteUseless numBirths numBlocks numCoefficients numElements
-  numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLatePackets numLowBits numMoving
-  numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted
-  onAnswer onCamera onChange onContextLost onFirstUse onLiveHead orderDigest packetBytes packetDecoder packetsOf
-  paintedCanvas partsOf pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt polynomials
-  positionStep predictAxis receiveDatagrams recordWhen refusals rejected renderer reorient repeatMs replaceTiles
-  reportCamera reportPlayable requestFrame requestId rescale residuals resultDigest rowSteps scaleIndices
-  sceneInView setConcealers setCooperative setLimits setMessage setRow setViewpoint setVisible showNotice
-  shownPackets sideInfo sideInfoBytes sideInfoDigest simulation sizeLog stalledFrames startWebGL stateOf
+  numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLatePackets numLowBits
+  numMotionTracks numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep
+  onAdopted onAnswer onCamera onChange onContextLost onFirstUse onLiveHead orderDigest packetBytes packetDecoder
+  packetsOf paintedCanvas partsOf pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt
+  polynomials positionStep predictAxis receiveDatagrams recordWhen refusals rejected renderer reorient repeatMs
+  replaceTiles reportCamera reportPlayable requestFrame requestId rescale residuals resultDigest rowSteps
+  scaleIndices sceneInView setConcealers setCooperative setLimits setMessage setRow setViewpoint setVisible
+  showNotice shownPackets sideInfo sideInfoBytes sideInfoDigest simulation sizeLog stalledFrames startWebGL stateOf
   stopProbabilities storeValues streamId symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes
   tileRequest tilesBytes tiling timeline transmittance transports unsigned upperBits upRotation useless viewComplete
   viewDependent viewUpdate visibleParts voxelSize waited waitUntil wasExtrapolated welcome withdraw

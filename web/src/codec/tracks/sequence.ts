@@ -135,8 +135,8 @@ export class Sequence implements SequenceDecoder {
   }
 
   #isWhole(group: number): boolean {
-    const { numBirths, numMoving } = this.info.groups[group];
-    return this.#receivedElements[group] >= numBirths + numMoving;
+    const { numBirths, numMotionTracks } = this.info.groups[group];
+    return this.#receivedElements[group] >= numBirths + numMotionTracks;
   }
 
   forget(number: number): number[] {
@@ -305,7 +305,7 @@ export class Sequence implements SequenceDecoder {
   ): DecodedGroup {
     const { info } = this,
       keyframes = this.#keyframes,
-      { firstNew, numBirths, numMoving } = info.groups[group],
+      { firstNew, numBirths, numMotionTracks } = info.groups[group],
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
       lost: number[] = [];
@@ -316,7 +316,7 @@ export class Sequence implements SequenceDecoder {
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
       if (!ended && (isNew || (before ? before.alive[keyframeIndex] : track < firstNew))) lost.push(keyframeIndex);
     }
-    const found = appendStatic(received, lost, frames, numMoving > 0),
+    const found = appendStatic(received, lost, frames, numMotionTracks > 0),
       numReceived = received.keyframeIndices.length,
       hidden = new Uint8Array(found.keyframeIndices.length),
       batches = [...received.batches];
@@ -324,7 +324,7 @@ export class Sequence implements SequenceDecoder {
       [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(keyframeIndex, group);
     });
     let gains: Float32Array | null = null;
-    if (numMoving && lost.length) {
+    if (numMotionTracks && lost.length) {
       const past = this.#pastState(before, group),
         offsets = byTrack(batches, numReceived, lost.length, frames),
         out = offsets.subarray(numReceived * frames * NUM_CHANNELS),

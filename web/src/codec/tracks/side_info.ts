@@ -154,10 +154,10 @@ function groupsOf({ tiers }: Manifest): GroupCounts[] {
   let firstNew = 0;
   for (let tier = 0; tier < tiers.length; tier += 2) {
     const numBirths = tiers[tier].count,
-      numMoving = tiers[tier + 1].count;
-    if (numMoving > firstNew + numBirths)
-      throw new BitstreamError(`${numMoving} tracks move in a group, but only ${firstNew + numBirths} exist`);
-    groups.push({ numBirths, numMoving, firstNew });
+      numMotionTracks = tiers[tier + 1].count;
+    if (numMotionTracks > firstNew + numBirths)
+      throw new BitstreamError(`${numMotionTracks} tracks move in a group, but only ${firstNew + numBirths} exist`);
+    groups.push({ numBirths, numMotionTracks, firstNew });
     firstNew += numBirths;
   }
   return groups;

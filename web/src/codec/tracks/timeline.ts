@@ -9,10 +9,10 @@ export interface Timeline {
   readonly groupFrames: number;
 }
 
-/** Tracks born in a group, and tracks with motion in it; `numMoving` is 0 if no track moves. */
+/** Tracks born in a group, and tracks with motion in it; `numMotionTracks` is 0 if no track moves. */
 export interface GroupCounts {
   readonly numBirths: number;
-  readonly numMoving: number;
+  readonly numMotionTracks: number;
   /** First track born in the group. */
   readonly firstNew: number;
 }

@@ -31,10 +31,10 @@ function firstsOf({ groups }: SequenceInfo, plan: Plan): FirstOfGroup[] {
   const size = plan.manifest.packetization.blockSize;
   let keyframeBlock = 0,
     planBlock = 0;
-  return groups.map(({ numBirths, numMoving, firstNew }) => {
+  return groups.map(({ numBirths, numMotionTracks, firstNew }) => {
     const found = { keyframeBlock, planBlock, firstTrack: firstNew };
     keyframeBlock += Math.ceil(numBirths / size);
-    planBlock += Math.ceil(numBirths / size) + Math.ceil(numMoving / size);
+    planBlock += Math.ceil(numBirths / size) + Math.ceil(numMotionTracks / size);
     return found;
   });
 }
