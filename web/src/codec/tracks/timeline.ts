@@ -9,7 +9,7 @@ export interface Timeline {
   readonly groupFrames: number;
 }
 
-/** Tracks born in a group, and tracks with motion in it; `numMotionTracks` is 0 if no track moves. */
+/** Tracks born in a group, and tracks of its motion packets; `numMotionTracks` is 0 if the group has no motion. */
 export interface GroupCounts {
   readonly numBirths: number;
   readonly numMotionTracks: number;
