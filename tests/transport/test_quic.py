@@ -4,6 +4,7 @@ import asyncio
 import errno
 import logging
 import random
+import sys
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
@@ -302,6 +303,23 @@ def test_a_wait_for_a_stream_that_has_not_begun_survives_a_restart_of_the_server
         server = await started(PROGRAMS, server.port)
         assert (await receiving).stream() == OTHER
         server.close()
+
+    run(work())
+
+
+def test_transfers_complete_where_the_port_has_one_socket(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on other systems than Linux."""
+    monkeypatch.setattr(sys, "platform", "darwin")
+
+    async def work() -> None:
+        udp = UdpServer(PROGRAMS, "127.0.0.1", 0)
+        async with serving() as quic:
+            assert len(udp._group.sockets) == len(quic._group.sockets) == 1
+            receivers = await asyncio.gather(
+                receive_udp(Address("127.0.0.1", udp.port), ReceiverOptions()), *(fetch(quic.port) for _ in range(3))
+            )
+            assert [receiver.stream() == STREAM for receiver in receivers] == [True] * 4
+        udp.close()
 
     run(work())
 
