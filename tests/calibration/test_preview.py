@@ -66,7 +66,7 @@ def test_test_views_do_not_change_the_preview(scene: AnchorScene, cameras: Camer
 
 def test_preview_of_one_anchor_is_made(cameras: Cameras) -> None:
     result = preview_for_scene(
-        tiny_scene(num_anchors=1), CalibrationViews(cameras), dataclasses.replace(QUICK, steps=5, rounds=1)
+        tiny_scene(num_anchors=1), CalibrationViews(cameras), dataclasses.replace(QUICK, steps=5, num_relocations=1)
     )
     assert result.num_gaussians == 1
 

@@ -142,7 +142,7 @@ def test_invalid_arguments_are_refused(stream, data) -> None:
         ("drop_rate", 1.0),
         ("views", 0),
         ("seed", -1),
-        ("masks", -1),
+        ("num_losses", -1),
     ):
         with pytest.raises(InvalidValueError, match=field):
             SketchConfig(**{field: value})

@@ -151,7 +151,7 @@ def test_resumed_training_equals_an_uninterrupted_one(
 
 @pytest.mark.slow
 def test_losses_change_the_fine_tuning_only(dataset: Dataset, uninterrupted: GaussianResult) -> None:
-    lossy = train_gaussians(dataset, None, dataclasses.replace(CONFIG, loss="bernoulli:0.4"))
+    lossy = train_gaussians(dataset, None, dataclasses.replace(CONFIG, packet_loss="bernoulli:0.4"))
     assert not same(lossy.scene, uninterrupted.scene)
     for name, value in uninterrupted.state.parameters.items():
         assert torch.equal(value, lossy.state.parameters[name])
@@ -220,7 +220,7 @@ def test_plain_kernels_with_gsplat_give_the_same_steps(dataset: Dataset, monkeyp
         ({"iterations": 19}, "20 iterations or more, not 19"),
         ({"seed": -1}, "0 or more, not -1"),
         ({"dropout": 1.0}, "below 1, not 1"),
-        ({"loss": "bernoulli:2"}, "share from 0 to 1, not 2"),
+        ({"packet_loss": "bernoulli:2"}, "share from 0 to 1, not 2"),
         ({"packet_loss": "bernoulli:0.2", "fine_tuning_iterations": 0}, "fine-tuning"),
     ],
 )
