@@ -2,10 +2,20 @@
 
 import importlib.util
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from scenes import tiny_cameras
+from splat_io.formats.handmade import some_splats
+from splat_io.formats.test_origin import UTM
+from splatwire.bitstream import write_stream
+from splatwire.codec import encode_scene
+from splatwire.data import save_cameras
 from splatwire.evaluation.study import InProcess
+from splatwire.types import SplatScene
+from splatwire.types.origin import NO_ORIGIN
 
 pytestmark = pytest.mark.slow
 
@@ -49,6 +59,22 @@ def test_protocol_runs_once_and_reuses_its_records(run, journey, tmp_path):
     assert (again["num_computed"], again["num_reused"]) == (0, 2)
     assert again["rows"] == first["rows"]
     assert json.loads((tmp_path / "out" / "results.json").read_text())["seeds"] == [1, 2]
+
+
+def test_streams_are_drawn_at_their_origin_and_with_their_antialiasing(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("splatwire.cli._run_study.create_engine", lambda *_: InProcess())
+    splats, psnr = some_splats(200, 0), {}
+    splats = replace(splats, scales=splats.scales * np.float32(0.1))
+    for name, origin, antialiased in (("local", NO_ORIGIN, False), ("world", UTM, False), ("smooth", NO_ORIGIN, True)):
+        folder = tmp_path / name
+        folder.mkdir()
+        write_stream(encode_scene(SplatScene(splats, origin=origin, antialiased=antialiased)), folder / "tiny.swz")
+        save_cameras(replace(tiny_cameras(1, 64, 48, distance=5.0), origin=origin), folder / "cameras.json")
+        done = run("study", _protocol(folder, folder), "-o", folder / "out", "--json")
+        assert "cameras are around" not in done.err
+        psnr[name] = done.json["rows"][0]["figures"]["psnr"]["mean"]
+    assert psnr["world"] == pytest.approx(psnr["local"], abs=0.1)
+    assert psnr["smooth"] > psnr["local"] + 10  # small Gaussians are nearly transparent
 
 
 @pytest.mark.needs_torch

@@ -176,7 +176,7 @@ def output_folder(name: str) -> Iterator[Path]:
     check_folder(target)
     remove_unfinished(target)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise InvalidValueError(f"{target} is there already and not empty: frames go into a new folder")
+        raise InvalidValueError(f"{target} is there already and not empty: name a new folder")
     with atomic_output(target) as made:
         made.mkdir()
         yield made

@@ -13,10 +13,12 @@ from splatwire.anchors.appearance import Scene, scene_of
 from splatwire.anchors.tensor_file import tensor_bytes
 from splatwire.bitstream import ANCHORS, Packetization, SceneStream, stream_to_bytes
 from splatwire.bitstream.limits import SCHEMAS
+from splatwire.bitstream.origin import ORIGIN
 from splatwire.bitstream.sections import sections_of
 from splatwire.channel import PacketLossMask, draw_mask
 from splatwire.codec import can_repack, decode_stream, encode_scene, repack, schema_of
 from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
+from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.registry import schema_named
 from splatwire.concealment import concealed, concealer_names, create_concealer
@@ -47,6 +49,8 @@ from splatwire.types import Anchors
 from splatwire.types.background import Background
 
 LOG = logging.getLogger(__name__)
+_SECTIONS_OF_PICTURES = (BACKGROUND.name, ORIGIN.name, ANTIALIASED)
+"""Names of the sections that determine how and where a scene is drawn."""
 AROUND_VIEWS, AROUND_SIZE = 12, 400
 """Number of generated views for scenes without photos and cameras, and their width and height in pixels."""
 
@@ -416,13 +420,14 @@ def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -
     Args:
         whole: The complete stream.
         row: The method, which is one row of the result table. It sets the packetization. It also lists the sections of
-            side information that the method needs. Other sections are removed, except background and masks.
+            side information that the method needs. Other sections are removed, except masks and those that determine
+            how and where the scene is drawn.
         progress: Called with the finished share, 0 to 1.
     """
     # Quantised values and networks stay the same, so that the methods can be compared. Side information that the method
     # does not need is removed.
     assert row.packetization is not None
-    kept = without_sections(whole, set(sections_of(whole)) - {*row.sections, BACKGROUND.name, MASKS})
+    kept = without_sections(whole, set(sections_of(whole)) - {*row.sections, *_SECTIONS_OF_PICTURES, MASKS})
     return repack(kept, row.packetization, progress=progress)
 
 
