@@ -135,7 +135,7 @@ def test_previews_of_small_scenes_are_drawn(stream: SceneStream) -> None:
             <splat-wire-preview data="{data}"></splat-wire-preview>`"""
         )
         for canvas in (f"{ELEMENT}.shadowRoot.querySelector('.first')", "document.querySelector('#a canvas')"):
-            assert page.wait_for(f"({colours})({canvas})") > 50, canvas
+            page.wait_for(f"({colours})({canvas}) > 50")  # the background may be painted first
 
     hosted(stream, work)
 

@@ -209,6 +209,24 @@ def test_a_headset_that_refuses_gives_a_message_and_the_page_continues(packed: s
         assert psnr(picture_of(page, viewmat), before) > 40
 
 
+def test_button_appears_for_visitors_who_only_touch_the_scene(packed: str) -> None:
+    """A press of a mouse on the scene does not look for a headset, so that Chromium may restore the page later."""
+    with browser() as page:
+        page.prepare(FAKE)
+        page.emulate(800, 600)
+        opened(page, packed)
+        page.evaluate(
+            "window.searches = 0; xr.isSessionSupported = async () => { searches++; return true; }; 0"
+        )
+        page.drag((200, 200), (300, 200))
+        assert page.evaluate("searches") == 0
+        page.emulate(800, 600, touch=True)
+        for x in (200.0, 300.0):
+            page.touch([(x, 200.0)])
+        page.wait_for(f"Boolean({BUTTON}) && {BUTTON}.checkVisibility()")
+        assert page.evaluate("searches") == 1
+
+
 def test_without_a_headset_there_is_no_button(packed: str) -> None:
     with browser() as page:
         opened(page, packed)

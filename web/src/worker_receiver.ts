@@ -19,7 +19,7 @@ import type { Receiver } from "./transport/failover.ts";
 import type { LossSimulation } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { PacketCache } from "./transport/packet_cache.ts";
-import { isIntact, PacketStore } from "./transport/packet_store.ts";
+import { isIntact, PacketStore, packetOf } from "./transport/packet_store.ts";
 import { fileManifest, manifestDigest, readWhole, updateUrl } from "./transport/updates.ts";
 
 /** Minimum interval between messages with Gaussians for the page, milliseconds. */
@@ -29,6 +29,11 @@ const COUNT_INTERVAL_MS = 200;
 
 const FROM_CACHE = "kept by this browser",
   VIEW_COMPLETE = "All that this view needs is there.";
+/**
+ * Number of packets of a live clip that wait for decoding, from which on groups of frames are dropped: about a minute at
+ * 10 Mbit/s.
+ */
+const MAX_WAITING = 65_536;
 /** Memory for integers that are compared with the digest later, bytes. */
 const VERIFICATION = { keptBytes: 32 << 20 };
 
@@ -100,6 +105,8 @@ export class WorkerReceiver implements Receiver {
   /** Packets that are not decoded yet, and the running decoding loop. */
   readonly #waitingPackets: { readonly bytes: Uint8Array; readonly stream: DecodedStream }[] = [];
   #decoding: Promise<void> | null = null;
+  /** Groups of frames of the current period of a live clip that are dropped, because too many packets waited. */
+  readonly #droppedGroups = new Set<number>();
   /** Helper threads; `#batches` are the batches in decoding, in order of arrival. */
   #pool: PacketPool | null = null;
   readonly #batches: Batch[] = [];
@@ -189,6 +196,7 @@ export class WorkerReceiver implements Receiver {
 
   /** Processes a head of a live clip: its first one, one with more groups, or that of the next period. */
   #onLiveHead(head: Head, stream: DecodedStream, isSameStream: boolean): void {
+    if (!isSameStream) this.#droppedGroups.clear();
     this.#stream = stream;
     if (this.#sequenceFrames.onLiveHead(head, stream, isSameStream)) this.#reportStreamInfo(stream);
     this.#sequenceFrames.reportPlayable();
@@ -234,8 +242,24 @@ export class WorkerReceiver implements Receiver {
   }
 
   #enqueue(packets: readonly ReceivedPacket[]): void {
-    for (const { bytes } of packets) this.#waitingPackets.push({ bytes, stream: this.#stream! });
+    const stream = this.#stream!;
+    for (const { bytes } of packets) if (!this.#isDropped(bytes, stream)) this.#waitingPackets.push({ bytes, stream });
     this.#decoding ??= this.#decode();
+  }
+
+  /**
+   * Returns true if a packet of a live clip is dropped, because too many wait. All later packets of its group are
+   * dropped, too, so that few groups have losses.
+   */
+  #isDropped(bytes: Uint8Array, { decoder }: DecodedStream): boolean {
+    const isFull = this.#waitingPackets.length >= MAX_WAITING,
+      groups = this.#droppedGroups;
+    if (!this.live || !(isFull || groups.size)) return false;
+    const packet = packetOf(bytes, decoder.head);
+    if (!packet) return true;
+    const group = decoder.intake.plan.gopOf(packet.block);
+    if (isFull) groups.add(group);
+    return groups.has(group);
   }
 
   /** Restores the cached packets of an earlier visit. They are shown once the file is revalidated. */
@@ -291,6 +315,7 @@ export class WorkerReceiver implements Receiver {
       counts: { ...counts, packets, bytes, seconds, expected, transport },
       decodeMs: this.#decodeMs,
       corrupt: intake?.counts.corrupt ?? 0,
+      droppedGroups: this.#droppedGroups.size,
     });
   }
 

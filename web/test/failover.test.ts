@@ -10,7 +10,7 @@ import type { Transports } from "../src/transport/failover.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
 import { NoWebTransport, receiveDatagrams, type Session, type SessionOptions } from "../src/transport/webtransport.ts";
 import type { WorkerReceiver } from "../src/worker_receiver.ts";
-import { Caches, LIMITS, otherStream, part, Server, visit } from "./fake_web.ts";
+import { type Asked, Caches, LIMITS, otherStream, part, Server, visit } from "./fake_web.ts";
 import { fileOf, readStream } from "./vectors.ts";
 import { welcome } from "./wire_messages.ts";
 
@@ -51,6 +51,57 @@ test("joining a live clip is retried while its server is full", async () => {
     { text, lost } = await visit(null, { session: SESSION }, ways);
   assert.deepEqual([text, lost.length], ["complete", 1]);
   assert.match(lost[0], /the server is full/);
+});
+
+test("joining a live clip opens the next session although the file of its name hangs", {
+  timeout: 20_000,
+}, async () => {
+  const server = new Server(() => new Promise<Response>(() => undefined)),
+    { ways, opened } = sessions(down(), "complete"),
+    openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, idleMs: 120_000 }),
+    { text, lost } = await visit(null, { session: SESSION }, { ...ways, openFile });
+  assert.deepEqual([text, opened.length, server.asked.length], ["complete", 2, 1]);
+  assert.deepEqual(lost, ["no answer to a WebTransport session; and the file did not arrive in time"]);
+  assert.ok(server.asked[0].signal.aborted);
+});
+
+test("a file that answers late is received if no session can be opened, or if the answer has begun", async () => {
+  for (const [end, afterMs] of [
+    [new NoWebTransport("no WebTransport"), 4500],
+    [down(), 1],
+  ] as const) {
+    const late = async (asked: Asked): Promise<Response> => {
+      await new Promise((done) => setTimeout(done, afterMs));
+      const { body, headers, status } = part(STILL, asked),
+        slow = new TransformStream<Uint8Array, Uint8Array>({
+          transform: async (piece, out) => {
+            if (afterMs < 4500) await new Promise((done) => setTimeout(done, 4500));
+            out.enqueue(piece);
+          },
+        });
+      return new Response(body!.pipeThrough(slow), { headers, status });
+    };
+    new Server(late);
+    const { ways, opened } = sessions(end),
+      openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, firstBytes: 1 << 18, idleMs: 20_000 }),
+      { text, lost } = await visit(null, { session: SESSION }, { ...ways, openFile });
+    assert.deepEqual([text, opened.length, lost.length], ["complete", 1, 0]);
+  }
+});
+
+test("after a session that is too slow the rest comes by HTTP, also if it delivered packets", async () => {
+  new Server((asked) => part(STILL, asked));
+  let sessions = 0;
+  const receiveDatagrams: Transports["receiveDatagrams"] = async (_session, _name, listener): Promise<string> => {
+      const container = new ContainerReader(),
+        packets = container.feed(STILL).map((bytes) => ({ source: NO_SOURCE, position: 0, bytes }));
+      sessions++;
+      listener.head(container.head!, container.headBytes, true, false);
+      listener.packets(packets.slice(0, 2));
+      return "the server sends too slowly";
+    },
+    { text, verified } = await visit(null, { session: SESSION }, { receiveDatagrams });
+  assert.deepEqual([text, verified, sessions], ["complete", true, 1]);
 });
 
 test("a stream unknown to sessions and files fails without a retry", async () => {

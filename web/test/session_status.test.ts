@@ -38,6 +38,13 @@ test("a wrong digest stays an error after a later drawing error is over", () => 
   }
 });
 
+test("groups of frames that a slow device drops are named as long as the live clip plays", () => {
+  const { session, messages } = transfer();
+  Object.assign(session.status, { packets: 1, expected: 2, gaussians: 1 });
+  for (const dropped of [0, 3]) session.progress(true, dropped);
+  assert.deepEqual(messages, ["Live.", "Live. This device is too slow: 3 groups dropped."]);
+});
+
 test("a transfer that ends while nothing can be drawn is reported as loaded", () => {
   for (const [complete, live] of [
     [false, false],

@@ -4,7 +4,7 @@ import { mock, test } from "node:test";
 import { crc32 } from "../src/packets/crc32.ts";
 import type { Listener } from "../src/transport/events.ts";
 import { receiveDatagrams } from "../src/transport/webtransport.ts";
-import { END, LIVE, NOT_YET, REFUSE, VERSION } from "../src/transport/wire.ts";
+import { END, INIT_SYMBOL, LIVE, NOT_YET, REFUSE, VERSION } from "../src/transport/wire.ts";
 import { dataView } from "../src/transport/wire_messages.ts";
 import { empty, welcome } from "./wire_messages.ts";
 
@@ -99,8 +99,29 @@ for (const [name, sending] of Object.entries(FRUITLESS))
     assert.ok(ms >= 10_000 && ms < 11_000, `${ms} ms`);
   });
 
-const USEFUL: Record<string, Sending> = {
+/** Symbol of the side information in `greeting`, each of 256 bytes. */
+const symbol = (index: number): Uint8Array =>
+  message(INIT_SYMBOL, 15 + 256 + 4, (numbers) => {
+    numbers.setUint32(1, 2, true);
+    numbers.setUint32(11, index, true);
+  });
+
+const SLOW: Record<string, Sending> = {
+  "one symbol each five seconds": (ms, nonce) => (ms % 5000 ? [] : [greeting(nonce, 3, 0, 1 << 20), symbol(ms / 5000)]),
+  "one symbol of a live stream each five seconds": (ms, nonce) =>
+    ms % 5000 ? [] : [greeting(nonce, 3, LIVE, 1 << 20), symbol(ms / 5000)],
   "one packet each nine seconds": (ms, nonce) => (ms % 9000 ? [] : [greeting(nonce), empty(ms / 9000)]),
+};
+for (const [name, sending] of Object.entries(SLOW))
+  test(`a session ends after thirty seconds with fewer than eight new symbols or packets: ${name}`, async () => {
+    const [reason, ms] = await endOf(sending);
+    assert.equal(reason, "the server sends too slowly");
+    assert.ok(ms >= 30_000 && ms < 36_000, `${ms} ms`);
+  });
+
+const USEFUL: Record<string, Sending> = {
+  "one symbol each three seconds": (ms, nonce) =>
+    ms % 3000 ? [] : [greeting(nonce, 3, 0, 1 << 20), symbol(ms / 3000)],
   "a live stream that has not begun": (_, nonce) => [
     message(REFUSE, 14, (numbers) => {
       numbers.setBigUint64(1, nonce, true);

@@ -61,6 +61,7 @@ export class Controller {
   #poster: HTMLImageElement | null = null;
   #contextLosses = 0;
   #idleTimer = 0;
+  #soughtHeadset = false;
   #cameraFrame = 0;
   #reportedViewpoint = "";
   /** Aborts the listeners when the element is released. */
@@ -260,7 +261,14 @@ export class Controller {
         this.#rotation.setVisible(stage.isVisible);
       });
     // only once the controls are used: Chromium keeps no page that has used WebXR for the back button
-    this.panel.onFirstUse(() => this.#offerHeadset());
+    this.panel.onUse(() => this.#offerHeadset());
+    host.addEventListener(
+      "pointerdown",
+      ({ pointerType }) => {
+        if (pointerType !== "mouse" || matchMedia("(pointer: coarse)").matches) this.#offerHeadset();
+      },
+      { signal, passive: true },
+    );
     this.onAdopted();
     sizes.observe(stage.surface);
     visibility.observe(host);
@@ -275,7 +283,10 @@ export class Controller {
     this.#onInput("");
   }
 
+  /** Adds the button for a headset if there is one. Looks for it once. */
   #offerHeadset(): void {
+    if (this.#soughtHeadset) return;
+    this.#soughtHeadset = true;
     navigator.xr?.isSessionSupported("immersive-vr").then(
       (supported) => supported && this.panel.addHeadset(() => this.#enterHeadset()),
       () => undefined, // the page may not use it
@@ -563,7 +574,7 @@ export class Controller {
     const { packets, expected, bytes, transport } = message.counts;
     Object.assign(this.status, { packets, expected, transport, way: transport, decodeMs: message.decodeMs });
     showPacketStatistics(this.panel, message);
-    this.#session.progress(this.#playback.live);
+    this.#session.progress(this.#playback.live, message.droppedGroups);
     this.dispatch("progress", { packets, expected, bytes, gaussians: this.status.gaussians });
   }
 

@@ -143,14 +143,9 @@ export class Panel {
     return this.#help.open;
   }
 
-  /** Calls `used` once, when a pointer or the focus first reaches the controls. */
-  onFirstUse(used: () => void): void {
-    let isUsed = false;
-    for (const name of ["pointerenter", "focusin"])
-      this.#bar.addEventListener(name, () => {
-        if (!isUsed) used();
-        isUsed = true;
-      });
+  /** Calls `used` whenever a pointer or the focus reaches the controls. */
+  onUse(used: () => void): void {
+    for (const name of ["pointerenter", "focusin"]) this.#bar.addEventListener(name, used);
   }
 
   /** Adds a button that shows the scene in a headset. It is the first one, so that no other button moves. */

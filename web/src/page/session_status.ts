@@ -45,13 +45,14 @@ export class SessionStatus {
     this.dispatch("lost", { reason, retryMs });
   }
 
-  /** Reports progress; `live` is true for live clips. */
-  progress(live: boolean): void {
+  /** Reports progress. `droppedGroups` is the number of groups of a live clip that this device was too slow for. */
+  progress(live: boolean, droppedGroups = 0): void {
     const { status, panel } = this,
       { packets, expected } = status;
     if (status.lost && !status.finished) status.lost = null;
     if (!packets || !expected || status.finished || status.failed) return;
-    panel.setMessage(live ? "Live." : "Receiving ...");
+    const dropped = droppedGroups ? ` This device is too slow: ${droppedGroups} groups dropped.` : "";
+    panel.setMessage(live ? `Live.${dropped}` : "Receiving ...");
     if (!status.gaussians) panel.showNotice("loading", "Receiving ...");
   }
 

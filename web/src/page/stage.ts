@@ -18,6 +18,7 @@ import { acquireContext, type ContextOwner, offerContext, releaseContext } from 
 import type { WebGLRenderer } from "../render/webgl_renderer.ts";
 import { delay, periodicPause } from "../scheduler.ts";
 import { waitOrOnline } from "../transport/backoff.ts";
+import { isFinal } from "../transport/http_error.ts";
 import { createElement } from "./elements.ts";
 import { Flight } from "./flight.ts";
 
@@ -172,7 +173,8 @@ export class Stage implements ContextOwner {
 
   async #open(): Promise<void> {
     if (this.#count) await this.shown();
-    const Renderer = await loadRenderer().catch(() => {
+    const Renderer = await loadRenderer().catch((error: unknown) => {
+      if (isFinal(error)) throw error;
       void waitOrOnline(RECOVERY_MS).then(() => this.open());
       throw new Error("The renderer is missing; reload the page.");
     });

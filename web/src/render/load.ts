@@ -1,6 +1,8 @@
 // Loads the renderer, a bundle separate from the page's so that a preview does not wait for it.
 
 import { waitOrOnline } from "../transport/backoff.ts";
+import { isFinal } from "../transport/http_error.ts";
+import { permitted } from "../transport/page_policy.ts";
 import type { WebGLRenderer } from "./webgl_renderer.ts";
 
 /**
@@ -31,11 +33,11 @@ async function load(): Promise<void> {
     if (requests) url.searchParams.set("retry", String(requests));
     requests++;
     try {
-      await import(url.href);
+      await permitted(url.href, import(url.href));
       if (rendererOf()) return;
       throw new Error("a renderer of another version");
     } catch (error) {
-      if (n === RETRIES_MS.length) throw error;
+      if (n === RETRIES_MS.length || isFinal(error)) throw error;
       await waitOrOnline(RETRIES_MS[n]);
     }
   }

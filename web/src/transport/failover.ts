@@ -3,12 +3,12 @@
 import { BitstreamError } from "../bytes.ts";
 import { waitOrOnline, withBackoff } from "./backoff.ts";
 import type { Listener } from "./events.ts";
-import { HttpError } from "./http_error.ts";
+import { isFinal } from "./http_error.ts";
 import { HttpFile } from "./http_file.ts";
 import { receiveFile } from "./http_source.ts";
 import type { PacketStore } from "./packet_store.ts";
 import { FINAL_REFUSALS } from "./transfer.ts";
-import { lookUpSession, NoWebTransport, receiveDatagrams, type Session } from "./webtransport.ts";
+import { lookUpSession, receiveDatagrams, type Session, TOO_SLOW } from "./webtransport.ts";
 
 /** Largest number of attempts with a file that the server delivered before, and refuses or damages now. */
 const MAX_REFUSALS = 4;
@@ -16,6 +16,12 @@ const MAX_REFUSALS = 4;
 const MAX_INCOMPLETE = 3;
 /** Number of sessions in a row without a packet after which the file of a live clip is requested, too. */
 const MAX_EMPTY_SESSIONS = 2;
+
+/** Time for the first answer of a file, after which the session that failed before is opened again, milliseconds. */
+const ANSWER_MS = 4000;
+
+/** Returns true if no further session can succeed after one that ended with this error. */
+const isHopeless = (broken: Error): boolean => isFinal(broken) || FINAL_REFUSALS.includes(broken.message);
 
 /** Sources of a stream: WebTransport session and file. */
 export interface Source {
@@ -85,7 +91,7 @@ class Failover {
 
   canRetry(error: unknown): boolean {
     const isDamaged = error instanceof BitstreamError;
-    if (!isDamaged && !(error instanceof HttpError && error.final)) return true;
+    if (!isDamaged && !isFinal(error)) return true;
     // a file that was delivered before, or ends too early, may be in the middle of its replacement
     const isKnown = isDamaged ? this.receiver.store.hasHead || this.#file.isCut : this.#file.hasAnswered;
     return isKnown && ++this.#file.refusals <= MAX_REFUSALS;
@@ -94,7 +100,8 @@ class Failover {
   /**
    * Makes one attempt: missing packets are received over a session or, without one, from the file. A session that
    * breaks after delivering packets is retried, and so is the first one of a live clip that delivers none. The file of
-   * a live clip has `nextMs` milliseconds to arrive, after which the next session is due.
+   * a live clip has `nextMs` milliseconds to arrive, after which the next session is due; other files have at least
+   * `ANSWER_MS` for their first answer.
    */
   async attempt(nextMs: number): Promise<string> {
     const { receiver } = this,
@@ -107,24 +114,27 @@ class Failover {
       } catch (error) {
         broken = error as Error;
       }
-      this.#numEmpty = receiver.numReceived > numReceived ? 0 : this.#numEmpty + 1;
+      const hasHelped = receiver.numReceived > numReceived && broken.message !== TOO_SLOW;
+      this.#numEmpty = hasHelped ? 0 : this.#numEmpty + 1;
       if (this.#numEmpty < (receiver.live ? MAX_EMPTY_SESSIONS : 1)) throw broken;
       receiver.note(`${store.hasHead ? "The rest comes" : "The stream comes"} by HTTP: ${broken.message}.`);
     }
     const due = new AbortController(),
-      timer = setTimeout(() => broken && receiver.live && due.abort(), nextMs);
+      isHanging = (): boolean => receiver.live || !(this.#file.hasAnswered || isHopeless(broken!)),
+      fileMs = receiver.live ? nextMs : Math.max(nextMs, ANSWER_MS),
+      timer = setTimeout(() => broken && isHanging() && due.abort(), fileMs);
     this.#file.signal = due.signal;
     try {
       return await receiveFile(this.#file, receiver, store);
     } catch (error) {
       // the session of a live clip may return at any time
-      if (broken && receiver.live) {
+      if (broken && (receiver.live || due.signal.aborted)) {
         const waited = due.signal.aborted,
           reason = waited ? "the file did not arrive in time" : (error as Error).message;
         throw Object.assign(new Error(`${broken.message}; and ${reason}`), { waited });
       }
-      if (!(error instanceof HttpError && error.final)) throw error;
-      return this.#withoutFile(error, triesSession, broken);
+      if (!isFinal(error)) throw error;
+      return this.#withoutFile(error as Error, triesSession, broken);
     } finally {
       clearTimeout(timer);
     }
@@ -134,11 +144,10 @@ class Failover {
    * Continues without a file, as for live clips. A session that failed because of the connection is retried, and its
    * reason is reported.
    */
-  async #withoutFile(refused: HttpError, triedSession: boolean, broken: Error | null): Promise<string> {
+  async #withoutFile(refused: Error, triedSession: boolean, broken: Error | null): Promise<string> {
     this.#isWithoutFile = true;
-    if (broken && !(broken instanceof NoWebTransport) && !FINAL_REFUSALS.includes(broken.message))
-      throw new Error(`${broken.message}; and ${refused.message}`);
-    if (broken instanceof NoWebTransport) refused.message += `, and ${broken.message}`;
+    if (broken && !isHopeless(broken)) throw new Error(`${broken.message}; and ${refused.message}`);
+    if (isFinal(broken)) refused.message += `, and ${broken!.message}`;
     if (triedSession) throw refused;
     // The server may have been unreachable when its session was looked up.
     this.#session ??= await this.transports.lookUpSession(new URL(this.source.file));
@@ -156,7 +165,7 @@ class Failover {
     try {
       return await this.#receiveOnce(session);
     } catch (error) {
-      if (receiver.live || !session.fingerprint || error instanceof NoWebTransport) throw error;
+      if (receiver.live || !session.fingerprint || isFinal(error)) throw error;
       const renewed = await this.#renewed(session);
       if (!renewed) throw error;
       return this.#receiveOnce(renewed);

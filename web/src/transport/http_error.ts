@@ -20,6 +20,9 @@ export class HttpError extends Error {
   }
 }
 
+/** Returns true for an error that a retry cannot resolve. */
+export const isFinal = (error: unknown): boolean => (error as { final?: boolean } | null)?.final === true;
+
 /**
  * Error if the browser withholds a server's responses from the page (CORS). A retry may help, because proxies send
  * their own errors, such as 502, without the header.

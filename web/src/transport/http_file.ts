@@ -2,6 +2,7 @@
 
 import { delay } from "../scheduler.ts";
 import { HttpError, Unreadable, withoutQuery } from "./http_error.ts";
+import { permitted } from "./page_policy.ts";
 
 export interface Limits {
   /** Initial idle timeout, milliseconds. Each timeout raises it. */
@@ -139,7 +140,7 @@ export class HttpFile {
   /**
    * Requests the bytes `first` to `end - 1`, where null means the end of the file. If `first` is null, the whole file
    * is requested without a range. Throws `HttpError`, `Stalled`, `PastEnd`, `RangeUnsupported`, `Unreadable`, or the
-   * error of a broken connection.
+   * error of a broken connection or of the page's policy.
    */
   async request(
     first: number | null,
@@ -157,7 +158,9 @@ export class HttpFile {
     const headers: Record<string, string> =
       first === null ? {} : { Range: `bytes=${first}-${end === null ? "" : end - 1}` };
     try {
-      const response = await this.#timely(fetch(this.url, { headers, cache, signal: aborted.signal }));
+      const response = await this.#timely(
+        permitted(this.url, fetch(this.url, { headers, cache, signal: aborted.signal })),
+      );
       return this.#answer(response, first, end, cancel);
     } catch (error) {
       cancel();

@@ -147,14 +147,18 @@ export class Transfer {
   }
 
   /**
-   * Number that changes when something new arrives. If the server may have nothing new to send (a view, a live stream),
-   * any later datagram counts as new. After two later welcome messages without a head it stays 0. Before the first
-   * welcome it contains 0.5, which differs from every number of missing symbols.
+   * Number that changes when something new arrives. If the server may have nothing new to send, any later datagram counts
+   * as new. After two later welcome messages without a head it stays 0. Before the first welcome it contains 0.5, which
+   * differs from every number of missing symbols.
    */
   get progress(): number {
     if (this.#numWelcomesSinceHead > 1) return 0;
-    const mayIdle = this.head && (this.hasSentView || this.welcome!.isLive);
-    return this.counts.packets - (this.#initSegment?.missing ?? 0.5) + (mayIdle ? this.#largestSequence : 0);
+    return this.counts.packets - (this.#initSegment?.missing ?? 0.5) + (this.mayIdle ? this.#largestSequence : 0);
+  }
+
+  /** True if the server may have nothing new to send: for a view, or in a live stream. */
+  get mayIdle(): boolean {
+    return this.head !== null && (this.hasSentView || this.welcome!.isLive);
   }
 
   /** Stream's file up to its first packet. Valid once the head arrived. */

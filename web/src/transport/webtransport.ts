@@ -3,6 +3,7 @@
 import { BUDGET, type ViewCamera } from "../codec/levels/cut.ts";
 import { delay } from "../scheduler.ts";
 import type { Listener } from "./events.ts";
+import { permitted } from "./page_policy.ts";
 import { type StoredStream, Transfer } from "./transfer.ts";
 import { FEEDBACK_MS } from "./wire.ts";
 import { MessageReader } from "./wire_messages.ts";
@@ -11,6 +12,14 @@ import { MessageReader } from "./wire_messages.ts";
 const SESSION_TIMEOUT_MS = 4000;
 /** Time without anything new from the server after which a session ends, milliseconds. */
 const SILENCE_TIMEOUT_MS = 10_000;
+/**
+ * Minimum number of symbols and packets in each interval of this length, milliseconds. A server that sends fewer ends
+ * the session, unless it may have nothing to send.
+ */
+const MIN_NEW = 8,
+  PACE_MS = 30_000;
+/** How a session with a slower server ends. */
+export const TOO_SLOW = "the server sends too slowly";
 /** Minimum interval between view updates, milliseconds. */
 const VIEW_INTERVAL_MS = 100;
 /** Number of repetitions of a view update at this interval, because updates may be lost. */
@@ -66,7 +75,9 @@ export interface SessionOptions {
 const FIRST_SESSION: SessionOptions = { isRetry: false, isOnlySource: false };
 
 /** Error for a browser or page that cannot open sessions. */
-export class NoWebTransport extends Error {}
+export class NoWebTransport extends Error {
+  readonly final = true;
+}
 
 /** Looks up the WebTransport session that a server publishes next to its files. Returns null for other servers. */
 export async function lookUpSession(file: URL): Promise<Session | null> {
@@ -116,7 +127,9 @@ export async function receiveDatagrams(
   };
   send([request]);
   let progressAt = performance.now(),
-    lastProgress = NaN;
+    lastProgress = NaN,
+    pace = NaN,
+    paceAt = progressAt;
   const reader = new MessageReader();
   readAll(stream.readable, (chunk) => {
     const now = performance.now();
@@ -135,8 +148,11 @@ export async function receiveDatagrams(
       const now = performance.now(),
         latest = transfer.progress;
       if (latest !== lastProgress || now < transfer.waitUntil) [lastProgress, progressAt] = [latest, now];
+      if (transfer.mayIdle || now < transfer.waitUntil || !(Math.abs(latest - pace) < MIN_NEW))
+        [pace, paceAt] = [latest, now];
       if (listener.stopped()) transfer.finished = "stopped";
       else if (now - progressAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server sends nothing new";
+      else if (now - paceAt > PACE_MS) transfer.finished = TOO_SLOW;
       else
         for (const bytes of transfer.welcome ? viewReporter.messages(now) : now < transfer.waitUntil ? [] : [request])
           datagramWriter.write(bytes).catch(() => undefined);
@@ -275,7 +291,7 @@ async function openSession(
     const transport = new WebTransport(url, options);
     transports.push(transport);
     transport.closed.catch(() => undefined);
-    await transport.ready.catch((error: unknown) => {
+    await permitted(url, transport.ready).catch((error: unknown) => {
       failures.push(error);
       throw error;
     });
