@@ -11,8 +11,8 @@ let last: SecurityPolicyViolationEvent | null = null;
 listen?.("securitypolicyviolation", (event) => (last = event as SecurityPolicyViolationEvent));
 
 /**
- * Awaits a request of `url`. If it failed because the page's policy forbids the address, throws an error that names both
- * and is final (`isFinal`).
+ * Awaits a request of `url`. If it failed because the page's policy forbids the address, throws an error that names
+ * both and is final (`isFinal`).
  */
 export async function permitted<T>(url: string, request: Promise<T>): Promise<T> {
   try {
