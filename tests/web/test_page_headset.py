@@ -215,9 +215,7 @@ def test_button_appears_for_visitors_who_only_touch_the_scene(packed: str) -> No
         page.prepare(FAKE)
         page.emulate(800, 600)
         opened(page, packed)
-        page.evaluate(
-            "window.searches = 0; xr.isSessionSupported = async () => { searches++; return true; }; 0"
-        )
+        page.evaluate("window.searches = 0; xr.isSessionSupported = async () => { searches++; return true; }; 0")
         page.drag((200, 200), (300, 200))
         assert page.evaluate("searches") == 0
         page.emulate(800, 600, touch=True)

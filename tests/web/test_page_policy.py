@@ -13,7 +13,8 @@ from web.pictures import ELEMENT
 from web.test_page import SMALL, ball, run
 
 pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not installed"), pytest.mark.slow]
-PAGE = """<meta http-equiv="Content-Security-Policy" content="{policy}"><script type="module" src="splatwire.js"></script>
+PAGE = """<meta http-equiv="Content-Security-Policy" content="{policy}">
+<script type="module" src="splatwire.js"></script>
 <splat-wire src="ball.swz" {attributes} style="height: 12rem"></splat-wire>"""
 OTHERS = "script-src 'self' 'unsafe-inline'; worker-src blob:"
 SESSION = "https://127.0.0.1:9/splatwire"
@@ -47,8 +48,10 @@ def test_error_names_the_directive_and_the_address(
                     reason = page.wait_for(f"{ELEMENT}?.status?.failed", 60)
                     assert directive in reason
                     assert address in reason
-                    events = page.evaluate("events.filter(([kind]) => kind === 'error').map(([, {message}]) => message)")
-                    assert events == [reason]
+                    errors = page.evaluate(
+                        "events.filter(([kind]) => kind === 'error').map(([, detail]) => detail.message)"
+                    )
+                    assert errors == [reason]
 
             await asyncio.to_thread(drive)
 

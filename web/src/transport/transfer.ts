@@ -148,8 +148,8 @@ export class Transfer {
 
   /**
    * Number that changes when something new arrives. If the server may have nothing new to send, any later datagram
-   * counts as new. After two later welcome messages without a head it stays 0. Before the first welcome it contains 0.5,
-   * which differs from every number of missing symbols.
+   * counts as new. After two later welcome messages without a head it stays 0. Before the first welcome it contains
+   * 0.5, which differs from every number of missing symbols.
    */
   get progress(): number {
     if (this.#numWelcomesSinceHead > 1) return 0;
