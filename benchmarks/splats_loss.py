@@ -123,7 +123,7 @@ def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) ->
     source, total = SourceScene.of(scene.splats, plan, classes, None, QUALITIES["default"]), 0
     for block in range(plan.num_blocks):
         sizes = np.array([p.num_elements for p in stream.packets if p.id.block == block])
-        rows, harmonics = empty_rows(int(sizes.sum()), info.num_harmonics)
+        rows, harmonics = empty_rows(int(sizes.sum()), info.num_harmonic_columns)
         total += _encode_joined(
             info.kernel_tables, info.step_parameters(), info.models(), empty_statistics(), int(info.boxes.bits[block]),
             info.block_means[block], source.block_source(block, info), sizes,

@@ -17,7 +17,7 @@ from figures import publish
 
 from splatwire.bitstream import SceneStream
 from splatwire.codec import encode_scene
-from splatwire.codec.gaussians.quality import NUMBERS, quality_of
+from splatwire.codec.gaussians.quality import QUALITY_NUMBERS, quality_of
 from splatwire.evaluation.views import held_out_cameras
 from splatwire.io import open_scene
 from splatwire.ops.threads import use_single_thread
@@ -66,7 +66,7 @@ def measure_scene(path: Path) -> dict:
     for number in QUALITIES:
         found, used = controlled(scene, Target(quality=quality_of(number)), "fast")
         curve.append(row(found, quality=number))
-        if number == NUMBERS["default"]:
+        if number == QUALITY_NUMBERS["default"]:
             default = found.stream.num_bytes
     target = Target(quality=quality_of("default"))
     for effort in ("fast", "default"):

@@ -66,7 +66,7 @@ def under_loss(scene: AnchorScene, photos: tuple[Dataset, Dataset], options: arg
         stream, concealers = with_section(stream, "sketch", made.section), (*CONCEALERS, "sketch")
         found["bytes with sketch"] = stream.num_bytes
     for loss in options.losses:
-        each, lost, model = {name: [] for name in concealers}, 0.0, parse_loss(loss, packetization.unit)
+        each, lost, model = {name: [] for name in concealers}, 0.0, parse_loss(loss, packetization.loss_unit)
         for seed in range(options.seeds):
             received = decode_stream(draw_mask(stream, model, seed=seed).apply(stream))
             lost += 1 - float(received.loss_mask.fully_received.mean())

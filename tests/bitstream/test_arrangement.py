@@ -168,4 +168,4 @@ def test_packets_grouped_by_hash_are_not_listed_without_side_information():
     for question in (lambda: plan.ids, plan.packet_index_of, lambda: plan.members(PacketId(0, 0))):
         with pytest.raises(InvalidValueError):
             question()
-    assert plan.packetization.unit == "datagram"
+    assert plan.packetization.loss_unit == "datagram"

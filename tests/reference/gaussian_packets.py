@@ -147,7 +147,7 @@ class ReferencePacket(ReferenceBits):
         bits = min(max(self.exponent(STEP_SPIN, g.level, shape), 0), DIRECTION_BITS)
         g.spin = bits, self.raw(bits)
         self.colour(g, near)
-        if self.info.num_harmonics:
+        if self.info.num_harmonic_columns:
             self.harmonics(g)
         return g
 
@@ -217,7 +217,7 @@ class ReferencePacket(ReferenceBits):
         """Harmonics, the three channels of one coefficient after another."""
         shift = min(max(BITS - self.exponent(STEP_HARMONICS, g.level, (0, 0, 0, 0)), 0), BITS - 2)
         some, running = self.bit(FIRST_HARMONIC + g.level), 0
-        for j in range(self.info.num_harmonics):
+        for j in range(self.info.num_harmonic_columns):
             value = 0
             if some:
                 context = sum(running >= least for least in RUNNING)

@@ -36,7 +36,7 @@ const INTERNAL = `
   logDeviations logScales logStepRatios logSteps lookUpSession lostSequences manifest manifestBytes maxExcess
   maxPositionShift maxTiers mayIdle medianRadius members middle models moveBetween nacks nearestFirst nearestOthers
   newPackets nextView noGaussians noteChange noteFailure noteUseless numBirths numBlocks numCoefficients
-  numElements numGaussians numHarmonics numHidden numInitSegments numIntact numKeyframes numLatePackets numLowBits
+  numElements numGaussians numHarmonicColumns numHidden numInitSegments numIntact numKeyframes numLatePackets numLowBits
   numMotionTracks numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep
   onAdopted onAnswer onCamera onChange onContextAvailable onContextLost onLiveHead onUse openFile orderDigest
   owners packetBytes packetDecoder packetsOf paintedCanvas partsOf pictureChanged planBlock planIndices playableEnd

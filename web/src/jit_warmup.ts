@@ -26,7 +26,7 @@ const BATCH = 32,
 
 const INFO: SideInfo = {
   degree: DEGREE,
-  numHarmonics: 3 * NUMBER,
+  numHarmonicColumns: 3 * NUMBER,
   sizeLog: 0,
   latticeBits: 16,
   maxPositionShift: 8,

@@ -12,7 +12,7 @@ from splatwire.bitstream.limits import (
     FREE_ELEMENTS,
     MAX_ELEMENTS,
     MAX_FEATURE_DIM,
-    MAX_GROUPS,
+    MAX_STREAM_LANES,
     MAX_MANIFEST_BYTES,
     MAX_OFFSETS,
     MAX_SIDE_INFO_BYTES,
@@ -78,7 +78,7 @@ class Manifest:
             ("num_elements", 0, MAX_ELEMENTS),
             ("feature_dim", lower, upper),
             ("num_offsets", lower, min(upper, MAX_OFFSETS)),
-            ("num_packets", 0, len(PARTS) * MAX_GROUPS),
+            ("num_packets", 0, len(PARTS) * MAX_STREAM_LANES),
             ("stream_id", 0, (1 << 32) - 1),
             ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
         ):

@@ -98,7 +98,7 @@ class Packetization:
         return self.grouping == "hashed"
 
     @property
-    def unit(self) -> str:
+    def loss_unit(self) -> str:
         """Unit of simulated losses: `datagram` if every packet fits one datagram, else `pak` (packet)."""
         return "datagram" if self.hashed else "pak"
 
@@ -108,7 +108,7 @@ class Packetization:
         return self.packaging == "separated"
 
     @property
-    def common(self) -> bool:
+    def universal(self) -> bool:
         """True if every codec supports this packetization: atomic packets in Morton order."""
         return not self.separated and self.order == "morton"
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from splatwire.arguments import check_fields
 from splatwire.bitstream.grouping import CHUNK, contiguous_bounds, contiguous_lanes, hash_order, stratified_lanes
-from splatwire.bitstream.limits import MAX_BLOCKS, MAX_ELEMENTS, MAX_FEATURE_GROUPS, MAX_GROUPS
+from splatwire.bitstream.limits import MAX_BLOCKS, MAX_ELEMENTS, MAX_FEATURE_GROUPS, MAX_STREAM_LANES
 from splatwire.bitstream.packet_id import FIRST_FEATURE, OFFSET, SCALING, PacketId
 from splatwire.bitstream.packetization import Packetization, check_range
 from splatwire.bitstream.tiers import Span, TierCounts, check_tiers, spans_of
@@ -66,7 +66,7 @@ class PacketPlan:
         check_range("number of elements", self.num_elements, 0, MAX_ELEMENTS)
         check_tiers(self.tiers, self.num_elements, self.packetization)
         check_range("number of blocks", self.num_blocks, 0, MAX_BLOCKS)
-        check_range("number of packets", self.num_blocks * self.packetization.lanes, 0, MAX_GROUPS)
+        check_range("number of packets", self.num_blocks * self.packetization.lanes, 0, MAX_STREAM_LANES)
 
     @functools.cached_property
     def spans(self) -> tuple[Span, ...]:

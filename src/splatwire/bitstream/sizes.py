@@ -61,8 +61,8 @@ def measure_sizes(stream: SceneStream) -> StreamSizes:
 def _by_tier(stream: SceneStream) -> dict[str, dict[str, int]]:
     plan = stream.manifest.plan
     tiers = [
-        {"num_elements": shape.num_elements, "lanes": shape.lanes, "num_packets": 0, "packet_bytes": 0}
-        for shape in plan.tiers
+        {"num_elements": counts.num_elements, "lanes": counts.lanes, "num_packets": 0, "packet_bytes": 0}
+        for counts in plan.tiers
     ]
     for packet in stream.packets if tiers else ():
         tier = tiers[plan.tier_of(packet.id.block)]

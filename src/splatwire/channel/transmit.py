@@ -125,7 +125,7 @@ def transmit(
     lost = [packet for packet, ok in zip(stream.packets, mask.received.tolist(), strict=True) if not ok]
     record = TransmitRecord(
         loss=loss.name,
-        unit=stream.manifest.packetization.unit if loss.unit == "pak" else loss.unit,
+        unit=stream.manifest.packetization.loss_unit if loss.unit == "pak" else loss.unit,
         seed=seed,
         send_order=send_order,
         num_sent=len(stream.packets),

@@ -58,8 +58,8 @@ class Coder(NamedTuple):
     """Entropy coder of one packet: range coder, adaptive models, and the probability tables of the stream.
 
     A prediction residual is coded with the probability distribution of its context. A context has three indices: kind
-    of value, class of the deviation of neighbouring values, and class of the magnitude of earlier residuals (see
-    `code_value`). The standard deviations of all distributions are from a fixed table (`entropy.tables`).
+    of value, deviation context, and magnitude context (see `code_value`). The standard deviations of all distributions
+    are from a fixed table (`entropy.tables`).
 
     Attributes:
         decoding: True when decoding, False when encoding.
@@ -183,15 +183,16 @@ def code_escape(coder, excess):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_value(coder, kind, deviation_class, magnitude_context, mean, value, shift, absolute):
+def code_value(coder, kind, deviation_context, magnitude_context, mean, value, shift, absolute):
     """Encodes or decodes a quantised integer relative to a prediction.
 
     Args:
         coder: Entropy coder.
-        kind: Kind of value; selects the context.
-        deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
+        kind: Kind of value: first index of the context.
+        deviation_context: Second index of the context. It grows with the deviation of neighbouring Gaussians' values
+            from their mean.
         magnitude_context: Third index of the context. For opacity and the largest scale, it is log2 of the quantisation
-            step. For all other kinds of value, it is the class of the mean magnitude of earlier residuals.
+            step. For all other kinds of value, it grows with the mean magnitude of earlier residuals.
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
@@ -203,26 +204,26 @@ def code_value(coder, kind, deviation_class, magnitude_context, mean, value, shi
     """
     half_step = (1 << shift) >> 1
     if not absolute:
-        steps = _code_steps(coder, kind, deviation_class, magnitude_context, (value - mean + half_step) >> shift, ZERO)
+        steps = _code_steps(
+            coder, kind, deviation_context, magnitude_context, (value - mean + half_step) >> shift, ZERO
+        )
         return mean + (steps << shift), steps
     mean_eighths = ((mean << MEAN_FRACTION_BITS) + half_step) >> shift
     near = (mean_eighths + (1 << (MEAN_FRACTION_BITS - 1))) >> MEAN_FRACTION_BITS
-    steps = _code_steps(
-        coder, kind, deviation_class, magnitude_context, ((value + half_step) >> shift) - near, mean_eighths - (near <<
-        MEAN_FRACTION_BITS)
-    )  # fmt: skip
+    residual, fraction = ((value + half_step) >> shift) - near, mean_eighths - (near << MEAN_FRACTION_BITS)
+    steps = _code_steps(coder, kind, deviation_context, magnitude_context, residual, fraction)
     return (near + steps) << shift, steps
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_steps(coder, kind, deviation_class, magnitude_context, residual, mean_eighths):
+def _code_steps(coder, kind, deviation_context, magnitude_context, residual, mean_eighths):
     """Encodes or decodes a prediction residual, in quantisation steps.
 
     Args:
         coder: Entropy coder.
-        kind: Kind of value; selects the context.
-        deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
+        kind: Kind of value: first index of the context.
+        deviation_context: Second index of the context (see `code_value`).
         magnitude_context: Third index of the context (see `code_value`).
         residual: The residual; only used by an encoder.
         mean_eighths: Mean of the residual's distribution, in eighths of a step, -4 to 3.
@@ -230,7 +231,7 @@ def _code_steps(coder, kind, deviation_class, magnitude_context, residual, mean_
     Returns:
         The residual.
     """
-    context = (kind * NUM_DEVIATION_CONTEXTS + deviation_class) * NUM_MAGNITUDE_CONTEXTS + magnitude_context
+    context = (kind * NUM_DEVIATION_CONTEXTS + deviation_context) * NUM_MAGNITUDE_CONTEXTS + magnitude_context
     scale = np.int64(coder.scale_indices[context])
     distribution, mixture = coder.distributions[scale], mean_eighths + (NUM_MEANS >> 1)
     max_magnitude, first = distribution[MAX_MAGNITUDE], distribution[FIRST_BOUND] + mixture * distribution[STRIDE]
@@ -258,8 +259,8 @@ def _code_steps(coder, kind, deviation_class, magnitude_context, residual, mean_
     else:
         residual = _encode_wide(coder, scale, residual, mean_eighths)
     if not coder.decoding:
-        coder.residual_statistics[kind, deviation_class, magnitude_context, 0] += 1
-        coder.residual_statistics[kind, deviation_class, magnitude_context, 1] += abs(residual)
+        coder.residual_statistics[kind, deviation_context, magnitude_context, 0] += 1
+        coder.residual_statistics[kind, deviation_context, magnitude_context, 1] += abs(residual)
     return residual
 
 

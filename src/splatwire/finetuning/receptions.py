@@ -94,5 +94,5 @@ def simulate_reception(
     """
     assert options.loss is not None
     received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))
-    fully_received = received[division.packet]
+    fully_received = received[division.packet_of_gaussian]
     return None if fully_received.all() or not fully_received.any() else SimulatedReception.from_mask(fully_received)

@@ -120,7 +120,7 @@ def test_plain_python_and_kernels_agree_on_any_bytes(fuzzed: SceneStream, payloa
     found = ReferencePacket(info, 0, payload, min(count, 12)).decode()
     fast = integers(fuzzed, 0, [packet], [min(count, 12)])
     np.testing.assert_array_equal(fast, [g.row() + g.harmonics for g in found])
-    assert integers(fuzzed, 0, [packet], [count]).shape == (count, 17 + info.num_harmonics)
+    assert integers(fuzzed, 0, [packet], [count]).shape == (count, 17 + info.num_harmonic_columns)
 
 
 @pytest.fixture(scope="module")

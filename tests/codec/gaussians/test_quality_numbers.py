@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from splatwire.codec.gaussians.quality import NUMBERS, QUALITIES, quality_of
+from splatwire.codec.gaussians.quality import QUALITIES, QUALITY_NUMBERS, quality_of
 from splatwire.errors import InvalidValueError
 
 
 @pytest.mark.parametrize("name", QUALITIES)
 def test_quality_names_equal_their_quality_numbers(name):
-    assert quality_of(NUMBERS[name]) == quality_of(name)
-    assert quality_of(int(NUMBERS[name])) == quality_of(name)
+    assert quality_of(QUALITY_NUMBERS[name]) == quality_of(name)
+    assert quality_of(int(QUALITY_NUMBERS[name])) == quality_of(name)
 
 
 @pytest.mark.parametrize("degree", [0, 3])

@@ -46,7 +46,7 @@ def test_division_into_packets_is_that_of_the_stream(preset: str) -> None:
     stream = encode_scene(scene, preset)
     division = divide_into_packets(scene, PRESETS[preset])
     assert sorted(division.num_bytes.tolist()) == sorted(packet.num_bytes for packet in stream.packets)
-    counts = np.bincount(division.packet, minlength=len(division.num_bytes))
+    counts = np.bincount(division.packet_of_gaussian, minlength=len(division.num_bytes))
     assert sorted(counts.tolist()) == sorted(packet.num_elements for packet in stream.packets)
     for number in range(0, len(counts), 7):
         alone = stream.with_packets([p for p in stream.packets if p.num_bytes == division.num_bytes[number]])

@@ -28,28 +28,28 @@ export function tierLayout(sections: Map<string, Uint8Array>, manifest: Manifest
 }
 
 /** Reads the tier of each element, by rank; null if there is one tier. */
-function readTiers(sections: Map<string, Uint8Array>, { tiers: shapes, count }: Manifest): Uint8Array | null {
+function readTiers(sections: Map<string, Uint8Array>, { tiers: tierCounts, count }: Manifest): Uint8Array | null {
   const section = sections.get(TIERS);
-  if ((section !== undefined) !== shapes.length > 0)
+  if ((section !== undefined) !== tierCounts.length > 0)
     throw new BitstreamError("only one of manifest and side information has tiers");
-  return section ? decodeTiers(section, count, shapes.length) : null;
+  return section ? decodeTiers(section, count, tierCounts.length) : null;
 }
 
 /** Reads the relative sizes of the tiers. The largest is 1. */
-function readSizes(sections: Map<string, Uint8Array>, { tiers: shapes }: Manifest): Float32Array | null {
+function readSizes(sections: Map<string, Uint8Array>, { tiers: tierCounts }: Manifest): Float32Array | null {
   const steps = sections.get(TIER_SIZES);
   if (!steps) return null;
-  if (steps.length !== shapes.length)
-    throw new BitstreamError(`section 'tier_sizes' has ${steps.length} bytes for ${shapes.length} tiers`);
+  if (steps.length !== tierCounts.length)
+    throw new BitstreamError(`section 'tier_sizes' has ${steps.length} bytes for ${tierCounts.length} tiers`);
   if (!steps.includes(0)) throw new BitstreamError("section 'tier_sizes': no tier is the largest");
   return Float32Array.from(steps, (step) => 2 ** (-step / SIZE_STEPS));
 }
 
-function ranksInOrder(tiers: Uint8Array, { tiers: shapes, count }: Manifest): Int32Array {
-  const next = new Int32Array(shapes.length),
+function ranksInOrder(tiers: Uint8Array, { tiers: tierCounts, count }: Manifest): Int32Array {
+  const next = new Int32Array(tierCounts.length),
     order = new Int32Array(count);
-  shapes.slice(0, -1).reduce((sum, shape, tier) => (next[tier + 1] = sum + shape.count), 0);
-  const ends = shapes.map((shape, tier) => next[tier] + shape.count);
+  tierCounts.slice(0, -1).reduce((sum, { count }, tier) => (next[tier + 1] = sum + count), 0);
+  const ends = tierCounts.map(({ count }, tier) => next[tier] + count);
   tiers.forEach((tier, rank) => {
     if (next[tier] >= ends[tier])
       throw new BitstreamError("the side information has more elements in a tier than the manifest");

@@ -166,25 +166,25 @@ function checkPlan({ packetization, count, numPackets, tiers }: Manifest, groups
   const { blockSize, lanes, grouping, packaging } = packetization,
     separated = packaging === "separated",
     parts = separated ? 2 + groups.length : 1;
-  const shapes = tiers.length ? tiers : [{ count, lanes }],
-    blocks = shapes.map((shape) => Math.ceil(shape.count / blockSize));
+  const tierCounts = tiers.length ? tiers : [{ count, lanes }],
+    blocks = tierCounts.map((tier) => Math.ceil(tier.count / blockSize));
   const numBlocks = blocks.reduce((sum, some) => sum + some, 0),
-    inTiers = shapes.reduce((sum, shape) => sum + shape.count, 0);
-  const most = shapes.reduce((sum, shape, n) => sum + Math.min(shape.count, blocks[n] * shape.lanes), 0) * parts;
+    inTiers = tierCounts.reduce((sum, tier) => sum + tier.count, 0);
+  const maxPackets = tierCounts.reduce((sum, tier, n) => sum + Math.min(tier.count, blocks[n] * tier.lanes), 0) * parts;
   const checks: [boolean, string][] = [
     [
       !separated || (groups.length >= 1 && groups.length <= limits.MAX_FEATURE_GROUPS),
       "separated packets need feature groups",
     ],
     [
-      inTiers === count && shapes.every((shape) => shape.lanes <= lanes),
+      inTiers === count && tierCounts.every((tier) => tier.lanes <= lanes),
       "the manifest's tiers do not add up to its elements or lanes",
     ],
     [!tiers.length || !separated, "separated packaging does not support tiers"],
-    [numBlocks <= limits.MAX_BLOCKS && numBlocks * lanes <= limits.MAX_GROUPS, "the stream has too many blocks"],
+    [numBlocks <= limits.MAX_BLOCKS && numBlocks * lanes <= limits.MAX_STREAM_LANES, "the stream has too many blocks"],
     [
       numPackets >= numBlocks * parts &&
-        numPackets <= (grouping === "hashed" ? count : most) &&
+        numPackets <= (grouping === "hashed" ? count : maxPackets) &&
         numPackets % parts === 0,
       `${numPackets} packets cannot carry ${count} elements`,
     ],

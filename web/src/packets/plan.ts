@@ -40,14 +40,14 @@ export class Plan {
     readonly laneCounter = countLanes,
   ) {
     const { blockSize, lanes } = manifest.packetization;
-    const shapes = manifest.tiers.length ? manifest.tiers : [{ count: manifest.count, lanes }];
+    const tierCounts = manifest.tiers.length ? manifest.tiers : [{ count: manifest.count, lanes }];
     let first = 0,
       firstBlock = 0;
-    for (const shape of shapes) {
-      const numBlocks = Math.ceil(shape.count / blockSize);
-      const size = manifest.tiers.length ? Math.ceil(shape.count / Math.max(numBlocks, 1)) : blockSize;
-      this.#spans.push({ first, count: shape.count, blockSize: size, lanes: shape.lanes, firstBlock, numBlocks });
-      first += shape.count;
+    for (const { count, lanes } of tierCounts) {
+      const numBlocks = Math.ceil(count / blockSize);
+      const size = manifest.tiers.length ? Math.ceil(count / Math.max(numBlocks, 1)) : blockSize;
+      this.#spans.push({ first, count, blockSize: size, lanes, firstBlock, numBlocks });
+      first += count;
       firstBlock += numBlocks;
     }
     this.numBlocks = firstBlock;

@@ -70,10 +70,10 @@ def _push(stack, top, begin, end, bit, unsplit_levels, prefix):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_zeros(coder, n, zeros, unsplit_levels):
-    size = 0
-    while n >> (size + 1) and size < 8:
-        size += 1
-    together = 1 if zeros == 0 or zeros == n else 0
-    if code_bit(coder, (size - 1) * NUM_UNSPLIT + unsplit_levels, together):
+    size_class = 0
+    while n >> (size_class + 1) and size_class < 8:
+        size_class += 1
+    is_unsplit = 1 if zeros == 0 or zeros == n else 0
+    if code_bit(coder, (size_class - 1) * NUM_UNSPLIT + unsplit_levels, is_unsplit):
         return n if code_raw(coder, ONE if zeros == n else ZERO, ONE) else 0
     return 1 + code_below(coder, zeros - 1, n - 1)

@@ -7,9 +7,9 @@ import numpy as np
 from splatwire.codec._coder_kernels import code_bit, code_value
 from splatwire.codec._step_kernels import position_shift, step_shift
 from splatwire.codec.gaussians._neighbour_kernels import (
+    BIT_LENGTHS,
     LUMA_VALUE,
-    OCTAVES,
-    deviation_context,
+    deviation_context_of,
 )
 from splatwire.codec.gaussians.layout import (
     BITS,
@@ -54,7 +54,7 @@ def update_magnitude(residual_magnitude, steps):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def magnitude_context(residual_magnitude):
+def magnitude_context_of(residual_magnitude):
     """Returns the entropy coder's context for a residual, given the average magnitude of preceding residuals.
 
     Args:
@@ -62,8 +62,8 @@ def magnitude_context(residual_magnitude):
     """
     # The context grows with the logarithm of the average.
     if residual_magnitude < 256:
-        return OCTAVES[residual_magnitude]
-    return min(8 + OCTAVES[min(residual_magnitude >> 8, 255)], NUM_MAGNITUDE_CONTEXTS - 1)
+        return BIT_LENGTHS[residual_magnitude]
+    return min(8 + BIT_LENGTHS[min(residual_magnitude >> 8, 255)], NUM_MAGNITUDE_CONTEXTS - 1)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -106,7 +106,9 @@ def compand_flatness(ratio, flatness_table):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_logs(coder, row, source, base_exponents, precision_class, neighbours, count, flatness_table, absolute):
+def code_logs(
+    coder, row, source, base_exponents, precision_class, neighbours, num_neighbours, flatness_table, absolute
+):
     """Encodes or decodes opacity and scales of a Gaussian, predicted from neighbours.
 
     Args:
@@ -118,7 +120,7 @@ def code_logs(coder, row, source, base_exponents, precision_class, neighbours, c
             c.
         neighbours: Working arrays of the packet (`Neighbours`), with means and deviations of the neighbours'
             attributes.
-        count: Number of neighbours.
+        num_neighbours: Number of neighbours.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
 
@@ -146,9 +148,9 @@ def code_logs(coder, row, source, base_exponents, precision_class, neighbours, c
             value = ZERO if coder.decoding else compand_flatness(max(s0 - elongation - value, 0), flatness_table)
         # The quantisation step of each value depends on the values decoded before.
         shift = step_shift(base_exponents, kind, precision_class, area, elongation, ZERO, opacity, max_shift)
-        deviation_class = deviation_context(count, neighbours.deviations[kind], shift)
-        magnitude_index = shift if kind < RESIDUAL_SCALE1 else magnitude_context(residual_magnitude)
-        value, steps = code_value(coder, kind, deviation_class, magnitude_index, mean, value, shift, absolute)
+        deviation_context = deviation_context_of(num_neighbours, neighbours.deviations[kind], shift)
+        magnitude_context = shift if kind < RESIDUAL_SCALE1 else magnitude_context_of(residual_magnitude)
+        value, steps = code_value(coder, kind, deviation_context, magnitude_context, mean, value, shift, absolute)
         residual_magnitude = update_magnitude(residual_magnitude, steps)
         if kind == RESIDUAL_SCALE2:
             high = np.int64((MAX_COMPANDED >> shift) << shift if absolute else MAX_COMPANDED)
@@ -167,7 +169,9 @@ def code_logs(coder, row, source, base_exponents, precision_class, neighbours, c
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_colour(coder, row, source, base_exponents, precision_class, neighbours, count, residual_magnitude, absolute):
+def code_colour(
+    coder, row, source, base_exponents, precision_class, neighbours, num_neighbours, residual_magnitude, absolute
+):
     """Encodes or decodes the base colour (Y Co Cg) of a Gaussian, predicted from neighbours.
 
     Args:
@@ -179,21 +183,21 @@ def code_colour(coder, row, source, base_exponents, precision_class, neighbours,
             c.
         neighbours: Working arrays of the packet (`Neighbours`), with means and deviations of the neighbours'
             attributes.
-        count: Number of neighbours.
+        num_neighbours: Number of neighbours.
         residual_magnitude: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
     """
     shift = step_shift(base_exponents, STEP_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
-        deviation_class, mean = (
-            deviation_context(count, neighbours.deviations[LUMA_VALUE + c], shift),
+        deviation_context, mean = (
+            deviation_context_of(num_neighbours, neighbours.deviations[LUMA_VALUE + c], shift),
             neighbours.means[LUMA_VALUE + c],
         )
         value, steps = code_value(
             coder,
             RESIDUAL_LUMA + c,
-            deviation_class,
-            magnitude_context(residual_magnitude),
+            deviation_context,
+            magnitude_context_of(residual_magnitude),
             mean,
             source[c],
             shift,

@@ -18,13 +18,13 @@ from splatwire.codec.gaussians.layout import (
 from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.ops.compiled import njit
 
-RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
+MAGNITUDE_BOUNDS = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
 """Lower bound, for each context of a harmonic, of the moving average of the magnitudes of the preceding harmonics, in
 sixteenths of a quantisation step.
 """
-CONTEXTS = np.searchsorted(RUNNING, np.arange(RUNNING[-1] + 1), side="right") - 1
+MAGNITUDE_CONTEXTS = np.searchsorted(MAGNITUDE_BOUNDS, np.arange(MAGNITUDE_BOUNDS[-1] + 1), side="right") - 1
 """Context of a harmonic for each moving average up to the last lower bound, int64."""
-POSITIONS = np.array(
+INDEX_CONTEXTS = np.array(
     [2 * np.searchsorted([3, 9, 21], j, side="right") + (j % 3 > 0) for j in range(3 * ((MAX_DEGREE + 1) ** 2 - 1))]
 )
 """Context of a harmonic by its place in the order of coding, int64: group of coefficients, luma or chroma."""
@@ -48,37 +48,38 @@ def code_harmonics(coder, values, source, base_exponents, precision_class):
     shift = min(
         max(BITS - step_exponent(base_exponents, STEP_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2
     )
-    half = (1 << shift) >> 1
+    half_step = (1 << shift) >> 1
     has_nonzero = 0
     if not coder.decoding:
         for j in range(len(values)):
-            values[j] = (source[j] + half) >> shift
+            values[j] = (source[j] + half_step) >> shift
             has_nonzero |= values[j] != 0
     has_nonzero = code_bit(coder, FIRST_HARMONIC + precision_class, np.int64(has_nonzero))
-    magnitude = np.int64(0)
+    mean_magnitude = np.int64(0)
     if not has_nonzero:
         for j in range(len(values)):
             values[j] = 0
         return
     for j in range(len(values)):
-        context = CONTEXTS[min(magnitude, len(CONTEXTS) - 1)]
+        context = MAGNITUDE_CONTEXTS[min(mean_magnitude, len(MAGNITUDE_CONTEXTS) - 1)]
         value = np.int64(values[j]) if not coder.decoding else np.int64(0)
-        value = _code_level(coder, value, FIRST_HARMONIC + MAX_CLASSES + 8 * context + POSITIONS[j], context)
+        value = _code_harmonic(coder, value, FIRST_HARMONIC + MAX_CLASSES + 8 * context + INDEX_CONTEXTS[j], context)
         values[j] = min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC)
-        magnitude = ((magnitude * 13) >> 4) + (min(abs(value), 1 << 16) << 4)
+        mean_magnitude = ((mean_magnitude * 13) >> 4) + (min(abs(value), 1 << 16) << 4)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_level(coder, value, zero_context, context):
+def _code_harmonic(coder, value, zero_context, magnitude_context):
+    """Encodes or decodes one harmonic in quantisation steps; returns it. A decoder ignores `value`."""
     if not code_bit(coder, zero_context, ONE if value != 0 else ZERO):
         return np.int64(0)
     negative = code_flag(coder, ONE if value < 0 else ZERO)
-    magnitude, base = abs(value), FIRST_MAGNITUDE + context * 3
-    level = np.int64(1)
-    while level < 15:
-        if not code_bit(coder, base + min(level - 1, 2), ONE if magnitude > level else ZERO):
-            return -level if negative else level
-        level += 1
-    level += min(code_escape(coder, magnitude - level), 1 << 20)
-    return -level if negative else level
+    magnitude, base = abs(value), FIRST_MAGNITUDE + magnitude_context * 3
+    decoded = np.int64(1)
+    while decoded < 15:
+        if not code_bit(coder, base + min(decoded - 1, 2), ONE if magnitude > decoded else ZERO):
+            return -decoded if negative else decoded
+        decoded += 1
+    decoded += min(code_escape(coder, magnitude - decoded), 1 << 20)
+    return -decoded if negative else decoded

@@ -22,16 +22,19 @@ from splatwire.ops.compiled import njit
 NARROW_BITS = 11
 """Maximum number of bits of a cell for which a squared distance and an index of the window fit in an int32."""
 LANES = 8
-FARTHEST, OUTSIDE = np.float32(3 << 23), np.float32(-(1 << 13))
-"""Limit of squared distances between cells of at most `NARROW_BITS` bits, exact in a float32 and above all of them; and
-coordinate of the padding before the first Gaussian, so that its distance is above this limit.
+DISTANCE_LIMIT = np.float32(3 << 23)
+"""Upper limit of squared distances between cells of at most `NARROW_BITS` bits: above all of them, exact in a float32.
 """
-NONE = np.int32(0x7FFFFFFF)
-_AGE_BITS, _AGES = np.int32(6), np.int64(WINDOW - 1)
+PADDING_CELL = np.float32(-(1 << 13))
+"""Coordinate of the padding before the first Gaussian, whose squared distances exceed `DISTANCE_LIMIT`."""
+MAX_KEY = np.int32(0x7FFFFFFF)
+_AGE_BITS = np.int32(6)
+"""Number of low bits of a key that contain the distance in coding order."""
+_AGE_MASK = np.int64(WINDOW - 1)
 LUMA_VALUE, CLASS_VALUE = np.int64(4), np.int64(7)
 """Columns of luma and class in `Neighbours.values`. Columns 0 to 3 are opacity and scales, as in `RESIDUAL_KINDS`."""
 PREDICTED = 8
-OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
+BIT_LENGTHS = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 """Number of bits of each integer below 256."""
 
 
@@ -72,7 +75,7 @@ class Neighbours(NamedTuple):
 def new_neighbours(n):
     """Allocates the working arrays for predicting the n Gaussians of a packet from their neighbours."""
     narrow = np.empty((3, WINDOW + n), np.float32)
-    narrow[:, :WINDOW] = OUTSIDE
+    narrow[:, :WINDOW] = PADDING_CELL
     return Neighbours(
         np.empty((3, n), np.int64),
         narrow,
@@ -135,7 +138,7 @@ def _find_narrow(neighbours, i):
     x, y, z = narrow[0, i + WINDOW], narrow[1, i + WINDOW], narrow[2, i + WINDOW]
     for k in range(WINDOW):
         a, b, c = x - xs[k], y - ys[k], z - zs[k]
-        keys[k] = (np.int32(min(a * a + b * b + c * c, FARTHEST)) << _AGE_BITS) | np.int32(WINDOW - 1 - k)
+        keys[k] = (np.int32(min(a * a + b * b + c * c, DISTANCE_LIMIT)) << _AGE_BITS) | np.int32(WINDOW - 1 - k)
     for lane in range(LANES):
         lanes[lane] = keys[lane]
     for group in range(1, WINDOW // LANES):
@@ -151,7 +154,7 @@ def _find_narrow(neighbours, i):
     for k in range(WINDOW):
         close[num_close] = keys[k]
         num_close += 1 if keys[k] <= bound else 0
-    k0 = k1 = k2 = k3 = k4 = k5 = NONE
+    k0 = k1 = k2 = k3 = k4 = k5 = MAX_KEY
     for k in range(min(num_close, WINDOW)):
         rest = close[k]
         rest, k0 = max(k0, rest), min(k0, rest)
@@ -161,13 +164,13 @@ def _find_narrow(neighbours, i):
         rest, k4 = max(k4, rest), min(k4, rest)
         k5 = min(k5, rest)
     indices[0], indices[1], indices[2], indices[3], indices[4], indices[5] = k0, k1, k2, k3, k4, k5
-    count = min(i, NUM_NEIGHBOURS)
+    num_neighbours = min(i, NUM_NEIGHBOURS)
     nearest = np.float64(((np.int64(k0) >> _AGE_BITS) + 1) << 12)
-    for m in range(count):
+    for m in range(num_neighbours):
         key = indices[m]
         weights[m] = np.floor(nearest / np.float64((key >> _AGE_BITS) + 1))
-        indices[m] = i - 1 - (key & _AGES)
-    return count
+        indices[m] = i - 1 - (key & _AGE_MASK)
+    return num_neighbours
 
 
 @njit(borrows=True, error_model="numpy")
@@ -186,27 +189,27 @@ def _find_wide(neighbours, i):
     """
     cells, indices, weights = neighbours.cells, neighbours.indices, neighbours.weights
     squared_distances = weights  # the same array: each weight replaces the squared distance from which it is computed
-    count = 0
+    num_neighbours = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
         x, y, z = cells[0, i] - cells[0, j], cells[1, i] - cells[1, j], cells[2, i] - cells[2, j]
         d = np.float64(min(x * x + y * y + z * z, MAX_SQUARED_DISTANCE))
-        if count == NUM_NEIGHBOURS and d >= squared_distances[count - 1]:
+        if num_neighbours == NUM_NEIGHBOURS and d >= squared_distances[num_neighbours - 1]:
             continue
-        at = count if count < NUM_NEIGHBOURS else count - 1
+        at = num_neighbours if num_neighbours < NUM_NEIGHBOURS else num_neighbours - 1
         while at > 0 and squared_distances[at - 1] > d:
             squared_distances[at], indices[at] = squared_distances[at - 1], indices[at - 1]
             at -= 1
         squared_distances[at], indices[at] = d, j
-        count = min(count + 1, NUM_NEIGHBOURS)
+        num_neighbours = min(num_neighbours + 1, NUM_NEIGHBOURS)
     nearest = (squared_distances[0] + 1) * 4096.0
-    for m in range(count):
+    for m in range(num_neighbours):
         weights[m] = np.floor(nearest / (squared_distances[m] + 1))
-    return count
+    return num_neighbours
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def predict(neighbours, count, block_means):
+def predict(neighbours, num_neighbours, block_means):
     """Predicts the attributes of a Gaussian as weighted means over the neighbours that `find_neighbours` found.
 
     The means are written to `neighbours.means`. The mean deviations of the neighbours from the means are written to
@@ -214,7 +217,7 @@ def predict(neighbours, count, block_means):
 
     Args:
         neighbours: Working arrays of the packet (`Neighbours`), with the neighbours of the Gaussian.
-        count: Number of neighbours.
+        num_neighbours: Number of neighbours.
         block_means: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
 
     Returns:
@@ -228,12 +231,12 @@ def predict(neighbours, count, block_means):
         neighbours.means,
         neighbours.deviations,
     )
-    if count == 0:
+    if num_neighbours == 0:
         for c in range(PREDICTED - 1):
             means[c], deviations[c] = block_means[c], 0
         return np.int64(0)
     total = a = b = c = d = e = f = g = class_sum = 0.0
-    for m in range(count):
+    for m in range(num_neighbours):
         j, w = indices[m], weights[m]
         total += w
         a += w * values[j, 0]
@@ -247,7 +250,7 @@ def predict(neighbours, count, block_means):
     a, b, c, d = np.floor(a / total), np.floor(b / total), np.floor(c / total), np.floor(d / total)
     e, f, g = np.floor(e / total), np.floor(f / total), np.floor(g / total)
     aa = bb = cc = dd = ee = ff = gg = 0.0
-    for m in range(count):
+    for m in range(num_neighbours):
         j, w = indices[m], weights[m]
         aa += w * abs(values[j, 0] - a)
         bb += w * abs(values[j, 1] - b)
@@ -285,11 +288,11 @@ def store_values(neighbours, row, i):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def deviation_context(count, deviation, shift):
+def deviation_context_of(num_neighbours, deviation, shift):
     """Returns the index of the entropy coder's context for the residual of one attribute of a Gaussian.
 
     Args:
-        count: Number of the Gaussian's neighbours.
+        num_neighbours: Number of the Gaussian's neighbours.
         deviation: Mean distance of the neighbours' values from the prediction.
         shift: log2 of the quantisation step, in the unit of `deviation`.
 
@@ -297,7 +300,7 @@ def deviation_context(count, deviation, shift):
         0 without neighbours, 1 for one or two neighbours. Otherwise 2 or more, growing with the deviation in
         quantisation steps, and less than `NUM_DEVIATION_CONTEXTS`.
     """
-    if count < 3:
-        return 0 if count == 0 else 1
+    if num_neighbours < 3:
+        return 0 if num_neighbours == 0 else 1
     ratio = (deviation << 3) >> shift
-    return 2 + (min(OCTAVES[ratio], NUM_DEVIATION_CONTEXTS - 3) if ratio < 256 else NUM_DEVIATION_CONTEXTS - 3)
+    return 2 + (min(BIT_LENGTHS[ratio], NUM_DEVIATION_CONTEXTS - 3) if ratio < 256 else NUM_DEVIATION_CONTEXTS - 3)

@@ -45,7 +45,7 @@ ASSUMED_GAUSSIAN_BYTES = 20
 """
 CODES_FIELD, CLASSES_FIELD = 2, 4
 """Indices of `codes` and `precision_classes` among the fields of a `BlockSource`."""
-BASE_WEIGHT = np.int64(2)
+BASE_SIZE = np.int64(2)
 """Estimated coded size of a Gaussian of precision class 0; that of class c is larger by c in the same unit."""
 SPARE_BYTES = 64
 """Size of an encoder's buffer in addition to the space for its Gaussians, bytes."""
@@ -220,22 +220,22 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
     base_exponents, lattice_bits, max_position_shift, flatness_table = step_parameters
     absolute = max_position_shift >= 0
     cell_shift, interleaved, codes, positions, classes, logs, axes, colours, source_harmonics = source
-    neighbours, packed, stack, axis, other = scratch
+    neighbours, cell_codes, stack, predicted_axis, quantised_axis = scratch
     cells, n = neighbours.cells, len(rows)
     cell_shift = code_raw(coder, cell_shift, CELL_SHIFT_BITS)
     cell_shift = min(max(cell_shift, box_bits - MAX_CELL_BITS), box_bits)
     if not coder.decoding:
         for i in range(n):
-            packed[i] = codes[order[i]] >> (3 * (cell_shift - max(box_bits - MAX_CELL_BITS, 0)))
-    _code_cell_codes(coder, packed, 3 * (box_bits - cell_shift), interleaved, cells[0], stack)
-    _deinterleave_codes(packed, cells, neighbours.narrow)
+            cell_codes[i] = codes[order[i]] >> (3 * (cell_shift - max(box_bits - MAX_CELL_BITS, 0)))
+    _code_cell_codes(coder, cell_codes, 3 * (box_bits - cell_shift), interleaved, cells[0], stack)
+    _deinterleave_codes(cell_codes, cells, neighbours.narrow)
     for i in range(n):
         j = 0 if coder.decoding else order[i]
         row = rows[i]
-        count = find_neighbours(neighbours, i, box_bits - cell_shift)
-        row[CLASS] = precision_class = code_class(coder, predict(neighbours, count, block_means), classes[j])
+        num_neighbours = find_neighbours(neighbours, i, box_bits - cell_shift)
+        row[CLASS] = precision_class = code_class(coder, predict(neighbours, num_neighbours, block_means), classes[j])
         s0, elongation, flatness, opacity, residual_magnitude = code_logs(
-            coder, row, logs[j], base_exponents, precision_class, neighbours, count, flatness_table, absolute
+            coder, row, logs[j], base_exponents, precision_class, neighbours, num_neighbours, flatness_table, absolute
         )  # fmt: skip
         area = 2 * s0 - elongation
         shift = position_shift(
@@ -250,16 +250,25 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
         )
         _code_position(coder, row, cells[:, i], positions[j], cell_shift, shift, absolute)
         row[PRIMARY] = primary = 2 if flatness >= elongation else 0
-        e = step_exponent(base_exponents, STEP_DIRECTION, precision_class, area, elongation, flatness, opacity)
-        shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
-        exact = axes[j, :, primary]
+        exponent = step_exponent(base_exponents, STEP_DIRECTION, precision_class, area, elongation, flatness, opacity)
+        shift = min(max(DIRECTION_BITS - exponent, 0), DIRECTION_BITS - 2)
+        exact_axis = axes[j, :, primary]
         residual_magnitude = code_axis(
-            coder, row, primary, exact, shift, neighbours, count, residual_magnitude, axis, other, absolute
-        )
-        e = step_exponent(base_exponents, STEP_SPIN, precision_class, area, elongation, flatness, opacity)
-        _code_spin(coder, row, axes[j], primary, min(max(e, 0), DIRECTION_BITS))
+            coder, row, primary, exact_axis, shift, neighbours, num_neighbours, residual_magnitude, predicted_axis,
+            quantised_axis, absolute,
+        )  # fmt: skip
+        exponent = step_exponent(base_exponents, STEP_SPIN, precision_class, area, elongation, flatness, opacity)
+        _code_spin(coder, row, axes[j], primary, min(max(exponent, 0), DIRECTION_BITS))
         code_colour(
-            coder, row, colours[j], base_exponents, precision_class, neighbours, count, residual_magnitude, absolute
+            coder,
+            row,
+            colours[j],
+            base_exponents,
+            precision_class,
+            neighbours,
+            num_neighbours,
+            residual_magnitude,
+            absolute,
         )
         store_values(neighbours, row, i)
         if harmonics.shape[1]:
@@ -295,7 +304,7 @@ def _encode_packet(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_fixed(
-    tables, step_parameters, models, statistics, box_bits, block_means, source, sizes, buffer, rows, harmonics, ends
+    tables, step_parameters, models, statistics, box_bits, block_means, source, counts, buffer, rows, harmonics, ends
 ):
     """Encodes a block of n Gaussians in packets with given numbers of Gaussians.
 
@@ -307,15 +316,15 @@ def encode_fixed(
         box_bits: Number of bits of a coordinate within the block's bounding box.
         block_means: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, as fields of a `BlockSource`.
-        sizes: Number of Gaussians in each packet, int64 (packets).
+        counts: Number of Gaussians in each packet, int64 (packets).
         buffer: Output: the payloads one after another, uint8.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, 3 K), for K harmonics of three colour components.
         ends: Output: end of each payload in the buffer, int64 (packets).
     """
     begin, at = ZERO, ZERO  # with the literal 0, numba would compile `_encode_packet` for literals first
-    for p in range(len(sizes)):
-        end = begin + sizes[p]
+    for p in range(len(counts)):
+        end = begin + counts[p]
         at += _encode_packet(
             tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer[at:],
             rows[begin:end], harmonics[begin:end],
@@ -334,11 +343,11 @@ def encode_limited(
     box_bits,
     block_means,
     source,
-    max_bytes,
+    max_payload_bytes,
     buffer,
     rows,
     harmonics,
-    sizes,
+    counts,
     ends,
 ):
     """Encodes a block of n Gaussians in packets of limited size, each with as many Gaussians as fit.
@@ -346,56 +355,57 @@ def encode_limited(
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
         step_parameters: Parameters of the quantisation steps, from `SideInfo.step_parameters`.
-        models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
+        models: Initial state of the adaptive bit models, equal for all num_packets, int64 (contexts, 2).
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         block_means: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, as fields of a `BlockSource`.
-        max_bytes: Maximum size of a packet's payload, bytes.
+        max_payload_bytes: Maximum size of a packet's payload, bytes.
         buffer: Output: the payloads one after another, uint8.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
-        sizes: Output: number of Gaussians in each packet, int64 (n).
+        counts: Output: number of Gaussians in each packet, int64 (n).
         ends: Output: end of each payload in the buffer, int64 (n).
 
     Returns:
         Number of packets.
     """
-    total, begin, at, packets = len(rows), ZERO, ZERO, 0
-    aim, precision_classes, used = max_bytes - (max_bytes >> TARGET_FILL_BITS), source[CLASSES_FIELD], np.int64(0)
+    total, begin, at, num_packets = len(rows), ZERO, ZERO, 0
+    target_bytes = max_payload_bytes - (max_payload_bytes >> TARGET_FILL_BITS)
+    precision_classes, used_size = source[CLASSES_FIELD], np.int64(0)
     while begin < total:
         num_left = total - begin
-        low, high, tries, last, length = 0, num_left + 1, 0, 0, 0
+        low, high, num_tries, last, length = 0, num_left + 1, 0, 0, 0
         n = (
-            _count_within(precision_classes[begin:], used * aim // at)
+            _count_within(precision_classes[begin:], used_size * target_bytes // at)
             if at
-            else min(max(max_bytes // ASSUMED_GAUSSIAN_BYTES, 1), num_left)
+            else min(max(max_payload_bytes // ASSUMED_GAUSSIAN_BYTES, 1), num_left)
         )
         while high - low > 1:
             length = _encode_packet(
                 tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer[at:],
                 rows[begin : begin + n], harmonics[begin : begin + n],
             )  # fmt: skip
-            tries, last = tries + 1, n
-            if length <= max_bytes or n == 1:
+            num_tries, last = num_tries + 1, n
+            if length <= max_payload_bytes or n == 1:
                 low = n
-                if n == num_left or length >= max_bytes - (max_bytes >> MIN_FILL_BITS) or tries > 6:
+                if n == num_left or length >= max_payload_bytes - (max_payload_bytes >> MIN_FILL_BITS) or num_tries > 6:
                     break
             else:
                 high = n
-            weight = _relative_size(precision_classes[begin : begin + n]) * aim // max(length, 1)
-            n = min(max(_count_within(precision_classes[begin:], weight), low + 1), high - 1)
+            max_size = _relative_size(precision_classes[begin : begin + n]) * target_bytes // max(length, 1)
+            n = min(max(_count_within(precision_classes[begin:], max_size), low + 1), high - 1)
         if last != low:
             length = _encode_packet(
                 tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer[at:],
                 rows[begin : begin + low], harmonics[begin : begin + low],
             )  # fmt: skip
         at += length
-        sizes[packets], ends[packets] = low, at
-        used += _relative_size(precision_classes[begin : begin + low])
+        counts[num_packets], ends[num_packets] = low, at
+        used_size += _relative_size(precision_classes[begin : begin + low])
         begin += low
-        packets += 1
-    return packets
+        num_packets += 1
+    return num_packets
 
 
 @njit(borrows=True, error_model="numpy")
@@ -408,27 +418,27 @@ def _relative_size(precision_classes):
     Args:
         precision_classes: Precision class of each Gaussian, int64 (n).
     """
-    # Within blocks, sizes of packets deviate from these weights by 1.8 % (standard deviation, two scenes of degree 1
+    # Within blocks, sizes of packets deviate from these sums by 1.8 % (standard deviation, two scenes of degree 1
     # and 3), and by 4 % from the number of Gaussians.
-    weight = np.int64(0)
+    size = np.int64(0)
     for i in range(len(precision_classes)):
-        weight += precision_classes[i] + BASE_WEIGHT
-    return weight
+        size += precision_classes[i] + BASE_SIZE
+    return size
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _count_within(precision_classes, weight):
+def _count_within(precision_classes, max_size):
     """Returns the number of leading Gaussians whose estimated total size is within a limit; at least 1.
 
     Args:
         precision_classes: Precision class of each Gaussian, int64 (n).
-        weight: Maximum total size, in the unit of `_relative_size`.
+        max_size: Maximum total size, in the unit of `_relative_size`.
     """
     count, total = 0, np.int64(0)
     while count < len(precision_classes):
-        total += precision_classes[count] + BASE_WEIGHT
-        if total > weight:
+        total += precision_classes[count] + BASE_SIZE
+        if total > max_size:
             break
         count += 1
     return max(count, 1)
@@ -436,7 +446,9 @@ def _count_within(precision_classes, weight):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def decode_packets(tables, step_parameters, models, data, ends, starts, box_bits, block_means, rows, harmonics):
+def decode_packets(
+    tables, step_parameters, models, data, byte_starts, gaussian_starts, box_bits, block_means, rows, harmonics
+):
     """Decodes P packets with n Gaussians in total to integers.
 
     Args:
@@ -444,8 +456,9 @@ def decode_packets(tables, step_parameters, models, data, ends, starts, box_bits
         step_parameters: Parameters of the quantisation steps, from `SideInfo.step_parameters`.
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         data: Payloads of P packets, one after another, uint8.
-        ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
-        starts: int64 (P + 1); packet p has the Gaussians `starts[p]` to `starts[p + 1]` (exclusive).
+        byte_starts: int64 (P + 1); packet p has the bytes `data[byte_starts[p]:byte_starts[p + 1]]`.
+        gaussian_starts: int64 (P + 1); packet p has the Gaussians `gaussian_starts[p]` to `gaussian_starts[p + 1]`
+            (exclusive).
         box_bits: Number of bits of a coordinate within the bounding box of each packet's block, int64 (P).
         block_means: Mean opacity, scales and colour of each packet's block, int64 (P, 7).
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
@@ -454,9 +467,9 @@ def decode_packets(tables, step_parameters, models, data, ends, starts, box_bits
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
     one, three, four = np.zeros(1, np.int64), np.zeros((1, 3), np.int64), np.zeros((1, 4), np.int64)
     source = (ZERO, ZERO, one, three, one, four, np.zeros((1, 3, 3)), three, np.zeros((1, 3), np.int32))
-    for p in range(len(starts) - 1):
-        begin, end = starts[p], starts[p + 1]
-        payload = data[ends[p] : ends[p + 1]]
+    for p in range(len(gaussian_starts) - 1):
+        begin, end = gaussian_starts[p], gaussian_starts[p + 1]
+        payload = data[byte_starts[p] : byte_starts[p + 1]]
         coder = new_coder(DECODING, payload, words_of(payload), models.copy(), statistics, tables)
         decoder_start(payload, ZERO, len(payload), coder.state)
         _code_packet(

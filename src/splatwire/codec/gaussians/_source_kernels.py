@@ -13,13 +13,14 @@ from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
 from splatwire.ops.prefetch import LINE_BYTES, prefetch
 
-AHEAD = 8
+PREFETCH_DISTANCE = 8
 """Number of Gaussians by which kernels prefetch rows of the scene's arrays."""
-OUTSIDE, MARGIN = 50, 2
-"""Parameters of the estimated extent of a packet's positions, which determines the cell size of its grid. One in
-`OUTSIDE` positions (2 %) at either end of each axis is ignored as an outlier; the extent with outliers is limited to
-`MARGIN` times the extent without them.
+OUTLIER_DIVISOR = 50
+"""One in this number of positions (2 %) at either end of each axis counts as an outlier when the extent of a packet's
+positions is estimated, which determines the cell size of its grid.
 """
+MAX_EXTENT_RATIO = 2
+"""Maximum ratio of the estimated extent to the extent without outliers."""
 BUCKET_BITS = 9
 """log2 of the number of buckets into which values are divided, to find one by its rank."""
 DIGIT_BITS = 11
@@ -152,12 +153,12 @@ def write_codes(positions, shift, codes):
     Returns:
         Bitwise or of all coordinates after the low bits were dropped. It is negative if any coordinate is negative.
     """
-    used = np.int64(0)
+    used_bits = np.int64(0)
     for i in range(len(codes)):
         x, y, z = positions[i, 0] >> shift, positions[i, 1] >> shift, positions[i, 2] >> shift
-        used |= x | y | z
+        used_bits |= x | y | z
         codes[i] = _interleave(x) | (_interleave(y) << 1) | (_interleave(z) << 2)
-    return used
+    return used_bits
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -214,18 +215,18 @@ def write_block_positions(indices, centres, factor, corner, shift, positions, co
         Largest magnitude of a coordinate before the corner was subtracted; and the bitwise or of all coordinates after
         the `shift` low bits were dropped. The second number shows which bits are in use.
     """
-    max_magnitude, used, last = 0.0, np.int64(0), len(indices) - 1
+    max_magnitude, used_bits, last = 0.0, np.int64(0), len(indices) - 1
     for i in range(len(indices)):
-        prefetch(centres, np.int64(indices[min(i + AHEAD, last)]), ZERO)
+        prefetch(centres, np.int64(indices[min(i + PREFETCH_DISTANCE, last)]), ZERO)
         index = np.int64(indices[i])
         for a in range(3):
             value = np.floor(np.float64(centres[index, a]) * factor)
             max_magnitude = max(max_magnitude, abs(value))
             positions[i, a] = np.int64(value) - corner[a]
         x, y, z = positions[i, 0] >> shift, positions[i, 1] >> shift, positions[i, 2] >> shift
-        used |= x | y | z
+        used_bits |= x | y | z
         codes[i] = _interleave(x) | (_interleave(y) << 1) | (_interleave(z) << 2)
-    return max_magnitude, used
+    return max_magnitude, used_bits
 
 
 @njit(nogil=True, error_model="numpy")
@@ -245,44 +246,44 @@ def sort_cells(codes, shift, contiguous):
         keep their order.
     """
     # Radix sort: by the digits of the code from the lowest one on, then by the reversed bits.
-    used, first = np.int64(0), shift
+    used_bits, first_bit = np.int64(0), shift
     for code in codes:
-        used |= code >> shift
-    order, other = np.arange(len(codes)), np.empty(len(codes), np.int64)
-    edges = np.empty((1 << DIGIT_BITS) + 1, np.int64)
-    while used:
-        edges[:] = 0
+        used_bits |= code >> shift
+    order, next_order = np.arange(len(codes)), np.empty(len(codes), np.int64)
+    starts = np.empty((1 << DIGIT_BITS) + 1, np.int64)
+    while used_bits:
+        starts[:] = 0
         for i in range(len(codes)):
-            edges[((codes[i] >> shift) & ((1 << DIGIT_BITS) - 1)) + 1] += 1
+            starts[((codes[i] >> shift) & ((1 << DIGIT_BITS) - 1)) + 1] += 1
         for digit in range(1 << DIGIT_BITS):
-            edges[digit + 1] += edges[digit]
+            starts[digit + 1] += starts[digit]
         for index in order:
             digit = (codes[index] >> shift) & ((1 << DIGIT_BITS) - 1)
-            other[edges[digit]] = index
-            edges[digit] += 1
-        order, other = other, order
-        shift, used = shift + DIGIT_BITS, used >> DIGIT_BITS
+            next_order[starts[digit]] = index
+            starts[digit] += 1
+        order, next_order = next_order, order
+        shift, used_bits = shift + DIGIT_BITS, used_bits >> DIGIT_BITS
     if contiguous:
         return order
     slots = np.zeros(len(codes), np.uint8)
     for bit in range(SLOT_BITS):
         for i in range(len(codes)):
-            slots[i] |= ((codes[i] >> (first + bit)) & 1) << (SLOT_BITS - 1 - bit)
-    edges[: (1 << SLOT_BITS) + 1] = 0
+            slots[i] |= ((codes[i] >> (first_bit + bit)) & 1) << (SLOT_BITS - 1 - bit)
+    starts[: (1 << SLOT_BITS) + 1] = 0
     for slot in slots:
-        edges[np.int64(slot) + 1] += 1
+        starts[np.int64(slot) + 1] += 1
     for slot in range(1 << SLOT_BITS):
-        edges[slot + 1] += edges[slot]
+        starts[slot + 1] += starts[slot]
     for index in order:
         slot = np.int64(slots[index])
-        other[edges[slot]] = index
-        edges[slot] += 1
-    return other
+        next_order[starts[slot]] = index
+        starts[slot] += 1
+    return next_order
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, matrix, grey, scratch, ends, means):
+def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, matrix, grey, scratch, bounds, means):
     """Computes the bounding box of a block of Gaussians, and the means of their coded attributes.
 
     Args:
@@ -296,7 +297,7 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
         matrix: Transform of base colours, see `write_colours`.
         grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
         scratch: Working array, int64 (2, 4).
-        ends: Output: smallest and largest coordinates in lattice spacings, int64 (2, 3).
+        bounds: Output: smallest and largest coordinates in lattice spacings, int64 (2, 3).
         means: Output: seven means in fixed point with `BITS` fractional bits, float64 (7). Entries 0 to 2 are the means
             of three logarithms: of the opacity, of the largest scale, and of the ratio of the largest to the second
             scale. Entry 3 is the mean of the companded ratio of the second to the third scale. Entries 4 to 6 are the
@@ -309,7 +310,7 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
     for a in range(7):
         means[a] = 0.0
     for i in range(len(indices)):
-        index = np.int64(indices[min(i + AHEAD, last)])
+        index = np.int64(indices[min(i + PREFETCH_DISTANCE, last)])
         prefetch(centres, index, ZERO)
         prefetch(scales, index, ZERO)
         prefetch(opacities, index, ZERO)
@@ -319,8 +320,8 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
             value = np.floor(np.float64(centres[index, a]) * factor)
             max_magnitude = max(max_magnitude, abs(value))
             coord = np.int64(value)
-            ends[0, a] = min(ends[0, a], coord) if i else coord
-            ends[1, a] = max(ends[1, a], coord) if i else coord
+            bounds[0, a] = min(bounds[0, a], coord) if i else coord
+            bounds[1, a] = max(bounds[1, a], coord) if i else coord
         _write_logs(opacities[index], scales[index], size_log, logs)
         _write_colour(sh[index, 0], matrix, grey, colour)
         means[0] += logs[0]
@@ -368,7 +369,7 @@ def write_harmonics(sh, luma_chroma, harmonics):
 @no_type_check
 def gather_sources(
     indices, quats, scales, opacities, sh, size_log, matrix, grey, luma_chroma, inverse, zero_thresholds, scratch,
-    classes, logs, axes, colours, harmonics,
+    precision_classes, logs, axes, colours, harmonics,
 ):  # fmt: skip
     """Converts n of N Gaussians to the fixed-point input of the encoding kernels (fields of `BlockSource`).
 
@@ -388,60 +389,61 @@ def gather_sources(
             of the K harmonics of a colour component. If all three lengths of a Gaussian are below the threshold,
             quantisation would make all its harmonics 0, so 0 is written without applying the transform.
         scratch: Working array, float64 (6, columns).
-        classes: Precision class (set of quantisation steps) of each of the n Gaussians, int64 (n).
+        precision_classes: Precision class (set of quantisation steps) of each of the n Gaussians, int64 (n).
         logs: Output, int64 (n, 4), see `write_logs`.
         axes: Output, float64 (n, 3, 3), see `write_axes`.
         colours: Output, int64 (n, 3), see `write_colours`.
         harmonics: Output, int32 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then of the second, and so
             on.
     """
-    number, width, values, sums = len(inverse), inverse.shape[1], scratch[:3], scratch[3:]
-    last, lines = len(indices) - 1, (12 * number + 11) // LINE_BYTES + 1
+    num_harmonics, width, values, sums = len(inverse), inverse.shape[1], scratch[:3], scratch[3:]
+    last, num_cache_lines = len(indices) - 1, (12 * num_harmonics + 11) // LINE_BYTES + 1
     for i in range(len(indices)):
-        index = np.int64(indices[min(i + AHEAD, last)])
+        index = np.int64(indices[min(i + PREFETCH_DISTANCE, last)])
         prefetch(quats, index, ZERO)
         prefetch(scales, index, ZERO)
         prefetch(opacities, index, ZERO)
-        for line in range(lines):
+        for line in range(num_cache_lines):
             prefetch(sh, index, line)
         index = np.int64(indices[i])
         _write_logs(opacities[index], scales[index], size_log, logs[i])
         _write_axes(scales[index], quats[index], axes[i])
         _write_colour(sh[index, 0], matrix, grey, colours[i])
-        length = 0.0
+        squared_length = 0.0
         for c in range(3):
             total = 0.0
-            for k in range(number):
+            for k in range(num_harmonics):
                 values[c, k] = _luma_chroma(sh[index, k + 1], luma_chroma[c])
                 total += values[c, k] * values[c, k]
-            length = max(length, total)
-        if length < zero_thresholds[classes[i]] * zero_thresholds[classes[i]]:
-            for j in range(3 * number):
+            squared_length = max(squared_length, total)
+        threshold = zero_thresholds[precision_classes[i]]
+        if squared_length < threshold * threshold:
+            for j in range(3 * num_harmonics):
                 harmonics[i, j] = 0
             continue
         for c in range(3):
             for b in range(width):
                 sums[c, b] = 0.0
-        for k in range(number):
+        for k in range(num_harmonics):
             y, co, cg = values[0, k], values[1, k], values[2, k]
             for b in range(width):
                 sums[0, b] += y * inverse[k, b]
                 sums[1, b] += co * inverse[k, b]
                 sums[2, b] += cg * inverse[k, b]
-        for b in range(number):
+        for b in range(num_harmonics):
             for c in range(3):
                 harmonics[i, 3 * b + c] = np.int32(min(max(np.rint(sums[c, b]), -MAX_TRANSFORMED), MAX_TRANSFORMED))
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def _ranked(values, counts, least, shift, rank):
+def _value_at_rank(values, counts, min_value, shift, rank):
     """Returns the value at index `rank` of the sorted values. Only the values of one bucket are sorted.
 
     Args:
         values: Integers, not sorted, int64 (n).
-        counts: Number of values in each bucket, int64; the bucket of a value is `(value - least) >> shift`.
-        least: Smallest value.
+        counts: Number of values in each bucket, int64; the bucket of a value is `(value - min_value) >> shift`.
+        min_value: Smallest value.
         shift: log2 of the size of a bucket.
         rank: Position in the sorted values, from 0.
     """
@@ -449,31 +451,32 @@ def _ranked(values, counts, least, shift, rank):
     while rank >= counts[bucket]:
         rank -= counts[bucket]
         bucket += 1
-    same, count = np.empty(counts[bucket], np.int64), 0
+    bucket_values, count = np.empty(counts[bucket], np.int64), 0
     for value in values:
-        if (value - least) >> shift == bucket:
-            same[count] = value
+        if (value - min_value) >> shift == bucket:
+            bucket_values[count] = value
             count += 1
-    same.sort()
-    return same[rank]
+    bucket_values.sort()
+    return bucket_values[rank]
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def extents(positions, edges):
+def extents(positions, starts):
     """Estimates the extent of groups of positions, so that a few outliers have little influence.
 
     Args:
         positions: Integer positions, group after group, int64 (n, 3).
-        edges: Start of each group in `positions`, and the end of the last group, int64 (groups + 1); no group is empty.
+        starts: Start of each group in `positions`, and the end of the last group, int64 (groups + 1). No group is
+            empty.
 
     Returns:
         Extent of each group along the axis on which it is largest, int64 (groups).
     """
-    largest, counts = np.zeros(len(edges) - 1, np.int64), np.empty(1 << BUCKET_BITS, np.int64)
-    for group in range(len(edges) - 1):
-        begin, end = edges[group], edges[group + 1]
-        omitted = (end - begin - 1) // OUTSIDE
+    largest, counts = np.zeros(len(starts) - 1, np.int64), np.empty(1 << BUCKET_BITS, np.int64)
+    for group in range(len(starts) - 1):
+        begin, end = starts[group], starts[group + 1]
+        num_outliers = (end - begin - 1) // OUTLIER_DIVISOR
         for a in range(3):
             values = positions[begin:end, a].copy()
             low, high, shift = values.min(), values.max(), 0
@@ -482,7 +485,7 @@ def extents(positions, edges):
             counts[:] = 0
             for value in values:
                 counts[(value - low) >> shift] += 1
-            inside = _ranked(values, counts, low, shift, end - begin - 1 - omitted)
-            inside -= _ranked(values, counts, low, shift, omitted)
-            largest[group] = max(largest[group], min(high - low, MARGIN * inside))
+            extent = _value_at_rank(values, counts, low, shift, end - begin - 1 - num_outliers)
+            extent -= _value_at_rank(values, counts, low, shift, num_outliers)
+            largest[group] = max(largest[group], min(high - low, MAX_EXTENT_RATIO * extent))
     return largest

@@ -64,11 +64,11 @@ def convert(
         sh: Output, spherical harmonics, float32 (N, K + 1, 3); only degree 0 is written.
         scratch: Working array, float64 (9).
     """
-    half = WHOLES[size_log - lattice_bits - 1 + OCTAVES]
+    half_spacing = WHOLES[size_log - lattice_bits - 1 + OCTAVES]
     for i in range(len(rows)):
         row, index = rows[i], indices[i]
         for a in range(3):
-            means[index, a] = np.float64(2 * corners[i, a] + row[POSITION + a]) * half
+            means[index, a] = np.float64(2 * corners[i, a] + row[POSITION + a]) * half_spacing
         log = row[SCALE0] + (size_log << BITS)
         scales[index, 0] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log -= row[SCALE1]
@@ -137,11 +137,11 @@ def _rotation(row, axes, quat):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def convert_harmonics(numbers, indices, transform, colours, scratch, sh):
+def convert_harmonics(harmonics, indices, transform, colours, scratch, sh):
     """Converts decoded integers to spherical harmonics, and writes them to the scene.
 
     Args:
-        numbers: Decoded integers of n Gaussians, int32 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then
+        harmonics: Decoded integers of n Gaussians, int32 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then
             of the second, and so on.
         indices: For each of the n Gaussians, its index in the output, int64 (n).
         transform: Decorrelating transform of the K harmonics, one row per transformed harmonic, as whole numbers in
@@ -151,11 +151,11 @@ def convert_harmonics(numbers, indices, transform, colours, scratch, sh):
         sh: Output for the N Gaussians of the scene, float32 (N, K + 1, 3): red, green and blue of each harmonic; degree
             0 is not written.
     """
-    width = numbers.shape[1]
-    for i in range(len(numbers)):
+    width = harmonics.shape[1]
+    for i in range(len(harmonics)):
         empty, index = True, indices[i]
         for k in range(0, width, 3):
-            y, co, cg = np.float64(numbers[i, k]), np.float64(numbers[i, k + 1]), np.float64(numbers[i, k + 2])
+            y, co, cg = np.float64(harmonics[i, k]), np.float64(harmonics[i, k + 1]), np.float64(harmonics[i, k + 2])
             if y == 0.0 and co == 0.0 and cg == 0.0:
                 continue
             if empty:
@@ -163,10 +163,10 @@ def convert_harmonics(numbers, indices, transform, colours, scratch, sh):
                     scratch[b] = 0.0
                 empty = False
             for b in range(width // 3):
-                share = transform[k // 3, b]
-                scratch[3 * b] += y * share
-                scratch[3 * b + 1] += co * share
-                scratch[3 * b + 2] += cg * share
+                factor = transform[k // 3, b]
+                scratch[3 * b] += y * factor
+                scratch[3 * b + 1] += co * factor
+                scratch[3 * b + 2] += cg * factor
         for b in range(0, width, 3):
             for c in range(3):
                 sh[index, 1 + b // 3, c] = (

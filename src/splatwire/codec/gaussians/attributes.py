@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.codec.gaussians import _source_kernels as sources
-from splatwire.codec.gaussians.blocks import ROWS, chunks
+from splatwire.codec.gaussians.blocks import CHUNK_GAUSSIANS, chunks
 from splatwire.codec.gaussians.layout import (
     BITS,
     COLUMNS,
@@ -60,11 +60,11 @@ def log2_scene_size(splats: Splats) -> int:
     means, middle, squares = splats.means, scene_middle(splats), large_empty((splats.num_gaussians,), np.float64)
 
     def square(begin: int) -> None:
-        positions = means[begin : begin + ROWS]
+        positions = means[begin : begin + CHUNK_GAUSSIANS]
         x, y, z = (column.astype(np.float64) - m for column, m in zip(positions.T, middle, strict=True))
-        squares[begin : begin + ROWS] = x * x + y * y + z * z
+        squares[begin : begin + CHUNK_GAUSSIANS] = x * x + y * y + z * z
 
-    parallel_map(square, range(0, len(squares), ROWS))
+    parallel_map(square, range(0, len(squares), CHUNK_GAUSSIANS))
     distance = np.sqrt(order_statistics(lambda: chunks(squares), middle_ranks(len(squares)))).mean()
     return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
 
@@ -161,15 +161,16 @@ def transform_harmonics(splats: Splats, transform: np.ndarray) -> np.ndarray:
     count = splats.num_gaussians
     if not transform.size:
         return np.zeros((count, 0), dtype=np.int32)
-    inverse, side = np.linalg.inv(transform / TRANSFORM_UNIT), splats.sh[:, 1:]
+    inverse, higher_harmonics = np.linalg.inv(transform / TRANSFORM_UNIT), splats.sh[:, 1:]
     # One product with a large matrix is several times as fast as a product with a 3 x 3 matrix before it. Only values
     # that `to_harmonics` limits need the slow way: each is at most sqrt(3) times the largest coefficient.
-    if max(side.max(initial=0), -side.min(initial=0)) * (2 << BITS) < MAX_COLOUR:
-        numbers = side.reshape(count, -1).astype(np.float64) @ np.kron(inverse, LUMA_CHROMA.T * (1 << BITS))
+    if max(higher_harmonics.max(initial=0), -higher_harmonics.min(initial=0)) * (2 << BITS) < MAX_COLOUR:
+        matrix = np.kron(inverse, LUMA_CHROMA.T * (1 << BITS))
+        transformed = higher_harmonics.reshape(count, -1).astype(np.float64) @ matrix
     else:
-        numbers = to_harmonics(splats).reshape(count, -1) @ np.kron(inverse, np.eye(3))
-    np.clip(np.rint(numbers, out=numbers), -sources.MAX_TRANSFORMED, sources.MAX_TRANSFORMED, out=numbers)
-    return numbers.astype(np.int32)
+        transformed = to_harmonics(splats).reshape(count, -1) @ np.kron(inverse, np.eye(3))
+    np.clip(np.rint(transformed, out=transformed), -sources.MAX_TRANSFORMED, sources.MAX_TRANSFORMED, out=transformed)
+    return transformed.astype(np.int32)
 
 
 def to_splats(
@@ -231,18 +232,18 @@ def write_splats(
         )  # fmt: skip
 
 
-def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
+def empty_rows(count: int, num_harmonic_columns: int) -> tuple[np.ndarray, np.ndarray]:
     """Allocates zero arrays for the decoded integers of Gaussians.
 
     Args:
         count: Number of Gaussians.
-        num_harmonics: Number of integers of the spherical harmonics of each Gaussian.
+        num_harmonic_columns: Number of integers of the spherical harmonics of each Gaussian.
 
     Returns:
         Two arrays: one for all attributes except harmonics, int64 (count, columns), and one for the harmonics, int32
-        (count, num_harmonics).
+        (count, num_harmonic_columns).
     """
-    return np.zeros((count, COLUMNS), dtype=np.int64), np.zeros((count, num_harmonics), dtype=np.int32)
+    return np.zeros((count, COLUMNS), dtype=np.int64), np.zeros((count, num_harmonic_columns), dtype=np.int32)
 
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:

@@ -20,11 +20,11 @@ from splatwire.ops.morton import MAX_AXIS_BITS
 from splatwire.ops.order_statistics import quantiles
 from splatwire.ops.threads import parallel_map
 
-ROWS = 1 << 13
-"""Number of Gaussians converted at a time, whose intermediate results fit into the processor's caches."""
-TYPICAL_BLOCK = 3000
+CHUNK_GAUSSIANS = 1 << 13
+"""Maximum number of Gaussians converted at a time, whose intermediate results fit into the processor's caches."""
+TYPICAL_BLOCK_GAUSSIANS = 3000
 """Number of Gaussians of a typical block."""
-TYPICAL_SAMPLE = 1 << 14
+TYPICAL_BLOCK_SAMPLE = 1 << 14
 """Maximum number of Gaussians sampled to estimate the extent of such a block."""
 BOX_BITS = 8
 """Maximum number of bits of a side of a bounding box, in spacings of its grid (see `Boxes`)."""
@@ -58,13 +58,13 @@ class Boxes:
 
 
 def chunks(values: np.ndarray) -> Iterator[np.ndarray]:
-    """Yields consecutive slices of an array along the first axis; each has `ROWS` entries, except perhaps the last."""
-    for begin in range(0, len(values), ROWS):
-        yield values[begin : begin + ROWS]
+    """Yields consecutive slices of an array along the first axis, of at most `CHUNK_GAUSSIANS` entries each."""
+    for begin in range(0, len(values), CHUNK_GAUSSIANS):
+        yield values[begin : begin + CHUNK_GAUSSIANS]
 
 
 def float64_chunks(values: np.ndarray) -> Iterator[np.ndarray]:
-    """Yields consecutive slices of an array, `ROWS` entries of the first axis each, converted to float64."""
+    """Yields the slices of an array from `chunks`, converted to float64."""
     return (piece.astype(np.float64) for piece in chunks(values))
 
 
@@ -99,15 +99,17 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     codes = large_empty((len(means),), np.int64)
 
     def encode_slice(begin: int) -> None:
-        warped = compressed(means[begin : begin + ROWS].astype(np.float64))
+        warped = compressed(means[begin : begin + CHUNK_GAUSSIANS].astype(np.float64))
         warped -= first
         warped /= size
         warped *= (1 << MAX_AXIS_BITS) - 1
-        used_bits = kernels.write_codes(np.rint(warped, out=warped).astype(np.int64), 0, codes[begin : begin + ROWS])
+        used_bits = kernels.write_codes(
+            np.rint(warped, out=warped).astype(np.int64), 0, codes[begin : begin + CHUNK_GAUSSIANS]
+        )
         if used_bits >> MAX_AXIS_BITS:  # not 0 for negative numbers either
             raise ValueError("positions must be finite to have a code")
 
-    parallel_map(encode_slice, range(0, len(means), ROWS))
+    parallel_map(encode_slice, range(0, len(means), CHUNK_GAUSSIANS))
     return code_order(codes, 3 * MAX_AXIS_BITS, tiers)
 
 
@@ -186,11 +188,11 @@ def typical_cell_shift(means: np.ndarray, lattice_bits: int, size_log: int) -> i
     Returns:
         log2 of the cell size, in lattice spacings.
     """
-    sample = means[:: -(-len(means) // TYPICAL_SAMPLE)]
+    sample = means[:: -(-len(means) // TYPICAL_BLOCK_SAMPLE)]
     positions = to_lattice(sample.take(gaussian_order(sample, None), axis=0).astype(np.float64), lattice_bits, size_log)
-    parts = min(max(1, len(means) // TYPICAL_BLOCK), len(sample))
+    parts = min(max(1, len(means) // TYPICAL_BLOCK_GAUSSIANS), len(sample))
     edges = np.cumsum([0, *(len(part) for part in np.array_split(sample[:, 0], parts))])
-    depth = 4 + (min(len(means), TYPICAL_BLOCK).bit_length() + 1) // 2
+    depth = 4 + (min(len(means), TYPICAL_BLOCK_GAUSSIANS).bit_length() + 1) // 2
     bits = [int(extent).bit_length() for extent in kernels.extents(positions, edges)]
     return int(np.clip(np.median(bits) - depth, 0, MAX_LATTICE_BITS - BOX_BITS))
 

@@ -13,12 +13,12 @@ def coding_to_bytes(coding: SplatCoding) -> bytes:
     return write_header(coding)
 
 
-def coding_from_bytes(data: bytes, classes: np.ndarray, degree: int) -> SplatCoding:
+def coding_from_bytes(data: bytes, precision_classes: np.ndarray, degree: int) -> SplatCoding:
     """Reads quantisation parameters serialised by `coding_to_bytes`.
 
     Args:
         data: Bytes from `coding_to_bytes`.
-        classes: Precision class of each Gaussian, which selects its quantisation steps, uint8 (N).
+        precision_classes: Precision class of each Gaussian, which selects its quantisation steps, uint8 (N).
         degree: Degree of the scene's spherical harmonics.
 
     Raises:
@@ -26,7 +26,8 @@ def coding_from_bytes(data: bytes, classes: np.ndarray, degree: int) -> SplatCod
         BitstreamError: If the bytes are damaged or belong to a scene of another degree, or a class is out of range.
     """
     stored_degree, size_log, lattice_bits, base_exponents, max_position_shift, transform = read_header(data)
-    if stored_degree != degree or max_position_shift < 0 or classes.max(initial=0) >= MAX_CLASSES:
-        raise BitstreamError(f"steps of Gaussians of degree {stored_degree} and classes up to {classes.max(initial=0)}")
+    max_class = precision_classes.max(initial=0)
+    if stored_degree != degree or max_position_shift < 0 or max_class >= MAX_CLASSES:
+        raise BitstreamError(f"steps of Gaussians of degree {stored_degree} and classes up to {max_class}")
     steps = size_log, lattice_bits, max_position_shift, tuple(base_exponents.tolist())
-    return SplatCoding(*steps, transform, classes)
+    return SplatCoding(*steps, transform, precision_classes)

@@ -44,7 +44,7 @@ def _index_bits(num_gaussians: int) -> int:
     return max((num_gaussians - 1).bit_length(), 1)
 
 
-def write_head(growth: tuple[float, float, float], count: int, blocks: bytes) -> bytes:
+def write_copies_header(growth: tuple[float, float, float], count: int, blocks: bytes) -> bytes:
     """Serialises the header of the section with redundant copies of Gaussians.
 
     Args:
@@ -129,7 +129,7 @@ def _parse_section(
     return boxes, indices, (size, opacity, trust), _decode(copies_info, count, reader.rest())
 
 
-def moved_copies(section: bytes, new_index: np.ndarray) -> bytes:
+def remap_copies(section: bytes, new_index: np.ndarray) -> bytes:
     """Updates the indices in the section of redundant copies after the Gaussians of the stream were reordered.
 
     Each copy refers to its original Gaussian by index.
@@ -141,7 +141,6 @@ def moved_copies(section: bytes, new_index: np.ndarray) -> bytes:
     Returns:
         Content of the section with the new indices.
     """
-    # A copy refers to its Gaussian by index, which the rearrangement changes.
     reader = ByteReader(section, f"section '{SECTION}'")
     head, count, blocks = reader.take(4), reader.unsigned(), reader.blob()
     indices, writer = _read_indices(reader, count, len(new_index)), ByteWriter()
@@ -161,10 +160,10 @@ def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.
     Returns:
         Two arrays with one row per copy: all integers except spherical harmonics, and the spherical harmonics.
     """
-    rows, harmonics = empty_rows(count, info.num_harmonics)
-    data, ends = np.frombuffer(payload, dtype=np.uint8).copy(), np.array([0, len(payload)], dtype=np.int64)
+    rows, harmonics = empty_rows(count, info.num_harmonic_columns)
+    data, byte_starts = np.frombuffer(payload, dtype=np.uint8).copy(), np.array([0, len(payload)], dtype=np.int64)
     kernels.decode_packets(
-        info.kernel_tables, info.step_parameters(), info.models(), data, ends, np.array([0, count], dtype=np.int64),
-        info.boxes.bits, info.block_means, rows, harmonics,
+        info.kernel_tables, info.step_parameters(), info.models(), data, byte_starts,
+        np.array([0, count], dtype=np.int64), info.boxes.bits, info.block_means, rows, harmonics,
     )  # fmt: skip
     return rows, harmonics

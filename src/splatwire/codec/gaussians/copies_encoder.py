@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatwire.codec.gaussians.blocks import block_codes, make_boxes, to_lattice
-from splatwire.codec.gaussians.copies import write_head, write_indices
+from splatwire.codec.gaussians.copies import write_copies_header, write_indices
 from splatwire.codec.gaussians.encoder import encode_block
 from splatwire.codec.gaussians.layout import MAX_CLASSES
 from splatwire.codec.gaussians.side_info import MAX_MEAN, SideInfo, write_blocks
@@ -40,13 +40,12 @@ def write_copies(
         len(indices),
     )
     order = np.argsort(block_codes(lattice - boxes.corners[0], int(boxes.bits[0])), kind="stable")
-    indices, classes = indices[order], np.broadcast_to(np.uint8(precision_class), splats.num_gaussians)
-    rows = indices.astype(np.uint32)
+    indices, precision_classes = indices[order], np.broadcast_to(np.uint8(precision_class), splats.num_gaussians)
     scene = SourceScene(
-        splats, splats.means, rows, np.array([0, count]), classes, info.size_log, info.lattice_bits,
-        info.base_exponents, info.max_position_shift, True,
+        splats, splats.means, indices.astype(np.uint32), np.array([0, count]), precision_classes, info.size_log,
+        info.lattice_bits, info.base_exponents, info.max_position_shift, True,
     )  # fmt: skip
     copies_info = replace(info, boxes=boxes, block_means=np.clip([scene.summary(0)[1]], -MAX_MEAN, MAX_MEAN))
     payload = encode_block(scene.block_source(0, copies_info), copies_info, 0, np.array([count]), 0).payloads[0]
-    head = write_head(growth, count, write_blocks(boxes, copies_info.block_means))
-    return head + write_indices(indices, splats.num_gaussians) + payload
+    header = write_copies_header(growth, count, write_blocks(boxes, copies_info.block_means))
+    return header + write_indices(indices, splats.num_gaussians) + payload

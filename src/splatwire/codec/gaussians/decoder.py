@@ -12,6 +12,7 @@ from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.gaussians import _packet_kernels as kernels
 from splatwire.codec.gaussians.attributes import empty_rows, update_digest, write_splats
+from splatwire.codec.gaussians.blocks import CHUNK_GAUSSIANS
 from splatwire.codec.gaussians.copies import read_copies
 from splatwire.codec.gaussians.layout import (
     AXIS,
@@ -36,8 +37,6 @@ from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import LossMask, ReceivedScene, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
 
-SLICE_GAUSSIANS = 1 << 13
-"""Maximum number of Gaussians that are converted to float64 at a time, to save memory."""
 _GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])
 """Multiples of these numbers, modulo 1, fill a unit cube evenly (R-sequence, generalised golden ratio; Roberts, 2018).
 """
@@ -65,13 +64,13 @@ class GaussianDecoder:
         info = open_side_info(manifest, side_info)
         self._info, self._plan, self._num, self.sections = info, manifest.plan, manifest.num_elements, info.sections
         self.scene_bytes = self._num * (4 * (11 + 3 * (info.degree + 1) ** 2) + 8)
-        self.row_bytes = 8 * int(COLUMNS) + 4 * info.num_harmonics
+        self.row_bytes = 8 * int(COLUMNS) + 4 * info.num_harmonic_columns
         copies = read_copies(info, self._num)
         self._records = () if copies is None else (copies,)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """Returns the memory that each decoding thread needs in addition to the scene, bytes."""
-        # Integers of several pending blocks, floats of `SLICE_GAUSSIANS` Gaussians, and words of the largest packet.
+        # Integers of several pending blocks, floats of `CHUNK_GAUSSIANS` Gaussians, and words of the largest packet.
         spans = (span for span in self._plan.spans if span.num_elements)
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + packet_reader_bytes(packets)
@@ -84,7 +83,7 @@ class GaussianDecoder:
             progress: Not used.
         """
         self._splats = blank_splats(self._num, self._info.degree)
-        self._classes = np.zeros(self._num, dtype=np.uint8)
+        self._precision_classes = np.zeros(self._num, dtype=np.uint8)
         self._loss_mask = LossMask.of_elements(np.zeros(self._num, dtype=np.bool_))
 
     def decode(self, batch: PacketBatch) -> SymbolRows:
@@ -112,13 +111,13 @@ class GaussianDecoder:
             indices = self._plan.block_indices(batch.block)
         received = received_mask[indices, 0]  # Gaussians are received as a whole
         if not received.all():
-            all_rows = empty_rows(len(indices), self._info.num_harmonics)
+            all_rows = empty_rows(len(indices), self._info.num_harmonic_columns)
             for filled, received_rows in zip(all_rows, rows, strict=True):
                 filled[received] = received_rows
             rows = all_rows
         store_block(self._splats, indices, rows[0], rows[1], received, self._info, batch.block)
         if received.any():
-            self._classes[indices] = rows[0][:, CLASS].astype(np.uint8)
+            self._precision_classes[indices] = rows[0][:, CLASS].astype(np.uint8)
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
         """Adds the decoded integers of one block to a hash, with which receivers verify their decoding."""
@@ -132,7 +131,7 @@ class GaussianDecoder:
         scene = SplatScene(
             self._splats,
             background=BACKGROUND.read(self.sections),
-            coding=coding_of(self._info, self._classes),
+            coding=coding_of(self._info, self._precision_classes),
             antialiased=ANTIALIASED in self.sections,
             origin=ORIGIN.read(self.sections),
             metadata=read_metadata(self.sections),
@@ -140,12 +139,12 @@ class GaussianDecoder:
         return ReceivedScene(scene, self._loss_mask, concealer_sections(self.sections), self._records)
 
 
-def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
+def coding_of(info: SideInfo, precision_classes: np.ndarray) -> SplatCoding | None:
     """Returns the quantisation parameters with which a decoded scene can be encoded again without loss.
 
     Args:
         info: The stream's side information.
-        classes: Precision class of each Gaussian, which selects its quantisation steps, uint8 (N).
+        precision_classes: Precision class of each Gaussian, which selects its quantisation steps, uint8 (N).
 
     Returns:
         The parameters; None for streams of version 2, whose integers depend on the division into packets.
@@ -159,7 +158,7 @@ def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
         info.max_position_shift,
         tuple(info.base_exponents.tolist()),
         info.transform,
-        classes,
+        precision_classes,
     )
 
 
@@ -198,15 +197,16 @@ def decode_packets(
     """
     assert max(counts, default=0) <= MAX_BLOCK_SIZE, "larger blocks have more rows than there are intervals"
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8).copy()
-    ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    byte_starts = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
+    gaussian_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     # Any bytes decode without an error.
-    rows, harmonics = empty_rows(int(starts[-1]), info.num_harmonics)
-    boxes = np.full(len(payloads), info.boxes.bits[block])
-    means = np.repeat(info.block_means[block : block + 1], len(payloads), axis=0)
+    rows, harmonics = empty_rows(int(gaussian_starts[-1]), info.num_harmonic_columns)
+    box_bits = np.full(len(payloads), info.boxes.bits[block])
+    block_means = np.repeat(info.block_means[block : block + 1], len(payloads), axis=0)
     kernels.decode_packets(
-        info.kernel_tables, info.step_parameters(), info.models(), data, ends, starts, boxes, means, rows, harmonics
-    )
+        info.kernel_tables, info.step_parameters(), info.models(), data, byte_starts, gaussian_starts, box_bits,
+        block_means, rows, harmonics,
+    )  # fmt: skip
     return rows, harmonics
 
 
@@ -241,14 +241,14 @@ def store_block(
     filled = rows.copy() if len(lost) else rows
     if len(lost):
         filled[lost] = _estimate_lost(info, block, rows[received][:, POSITION : POSITION + 3], lost)
-    for first in range(0, len(rows), SLICE_GAUSSIANS):
-        piece = slice(first, first + SLICE_GAUSSIANS)
-        corners = np.broadcast_to(info.boxes.corners[block], filled[piece][:, :3].shape)
+    for first in range(0, len(rows), CHUNK_GAUSSIANS):
+        chunk = slice(first, first + CHUNK_GAUSSIANS)
+        corners = np.broadcast_to(info.boxes.corners[block], filled[chunk][:, :3].shape)
         write_splats(
             splats,
-            indices[piece],
-            filled[piece],
-            harmonics[piece],
+            indices[chunk],
+            filled[chunk],
+            harmonics[chunk],
             corners,
             info.lattice_bits,
             info.size_log,
@@ -286,6 +286,6 @@ def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, l
         ]
     else:
         sides = (info.boxes.extents[block] + 1) << info.boxes.shifts[block]
-        share = (0.5 + np.arange(1, len(lost) + 1)[:, None] * _GOLDEN) % 1.0
-        rows[:, POSITION : POSITION + 3] = (2 * sides * share).astype(np.int64)
+        relative_positions = (0.5 + np.arange(1, len(lost) + 1)[:, None] * _GOLDEN) % 1.0
+        rows[:, POSITION : POSITION + 3] = (2 * sides * relative_positions).astype(np.int64)
     return rows

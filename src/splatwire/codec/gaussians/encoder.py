@@ -19,9 +19,9 @@ from splatwire.codec.gaussians.fit import (
     fit_zero_probabilities,
     initial_scale_indices,
 )
-from splatwire.codec.gaussians.layout import COLUMNS, NUM_CONTEXTS
+from splatwire.codec.gaussians.layout import COLUMNS
 from splatwire.codec.gaussians.quality import quality_of
-from splatwire.codec.gaussians.side_info import MAX_MEAN, SideInfo, read_side_info, write_side_info
+from splatwire.codec.gaussians.side_info import MAX_MEAN, SideInfo, even_odds, read_side_info, write_side_info
 from splatwire.codec.gaussians.source_scene import BlockSource, SourceScene
 from splatwire.codec.metadata import metadata_sections
 from splatwire.codec.schema import CodedPackets, Options, Prepared
@@ -65,25 +65,26 @@ def prepare_splats(
     splats, packetization = scene.splats, options.packetization or PRESETS["paper"]
     if not splats.num_gaussians:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
-    if not packetization.common:
+    if not packetization.universal:
         raise InvalidValueError(
             "a packet has all attributes of its Gaussians, in Morton order: no separated packaging, no raster order"
         )
     if options.network_tolerance is not None:
         raise InvalidValueError("network_tolerance is for anchors: explicit Gaussians have no networks")
     coding = scene.coding if options.quality is None and options.class_offsets is None else None
-    shapes = count_tiers(options.tiers, packetization) if options.tiers is not None else ()
-    plan = PacketPlan(packetization, splats.num_gaussians, shapes)
+    tier_counts = count_tiers(options.tiers, packetization) if options.tiers is not None else ()
+    plan = PacketPlan(packetization, splats.num_gaussians, tier_counts)
     quality = quality_of("default" if options.quality is None else options.quality)
-    tiers = options.tiers if shapes else None
+    tiers = options.tiers if tier_counts else None
     source = SourceScene.of(splats, plan, options.class_offsets, tiers, quality, coding, sorted_already=sorted_already)
     sections = {**({} if template is None else template.sections), **BACKGROUND.sections(scene.background)}
     sections |= {**antialiasing_sections(scene.antialiased), **ORIGIN.sections(scene.origin)}
     sections |= metadata_sections(scene.metadata)
     sections.pop(TIERS, None)
-    if shapes:
-        tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
-        sections[TIERS] = encode_tiers(tier_of, len(shapes))
+    if tier_counts:
+        num_tiers = len(tier_counts)
+        tier_of = np.repeat(np.arange(num_tiers, dtype=np.uint8), [counts.num_elements for counts in tier_counts])
+        sections[TIERS] = encode_tiers(tier_of, num_tiers)
     fixed_transform = None if coding is None else coding.transform
     side_info = write_side_info(fit_side_info(source, sections, fixed_transform, template, options.threads))
     # Predict from the side information as a decoder reads it, after quantisation.
@@ -107,9 +108,8 @@ def fit_side_info(
         threads: Number of threads; None for one per processor.
     """
     block_summaries = ordered_map(scene.summary, range(scene.num_blocks), threads)
-    ends, means = (np.array(values) for values in zip(*block_summaries, strict=True))
-    boxes = make_boxes(ends[:, 0], ends[:, 1], scene.max_position_shift)
-    zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
+    bounds, means = (np.array(values) for values in zip(*block_summaries, strict=True))
+    boxes = make_boxes(bounds[:, 0], bounds[:, 1], scene.max_position_shift)
     num_harmonics = (scene.splats.degree + 1) ** 2 - 1
     transform = (
         scene_transform(scene) if fixed_transform is None or len(fixed_transform) != num_harmonics else fixed_transform
@@ -126,25 +126,26 @@ def fit_side_info(
     )
     if template is not None:
         return SideInfo(*fields, template.zero_probabilities, template.scale_indices, sections)
-    unfitted, (bits, residuals) = SideInfo(*fields, zero, initial_scale_indices()), empty_statistics()
+    unfitted, (bit_counts, residuals) = SideInfo(*fields, even_odds(), initial_scale_indices()), empty_statistics()
 
     blocks = scene.sample_blocks()
     packets_per_block = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, MIN_FITTED, MAX_FITTED) / len(blocks)
 
-    def count(block: int) -> tuple[np.ndarray, np.ndarray]:
+    def count_symbols(block: int) -> tuple[np.ndarray, np.ndarray]:
         size = int(scene.edges[block + 1] - scene.edges[block])
-        parts = -(-size // FITTED_PACKET)
-        edges = np.arange(parts + 1) * size // parts
-        sampled_packets = np.unique(np.linspace(0, parts - 1, min(parts, int(np.ceil(packets_per_block)))).astype(int))
-        sample = np.concatenate([np.arange(edges[part], edges[part + 1]) for part in sampled_packets])
+        num_packets = -(-size // FITTED_PACKET)
+        starts = np.arange(num_packets + 1) * size // num_packets
+        num_sampled = min(num_packets, int(np.ceil(packets_per_block)))
+        sampled_packets = np.unique(np.linspace(0, num_packets - 1, num_sampled).astype(int))
+        sample = np.concatenate([np.arange(starts[packet], starts[packet + 1]) for packet in sampled_packets])
         return encode_block(
-            scene.block_source(block, unfitted, sample), unfitted, block, np.diff(edges)[sampled_packets], 0
+            scene.block_source(block, unfitted, sample), unfitted, block, np.diff(starts)[sampled_packets], 0
         ).statistics
 
-    for some_bits, some_residuals in ordered_map(count, blocks, threads):
-        bits += some_bits
-        residuals += some_residuals
-    return SideInfo(*fields, fit_zero_probabilities(bits), fit_scale_indices(residuals), sections)
+    for block_bit_counts, block_residuals in ordered_map(count_symbols, blocks, threads):
+        bit_counts += block_bit_counts
+        residuals += block_residuals
+    return SideInfo(*fields, fit_zero_probabilities(bit_counts), fit_scale_indices(residuals), sections)
 
 
 def scene_transform(scene: SourceScene) -> np.ndarray:
@@ -154,7 +155,7 @@ def scene_transform(scene: SourceScene) -> np.ndarray:
     blocks = scene.sample_blocks()
     sample = np.concatenate([np.arange(scene.edges[b], scene.edges[b + 1]) for b in blocks])
     sample = sample[:: -(-len(sample) // (FITTED_PACKET * MIN_FITTED))]
-    return fit_transform(to_harmonics(scene.pick(sample)), 2.0 ** scene.classes_at(sample))
+    return fit_transform(to_harmonics(scene.splats_at(sample)), 2.0 ** scene.classes_at(sample))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,54 +163,56 @@ class CodedBlock:
     """Result of encoding a block of n Gaussians in P packets.
 
     Attributes:
-        sizes: int64 (P), number of Gaussians in each packet.
+        counts: int64 (P), number of Gaussians in each packet.
         payloads: Content of each packet without its header.
         rows: int64 (n, columns), decoded integers of each Gaussian except harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the spherical harmonics.
         statistics: Numbers of coded symbols by context, see `empty_statistics`.
     """
 
-    sizes: np.ndarray
+    counts: np.ndarray
     payloads: list[bytes]
     rows: np.ndarray
     harmonics: np.ndarray
     statistics: tuple[np.ndarray, np.ndarray]
 
 
-def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndarray, max_bytes: int) -> CodedBlock:
+def encode_block(
+    source: BlockSource, info: SideInfo, block: int, counts: np.ndarray, max_payload_bytes: int
+) -> CodedBlock:
     """Encodes Gaussians of a block in packets.
 
     Args:
         source: Attributes of the Gaussians, sorted for the division into packets.
         info: The stream's side information.
         block: Index of the spatial block.
-        sizes: int64 (P), number of Gaussians in each packet; ignored if `max_bytes` is not 0.
-        max_bytes: Maximum size of a packet's payload, bytes; 0 to use `sizes`.
+        counts: int64 (P), number of Gaussians in each packet; ignored if `max_payload_bytes` is not 0.
+        max_payload_bytes: Maximum size of a packet's payload, bytes; 0 to use `counts`.
     """
-    bits = int(info.boxes.bits[block])
-    count, width = len(source.codes), info.num_harmonics
-    rows, harmonics = np.empty((count, COLUMNS), np.int64), np.empty((count, width), np.int32)
-    buffer = np.empty(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SPARE_BYTES, dtype=np.uint8)
+    box_bits = int(info.boxes.bits[block])
+    num, width = len(source.codes), info.num_harmonic_columns
+    rows, harmonics = np.empty((num, COLUMNS), np.int64), np.empty((num, width), np.int32)
+    buffer = np.empty(num * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SPARE_BYTES, dtype=np.uint8)
     statistics, block_means = empty_statistics(), info.block_means[block]
     arguments = (
         info.kernel_tables,
         info.step_parameters(),
         info.models(),
         statistics,
-        bits,
+        box_bits,
         block_means,
         tuple(source),
     )
-    if max_bytes:
-        sizes, ends = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        used = kernels.encode_limited(*arguments, max_bytes, buffer, rows, harmonics, sizes, ends)
-        sizes, ends = sizes[:used], ends[:used]
+    if max_payload_bytes:
+        counts, ends = np.zeros(num, dtype=np.int64), np.zeros(num, dtype=np.int64)
+        num_packets = kernels.encode_limited(*arguments, max_payload_bytes, buffer, rows, harmonics, counts, ends)
+        counts, ends = counts[:num_packets], ends[:num_packets]
     else:
-        ends = np.zeros(len(sizes), dtype=np.int64)
-        kernels.encode_fixed(*arguments, sizes, buffer, rows, harmonics, ends)
-    begins = np.concatenate([[0], ends])
-    payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(begins)]
-    return CodedBlock(sizes, payloads, rows, harmonics, statistics)
+        ends = np.zeros(len(counts), dtype=np.int64)
+        kernels.encode_fixed(*arguments, counts, buffer, rows, harmonics, ends)
+    byte_starts = np.concatenate([[0], ends])
+    payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(byte_starts)]
+    return CodedBlock(counts, payloads, rows, harmonics, statistics)
 
 
 class GaussianEncoder:
@@ -224,7 +227,7 @@ class GaussianEncoder:
     def __init__(self, scene: SourceScene, plan: PacketPlan, info: SideInfo) -> None:
         self._scene, self._plan, self._info, p = scene, plan, info, plan.packetization
         self._max_payload_bytes = p.packet_bytes - HEADER_BYTES if p.hashed else 0
-        self._sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
+        self._counts = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_counts(plan)
 
     def batches(self) -> Iterator[int]:
         """Returns the indices of all spatial blocks in encoding order. Different blocks can be encoded in parallel."""
@@ -237,8 +240,8 @@ class GaussianEncoder:
             block: Index of the block.
         """
         source = self._scene.block_source(block, self._info)
-        coded = encode_block(source, self._info, block, self._sizes[block], self._max_payload_bytes)
-        return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))
+        coded = encode_block(source, self._info, block, self._counts[block], self._max_payload_bytes)
+        return CodedPackets(coded.counts, coded.payloads, (coded.rows, coded.harmonics))
 
     def coding_order(self, block: int, counts: np.ndarray) -> np.ndarray:
         """Sorts a block's Gaussians into coding order.
@@ -253,7 +256,7 @@ class GaussianEncoder:
         return self._scene.coding_order(block, self._info, counts)
 
 
-def _fixed_sizes(plan: PacketPlan) -> list[np.ndarray]:
+def _fixed_counts(plan: PacketPlan) -> list[np.ndarray]:
     """Returns the number of Gaussians in each packet of a plan, as one int64 array per block."""
     counts, blocks = plan.member_counts(), np.array([packet_id.block for packet_id in plan.ids])
     return [counts[blocks == block] for block in range(plan.num_blocks)]

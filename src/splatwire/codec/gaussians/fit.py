@@ -10,7 +10,7 @@ from splatwire.codec.gaussians.layout import (
     SCALE_INDEX_STEP,
 )
 
-_TRUST = 4.0
+_PRIOR_WEIGHT = 4.0
 """Number of residuals at which a context's measured mean has the same weight as the estimate of
 `_rank_one_means`."""
 _EXPECTED_MAGNITUDES = np.array([
@@ -58,30 +58,30 @@ def fit_zero_probabilities(counts: np.ndarray) -> np.ndarray:
     Returns:
         Probability for each model, int64 (contexts), 1 to 255, out of 2**8.
     """
-    share = (counts[:, 0] + 0.5) / (counts.sum(axis=1) + 1.0)
-    return np.clip(np.rint(share * 256), 1, 255).astype(np.int64)
+    probabilities = (counts[:, 0] + 0.5) / (counts.sum(axis=1) + 1.0)
+    return np.clip(np.rint(probabilities * 256), 1, 255).astype(np.int64)
 
 
-def fit_scale_indices(residuals: np.ndarray) -> np.ndarray:
+def fit_scale_indices(residual_statistics: np.ndarray) -> np.ndarray:
     """Fits the standard deviation of the residual distribution in each context to the mean magnitude of residuals.
 
     Args:
-        residuals: Number of residuals and sum of their magnitudes in each context, int64 (A, B, C, 2) for three context
-            indices.
+        residual_statistics: Number of residuals and sum of their magnitudes in each context, int64 (A, B, C, 2) for
+            three context indices.
 
     Returns:
         Index of each context's standard deviation in the coder's table, int64 (A, B, C), a multiple of
         `SCALE_INDEX_STEP`.
     """
-    number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
-    mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)
+    number, total = residual_statistics[..., 0].astype(np.float64), residual_statistics[..., 1].astype(np.float64)
+    mean = (total + _PRIOR_WEIGHT * _rank_one_means(number, total)) / (number + _PRIOR_WEIGHT)
     expected = _EXPECTED_MAGNITUDES
-    scales = np.searchsorted((expected[1:] + expected[:-1]) / 2, mean)
-    # The width of the preceding context takes hardly any bytes in the stream.
-    for second in range(NUM_MAGNITUDE_CONTEXTS):
-        unused = number[:, :, second] == 0
-        scales[:, :, second][unused] = scales[:, :, second - 1][unused] if second else 0
-    return scales.astype(np.int64) * SCALE_INDEX_STEP
+    indices = np.searchsorted((expected[1:] + expected[:-1]) / 2, mean)
+    # The index of the preceding context takes hardly any bytes in the stream.
+    for context in range(NUM_MAGNITUDE_CONTEXTS):
+        unused = number[:, :, context] == 0
+        indices[:, :, context][unused] = indices[:, :, context - 1][unused] if context else 0
+    return indices.astype(np.int64) * SCALE_INDEX_STEP
 
 
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:

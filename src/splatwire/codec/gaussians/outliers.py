@@ -22,7 +22,7 @@ the remaining bits resolve nearby Gaussians, and `choose_cell_shift` needs this 
 of Gaussians.
 """
 
-_SLACK = 1.001
+_TOLERANCE = 1.001
 """Relative tolerance: Gaussians that were moved, encoded and decoded are not moved again because of rounding by half a
 step.
 """
@@ -40,27 +40,29 @@ def pull_in_outliers(splats: Splats, size_log: int) -> Splats:
     Returns:
         All Gaussians in the order of `splats`; `splats` itself if none was moved.
     """
-    reach = 2.0 ** (MAX_DISTANCE_OCTAVES + size_log)
+    max_coordinate = 2.0 ** (MAX_DISTANCE_OCTAVES + size_log)
     means = splats.means
     farthest = max(float(np.abs(piece).max()) for piece in chunks(means))
-    if farthest <= reach:
+    if farthest <= max_coordinate:
         return splats
     middle = scene_middle(splats)
-    reach = max(reach, 4 * float(np.abs(middle).max()))  # a scene far from the origin is not moved
-    reach_left = reach - float(np.abs(middle).max())
+    # A scene far from the origin is not moved.
+    max_coordinate = max(max_coordinate, 4 * float(np.abs(middle).max()))
+    max_distance = max_coordinate - float(np.abs(middle).max())
     distance = np.concatenate([np.abs(piece - middle).max(axis=1) for piece in float64_chunks(means)])
-    far = np.flatnonzero(distance > _SLACK * reach_left)
+    far = np.flatnonzero(distance > _TOLERANCE * max_distance)
     if not len(far):
         return splats
     # With scales reduced by the same factor, an outlier looks the same from the centre.
-    share = reach_left / distance[far]
+    factor = max_distance / distance[far]
     LOG.warning(
         "encoding: %s of %s Gaussians are up to %.3g times the scene's size away and are moved nearer, to %.3g",
-        f"{len(far):,}", f"{splats.num_gaussians:,}", float(distance.max()) / 2.0**size_log, reach_left / 2.0**size_log,
+        f"{len(far):,}", f"{splats.num_gaussians:,}", float(distance.max()) / 2.0**size_log,
+        max_distance / 2.0**size_log,
     )  # fmt: skip
     means, scales = splats.means.copy(), splats.scales.copy()
-    means[far] = middle + (means[far].astype(np.float64) - middle) * share[:, None]
-    scales[far] = np.maximum(scales[far] * share[:, None], np.finfo(np.float32).tiny)
+    means[far] = middle + (means[far].astype(np.float64) - middle) * factor[:, None]
+    scales[far] = np.maximum(scales[far] * factor[:, None], np.finfo(np.float32).tiny)
     return replace(splats, means=means, scales=scales)
 
 
@@ -70,8 +72,9 @@ def log_clipped_colours(splats: Splats) -> None:
     parts = list(chunks(splats.sh.reshape(splats.num_gaussians, -1)))
     if max(parallel_map(lambda piece: max(piece.max(), -piece.min()), parts)) > max_magnitude:
         largest = [np.abs(piece).max(axis=1) for piece in parts]
-        cut = sum(int((piece > max_magnitude).sum()) for piece in largest)
+        num_clipped = sum(int((piece > max_magnitude).sum()) for piece in largest)
         LOG.warning(
             "encoding: %s of %s Gaussians have harmonics up to %.3g, which are cut to %g",
-            f"{cut:,}", f"{splats.num_gaussians:,}", float(max(piece.max() for piece in largest)), max_magnitude,
+            f"{num_clipped:,}", f"{splats.num_gaussians:,}", float(max(piece.max() for piece in largest)),
+            max_magnitude,
         )  # fmt: skip

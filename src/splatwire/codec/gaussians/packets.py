@@ -15,11 +15,11 @@ class PacketDivision:
     """Division of a scene's Gaussians into packets, with packets numbered in sending order.
 
     Attributes:
-        packet: Packet of each Gaussian, int64 (N).
+        packet_of_gaussian: Index of the packet of each Gaussian, int64 (N).
         num_bytes: Size of each packet with its header, int64 (P).
     """
 
-    packet: np.ndarray
+    packet_of_gaussian: np.ndarray
     num_bytes: np.ndarray
 
 
@@ -36,15 +36,16 @@ def divide_into_packets(scene: SplatScene, packetization: Packetization) -> Pack
     prepared = prepare_splats(scene, Options(packetization))
     encoder = prepared.encoder
     assert isinstance(encoder, GaussianEncoder)
-    packet, sizes, keys, total = np.zeros(scene.num_elements, np.int64), list[int](), list[tuple[int, int]](), 0
+    packet_of_gaussian, num_packets = np.zeros(scene.num_elements, np.int64), 0
+    sizes, keys = list[int](), list[tuple[int, int]]()
     for block in encoder.batches():
         coded = encoder.encode(block)
         members = encoder.coding_order(block, coded.counts)
-        packet[members] = total + np.repeat(np.arange(len(coded.counts)), coded.counts)
+        packet_of_gaussian[members] = num_packets + np.repeat(np.arange(len(coded.counts)), coded.counts)
         sizes += [len(payload) + HEADER_BYTES for payload in coded.payloads]
         keys += [(index_in_block, block) for index_in_block in range(len(coded.counts))]
-        total += len(coded.counts)
-    order = sorted(range(total), key=keys.__getitem__)
-    sending_index = np.empty(total, np.int64)
-    sending_index[order] = np.arange(total)
-    return PacketDivision(sending_index[packet], np.array(sizes, np.int64)[order])
+        num_packets += len(coded.counts)
+    order = sorted(range(num_packets), key=keys.__getitem__)
+    sending_index = np.empty(num_packets, np.int64)
+    sending_index[order] = np.arange(num_packets)
+    return PacketDivision(sending_index[packet_of_gaussian], np.array(sizes, np.int64)[order])

@@ -8,14 +8,14 @@ from splatwire.arguments import check_fields
 from splatwire.codec.gaussians.layout import MAX_CLASSES, STEP_BITS, STEPS
 from splatwire.errors import InvalidValueError, UnknownNameError, shown
 
-_FLAT = (-3.5, 1.0, 0.7, 0.7, 0.66, -0.3, -1.55, -1.1, -2.1)
-_SHADED = (-3.9, 1.2, -0.1, 0.9, -1.16, -2.3, -2.85, -1.0, -2.1)
+_DEGREE_0_PRECISION = (-3.5, 1.0, 0.7, 0.7, 0.66, -0.3, -1.55, -1.1, -2.1)
+_HIGHER_DEGREE_PRECISION = (-3.9, 1.2, -0.1, 0.9, -1.16, -2.3, -2.85, -1.0, -2.1)
 """Octaves by which the quantisation step of each quantity in `STEPS` is finer than the level: for scenes without
-(`_FLAT`) and with (`_SHADED`) harmonics above degree 0. Measured on luigi_lgm, tiger_4d and an export of
-snowmiku_small. Position errors cost more than a first-order estimate, because Gaussians of nearly equal depth change
-their drawing order.
+(`_DEGREE_0_PRECISION`) and with (`_HIGHER_DEGREE_PRECISION`) harmonics above degree 0. Measured on luigi_lgm, tiger_4d
+and an export of snowmiku_small. Position errors cost more than a first-order estimate, because Gaussians of nearly
+equal depth change their drawing order.
 """
-_SHADED_CLASSES = 4
+_MAX_HIGHER_DEGREE_CLASSES = 4
 """Maximum number of precision classes for scenes with harmonics above degree 0. Six classes took 2 to 20 % more bytes
 at equal PSNR (40 dB and more) on three scenes, for views that were not used to choose the classes.
 """
@@ -61,7 +61,7 @@ class Quality:
         Args:
             degree: Degree of the scene's spherical harmonics.
         """
-        return min(self.classes, _SHADED_CLASSES) if degree else self.classes
+        return min(self.classes, _MAX_HIGHER_DEGREE_CLASSES) if degree else self.classes
 
     def base_exponents(self, degree: int) -> np.ndarray:
         """Returns the quantisation steps of all attributes in precision class 0 (the coarsest).
@@ -73,11 +73,12 @@ class Quality:
             `-log2` of the step of each quantity in `layout.STEPS`, int64 (9), in fixed point with `STEP_BITS`
             fractional bits.
         """
-        classes = self.num_classes(degree)
-        offsets = np.array(_SHADED if degree else _FLAT) + self.level - (self.classes - classes) / 4 - (classes - 1)
-        offsets[STEPS.index("position")] += self.position
-        offsets += self.precision
-        return np.rint(offsets * (1 << STEP_BITS)).astype(np.int64)
+        num_classes = self.num_classes(degree)
+        exponents = np.array(_HIGHER_DEGREE_PRECISION if degree else _DEGREE_0_PRECISION) + self.level
+        exponents = exponents - (self.classes - num_classes) / 4 - (num_classes - 1)
+        exponents[STEPS.index("position")] += self.position
+        exponents += self.precision
+        return np.rint(exponents * (1 << STEP_BITS)).astype(np.int64)
 
 
 QUALITIES = {
@@ -90,7 +91,7 @@ choose the classes must be precise, too.
 """
 
 
-NUMBERS = {"small": 40.0, "default": 60.0, "near-lossless": 85.0}
+QUALITY_NUMBERS = {"small": 40.0, "default": 60.0, "near-lossless": 85.0}
 """Quality number of each named setting."""
 _FINE_CLASSES_FROM = 80.0
 """Quality number from which there are 3 precision classes instead of 6."""

@@ -10,7 +10,7 @@ from splatwire.bitstream.sections import sections_of, with_section
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.gaussians.attributes import update_digest
 from splatwire.codec.gaussians.copies import SECTION as SKETCH
-from splatwire.codec.gaussians.copies import moved_copies
+from splatwire.codec.gaussians.copies import remap_copies
 from splatwire.codec.gaussians.decoder import GaussianDecoder, open_side_info
 from splatwire.codec.gaussians.encoder import prepare_splats
 from splatwire.codec.schema import Options, Prepared, schema_for
@@ -25,10 +25,10 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
             "an older release encoded these Gaussians, and their integers are bound to their packets: "
             "encode the scene again"
         )
-    info, shapes = open_side_info(stream.manifest, stream.side_info), stream.manifest.tiers
-    tiers = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
+    info, tier_counts = open_side_info(stream.manifest, stream.side_info), stream.manifest.tiers
+    tiers = np.repeat(np.arange(len(tier_counts), dtype=np.uint8), [counts.num_elements for counts in tier_counts])
     scene = decode_stream(stream, threads=threads).scene
-    options = Options(packetization, tiers=tiers if shapes else None, threads=threads)
+    options = Options(packetization, tiers=tiers if tier_counts else None, threads=threads)
     return prepare_splats(scene, options, template=info)
 
 
@@ -53,7 +53,7 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
     old, new = (ranked_by_attributes(decode_stream(one).scene.splats) for one in (stream, packed))
     new_index = np.empty(len(old), dtype=np.int64)
     new_index[old] = new
-    return with_section(packed, SKETCH, moved_copies(sections[SKETCH], new_index))
+    return with_section(packed, SKETCH, remap_copies(sections[SKETCH], new_index))
 
 
 def ranked_by_attributes(splats: Splats) -> np.ndarray:

@@ -85,8 +85,8 @@ class SideInfo:
     sections: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
-    def num_harmonics(self) -> int:
-        """Number of spherical harmonics above degree 0 of a Gaussian, all three colour channels together."""
+    def num_harmonic_columns(self) -> int:
+        """Number of integers of the harmonics of a Gaussian: 3 K, for K harmonics above degree 0."""
         return 3 * ((self.degree + 1) ** 2 - 1)
 
     @property
@@ -119,15 +119,14 @@ class SideInfo:
         (`MAX_CLASSES`). If the Euclidean length of the K harmonics of a colour component is below the threshold,
         quantisation makes all transformed harmonics of this component 0. The encoder then need not compute them.
         """
-        number = len(self.transform)
-        inverse = np.zeros((number, -(-number // 8) * 8))
-        inverse[:, :number] = np.linalg.inv(self.transform / TRANSFORM_UNIT) if number else 0
-        longest = np.sqrt(np.square(inverse).sum(axis=0).max(initial=1e-30))
+        num_harmonics = len(self.transform)
+        inverse = np.zeros((num_harmonics, -(-num_harmonics // 8) * 8))
+        inverse[:, :num_harmonics] = np.linalg.inv(self.transform / TRANSFORM_UNIT) if num_harmonics else 0
+        max_length = np.sqrt(np.square(inverse).sum(axis=0).max(initial=1e-30))
         # A tolerance covers rounding errors of the product.
-        octaves = self.base_exponents[STEP_HARMONICS] / (1 << STEP_BITS) + np.arange(MAX_CLASSES)
-        exponents = np.floor(octaves + 0.5)
-        steps = 2.0 ** np.clip(BITS - exponents, 0, BITS - 2)
-        return inverse, (np.maximum(steps / 2, 1.0) - 0.5001) / longest
+        exponents = self.base_exponents[STEP_HARMONICS] / (1 << STEP_BITS) + np.arange(MAX_CLASSES)
+        steps = 2.0 ** np.clip(BITS - np.floor(exponents + 0.5), 0, BITS - 2)
+        return inverse, (np.maximum(steps / 2, 1.0) - 0.5001) / max_length
 
 
 @functools.lru_cache(maxsize=8)  # of megabytes each, and a stream may have thousands
@@ -214,16 +213,16 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
         raise BitstreamError(f"side information: position cells of 2**{max_position_shift} units are impossible")
     if np.abs(base_exponents).max() > 64 << STEP_BITS:
         raise BitstreamError(f"side information: impossible steps {base_exponents.tolist()}")
-    side = (degree + 1) ** 2 - 1
-    if len(transform) != side * side:
-        raise BitstreamError(f"side information: a transform of {len(transform)} entries, not {side * side}")
+    num_harmonics = (degree + 1) ** 2 - 1
+    if len(transform) != num_harmonics**2:
+        raise BitstreamError(f"side information: a transform of {len(transform)} entries, not {num_harmonics**2}")
     return (
         degree,
         size_log,
         lattice_bits,
         base_exponents,
         max_position_shift,
-        np.frombuffer(transform, np.int8).astype(np.int64).reshape(side, side),
+        np.frombuffer(transform, np.int8).astype(np.int64).reshape(num_harmonics, num_harmonics),
     )
 
 
@@ -268,14 +267,14 @@ def read_blocks(data: bytes, num_blocks: int) -> tuple[Boxes, np.ndarray]:
     for block in range(num_blocks):
         shifts[block] = reader.u8()
         boxes[block] = [*(reader.signed() for _ in range(3)), *(reader.u8() for _ in range(3))]
-    if shifts.max(initial=0) > MAX_LATTICE_BITS - BOX_BITS or _far(shifts, boxes[:, :3]):
+    if shifts.max(initial=0) > MAX_LATTICE_BITS - BOX_BITS or _exceeds_lattice(shifts, boxes[:, :3]):
         raise BitstreamError("side information: a block's box is impossible")
     block_means = np.stack([read_integers(reader, num_blocks) for _ in range(NUM_BLOCK_MEANS)], axis=1)
     reader.finish()
     return Boxes(shifts, boxes[:, :3], boxes[:, 3:]), np.clip(block_means, -1 << 9, 1 << 9) << MEAN_SHIFT
 
 
-def _far(shifts: np.ndarray, grid_corners: np.ndarray) -> bool:
+def _exceeds_lattice(shifts: np.ndarray, grid_corners: np.ndarray) -> bool:
     return bool((np.abs(grid_corners) > (1 << MAX_LATTICE_BITS) >> shifts[:, None]).any())
 
 
@@ -289,27 +288,32 @@ def _write_contexts(info: SideInfo) -> bytes:
     writer, steps = ByteWriter(), np.diff(info.scale_indices // SCALE_INDEX_STEP, axis=2, prepend=0)
     writer.blob(bytes(info.zero_probabilities[: _num_contexts(info.degree)].astype(np.uint8)))
     changed = (steps != 0).ravel()
-    writer.blob(encode_bits(changed.astype(np.uint8), _change_contexts(), fresh_models(2)))
+    writer.blob(encode_bits(changed.astype(np.uint8), _changed_flag_contexts(), fresh_models(2)))
     write_integers(writer, steps.ravel()[changed])
     return writer.bytes()
 
 
 def _read_contexts(data: bytes, degree: int) -> tuple[np.ndarray, np.ndarray]:
     reader = ByteReader(data, "side information contexts")
-    zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
-    bits = reader.blob()
-    if len(bits) != _num_contexts(degree):
-        raise BitstreamError(f"side information: {len(bits)} models of bits, not {_num_contexts(degree)}")
-    zero[: len(bits)] = np.frombuffer(bits, dtype=np.uint8)
-    changed = decode_bits(reader.blob(), _change_contexts(), fresh_models(2)) != 0
+    zero_probabilities, stored = even_odds(), reader.blob()
+    if len(stored) != _num_contexts(degree):
+        raise BitstreamError(f"side information: {len(stored)} models of bits, not {_num_contexts(degree)}")
+    zero_probabilities[: len(stored)] = np.frombuffer(stored, dtype=np.uint8)
+    changed = decode_bits(reader.blob(), _changed_flag_contexts(), fresh_models(2)) != 0
     steps = np.zeros(changed.shape, dtype=np.int64)
     steps[changed] = read_integers(reader, int(changed.sum()))
     reader.finish()
     scale_indices = np.cumsum(steps.reshape(TABLE_SHAPE), axis=2)
-    return np.clip(zero, 1, 255), np.clip(scale_indices, 0, NUM_SCALES // SCALE_INDEX_STEP - 1) * SCALE_INDEX_STEP
+    scale_indices = np.clip(scale_indices, 0, NUM_SCALES // SCALE_INDEX_STEP - 1) * SCALE_INDEX_STEP
+    return np.clip(zero_probabilities, 1, 255), scale_indices
 
 
-def _change_contexts() -> np.ndarray:
-    first = np.zeros(TABLE_SHAPE, dtype=np.int64)
-    first[:, :, 0] = 1
-    return first.ravel()
+def even_odds() -> np.ndarray:
+    """Returns `SideInfo.zero_probabilities` in which a bit is 0 or 1 with equal probability, int64 (contexts)."""
+    return np.full(NUM_CONTEXTS, 128, dtype=np.int64)
+
+
+def _changed_flag_contexts() -> np.ndarray:
+    contexts = np.zeros(TABLE_SHAPE, dtype=np.int64)
+    contexts[:, :, 0] = 1
+    return contexts.ravel()

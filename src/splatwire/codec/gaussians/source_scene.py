@@ -12,7 +12,7 @@ from splatwire.codec.gaussians import _gaussian_kernels as kernels
 from splatwire.codec.gaussians import _source_kernels as sources
 from splatwire.codec.gaussians.attributes import GREY, LUMA_CHROMA, kernel_array, log2_scene_size, to_logs
 from splatwire.codec.gaussians.blocks import (
-    ROWS,
+    CHUNK_GAUSSIANS,
     block_sizes,
     check_codes,
     check_lattice_range,
@@ -48,7 +48,7 @@ FITTED_BLOCKS = 32
 are spread over the scene.
 """
 
-_FLAT_SHIFT = 8
+_MAX_FLAT_STEP_BITS = 8
 """log2 of the coarsest quantisation step that keeps flat Gaussians flat, for the companded ratio of the second to the
 third scale.
 """
@@ -186,28 +186,28 @@ class SourceScene:
         """Returns the indices of a sample of blocks, used by an encoder to fit probability tables."""
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
-    def members(self, block: int) -> slice:
+    def block_ranks(self, block: int) -> slice:
         """Returns the range of a block's Gaussians in the attribute `order`."""
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
-    def pick(self, indices: slice | np.ndarray) -> Splats:
+    def splats_at(self, ranks: slice | np.ndarray) -> Splats:
         """Returns the Gaussians with the given ranks.
 
         The rank of a Gaussian is its index in the attribute `order`, in which all Gaussians are sorted by block.
 
         Args:
-            indices: Ranks of the Gaussians, as a range or an array of indices into the attribute `order`.
+            ranks: Ranks of the Gaussians, as a range or an array of integers.
         """
         # numpy's `take` is several times as fast as indexing a tensor.
-        return self.splats.select(self.order[indices])
+        return self.splats.select(self.order[ranks])
 
-    def classes_at(self, indices: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of the Gaussians with the given ranks (see `pick`), int64.
+    def classes_at(self, ranks: slice | np.ndarray) -> np.ndarray:
+        """Returns the precision classes of the Gaussians with the given ranks (see `splats_at`), int64.
 
         Args:
-            indices: Ranks of the Gaussians, as a range or an array of indices into the attribute `order`.
+            ranks: Ranks of the Gaussians, as a range or an array of integers.
         """
-        return self.precision_classes[self.order[indices]].astype(np.int64)
+        return self.precision_classes[self.order[ranks]].astype(np.int64)
 
     def summary(self, block: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns the bounding box and the mean attributes of a block's Gaussians.
@@ -219,17 +219,17 @@ class SourceScene:
             Smallest and largest coordinates in lattice spacings, int64 (2, 3); and means of the seven coded quantities
             (see `summarise_block`), int64 (7), multiples of `1 << MEAN_SHIFT`.
         """
-        members = self.order[self.members(block)]
+        members = self.order[self.block_ranks(block)]
         scene, indices = self._kernel_splats(members)
-        ends, means = np.empty((2, 3), np.int64), np.empty(7)
+        bounds, means = np.empty((2, 3), np.int64), np.empty(7)
         centres = self.centres if indices is members else self.centres.take(members, axis=0)
         check_lattice_range(
             sources.summarise_block(
                 indices, centres, scene.scales, scene.opacities, scene.sh, self._steps_per_unit, self.size_log,
-                LUMA_CHROMA * DC, GREY, np.empty((2, 4), np.int64), ends, means,
+                LUMA_CHROMA * DC, GREY, np.empty((2, 4), np.int64), bounds, means,
             )
         )  # fmt: skip
-        return ends, np.rint(means / (1 << MEAN_SHIFT)).astype(np.int64) << MEAN_SHIFT
+        return bounds, np.rint(means / (1 << MEAN_SHIFT)).astype(np.int64) << MEAN_SHIFT
 
     @property
     def _steps_per_unit(self) -> float:
@@ -269,12 +269,12 @@ class SourceScene:
             Four items:
 
             * Positions relative to the corner of the block's bounding box, in spacings of the position lattice, int64
-              (n, 3). Rows are in the order of `members(block)`.
+              (n, 3). Rows are in the order of `block_ranks(block)`.
             * Morton code of each row, int64 (n).
             * log2 of the cell size of the coarse position grid, in lattice spacings.
             * Rows in the order in which their Gaussians are put into packets, int64 (n).
         """
-        members, bits = self.order[self.members(block)], int(info.boxes.bits[block])
+        members, bits = self.order[self.block_ranks(block)], int(info.boxes.bits[block])
         positions, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
         centres, dropped = kernel_array(self.centres), max(bits - MAX_CELL_BITS, 0)
         max_coordinate, used_bits = sources.write_block_positions(
@@ -285,21 +285,21 @@ class SourceScene:
         cell_shift = choose_cell_shift(positions, bits)
         return positions, codes, cell_shift, sources.sort_cells(codes, 3 * (cell_shift - dropped), self.contiguous)
 
-    def coding_order(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
+    def coding_order(self, block: int, info: SideInfo, counts: np.ndarray) -> np.ndarray:
         """Sorts a block's Gaussians into coding order.
 
         Args:
             block: Index of the spatial block.
             info: Side information with the bounding boxes of blocks.
-            sizes: Number of Gaussians in each packet of the block.
+            counts: Number of Gaussians in each packet of the block.
 
         Returns:
             Entry i is the index in `splats` of the i-th Gaussian in coding order, int64 (n).
         """
         _, codes, _, order = self._block_positions(block, info)
         # Within a packet Gaussians are sorted along the curve, as in the kernels.
-        packet = np.repeat(np.arange(len(sizes)), sizes)
-        return self.order[self.members(block).start + order[np.lexsort((codes[order], packet))]].astype(np.int64)
+        packet = np.repeat(np.arange(len(counts)), counts)
+        return self.order[self.block_ranks(block).start + order[np.lexsort((codes[order], packet))]].astype(np.int64)
 
     def block_source(self, block: int, info: SideInfo, selection: slice | np.ndarray = slice(None)) -> BlockSource:
         """Returns a block's Gaussians as input of the encoding kernels, in the order in which packets are filled.
@@ -316,20 +316,20 @@ class SourceScene:
         """
         positions, codes, cell_shift, order = self._block_positions(block, info)
         order = order[selection]
-        members = self.order[self.members(block)].take(order)
+        members = self.order[self.block_ranks(block)].take(order)
         scene, indices = self._kernel_splats(members)
-        classes, count = self.precision_classes.take(members).astype(np.int64), len(order)
+        precision_classes, count = self.precision_classes.take(members).astype(np.int64), len(order)
         logs, axes, colours = np.empty((count, 4), np.int64), np.empty((count, 3, 3)), np.empty((count, 3), np.int64)
-        harmonics = np.empty((count, info.num_harmonics), np.int32)
+        harmonics = np.empty((count, info.num_harmonic_columns), np.int32)
         inverse, zero_thresholds = info.harmonics_inverse
         sources.gather_sources(
             indices, scene.quats, scene.scales, scene.opacities, scene.sh, self.size_log, LUMA_CHROMA * DC, GREY,
-            LUMA_CHROMA * (1 << BITS), inverse, zero_thresholds, np.empty((6, inverse.shape[1])), classes, logs,
-            axes, colours, harmonics,
+            LUMA_CHROMA * (1 << BITS), inverse, zero_thresholds, np.empty((6, inverse.shape[1])), precision_classes,
+            logs, axes, colours, harmonics,
         )  # fmt: skip
         return BlockSource(
             np.int64(cell_shift), np.int64(not self.contiguous), codes.take(order), positions.take(order, axis=0),
-            classes, logs, axes, colours, harmonics,
+            precision_classes, logs, axes, colours, harmonics,
         )  # fmt: skip
 
 
@@ -381,7 +381,9 @@ def refine_flat_classes(
     """
     # With a coarse step, the smallest scale of a flat Gaussian can become 31 % of the second scale; with the returned
     # classes, at most 0.4 %.
-    flat = np.concatenate([np.flatnonzero(_is_flat(piece)) + n * ROWS for n, piece in enumerate(chunks(splats.scales))])
+    flat = np.concatenate(
+        [np.flatnonzero(_is_flat(piece)) + n * CHUNK_GAUSSIANS for n, piece in enumerate(chunks(splats.scales))]
+    )
     if not len(flat):
         return precision_classes
     logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
@@ -389,7 +391,7 @@ def refine_flat_classes(
     predictors = np.stack([2 * s0 - log_ratio, log_ratio, np.zeros(len(flat)), opacity])
     exponents = (COEFFICIENTS[STEP_SCALE2] @ predictors + base_exponents[STEP_SCALE2]) / (1 << STEP_BITS)
     # The margin covers the rounding of the exponent and of its inputs.
-    min_class = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
+    min_class = np.ceil(BITS - _MAX_FLAT_STEP_BITS - 0.25 - exponents)
     refined = precision_classes.copy()
     refined[flat] = np.maximum(precision_classes[flat], np.clip(min_class, 0, finest_class)).astype(np.uint8)
     return refined
@@ -427,7 +429,7 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
 
 def _quantised_positions(
     splats: Splats,
-    classes: np.ndarray,
+    precision_classes: np.ndarray,
     base_exponents: np.ndarray,
     size_log: int,
     lattice_bits: int,
@@ -438,19 +440,19 @@ def _quantised_positions(
     Raises:
         InvalidValueError: If a position exceeds the range of the lattice.
     """
-    centres, companding = large_empty((splats.num_gaussians, 3), np.float32), flatness_table()
+    centres, table = large_empty((splats.num_gaussians, 3), np.float32), flatness_table()
 
     def round_slice(begin: int) -> None:
-        output = centres[begin : begin + ROWS]
+        output = centres[begin : begin + CHUNK_GAUSSIANS]
         piece, shifts = splats.slice_range(begin, begin + len(output)), np.empty(len(output), np.int64)
-        piece_classes = classes[begin : begin + len(output)].astype(np.int64)
+        piece_classes = precision_classes[begin : begin + len(output)].astype(np.int64)
         kernels.position_shifts(
             to_logs(piece, size_log),
             piece_classes,
             base_exponents,
             lattice_bits,
             max_position_shift,
-            companding,
+            table,
             shifts,
         )
         output[:] = piece.means
@@ -460,29 +462,28 @@ def _quantised_positions(
             )
         )
 
-    parallel_map(round_slice, range(0, len(centres), ROWS))
+    parallel_map(round_slice, range(0, len(centres), CHUNK_GAUSSIANS))
     return centres
 
 
-def _choose_lattice_bits(splats: Splats, classes: np.ndarray, base_exponents: np.ndarray, size_log: int) -> int:
+def _choose_lattice_bits(
+    splats: Splats, precision_classes: np.ndarray, base_exponents: np.ndarray, size_log: int
+) -> int:
     """Chooses the lattice of positions; returns `-log2` of the ratio of its spacing to the scene's size.
 
     The spacing is the finest quantisation step of any position, rounded down to a power of two. If some coordinates
     would then exceed the range of the lattice, the spacing is larger, but never larger than the scene's size.
     """
-    c, octaves = COEFFICIENTS[STEP_POSITION] / (1 << STEP_BITS), base_exponents[STEP_POSITION] / (1 << STEP_BITS)
+    c, exponent = COEFFICIENTS[STEP_POSITION] / (1 << STEP_BITS), base_exponents[STEP_POSITION] / (1 << STEP_BITS)
 
-    def finest(arrays: tuple[np.ndarray, np.ndarray]) -> float:
+    def finest_exponent(arrays: tuple[np.ndarray, np.ndarray]) -> float:
         scales, piece_classes = (values.astype(np.float64) for values in arrays)
         _, middle, largest = (logs - size_log for logs in sort3(np.log2(scales)))
-        steps = octaves + piece_classes + c[0] * (largest + middle) + c[1] * (largest - middle)
-        return float(np.maximum(steps, 1 - middle).max())
+        exponents = exponent + piece_classes + c[0] * (largest + middle) + c[1] * (largest - middle)
+        return float(np.maximum(exponents, 1 - middle).max())
 
-    # The finest step of positions in the scene, or a larger one if coordinates exceed the range of the lattice.
-    finest_step = max(
-        parallel_map(finest, list(zip(chunks(splats.scales), chunks(classes), strict=True))), default=-np.inf
-    )
-    log_reach = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
-    return int(
-        np.clip(np.ceil(finest_step), 0, max(min(MAX_COORDINATE_BITS - np.ceil(log_reach), MAX_COORDINATE_BITS), 0))
-    )
+    pieces = list(zip(chunks(splats.scales), chunks(precision_classes), strict=True))
+    max_exponent = max(parallel_map(finest_exponent, pieces), default=-np.inf)
+    log_max_coordinate = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
+    max_bits = max(min(MAX_COORDINATE_BITS - np.ceil(log_max_coordinate), MAX_COORDINATE_BITS), 0)
+    return int(np.clip(np.ceil(max_exponent), 0, max_bits))

@@ -82,7 +82,7 @@ class TracksDecoder:
         )
         group_frames = info.timeline.group_frames
         self.row_bytes = max(
-            8 * int(COLUMNS) + 4 * info.keyframe_info.num_harmonics, 8 * HEADER_FIELDS + 4 * NUM_CHANNELS * group_frames
+            8 * int(COLUMNS) + 4 * info.keyframe_info.num_harmonic_columns, 8 * HEADER_FIELDS + 4 * NUM_CHANNELS * group_frames
         )
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
@@ -157,7 +157,7 @@ class TracksDecoder:
         self._block_bytes[batch.block] = sum(packet.num_bytes for packet in batch.packets)
         first, count = self._block_map.track_range(keyframe_block)
         received = np.zeros(count, dtype=bool)
-        block_rows, harmonics = empty_keyframes(count, self.info.keyframe_info.num_harmonics)
+        block_rows, harmonics = empty_keyframes(count, self.info.keyframe_info.num_harmonic_columns)
         begin = 0
         for packet in batch.packets:
             start, end = packet.id.index_in_block, begin + packet.num_elements

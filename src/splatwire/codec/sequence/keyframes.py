@@ -302,10 +302,10 @@ class KeyframeEncoder:
         order, rows, positions, digest_rows, packets = [], [], [], [], []
         lattice_shift = log2_lattice_ratio(info, self.motion_unit_info)
         for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads_for(plan))):
-            starts = np.cumsum(coded.sizes) - coded.sizes
-            for start, count, payload in zip(starts.tolist(), coded.sizes.tolist(), coded.payloads, strict=True):
+            starts = np.cumsum(coded.counts) - coded.counts
+            for start, count, payload in zip(starts.tolist(), coded.counts.tolist(), coded.payloads, strict=True):
                 packets.append(make_packet(PacketId(block, start), count, payload))
-            order.append(source.coding_order(block, info, coded.sizes))
+            order.append(source.coding_order(block, info, coded.counts))
             digest_rows.append((coded.rows, coded.harmonics))
             rows.append(coded.rows)
             positions.append(to_motion_units(coded.rows, info, block, lattice_shift))

@@ -173,7 +173,7 @@ class Source:
 
     def can_encode(self, packetization: Packetization) -> bool:
         """Returns True if the scene can be encoded with the packetization."""
-        return packetization.common or SCHEMAS[self.codec].separable
+        return packetization.universal or SCHEMAS[self.codec].separable
 
 
 def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:

@@ -3,8 +3,8 @@
 import type { RangeDecoder } from "../../entropy/decoder.ts";
 import { FIRST_HARMONIC, FIRST_MAGNITUDE, MAX_HARMONIC, MAX_RESIDUAL } from "./layout.ts";
 
-/** Lower bounds of the running magnitude, in sixteenths, for contexts 1 to 7. */
-const RUNNING = Int32Array.of(2, 6, 13, 24, 42, 74, 135);
+/** Lower bounds of the moving average of magnitudes, in sixteenths, from context 1 on. */
+const MAGNITUDE_BOUNDS = Int32Array.of(2, 6, 13, 24, 42, 74, 135);
 
 export function decodeHarmonics(
   coder: RangeDecoder,
@@ -17,19 +17,19 @@ export function decodeHarmonics(
 ): void {
   if (!coder.bit(models, FIRST_HARMONIC + Math.min(precisionClass & 7, 7))) return;
   const step = 2 ** shift;
-  let running = 0;
+  let meanMagnitude = 0;
   for (let j = 0; j < count; j++) {
     const group = j < 3 ? 0 : j < 9 ? 1 : j < 21 ? 2 : 3;
     let context = 0;
-    while (context < 7 && running >= RUNNING[context]) context++;
+    while (context < 7 && meanMagnitude >= MAGNITUDE_BOUNDS[context]) context++;
     const value = coefficient(coder, models, FIRST_HARMONIC + 8 + (context * 4 + group) * 2 + (j % 3 ? 1 : 0), context);
     values[first + j] = Math.min(Math.max(value * step, -MAX_HARMONIC), MAX_HARMONIC);
-    running = ((running * 13) >> 4) + Math.min(Math.abs(value), 65536) * 16;
+    meanMagnitude = ((meanMagnitude * 13) >> 4) + Math.min(Math.abs(value), 65536) * 16;
   }
 }
 
-function coefficient(coder: RangeDecoder, models: Int32Array, zero: number, context: number): number {
-  if (!coder.bit(models, zero)) return 0;
+function coefficient(coder: RangeDecoder, models: Int32Array, zeroContext: number, context: number): number {
+  if (!coder.bit(models, zeroContext)) return 0;
   const sign = coder.raw(1) ? -1 : 1,
     base = FIRST_MAGNITUDE + context * 3;
   for (let size = 1; size < 15; size++) if (!coder.bit(models, base + Math.min(size - 1, 2))) return sign * size;

@@ -197,32 +197,32 @@ export class NativePacketDecoder implements GaussianPacketDecoder {
   }
 
   decode(payload: Uint8Array, block: number, count: number, mayReuse = false, asRows = !mayReuse): Decoded {
-    const { boxes, blockMeans, degree, numHarmonics, latticeBits, sizeLog, maxPositionShift } = this.info,
+    const { boxes, blockMeans, degree, numHarmonicColumns, latticeBits, sizeLog, maxPositionShift } = this.info,
       { memory, begin, decode, convert, widen } = this.#exports,
       address = begin(payload.length);
     this.#fill("defaults", blockMeans.subarray(7 * block, 7 * block + 7));
     this.#fill("corner", boxes.corners.subarray(3 * block, 3 * block + 3));
     new Uint8Array(memory.buffer, address, payload.length).set(payload);
-    const at = decode(payload.length, count, numHarmonics, boxes.bits[block], latticeBits, maxPositionShift);
-    const floats = convert(count, numHarmonics, 2 ** (sizeLog - latticeBits - 1), 2 ** sizeLog),
+    const at = decode(payload.length, count, numHarmonicColumns, boxes.bits[block], latticeBits, maxPositionShift);
+    const floats = convert(count, numHarmonicColumns, 2 ** (sizeLog - latticeBits - 1), 2 ** sizeLog),
       sizes = 8 * COLUMNS * count;
     if (asRows) widen(count);
     const part = (begin: number, bytes: number): readonly [ArrayBuffer, number] =>
       mayReuse ? [memory.buffer, begin] : [memory.buffer.slice(begin, begin + bytes), 0];
-    const [buffer, first] = part(at, sizes + 4 * numHarmonics * count),
-      [values, start] = part(floats, 4 * (14 + numHarmonics) * count);
+    const [buffer, first] = part(at, sizes + 4 * numHarmonicColumns * count),
+      [values, start] = part(floats, 4 * (14 + numHarmonicColumns) * count);
     return {
       rows: asRows ? new Float64Array(buffer, first, COLUMNS * count) : NO_ROWS,
       integers: asRows ? undefined : new Uint8Array(buffer, first, sizes),
-      harmonics: new Int32Array(buffer, first + sizes, numHarmonics * count),
-      splats: splatsIn(count, degree, new Float32Array(values, start, (14 + numHarmonics) * count)),
+      harmonics: new Int32Array(buffer, first + sizes, numHarmonicColumns * count),
+      splats: splatsIn(count, degree, new Float32Array(values, start, (14 + numHarmonicColumns) * count)),
     };
   }
 }
 
 /** Returns the transform of the harmonics with rows of equal length. */
-function paddedTransform({ transform, numHarmonics }: SideInfo): Float64Array {
-  const number = numHarmonics / 3,
+function paddedTransform({ transform, numHarmonicColumns }: SideInfo): Float64Array {
+  const number = numHarmonicColumns / 3,
     padded = new Float64Array(TRANSFORM_STRIDE * number);
   for (let k = 0; k < number; k++) padded.set(transform.subarray(number * k, number * (k + 1)), TRANSFORM_STRIDE * k);
   return padded;

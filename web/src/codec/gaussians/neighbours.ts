@@ -17,7 +17,7 @@ import {
 const NARROW_BITS = 11,
   AGE_BITS = 6,
   LANES = 8,
-  NONE = 0x7fffffff;
+  MAX_KEY = 0x7fffffff;
 /** Attributes that are predicted as means: opacity, three of scales, Y Co Cg, and the class. */
 const PREDICTED = 8,
   CLASS_VALUE = 7;
@@ -74,7 +74,7 @@ export class Neighbours {
       x = cells[3 * i],
       y = cells[3 * i + 1],
       z = cells[3 * i + 2];
-    lanes.fill(NONE);
+    lanes.fill(MAX_KEY);
     for (let k = 0, at = 3 * (i - 1); k < n; k++, at -= 3) {
       const a = (x - cells[at]) | 0,
         b = (y - cells[at + 1]) | 0,
@@ -294,7 +294,7 @@ export class Neighbours {
 }
 
 /** Returns the context of a residual: no neighbours, fewer than three, or the octave of their deviation in steps. */
-export function deviationContext(count: number, deviation: number, shift: number): number {
+export function deviationContextOf(count: number, deviation: number, shift: number): number {
   if (count < 3) return count === 0 ? 0 : 1;
   return 2 + Math.min(32 - Math.clz32((deviation * 8) >> shift), NUM_DEVIATION_CONTEXTS - 3);
 }

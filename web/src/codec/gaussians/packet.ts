@@ -44,7 +44,7 @@ import {
   STEP_SPIN,
   WIDE_SCALE_OFFSET,
 } from "./layout.ts";
-import { deviationContext, LUMA_VALUE, Neighbours } from "./neighbours.ts";
+import { deviationContextOf, LUMA_VALUE, Neighbours } from "./neighbours.ts";
 import type { SideInfo } from "./side_info.ts";
 import { Steps } from "./steps.ts";
 import { flatnessTable } from "./tables.ts";
@@ -61,7 +61,7 @@ export interface Decoded {
 }
 
 /** Number of different means, in eighths of a step. */
-const MEANS = 8;
+const NUM_MEANS = 8;
 
 /** Powers of two, for shifts of numbers above 32 bits. */
 const POWER = Float64Array.from({ length: 64 }, (_, bits) => 2 ** bits);
@@ -98,7 +98,7 @@ export class PacketDecoder implements GaussianPacketDecoder {
 
   constructor(readonly info: SideInfo) {
     this.#absolute = info.maxPositionShift >= 0;
-    this.#mixtures = Array.from({ length: MEANS * info.scaleIndices.length }, () => undefined);
+    this.#mixtures = Array.from({ length: NUM_MEANS * info.scaleIndices.length }, () => undefined);
     this.#models = new Int32Array(info.models.length);
     this.#steps = new Steps(info.baseExponents);
   }
@@ -108,7 +108,7 @@ export class PacketDecoder implements GaussianPacketDecoder {
       coder = (this.#coder = new RangeDecoder(payload)),
       boxBits = info.boxes.bits[block];
     const rows = (this.#rows = new Float64Array(count * COLUMNS)),
-      harmonics = new Int32Array(count * info.numHarmonics);
+      harmonics = new Int32Array(count * info.numHarmonicColumns);
     this.#models.set(info.models);
     const cellShift = Math.min(Math.max(coder.raw(6), boxBits - MAX_CELL_BITS), boxBits);
     const cells = new Int32Array(3 * count),
@@ -119,15 +119,15 @@ export class PacketDecoder implements GaussianPacketDecoder {
       this.#neighbours.find(i);
       this.#decodeGaussian(i * COLUMNS, this.#neighbours.predict(blockMeans), cells, 3 * i, cellShift, boxBits);
       this.#neighbours.storeValues(rows, i);
-      if (info.numHarmonics) {
+      if (info.numHarmonicColumns) {
         const precisionClass = rows[i * COLUMNS + CLASS],
           shift = clip(BITS - this.#steps.exponent(STEP_HARMONICS, precisionClass, 0, 0, 0, 0), 0, BITS - 2);
         decodeHarmonics(
           coder,
           this.#models,
           harmonics,
-          i * info.numHarmonics,
-          info.numHarmonics,
+          i * info.numHarmonicColumns,
+          info.numHarmonicColumns,
           precisionClass,
           shift,
         );
@@ -219,27 +219,27 @@ export class PacketDecoder implements GaussianPacketDecoder {
   ): number {
     const { count, means, deviations } = this.#neighbours;
     const shift = clip(BITS - this.#steps.exponent(step, precisionClass, area, elongation, 0, opacity), 0, maxShift);
-    return this.#decodeValue(kind, deviationContext(count, deviations[kind], shift), means[kind], shift);
+    return this.#decodeValue(kind, deviationContextOf(count, deviations[kind], shift), means[kind], shift);
   }
 
   /** Decodes a value with prediction `mean`: a multiple of the step, or whole steps from the mean. */
-  #decodeValue(kind: number, deviationClass: number, mean: number, shift: number): number {
+  #decodeValue(kind: number, deviationContext: number, mean: number, shift: number): number {
     this.#shift = shift;
-    if (!this.#absolute) return mean + this.#decodeResidual(kind, deviationClass, shift, 0) * (1 << shift);
+    if (!this.#absolute) return mean + this.#decodeResidual(kind, deviationContext, shift, 0) * (1 << shift);
     const meanEighths = (8 * mean + ((1 << shift) >> 1)) >> shift,
       near = (meanEighths + 4) >> 3;
-    return (near + this.#decodeResidual(kind, deviationClass, shift, meanEighths - 8 * near)) * (1 << shift);
+    return (near + this.#decodeResidual(kind, deviationContext, shift, meanEighths - 8 * near)) * (1 << shift);
   }
 
   /**
    * Decodes a residual in steps. `mean` is in eighths. The context of the first two kinds includes the step, that of
    * others the size of earlier residuals.
    */
-  #decodeResidual(kind: number, deviationClass: number, shift: number, mean: number): number {
+  #decodeResidual(kind: number, deviationContext: number, shift: number, mean: number): number {
     const magnitude = this.#residualMagnitude,
       magnitudeContext = kind < 2 ? shift : Math.min(32 - Math.clz32(magnitude), NUM_MAGNITUDE_CONTEXTS - 1),
-      context = (kind * NUM_DEVIATION_CONTEXTS + deviationClass) * NUM_MAGNITUDE_CONTEXTS + magnitudeContext;
-    const mixture = this.#mixtures[MEANS * context + mean + 4] ?? this.#mixtureOf(context, mean);
+      context = (kind * NUM_DEVIATION_CONTEXTS + deviationContext) * NUM_MAGNITUDE_CONTEXTS + magnitudeContext;
+    const mixture = this.#mixtures[NUM_MEANS * context + mean + 4] ?? this.#mixtureOf(context, mean);
     const residual = clip(mixture.decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
     this.#residualMagnitude = (magnitude + 16 * Math.min(Math.abs(residual), 1 << 14)) >> 1;
     return residual;
@@ -247,13 +247,13 @@ export class PacketDecoder implements GaussianPacketDecoder {
 
   #mixtureOf(context: number, mean: number): Mixture {
     const scale = this.info.scaleIndices[context],
-      mixture = (this.#byScale[MEANS * scale + mean + 4] ??= new Mixture(
+      mixture = (this.#byScale[NUM_MEANS * scale + mean + 4] ??= new Mixture(
         mean * 512,
         scale,
         Math.min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1),
         NARROW_WEIGHT,
       ));
-    return (this.#mixtures[MEANS * context + mean + 4] = mixture);
+    return (this.#mixtures[NUM_MEANS * context + mean + 4] = mixture);
   }
 
   /** Decodes the bits of a position between cell and step. Coordinates are in half lattice units. */
@@ -287,13 +287,13 @@ export class PacketDecoder implements GaussianPacketDecoder {
     const norm = Math.abs(mean[0]) + Math.abs(mean[1]) + Math.abs(mean[2]),
       p = side * mean[first],
       q = side * mean[second];
-    const deviationClass = deviationContext(near.axisCount, near.axisDeviation, shift),
+    const deviationContext = deviationContextOf(near.axisCount, near.axisDeviation, shift),
       isSumDifference = !this.#absolute,
       expected0 = isSumDifference ? p + q : p,
       expected1 = isSumDifference ? p - q : q;
-    const e0 = clip(this.#decodeValue(4, deviationClass, Math.floor((expected0 * ONE) / norm), shift), -ONE, ONE),
+    const e0 = clip(this.#decodeValue(4, deviationContext, Math.floor((expected0 * ONE) / norm), shift), -ONE, ONE),
       limit = isSumDifference ? ONE : ONE - Math.abs(e0);
-    const e1 = clip(this.#decodeValue(4, deviationClass, Math.floor((expected1 * ONE) / norm), shift), -limit, limit);
+    const e1 = clip(this.#decodeValue(4, deviationContext, Math.floor((expected1 * ONE) / norm), shift), -limit, limit);
     const x = isSumDifference ? (e0 + e1) >> 1 : e0,
       y = isSumDifference ? (e0 - e1) >> 1 : e1;
     rows[row + AXIS + first] = x;
@@ -315,8 +315,8 @@ export class PacketDecoder implements GaussianPacketDecoder {
     const { count, means, deviations } = this.#neighbours,
       shift = clip(BITS - this.#steps.exponent(STEP_COLOUR, precisionClass, 0, 0, 0, 0), 0, BITS - 2);
     for (let c = 0; c < 3; c++) {
-      const deviationClass = deviationContext(count, deviations[LUMA_VALUE + c], shift),
-        value = this.#decodeValue(5 + c, deviationClass, means[LUMA_VALUE + c], shift);
+      const deviationContext = deviationContextOf(count, deviations[LUMA_VALUE + c], shift),
+        value = this.#decodeValue(5 + c, deviationContext, means[LUMA_VALUE + c], shift);
       this.#rows[row + LUMA + c] = clip(value, -MAX_COLOUR, MAX_COLOUR);
     }
   }

@@ -27,8 +27,8 @@ const RELATIVE_VERSION = 2;
 
 export interface SideInfo {
   readonly degree: number;
-  /** Coefficients of degree 1 and above, all channels. */
-  readonly numHarmonics: number;
+  /** Number of integers of the harmonics of a Gaussian: 3 K, for K harmonics above degree 0. */
+  readonly numHarmonicColumns: number;
   /** log2 of the scene's size in world units. */
   readonly sizeLog: number;
   /** Positions lie on a lattice with a spacing of `2^(sizeLog - latticeBits)` world units. */
@@ -47,7 +47,7 @@ export interface SideInfo {
   readonly blockMeans: Int32Array;
   /** Initial state of the adaptive models of each packet, two estimates per context. */
   readonly models: Int32Array;
-  /** Scale table entries of the narrow components of residuals, by kind, deviation class and magnitude context. */
+  /** Scale table entries of the narrow components of residuals, by kind, deviation context and magnitude context. */
   readonly scaleIndices: Int32Array;
   readonly sections: Map<string, Uint8Array>;
 }
@@ -73,8 +73,8 @@ export function readSideInfo(bytes: Uint8Array, numBlocks: number): SideInfo {
   const fields = readHeader(header),
     { degree } = fields;
   const { boxes, blockMeans } = readBlocks(blocks, numBlocks);
-  const numHarmonics = 3 * ((degree + 1) ** 2 - 1);
-  return { ...fields, numHarmonics, boxes, blockMeans, ...readContexts(contexts, degree), sections };
+  const numHarmonicColumns = 3 * ((degree + 1) ** 2 - 1);
+  return { ...fields, numHarmonicColumns, boxes, blockMeans, ...readContexts(contexts, degree), sections };
 }
 
 function readHeader(
@@ -92,7 +92,7 @@ function readHeader(
   const baseExponents = Array.from({ length: STEPS }, () => reader.signed());
   const maxPositionShift = version === RELATIVE_VERSION ? -1 : reader.u8();
   const transform = Int8Array.from(reader.rest(), (byte) => (byte << 24) >> 24),
-    side = (degree + 1) ** 2 - 1;
+    numHarmonics = (degree + 1) ** 2 - 1;
   if (
     degree > MAX_DEGREE ||
     Math.abs(sizeLog) > MAX_SIZE_LOG ||
@@ -103,8 +103,8 @@ function readHeader(
   ) {
     throw new BitstreamError("side information: a number of the header is out of range");
   }
-  if (transform.length !== side * side)
-    throw new BitstreamError(`side information: a transform of ${transform.length} entries, not ${side * side}`);
+  if (transform.length !== numHarmonics ** 2)
+    throw new BitstreamError(`side information: a transform of ${transform.length} entries, not ${numHarmonics ** 2}`);
   return { degree, sizeLog, latticeBits, baseExponents: Int32Array.from(baseExponents), maxPositionShift, transform };
 }
 
@@ -139,13 +139,13 @@ export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo,
 
 function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models" | "scaleIndices"> {
   const reader = new ByteReader(bytes, "side information contexts"),
-    zero = reader.blob();
+    zeroProbabilities = reader.blob();
   const expected = degree ? NUM_CONTEXTS : FIRST_HARMONIC;
-  if (zero.length !== expected)
-    throw new BitstreamError(`side information: ${zero.length} models of bits, not ${expected}`);
+  if (zeroProbabilities.length !== expected)
+    throw new BitstreamError(`side information: ${zeroProbabilities.length} models of bits, not ${expected}`);
   const models = Int32Array.from(
     { length: 2 * NUM_CONTEXTS },
-    (_, i) => (i >> 1 < zero.length ? clip(zero[i >> 1], 1, 255) : 128) * 256,
+    (_, i) => (i >> 1 < expected ? clip(zeroProbabilities[i >> 1], 1, 255) : 128) * 256,
   );
   const coder = new RangeDecoder(reader.blob()),
     evenModel = new Int32Array(4).fill(32768);

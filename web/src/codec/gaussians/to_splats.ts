@@ -63,8 +63,8 @@ function copySplats(from: Splats, to: Splats): Splats {
 /** Converts integers to floating point. Writes the Gaussians to `splats`, which must be zero, and returns it. */
 export function convert({ rows, harmonics }: Decoded, info: SideInfo, block: number, splats: Splats): Splats {
   const { count, means, scales, opacities, colours, quats } = splats,
-    { numHarmonics, transform } = info,
-    number = numHarmonics / 3;
+    { numHarmonicColumns, transform } = info,
+    numHarmonics = numHarmonicColumns / 3;
   const corner = info.boxes.corners.subarray(3 * block, 3 * block + 3),
     half = 2 ** (info.sizeLog - info.latticeBits - 1),
     size = 2 ** info.sizeLog;
@@ -79,36 +79,36 @@ export function convert({ rows, harmonics }: Decoded, info: SideInfo, block: num
     opacities[i] = powerOfTwo(rows[row + OPACITY]);
     rgb(rows[row + LUMA] / UNIT, rows[row + LUMA + 1] / UNIT, rows[row + LUMA + 2] / UNIT, colours, 3 * i);
     quaternion(rows, row, quats, 4 * i);
-    if (numHarmonics) transformed(harmonics, i * numHarmonics, transform, number, splats.harmonics);
+    if (numHarmonicColumns) transformHarmonics(harmonics, i * numHarmonicColumns, transform, numHarmonics, splats.harmonics);
   }
   return splats;
 }
 
-/** Computes the harmonics of one Gaussian, `number` per channel, by the transform. Most coded numbers are 0. */
-function transformed(
-  numbers: Int32Array,
+/** Computes the harmonics of one Gaussian, `numHarmonics` per channel, by the transform. Most coded integers are 0. */
+function transformHarmonics(
+  coded: Int32Array,
   first: number,
   transform: Int8Array,
-  number: number,
+  numHarmonics: number,
   out: Float32Array,
 ): void {
   let empty = true;
-  for (let k = 0, at = first; k < number; k++, at += 3) {
-    const y = numbers[at],
-      co = numbers[at + 1],
-      cg = numbers[at + 2];
+  for (let k = 0, at = first; k < numHarmonics; k++, at += 3) {
+    const y = coded[at],
+      co = coded[at + 1],
+      cg = coded[at + 2];
     if (!y && !co && !cg) continue;
     if (empty) SUM.fill(0);
     empty = false;
-    for (let b = 0, n = 0, row = k * number; b < number; b++, n += 3) {
-      const share = transform[row + b];
-      SUM[n] += y * share;
-      SUM[n + 1] += co * share;
-      SUM[n + 2] += cg * share;
+    for (let b = 0, n = 0, row = k * numHarmonics; b < numHarmonics; b++, n += 3) {
+      const factor = transform[row + b];
+      SUM[n] += y * factor;
+      SUM[n + 1] += co * factor;
+      SUM[n + 2] += cg * factor;
     }
   }
   if (empty) return;
-  for (let n = 0; n < 3 * number; n += 3) rgb(SUM[n] / SUMS, SUM[n + 1] / SUMS, SUM[n + 2] / SUMS, out, first + n);
+  for (let n = 0; n < 3 * numHarmonics; n += 3) rgb(SUM[n] / SUMS, SUM[n + 1] / SUMS, SUM[n + 2] / SUMS, out, first + n);
 }
 
 /** Returns the coefficient of degree 0 of a colour. */

@@ -86,7 +86,7 @@ def causal_repack_encoder(
 
 
 def _check_common(packetization: Packetization) -> None:
-    if not packetization.common:
+    if not packetization.universal:
         raise InvalidValueError(
             "anchors of the causal model are coded whole and in Morton order: preset 'hacpp' is for those of HAC++"
         )
