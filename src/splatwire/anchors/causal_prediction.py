@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from splatwire.reprs import summary_repr
-from splatwire.types.causal_coding import INPUT_UNIT, OCTAVES, CausalConfig
+from splatwire.types.causal_coding import INPUT_UNIT, MASK_AND_SCALE, OCTAVES, CausalConfig
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +100,10 @@ def predict_causal(
         log_deviations.append(log_deviation)
         before += size
     masks = config.layout.num_offsets
-    outputs = networks["form"](features)
+    outputs = networks[MASK_AND_SCALE](features)
     exists, scale_mean = outputs[:, :masks], outputs[:, masks : masks + 1]
     scale_log_deviation = outputs[:, masks + 1 :]
-    follow("form", scale_mean, log_sizes[:, :1])
+    follow(MASK_AND_SCALE, scale_mean, log_sizes[:, :1])
     size_mean, size_log_deviation = predicted("size")
     follow("size", size_mean, log_sizes[:, 1:])
     return CausalPrediction(

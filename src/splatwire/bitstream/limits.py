@@ -17,7 +17,7 @@ the header has 14 bits.
 MAX_BLOCKS = 1 << 24
 MAX_LANES = 1 << 8
 MAX_STREAM_LANES = (1 << 31) - 1
-"""Maximum number of lanes of all blocks together. A lane is one packet, or one for each part with separated packaging."""
+"""Maximum number of lanes of all blocks. A lane is one packet, or one for each part with separated packaging."""
 MIN_PACKET_BYTES = 128
 MAX_DATAGRAM_BYTES = 65_507
 MAX_PACKET_BYTES = 1 << 26

@@ -1,7 +1,7 @@
 from splatwire.bitstream.sections import side_info_parts as side_info_parts
 from splatwire.bitstream.sections import with_section as with_section
 from splatwire.bitstream.sections import without_section as without_section
-from splatwire.codec.anchors.order import scene_in_order as scene_in_order
+from splatwire.codec.anchors.anchor_codec import scene_in_order as scene_in_order
 from splatwire.codec.decoding import decode_stream as decode_stream
 from splatwire.codec.encoding import can_repack as can_repack
 from splatwire.codec.encoding import encode_scene as encode_scene

@@ -21,8 +21,8 @@ from splatwire.ops.compiled import njit
 TO_ACTIVATION = 2.0**-WEIGHT_EXPONENT
 TO_OUTPUT = 2.0 ** (OUTPUT_BITS - ACTIVATION_BITS - WEIGHT_EXPONENT)
 LEAK = 655 / 65536
-LIMIT = float(ACTIVATION_LIMIT)
-OUT_LIMIT = float(OUTPUT_LIMIT)
+ACTIVATION_MAX = float(ACTIVATION_LIMIT)
+OUTPUT_MAX = float(OUTPUT_LIMIT)
 
 
 @njit(borrows=True, nogil=True)
@@ -41,7 +41,7 @@ def finish_hidden(sums, bias, leaky):
             value = np.floor((sums[n, c] + bias[c]) * TO_ACTIVATION)
             below = np.floor(value * leak)
             value = value if value > 0.0 else below
-            sums[n, c] = min(max(value, -LIMIT), LIMIT)
+            sums[n, c] = min(max(value, -ACTIVATION_MAX), ACTIVATION_MAX)
 
 
 @njit(borrows=True, nogil=True)
@@ -57,12 +57,12 @@ def finish_output(sums, bias, out):
     for n in range(sums.shape[0]):
         for c in range(sums.shape[1]):
             value = np.floor((sums[n, c] + bias[c]) * TO_OUTPUT)
-            out[n, c] = np.int32(min(max(value, -OUT_LIMIT), OUT_LIMIT))
+            out[n, c] = np.int32(min(max(value, -OUTPUT_MAX), OUTPUT_MAX))
 
 
 @njit(borrows=True, nogil=True)
 @no_type_check
-def narrow(outputs, inputs):
+def to_inputs(outputs, inputs):
     """Converts outputs of a network to inputs of the next network, which have fewer fractional bits.
 
     Args:

@@ -20,6 +20,8 @@ OCTAVES = 4
 """Number of frequencies per coordinate that the position network reads in addition to the coordinate itself."""
 INPUT_UNIT = 0.25
 """Network input value of one quantisation step."""
+MASK_AND_SCALE = "form"
+"""Name, also in scene files, of the network that predicts the mask of existing offsets and their common scale."""
 NUM_SIZES = 4
 """Number of size values of an anchor: logarithms of the common scale of the offsets and of the base size
 of the Gaussians along three axes."""
@@ -49,7 +51,7 @@ class CausalConfig(CheckedFields):
         for group, size in enumerate(self.layout.feature_groups):
             shapes[f"feature{group}"] = (c + before, 2 * size)
             before += size
-        shapes["form"] = (c + features, offsets + 2)
+        shapes[MASK_AND_SCALE] = (c + features, offsets + 2)
         shapes["size"] = (c + features + 1, 6)
         shapes["offset"] = (c + features + NUM_SIZES, 6 * offsets)
         return shapes

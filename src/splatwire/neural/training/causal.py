@@ -18,7 +18,7 @@ from splatwire.neural.training.rate import bits
 from splatwire.neural.training.schedule import Phase, phase_of
 from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
 from splatwire.types import Linear, Mlp
-from splatwire.types.causal_coding import NUM_SIZES, CausalConfig
+from splatwire.types.causal_coding import MASK_AND_SCALE, NUM_SIZES, CausalConfig
 
 RATE_UNIT = 8e6
 """Bits per megabyte; lambda is the weight of a megabyte of the whole scene."""
@@ -320,7 +320,7 @@ def initialise_causal(state: TrainState, config: TrainConfig, position_inputs: F
         start[f"feature{group}"] = [means[0][part], log_deviations[0][part]]
         before += size
     share = state.masks(config.mask_threshold)[alive].float().mean(dim=0).clamp(0.01, 0.99)
-    start["form"] = [torch.logit(share), means[1][:1], log_deviations[1][:1]]
+    start[MASK_AND_SCALE] = [torch.logit(share), means[1][:1], log_deviations[1][:1]]
     start["size"] = [means[1][1:], log_deviations[1][1:]]
     start["offset"] = [means[2], log_deviations[2]]
     for name, parts in start.items():

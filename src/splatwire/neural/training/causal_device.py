@@ -24,7 +24,7 @@ from splatwire.neural.training.rate import MIN_LIKELIHOOD
 from splatwire.neural.training.schedule import Phase, phase_of
 from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
 from splatwire.types import Mlp
-from splatwire.types.causal_coding import INPUT_UNIT, NUM_SIZES, CausalConfig
+from splatwire.types.causal_coding import INPUT_UNIT, MASK_AND_SCALE, NUM_SIZES, CausalConfig
 
 _CHUNK = 1 << 16
 """Number of anchors per chunk of the bit estimate."""
@@ -230,7 +230,7 @@ def _output_order(config: CausalConfig) -> _OutputOrder:
     means, log_deviations, exists = list[int](), list[int](), list[int]()
     for name, size in zip(names, sizes, strict=True):
         outputs = list(range(first[name], first[name] + size))
-        if name == "form":
+        if name == MASK_AND_SCALE:
             exists, outputs = outputs[:-2], outputs[-2:]
         half = len(outputs) // 2
         means, log_deviations = means + outputs[:half], log_deviations + outputs[half:]

@@ -66,7 +66,7 @@ export class PacketDecoder {
     for (const [s, stage] of info.stages.entries()) {
       const outputs = this.#predict(s, count),
         width = this.#networks[s].outputs;
-      if (stage.masks) readMasks(coder, outputs, width, stage.masks, masks);
+      if (stage.numMaskLogits) readMasks(coder, outputs, width, stage.numMaskLogits, masks);
       this.#read(coder, stage, outputs, width, stage === last ? masks : null, values);
       if (stage !== last) this.#appendInputs(stage, values, count);
     }
@@ -85,8 +85,8 @@ export class PacketDecoder {
     for (const [s, stage] of info.stages.slice(0, -1).entries()) {
       const outputs = this.#predict(s, count),
         width = this.#networks[s].outputs,
-        { first, size, masks } = stage;
-      for (let n = 0, row = masks; n < count; n++, row += width) {
+        { first, size, numMaskLogits } = stage;
+      for (let n = 0, row = numMaskLogits; n < count; n++, row += width) {
         for (let c = 0; c < size; c++) {
           values[n * this.width + first + c] = outputs[row + c];
           logDeviations[n * known + first + c] = outputs[row + size + c];
@@ -145,8 +145,8 @@ export class PacketDecoder {
     exists: Uint8Array | null,
     values: Int32Array,
   ): void {
-    const { first, size, masks } = stage;
-    for (let at = first, row = masks, mask = 0; at < values.length; at += this.width, row += width, mask += size / 3) {
+    const { first, size, numMaskLogits } = stage;
+    for (let at = first, row = numMaskLogits, mask = 0; at < values.length; at += this.width, row += width, mask += size / 3) {
       for (let c = 0; c < size; c++) {
         if (exists && !exists[mask + Math.floor(c / 3)]) continue;
         const symbol = zeroMeanNormal(scaleOf(outputs[row + size + c])).decode(coder);
@@ -174,15 +174,15 @@ function readMasks(
   coder: RangeDecoder,
   outputs: Float64Array,
   width: number,
-  offsets: number,
+  numOffsets: number,
   masks: Uint8Array,
 ): void {
   for (let at = 0, row = 0; at < masks.length; row += width) {
-    for (let k = 0; k < offsets; k++, at++) {
-      const size = existsOf(outputs[row + k]);
-      masks[at] = coder.target(FULL) < size ? 1 : 0;
-      if (masks[at]) coder.advance(0, size, FULL);
-      else coder.advance(size, FULL - size, FULL);
+    for (let k = 0; k < numOffsets; k++, at++) {
+      const probability = existsOf(outputs[row + k]);
+      masks[at] = coder.target(FULL) < probability ? 1 : 0;
+      if (masks[at]) coder.advance(0, probability, FULL);
+      else coder.advance(probability, FULL - probability, FULL);
     }
   }
 }

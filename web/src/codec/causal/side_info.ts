@@ -40,7 +40,7 @@ export interface Header {
 }
 
 /**
- * Numbers of an anchor that are predicted together. A network's outputs are the logits of `masks` offsets, then means
+ * Numbers of an anchor that are predicted together. A network's outputs are the logits of `numMaskLogits` masks, then means
  * and binary logarithms of standard deviations.
  */
 export interface Stage {
@@ -48,7 +48,7 @@ export interface Stage {
   /** Index of the first number among the anchor's numbers. */
   readonly first: number;
   readonly size: number;
-  readonly masks: number;
+  readonly numMaskLogits: number;
 }
 
 export interface SideInfo extends Header {
@@ -73,7 +73,7 @@ export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
     stages = stagesOf(header);
   const [position, ...found] = readNetworks(networks, [
     ["position", 3 * (1 + OCTAVES), context],
-    ...stages.map(({ name, first, size, masks }) => [name, context + first, masks + 2 * size] as const),
+    ...stages.map(({ name, first, size, numMaskLogits }) => [name, context + first, numMaskLogits + 2 * size] as const),
   ]);
   const heads = readNetworks(
     render,
@@ -94,14 +94,14 @@ function stagesOf({ groups, features, offsets }: Header): Stage[] {
   const stages: Stage[] = [];
   let first = 0;
   for (const [g, size] of groups.entries()) {
-    stages.push({ name: `feature${g}`, first, size, masks: 0 });
+    stages.push({ name: `feature${g}`, first, size, numMaskLogits: 0 });
     first += size;
   }
   return [
     ...stages,
-    { name: "form", first: features, size: 1, masks: offsets },
-    { name: "size", first: features + 1, size: 3, masks: 0 },
-    { name: "offset", first: features + NUM_LOG_SIZES, size: 3 * offsets, masks: 0 },
+    { name: "form", first: features, size: 1, numMaskLogits: offsets },
+    { name: "size", first: features + 1, size: 3, numMaskLogits: 0 },
+    { name: "offset", first: features + NUM_LOG_SIZES, size: 3 * offsets, numMaskLogits: 0 },
   ];
 }
 

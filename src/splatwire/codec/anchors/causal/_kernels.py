@@ -1,6 +1,6 @@
 """Numba kernels of the codec `causal`: they convert network outputs to contexts, and code many packets at once.
 
-Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p.
+Arrays of anchors are ordered packet by packet; `anchor_starts[p]:anchor_starts[p + 1]` are the anchors of packet p.
 """
 # A packet contains the positions of its anchors, then their attributes in stages. A stage is a group of attributes that
 # one network predicts at once (`context.Stage`). Masks, which indicate the offsets that exist, precede the stage of the
@@ -33,9 +33,9 @@ INPUT_SHIFT = 4
 """Right shift from quantised values with 16 fractional bits to network inputs with 14, which also divides by four."""
 POSITION_SYMBOLS = 3
 """Buffer space of a position, in symbols; a position takes at most 29 bytes."""
-LARGEST_SYMBOL = (1 << 14) - (1 << 10)
+MAX_SYMBOL = (1 << 14) - (1 << 10)
 MASK_BITS = np.int64(16)
-MASK_ROOM = np.int64(32)
+MIN_MASK_PROBABILITY = np.int64(32)
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
@@ -85,7 +85,7 @@ def add_predicted_means(symbols, outputs, first, reconstructed):
     """
     for n in range(reconstructed.shape[0]):
         for c in range(reconstructed.shape[1]):
-            symbol = min(max(np.int64(symbols[n, c]), -LARGEST_SYMBOL), LARGEST_SYMBOL)
+            symbol = min(max(np.int64(symbols[n, c]), -MAX_SYMBOL), MAX_SYMBOL)
             reconstructed[n, c] = np.int64(outputs[n, first + c]) + (symbol << 16)
 
 
@@ -99,14 +99,14 @@ def offset_probability(logistic_table, logit):
         logit: Predicted logit, 16 fractional bits.
     """
     index = min(max(((np.int64(logit) + 2048) >> 12) + 128, 0), 255)
-    return min(max(logistic_table[index], MASK_ROOM), (1 << 16) - MASK_ROOM)
+    return min(max(logistic_table[index], MIN_MASK_PROBABILITY), (1 << 16) - MIN_MASK_PROBABILITY)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_packet(
-    begin, end, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices, firsts, size_group,
-    logistic_table, inverses, widths, table, out, state,
+    begin, end, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices, first_columns,
+    mask_stage, logistic_table, inverse_scales, widths, normal_cdf, out, state,
 ):  # fmt: skip
     """Encodes consecutive anchors as one packet, and returns the size of the packet in bytes.
 
@@ -121,36 +121,37 @@ def _encode_packet(
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
         scale_indices: Index of each symbol's standard deviation in the coder's table.
-        firsts: Index of the first column in `symbols` of each group of attributes that are predicted together; the last
-            item is the number of columns.
-        size_group: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
+        first_columns: Index of the first column in `symbols` of each stage (group of attributes that are predicted
+            together); the last item is the number of columns.
+        mask_stage: Index of the stage of the offset scale. Its symbols are coded right after the masks, which the same
+            network predicts.
         logistic_table: Table of probabilities by logit, see `offset_probability`.
-        inverses: Reciprocal of each standard deviation in the coder's table.
+        inverse_scales: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
             escape code.
-        table: Standard normal CDF, from `normal_table`.
+        normal_cdf: Standard normal CDF, from `normal_table`.
         out: Output: bytes of the packet.
         state: Working array for the range encoder, int64 (3).
     """
-    last = len(firsts) - 2
+    last_stage = len(first_columns) - 2
     encoder_start(state)
     for n in range(begin, end):
         encode_position(out, state, codes[n], num_low_bits[n], low_bit_probabilities)
-    for s in range(len(firsts) - 1):
-        if s == size_group:
+    for stage in range(len(first_columns) - 1):
+        if stage == mask_stage:
             for n in range(begin, end):
                 for k in range(masks.shape[1]):
-                    size = offset_probability(logistic_table, logits[n, k])
+                    probability = offset_probability(logistic_table, logits[n, k])
                     if masks[n, k]:
-                        encode_interval(out, state, ZERO, size, MASK_BITS)
+                        encode_interval(out, state, ZERO, probability, MASK_BITS)
                     else:
-                        encode_interval(out, state, size, (ONE << MASK_BITS) - size, MASK_BITS)
+                        encode_interval(out, state, probability, (ONE << MASK_BITS) - probability, MASK_BITS)
         for n in range(begin, end):
-            for c in range(firsts[s], firsts[s + 1]):
-                if s < last or masks[n, (c - firsts[s]) // 3]:
+            for c in range(first_columns[stage], first_columns[stage + 1]):
+                if stage < last_stage or masks[n, (c - first_columns[stage]) // 3]:
                     encode_symbol(
                         out, state, np.int64(symbols[n, c]), ZERO, np.int64(scale_indices[n, c]), ZERO, ZERO, NORMAL,
-                        inverses, widths, table,
+                        inverse_scales, widths, normal_cdf,
                     )  # fmt: skip
     return encoder_finish(out, state)
 
@@ -158,13 +159,13 @@ def _encode_packet(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_packets(
-    starts, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices, firsts, size_group,
-    logistic_table, inverses, widths, table, buffer, lengths,
+    anchor_starts, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices, first_columns,
+    mask_stage, logistic_table, inverse_scales, widths, normal_cdf, buffer, lengths,
 ):  # fmt: skip
     """Encodes the anchors of all packets, each packet into its own part of `buffer`.
 
     Args:
-        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        anchor_starts: Packet p has the anchors from `anchor_starts[p]` to `anchor_starts[p + 1]` (exclusive).
         codes: Morton codes of the anchors' positions.
         num_low_bits: Number of low bits of each Morton code that are coded in the packet; the high bits are side
             information.
@@ -173,14 +174,15 @@ def encode_packets(
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
         scale_indices: Index of each symbol's standard deviation in the coder's table.
-        firsts: Index of the first column in `symbols` of each group of attributes that are predicted together; the last
-            item is the number of columns.
-        size_group: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
+        first_columns: Index of the first column in `symbols` of each stage (group of attributes that are predicted
+            together); the last item is the number of columns.
+        mask_stage: Index of the stage of the offset scale. Its symbols are coded right after the masks, which the same
+            network predicts.
         logistic_table: Table of probabilities by logit, see `offset_probability`.
-        inverses: Reciprocal of each standard deviation in the coder's table.
+        inverse_scales: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
             escape code.
-        table: Standard normal CDF, from `normal_table`.
+        normal_cdf: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
     """
@@ -188,10 +190,11 @@ def encode_packets(
         (masks.shape[1] + symbols.shape[1] + POSITION_SYMBOLS) * BYTES_PER_SYMBOL,
         np.empty(3, np.int64),
     )
-    for p in range(len(starts) - 1):
+    for p in range(len(anchor_starts) - 1):
         lengths[p] = _encode_packet(
-            starts[p], starts[p + 1], codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices,
-            firsts, size_group, logistic_table, inverses, widths, table, buffer[starts[p] * capacity + 64 * p :], state,
+            anchor_starts[p], anchor_starts[p + 1], codes, num_low_bits, low_bit_probabilities, masks, logits, symbols,
+            scale_indices, first_columns, mask_stage, logistic_table, inverse_scales, widths, normal_cdf,
+            buffer[anchor_starts[p] * capacity + 64 * p :], state,
         )  # fmt: skip
 
 
@@ -205,11 +208,11 @@ def anchor_bits(
     logits,
     symbols,
     scale_indices,
-    offsets,
+    first_offset_column,
     logistic_table,
-    inverses,
+    inverse_scales,
     widths,
-    table,
+    normal_cdf,
     bits,
 ):
     """Estimates the coded size of each anchor in bits.
@@ -222,28 +225,28 @@ def anchor_bits(
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means; one row for each anchor.
         scale_indices: Index of each symbol's standard deviation in the coder's table.
-        offsets: Index of the first column of `symbols` that belongs to offsets.
+        first_offset_column: Index of the first column of `symbols` that belongs to offsets.
         logistic_table: Table of probabilities by logit, see `offset_probability`.
-        inverses: Reciprocal of each standard deviation in the coder's table.
+        inverse_scales: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
             escape code.
-        table: Standard normal CDF, from `normal_table`.
+        normal_cdf: Standard normal CDF, from `normal_table`.
         bits: Output: size of each anchor, bits.
     """
     for n in range(masks.shape[0]):
         total = position_bits(codes[n], num_low_bits[n], low_bit_probabilities)
         for k in range(masks.shape[1]):
-            size = offset_probability(logistic_table, logits[n, k])
-            total += 16.0 - np.log2(float(size if masks[n, k] else 65536 - size))
+            probability = offset_probability(logistic_table, logits[n, k])
+            total += 16.0 - np.log2(float(probability if masks[n, k] else 65536 - probability))
         for c in range(symbols.shape[1]):
-            if c >= offsets and not masks[n, (c - offsets) // 3]:
+            if c >= first_offset_column and not masks[n, (c - first_offset_column) // 3]:
                 continue
             symbol, scale = np.int64(symbols[n, c]), np.int64(scale_indices[n, c])
             low, high = window(ZERO, scale, ZERO, ZERO, NORMAL, widths)
             if low <= symbol <= high:
-                inverse = inverses[scale]
-                a = cumulative(symbol, low, high, ZERO, inverse, ZERO, inverse, NORMAL, table)
-                b = cumulative(symbol + 1, low, high, ZERO, inverse, ZERO, inverse, NORMAL, table)
+                inverse = inverse_scales[scale]
+                a = cumulative(symbol, low, high, ZERO, inverse, ZERO, inverse, NORMAL, normal_cdf)
+                b = cumulative(symbol + 1, low, high, ZERO, inverse, ZERO, inverse, NORMAL, normal_cdf)
                 total += TOTAL_BITS - np.log2(float(b - a))
             else:
                 excess = symbol - high - 1 if symbol > high else low - 1 - symbol
@@ -253,69 +256,73 @@ def anchor_bits(
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def start_packets(data, ends, states):
+def start_packets(data, byte_starts, states):
     """Initialises the range decoder of every packet.
 
     Args:
         data: Bytes of all packets.
-        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
+        byte_starts: Packet p has the bytes from `byte_starts[p]` to `byte_starts[p + 1]` (exclusive) of `data`.
         states: Output: state of the range decoder of each packet.
     """
     for p in range(states.shape[0]):
-        decoder_start(data, ends[p], ends[p + 1], states[p])
+        decoder_start(data, byte_starts[p], byte_starts[p + 1], states[p])
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def decode_masks(data, ends, starts, states, logits, logistic_table, masks):
+def decode_masks(data, byte_starts, anchor_starts, states, logits, logistic_table, masks):
     """Decodes the offset masks of the anchors of all packets.
 
     Args:
         data: Bytes of all packets.
-        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
-        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        byte_starts: Packet p has the bytes from `byte_starts[p]` to `byte_starts[p + 1]` (exclusive) of `data`.
+        anchor_starts: Packet p has the anchors from `anchor_starts[p]` to `anchor_starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
         logits: Predicted logits of the masks.
         logistic_table: Table of probabilities by logit, see `offset_probability`.
         masks: Output: 1 for offsets that exist, else 0.
     """
     for p in range(states.shape[0]):
-        for n in range(starts[p], starts[p + 1]):
+        for n in range(anchor_starts[p], anchor_starts[p + 1]):
             for k in range(masks.shape[1]):
-                size = offset_probability(logistic_table, logits[n, k])
-                exists = decode_target(states[p], MASK_BITS) < size
+                probability = offset_probability(logistic_table, logits[n, k])
+                exists = decode_target(states[p], MASK_BITS) < probability
                 masks[n, k] = 1 if exists else 0
                 if exists:
-                    decode_advance(data, ends[p + 1], states[p], ZERO, size, MASK_BITS)
+                    decode_advance(data, byte_starts[p + 1], states[p], ZERO, probability, MASK_BITS)
                 else:
-                    decode_advance(data, ends[p + 1], states[p], size, (ONE << MASK_BITS) - size, MASK_BITS)
+                    decode_advance(
+                        data, byte_starts[p + 1], states[p], probability, (ONE << MASK_BITS) - probability, MASK_BITS
+                    )
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def decode_stage(data, ends, starts, states, scale_indices, coded, inverses, widths, table, symbols):
+def decode_stage(
+    data, byte_starts, anchor_starts, states, scale_indices, coded, inverse_scales, widths, normal_cdf, symbols
+):
     """Decodes a group of attributes that are predicted together, for the anchors of all packets.
 
     Args:
         data: Bytes of all packets.
-        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
-        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        byte_starts: Packet p has the bytes from `byte_starts[p]` to `byte_starts[p + 1]` (exclusive) of `data`.
+        anchor_starts: Packet p has the anchors from `anchor_starts[p]` to `anchor_starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
         scale_indices: Index of each symbol's standard deviation in the coder's table.
         coded: Mask of the coded symbols; `coded[n, k]` is for columns 3 k to 3 k + 2 of anchor n.
-        inverses: Reciprocal of each standard deviation in the coder's table.
+        inverse_scales: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
             escape code.
-        table: Standard normal CDF, from `normal_table`.
+        normal_cdf: Standard normal CDF, from `normal_table`.
         symbols: Output: symbols; 0 for symbols that are not coded.
     """
     for p in range(states.shape[0]):
-        for n in range(starts[p], starts[p + 1]):
+        for n in range(anchor_starts[p], anchor_starts[p + 1]):
             for c in range(scale_indices.shape[1]):
                 symbols[n, c] = 0
                 if coded[n, c // 3]:
                     symbol = decode_symbol(
-                        data, ends[p + 1], states[p], ZERO, np.int64(scale_indices[n, c]), ZERO, ZERO, NORMAL,
-                        inverses, widths, table,
+                        data, byte_starts[p + 1], states[p], ZERO, np.int64(scale_indices[n, c]), ZERO, ZERO, NORMAL,
+                        inverse_scales, widths, normal_cdf,
                     )  # fmt: skip
-                    symbols[n, c] = min(max(symbol, -LARGEST_SYMBOL), LARGEST_SYMBOL)  # malformed: up to 33 bits
+                    symbols[n, c] = min(max(symbol, -MAX_SYMBOL), MAX_SYMBOL)  # malformed: up to 33 bits

@@ -2,9 +2,9 @@
 
 Positions are sorted Morton codes.
 """
-# The high bits form a binary tree, whose leaves contain at most `leaf` codes each. The low bits of a code are divided
-# into triples (one bit per axis). First, the index and the value of the lowest triple that is not 0 are coded; this
-# suits anchors on grids of several widths. The bits above are coded without a model.
+# The high bits form a binary tree, whose leaves contain at most `max_leaf` codes each. The low bits of a code are
+# divided into triples (one bit per axis). First, the index and the value of the lowest triple that is not 0 are coded;
+# this suits anchors on grids of several widths. The bits above are coded without a model.
 
 from typing import no_type_check
 
@@ -33,19 +33,22 @@ from splatwire.entropy.range_kernels import (
 from splatwire.ops.compiled import njit
 
 PROBABILITY_BITS = np.int64(8)
-DEPTH = 65
-RUNS = 4
-SIZES = 8
-NUM_CONTEXTS = SIZES * RUNS
+MAX_STACK = 65
+"""Maximum number of nodes on the stack: one per bit of a Morton code, and two more."""
+NUM_UNSPLIT = 4
+"""Number of contexts by the number of levels without a split: 0, 1, 2, and 3 or more."""
+NUM_SIZE_CLASSES = 8
+"""Number of contexts by log2 of the number of anchors of a node: 1 to 7, and 8 or more."""
+NUM_CONTEXTS = NUM_SIZE_CLASSES * NUM_UNSPLIT
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _context(n, run):
-    size = 0
-    while n >> (size + 1) and size < SIZES:
-        size += 1
-    return (size - 1) * RUNS + run
+def _context(n, unsplit_levels):
+    size_class = 0
+    while n >> (size_class + 1) and size_class < NUM_SIZE_CLASSES:
+        size_class += 1
+    return (size_class - 1) * NUM_UNSPLIT + unsplit_levels
 
 
 @njit(borrows=True, error_model="numpy")
@@ -65,72 +68,73 @@ def _num_raw_bits(count):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def encode_tree(codes, bits, leaf, models, buffer):
+def encode_tree(codes, bits, max_leaf, models, buffer):
     """Encodes the high bits of all anchors' positions as a binary tree.
 
     Args:
         codes: Morton codes, ascending, int64 (N).
         bits: Number of bits of a Morton code.
-        leaf: Maximum number of anchors in a leaf; nodes with more are divided.
+        max_leaf: Maximum number of anchors in a leaf; nodes with more are divided.
         models: Adaptive bit models, changed in place.
         buffer: Output bytes.
 
     Returns:
         Number of bytes written to `buffer`.
     """
-    state, stack, top = np.empty(3, np.int64), np.empty((DEPTH, 4), np.int64), 0
+    state, stack, top = np.empty(3, np.int64), np.empty((MAX_STACK, 4), np.int64), 0
     encoder_start(state)
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, len(codes), bits - 1, 0
     while top >= 0:
-        begin, end, bit, run = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        begin, end, bit, unsplit_levels = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
         n = end - begin
         top -= 1
-        if bit < 0 or n <= leaf:
+        if bit < 0 or n <= max_leaf:
             continue
         middle = split(codes, begin, end, bit)
-        together = np.int64(1 if middle in (begin, end) else 0)
-        encode_bit(buffer, state, models, _context(n, run), together)
-        if together:
+        is_unsplit = np.int64(1 if middle in (begin, end) else 0)
+        encode_bit(buffer, state, models, _context(n, unsplit_levels), is_unsplit)
+        if is_unsplit:
             encode_raw(buffer, state, np.int64(1 if middle == end else 0))
         else:
             number, shift = middle - begin - 1, _num_raw_bits(n - 1)
             encode_below(buffer, state, number >> shift, ((n - 2) >> shift) + 1)
             if shift:
                 encode_interval(buffer, state, number & ((ONE << shift) - 1), ONE, shift)
-        run = min(run + 1, RUNS - 1) if together else 0
+        unsplit_levels = min(unsplit_levels + 1, NUM_UNSPLIT - 1) if is_unsplit else 0
         top += 2
-        stack[top - 1, 0], stack[top - 1, 1], stack[top - 1, 2], stack[top - 1, 3] = middle, end, bit - 1, run
-        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = begin, middle, bit - 1, run
+        stack[top - 1, 0], stack[top - 1, 1], stack[top - 1, 2] = middle, end, bit - 1
+        stack[top, 0], stack[top, 1], stack[top, 2] = begin, middle, bit - 1
+        stack[top - 1, 3] = stack[top, 3] = unsplit_levels
     return encoder_finish(buffer, state)
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def decode_tree(data, bits, leaf, models, codes, num_low_bits):
+def decode_tree(data, bits, max_leaf, models, codes, num_low_bits):
     """Decodes the high bits of positions from the tree written by `encode_tree`, and estimates the low bits.
 
     Args:
         data: Bytes of the tree.
         bits: Number of bits of a Morton code.
-        leaf: Maximum number of anchors in a leaf.
+        max_leaf: Maximum number of anchors in a leaf.
         models: Adaptive bit models, changed in place.
         codes: Output: Morton codes, ascending, int64 (N).
         num_low_bits: Output: number of low bits of each Morton code that are only estimated, int64 (N).
     """
-    state, stack, top = np.empty(3, np.int64), np.empty((DEPTH, 5), np.int64), 0
+    state, stack, top = np.empty(3, np.int64), np.empty((MAX_STACK, 5), np.int64), 0
     decoder_start(data, ZERO, len(data), state)
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3], stack[0, 4] = 0, len(codes), bits - 1, 0, 0
     while top >= 0:
-        begin, end, bit, run = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        begin, end, bit, unsplit_levels = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
         n, prefix = end - begin, stack[top, 4]
         top -= 1
-        if bit < 0 or n <= leaf:
+        if bit < 0 or n <= max_leaf:
             for i in range(begin, end):
                 codes[i] = (prefix << (bit + 1)) | _estimate_low_bits(i - begin, n, bit + 1)
                 num_low_bits[i] = bit + 1
             continue
-        together = decode_bit(data, len(data), state, models, _context(n, run))
-        if together:
+        is_unsplit = decode_bit(data, len(data), state, models, _context(n, unsplit_levels))
+        if is_unsplit:
             zeros = n if decode_raw(data, len(data), state) else 0
         else:
             shift = _num_raw_bits(n - 1)
@@ -140,12 +144,12 @@ def decode_tree(data, bits, leaf, models, codes, num_low_bits):
                 decode_advance(data, len(data), state, low, ONE, shift)
                 number = (number << shift) | low
             zeros = 1 + min(number, n - 2)
-        run = min(run + 1, RUNS - 1) if together else 0
+        unsplit_levels = min(unsplit_levels + 1, NUM_UNSPLIT - 1) if is_unsplit else 0
         top += 2
         stack[top - 1, 0], stack[top - 1, 1], stack[top - 1, 2] = begin + zeros, end, bit - 1
-        stack[top - 1, 3], stack[top - 1, 4] = run, (prefix << 1) | 1
+        stack[top - 1, 3], stack[top - 1, 4] = unsplit_levels, (prefix << 1) | 1
         stack[top, 0], stack[top, 1], stack[top, 2] = begin, begin + zeros, bit - 1
-        stack[top, 3], stack[top, 4] = run, prefix << 1
+        stack[top, 3], stack[top, 4] = unsplit_levels, prefix << 1
 
 
 @njit(borrows=True, error_model="numpy")
@@ -179,21 +183,22 @@ def encode_position(out, state, code, num_low_bits, low_bit_probabilities):
         num_low_bits: Number of low bits to encode.
         low_bit_probabilities: Probabilities for coding the low bits, see `CoarsePositions.low_bit_probabilities`.
     """
-    rest, triples = code & ((ONE << num_low_bits) - 1), (num_low_bits + 2) // 3
-    level = np.int64(0)
-    while level < triples and not (rest >> (3 * level)) & 7:
-        stop = low_bit_probabilities[triples, level]
-        encode_interval(out, state, stop, (ONE << PROBABILITY_BITS) - stop, PROBABILITY_BITS)
-        level += 1
-    if level == triples:
+    low_bits, num_triples = code & ((ONE << num_low_bits) - 1), (num_low_bits + 2) // 3
+    triple = np.int64(0)
+    while triple < num_triples and not (low_bits >> (3 * triple)) & 7:
+        stop_probability = low_bit_probabilities[num_triples, triple]
+        continue_probability = (ONE << PROBABILITY_BITS) - stop_probability
+        encode_interval(out, state, stop_probability, continue_probability, PROBABILITY_BITS)
+        triple += 1
+    if triple == num_triples:
         return
-    encode_interval(out, state, ZERO, low_bit_probabilities[triples, level], PROBABILITY_BITS)
-    left = num_low_bits - 3 * level
-    low = min(left, 3)
-    encode_bits(out, state, rest >> (3 * level + low), left - low)
-    if low > 1:
-        others = (ONE << low) - 1
-        encode_below(out, state, ((rest >> (3 * level)) & others) - 1, others)
+    encode_interval(out, state, ZERO, low_bit_probabilities[num_triples, triple], PROBABILITY_BITS)
+    num_remaining = num_low_bits - 3 * triple
+    triple_bits = min(num_remaining, 3)
+    encode_bits(out, state, low_bits >> (3 * triple + triple_bits), num_remaining - triple_bits)
+    if triple_bits > 1:
+        max_value = (ONE << triple_bits) - 1
+        encode_below(out, state, ((low_bits >> (3 * triple)) & max_value) - 1, max_value)
 
 
 @njit(borrows=True, error_model="numpy")
@@ -209,22 +214,23 @@ def decode_position(data, end, state, code, num_low_bits, low_bit_probabilities)
         num_low_bits: Number of low bits to decode.
         low_bit_probabilities: Probabilities for coding the low bits, see `CoarsePositions.low_bit_probabilities`.
     """
-    triples, level = (num_low_bits + 2) // 3, np.int64(0)
-    while level < triples:
-        stop = low_bit_probabilities[triples, level]
-        if decode_target(state, PROBABILITY_BITS) < stop:
-            decode_advance(data, end, state, ZERO, stop, PROBABILITY_BITS)
+    num_triples, triple = (num_low_bits + 2) // 3, np.int64(0)
+    while triple < num_triples:
+        stop_probability = low_bit_probabilities[num_triples, triple]
+        if decode_target(state, PROBABILITY_BITS) < stop_probability:
+            decode_advance(data, end, state, ZERO, stop_probability, PROBABILITY_BITS)
             break
-        decode_advance(data, end, state, stop, (ONE << PROBABILITY_BITS) - stop, PROBABILITY_BITS)
-        level += 1
+        continue_probability = (ONE << PROBABILITY_BITS) - stop_probability
+        decode_advance(data, end, state, stop_probability, continue_probability, PROBABILITY_BITS)
+        triple += 1
     high_bits = (code >> num_low_bits) << num_low_bits
-    if level == triples:
+    if triple == num_triples:
         return high_bits
-    left = num_low_bits - 3 * level
-    low = min(left, 3)
-    rest = decode_bits(data, end, state, left - low)
-    value = decode_below(data, end, state, (ONE << low) - 1) if low > 1 else ZERO
-    return high_bits | (((rest << low) | (value + 1)) << (3 * level))
+    num_remaining = num_low_bits - 3 * triple
+    triple_bits = min(num_remaining, 3)
+    upper_bits = decode_bits(data, end, state, num_remaining - triple_bits)
+    value = decode_below(data, end, state, (ONE << triple_bits) - 1) if triple_bits > 1 else ZERO
+    return high_bits | (((upper_bits << triple_bits) | (value + 1)) << (3 * triple))
 
 
 @njit(borrows=True, error_model="numpy")
@@ -237,31 +243,34 @@ def position_bits(code, num_low_bits, low_bit_probabilities):
         num_low_bits: Number of low bits of the Morton code that the packet contains.
         low_bit_probabilities: Probabilities for coding the low bits, see `CoarsePositions.low_bit_probabilities`.
     """
-    rest, triples, total = code & ((ONE << num_low_bits) - 1), (num_low_bits + 2) // 3, 0.0
-    for level in range(triples):
-        stop = low_bit_probabilities[triples, level]
-        if (rest >> (3 * level)) & 7:
-            left = num_low_bits - 3 * level
-            low = min(left, 3)
-            return total + 8.0 - np.log2(float(stop)) + left - low + np.log2(float((1 << low) - 1))
-        total += 8.0 - np.log2(256.0 - stop)
+    low_bits, num_triples, total = code & ((ONE << num_low_bits) - 1), (num_low_bits + 2) // 3, 0.0
+    for triple in range(num_triples):
+        stop_probability = low_bit_probabilities[num_triples, triple]
+        if (low_bits >> (3 * triple)) & 7:
+            num_remaining = num_low_bits - 3 * triple
+            triple_bits = min(num_remaining, 3)
+            total += 8.0 - np.log2(float(stop_probability)) + num_remaining - triple_bits
+            return total + np.log2(float((1 << triple_bits) - 1))
+        total += 8.0 - np.log2(256.0 - stop_probability)
     return total
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def decode_positions(data, ends, starts, states, codes, num_low_bits, low_bit_probabilities):
+def decode_positions(data, byte_starts, anchor_starts, states, codes, num_low_bits, low_bit_probabilities):
     """Decodes the low bits of the positions of all packets' anchors.
 
     Args:
         data: Bytes of all packets.
-        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
-        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        byte_starts: Packet p has the bytes from `byte_starts[p]` to `byte_starts[p + 1]` (exclusive) of `data`.
+        anchor_starts: Packet p has the anchors from `anchor_starts[p]` to `anchor_starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
         codes: Morton codes of all anchors; estimated low bits are replaced by the decoded bits.
         num_low_bits: Number of low bits to decode for each anchor.
         low_bit_probabilities: Probabilities for coding the low bits, see `CoarsePositions.low_bit_probabilities`.
     """
     for p in range(states.shape[0]):
-        for n in range(starts[p], starts[p + 1]):
-            codes[n] = decode_position(data, ends[p + 1], states[p], codes[n], num_low_bits[n], low_bit_probabilities)
+        for n in range(anchor_starts[p], anchor_starts[p + 1]):
+            codes[n] = decode_position(
+                data, byte_starts[p + 1], states[p], codes[n], num_low_bits[n], low_bit_probabilities
+            )

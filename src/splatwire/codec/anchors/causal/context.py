@@ -18,13 +18,11 @@ from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo
 from splatwire.codec.fixed_point import ACTIVATION_BITS
 from splatwire.codec.integer_network import IntegerMlp
 from splatwire.entropy.tables import exp2_table
-from splatwire.types.causal_coding import OCTAVES, CausalConfig
+from splatwire.types.causal_coding import MASK_AND_SCALE, OCTAVES, CausalConfig
 
 ONE = 1 << ACTIVATION_BITS
 VALUE_BITS = 16
 """Fractional bits of an anchor's attributes, in units of quantisation steps."""
-LARGEST = (1 << 30) - (1 << 26)
-"""Largest magnitude of an anchor's quantised attributes: 15,360 quantisation steps."""
 EXP2_CELLS = 10
 """log2 of the number of cells per octave in the table of powers of two, with linear interpolation."""
 EXP2_BITS = 40
@@ -40,19 +38,20 @@ class Stage:
         name: Name of the network.
         first: Index of the stage's first value among all attribute values of an anchor.
         size: Number of attribute values of the stage.
-        masks: Number of mask logits (one per offset) at the start of the network outputs; 0 in stages without masks.
+        num_mask_logits: Number of mask logits (one per offset), which are the first outputs of the network; 0 in stages
+            without masks.
     """
 
     name: str
     first: int
     size: int
-    masks: int = 0
+    num_mask_logits: int = 0
 
 
 def stages(config: CausalConfig) -> tuple[Stage, ...]:
     """Returns the stages (groups of attributes that are predicted together) in coding order.
 
-    The order is: feature groups, scale of the offsets, base sizes, offsets.
+    The order is: feature groups, masks and scale of the offsets, base sizes, offsets.
     """
     feature_stages, first = [], 0
     for group, size in enumerate(config.layout.feature_groups):
@@ -60,7 +59,7 @@ def stages(config: CausalConfig) -> tuple[Stage, ...]:
         first += size
     return (
         *feature_stages,
-        Stage("form", first, 1, config.layout.num_offsets),
+        Stage(MASK_AND_SCALE, first, 1, config.layout.num_offsets),
         Stage("size", first + 1, 3),
         Stage("offset", first + 4, 3 * config.layout.num_offsets),
     )
@@ -128,7 +127,7 @@ class AutoregressivePredictor:
         self._context = context
         self._known = np.empty((len(position_outputs), config.context_dim + config.layout.feature_dim + 4))
         self.position_outputs = np.empty((len(position_outputs), config.context_dim))
-        _network_kernels.narrow(position_outputs, self.position_outputs)
+        _network_kernels.to_inputs(position_outputs, self.position_outputs)
         self._known[:, : config.context_dim] = self.position_outputs
 
     def outputs(self) -> Iterator[tuple[Stage, np.ndarray]]:

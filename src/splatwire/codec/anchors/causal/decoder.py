@@ -6,6 +6,7 @@ import numpy as np
 
 from splatwire.bitstream import Manifest
 from splatwire.bitstream.origin import ORIGIN
+from splatwire.codec.anchors.anchor_codec import AnchorDecoder
 from splatwire.codec.anchors.causal.context import (
     VALUE_BITS,
     CodingContext,
@@ -15,7 +16,6 @@ from splatwire.codec.anchors.causal.context import (
 )
 from splatwire.codec.anchors.causal.packet_coder import anchor_rows, decode_packets, predict_from_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info
-from splatwire.codec.anchors.order import AnchorDecoder
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.fixed_point import ACTIVATION_BITS
 from splatwire.codec.heads import network_of
@@ -38,7 +38,7 @@ from splatwire.types import (
 )
 from splatwire.types.causal_coding import CausalConfig
 
-_SCALINGS = [0, 0, 0, 1, 2, 3]
+_LOG_OF_SCALING = [0, 0, 0, 1, 2, 3]
 """Index of the logarithm, out of an anchor's four, for each of its six scalings."""
 POSITION_BYTES = 32
 """Memory of an anchor's position in the side information, bytes; its decoded form takes four times that."""
@@ -49,7 +49,7 @@ def _num_values(config: CausalConfig) -> int:
     return config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
 
 
-def _anchor_bytes(info: SideInfo) -> int:
+def _working_bytes_per_anchor(info: SideInfo) -> int:
     """Returns the working memory that decoding needs for each anchor, bytes."""
     # The memory is for the activations of the largest network and the quantised attributes.
     hidden = max(len(network.hidden.symbols) for network in info.networks.values())
@@ -82,23 +82,23 @@ class CausalDecoder(AnchorDecoder):
         super().__init__(manifest, info.sections)
         layout = info.config.layout
         self._info, self._context = info, CodingContext.of(info)
-        self._features, self._offsets = layout.feature_dim, layout.num_offsets
-        self._step = np.repeat(info.steps[:-1], layout.feature_groups)
-        self.row_bytes = 4 * (3 + 4 * self._offsets + self._features + 4)
+        self._num_features, self._num_offsets = layout.feature_dim, layout.num_offsets
+        self._feature_steps = np.repeat(info.steps[:-1], layout.feature_groups)
+        self.row_bytes = 4 * (3 + 4 * self._num_offsets + self._num_features + 4)
         self.scene_bytes = self._num * (
             4 * POSITION_BYTES + 4 * (3 * _num_values(info.config) + info.config.context_dim)
         )
-        self.chunk_bytes = _anchor_bytes(info)
+        self.working_bytes_per_anchor = _working_bytes_per_anchor(info)
 
     def _allocate_arrays(self) -> None:
         """Allocates arrays for the attributes of all anchors. Attributes are 0 until their packets are decoded."""
         num, info = self._num, self._info
         self._received = np.zeros((num, len(Attribute)), dtype=np.bool_)
-        self._mask = np.zeros((num, self._offsets), dtype=np.bool_)
-        widths = {"feature": self._features, "scaling": 6, "offset": 3 * self._offsets}
+        self._mask = np.zeros((num, self._num_offsets), dtype=np.bool_)
+        widths = {"feature": self._num_features, "scaling": 6, "offset": 3 * self._num_offsets}
         self._values = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._means = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
-        self._spreads = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
+        self._deviations = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._position_outputs = np.zeros((num, info.config.context_dim), dtype=np.float32)
         self._predicted_positions = self._positions_of(info.positions.known.voxels)
         self._positions = self._predicted_positions.copy()
@@ -117,11 +117,11 @@ class CausalDecoder(AnchorDecoder):
         deviations = np.exp2(np.clip(log_deviations * 2.0**-VALUE_BITS, -6, 13))
         for name, values in self._attributes(means).items():
             self._means[name][ranks] = values
-        logs = deviations[:, self._features : self._features + 4] * self._info.log_steps[[0, 1, 1, 1]]
-        relative = logs[:, _SCALINGS] * (math.log(2) * 2.0**-LOG_BITS)
-        self._spreads["feature"][ranks] = deviations[:, : self._features] * self._step
-        self._spreads["scaling"][ranks] = self._means["scaling"][ranks] * relative
-        self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
+        logs = deviations[:, self._num_features : self._num_features + 4] * self._info.log_steps[[0, 1, 1, 1]]
+        relative = logs[:, _LOG_OF_SCALING] * (math.log(2) * 2.0**-LOG_BITS)
+        self._deviations["feature"][ranks] = deviations[:, : self._num_features] * self._feature_steps
+        self._deviations["scaling"][ranks] = self._means["scaling"][ranks] * relative
+        self._deviations["offset"][ranks] = deviations[:, self._num_features + 4 :] * self._info.steps[-1]
 
     def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes packets of anchors to integers.
@@ -143,7 +143,7 @@ class CausalDecoder(AnchorDecoder):
             rows: Result of `decode` for these packets.
         """
         ranks = batch.indices
-        voxels, mask, quantised = np.split(rows[0], [3, 3 + self._offsets], axis=1)
+        voxels, mask, quantised = np.split(rows[0], [3, 3 + self._num_offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask
         self._positions[ranks] = self._positions_of(voxels + self._info.positions.known.origin)
         for name, values in self._attributes(quantised).items():
@@ -155,10 +155,10 @@ class CausalDecoder(AnchorDecoder):
 
     def _attributes(self, quantised: np.ndarray) -> dict[str, np.ndarray]:
         """Dequantises decoded anchors; returns the attribute arrays (feature, scaling, offset) by name."""
-        feature, log_sizes, offset = np.split(quantised, [self._features, self._features + 4], axis=1)
+        feature, log_sizes, offset = np.split(quantised, [self._num_features, self._num_features + 4], axis=1)
         return {
-            "feature": dequantise_linear(feature, self._step),
-            "scaling": exponential(dequantise_log_sizes(log_sizes, self._info))[:, _SCALINGS],
+            "feature": dequantise_linear(feature, self._feature_steps),
+            "scaling": exponential(dequantise_log_sizes(log_sizes, self._info))[:, _LOG_OF_SCALING],
             "offset": dequantise_linear(offset, self._info.steps[-1]),
         }
 
@@ -168,7 +168,7 @@ class CausalDecoder(AnchorDecoder):
         The scene shares memory with the arrays that `store` fills.
         """
         info, values = self._info, self._values
-        offsets = values["offset"].reshape(len(self._positions), self._offsets, 3)
+        offsets = values["offset"].reshape(len(self._positions), self._num_offsets, 3)
         positions, mask = self._positions, self._mask
         anchors = Anchors(positions, values["feature"], values["scaling"], offsets, mask)
         heads = GaussianHeads(*(network_of(head) for head in info.heads))
@@ -200,9 +200,9 @@ class CausalDecoder(AnchorDecoder):
         num, info = len(self._position_outputs), self._info
         relative = self._means["scaling"].mean(axis=1, keepdims=True)
         steps = {
-            "feature": np.full((num, 1), self._step.mean(), np.float32),
+            "feature": np.full((num, 1), self._feature_steps.mean(), np.float32),
             "scaling": relative * float(info.log_steps[1] * math.log(2) * 2.0**-LOG_BITS),
             "offset": np.full((num, 1), info.steps[-1], np.float32),
         }
-        parts = {name: AttributePrior(self._means[name], self._spreads[name], step) for name, step in steps.items()}
+        parts = {name: AttributePrior(self._means[name], self._deviations[name], step) for name, step in steps.items()}
         return Prior(**parts, context_features=self._position_outputs)

@@ -22,7 +22,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.ops.morton import morton_encode
 from splatwire.types import Anchors, AnchorScene
 
-_LOGS = [0, 3, 4, 5]
+_LOG_SCALINGS = [0, 3, 4, 5]
 """Indices of the coded ones among an anchor's six scalings: the offset scale (once), and the sizes along x, y, z. They
 are coded as logarithms."""
 MAX_SIDE_INFO_SHARE = 0.08
@@ -52,7 +52,7 @@ def causal_encoder(
         InvalidValueError: If the packets are separated by attribute, the order is not Morton, or the scene exceeds the
             format's limits.
     """
-    _check_common(packetization)
+    _check_packetization(packetization)
     scene = replace(scene, anchors=_with_positive_scalings(scene.anchors))
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     info = fit_side_info(scene, voxels, network_tolerance=network_tolerance)
@@ -80,19 +80,19 @@ def causal_repack_encoder(
         InvalidValueError: If the packets are separated by attribute, or the order is not Morton.
         BitstreamError: If the side information is damaged.
     """
-    _check_common(packetization)
+    _check_packetization(packetization)
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     return CausalEncoder(scene, read_side_info(side_info, scene.anchors.num_anchors), voxels), side_info
 
 
-def _check_common(packetization: Packetization) -> None:
+def _check_packetization(packetization: Packetization) -> None:
     if not packetization.universal:
         raise InvalidValueError(
             "anchors of the causal model are coded whole and in Morton order: preset 'hacpp' is for those of HAC++"
         )
 
 
-def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> CoarsePositions:
+def _split_position_bits(info: SideInfo, voxels: np.ndarray, bytes_of_packets: float) -> CoarsePositions:
     """Chooses how many bits of the anchors' positions are in the side information; the other bits are in packets.
 
     The number of bits is the largest for which the side information is at most about a fixed share of the stream.
@@ -100,7 +100,7 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     Args:
         info: Side information with the maximum number of position bits.
         voxels: Positions of the N anchors as indices of voxels, int64 (N, 3).
-        packet_bytes: Expected size of all packets together, bytes.
+        bytes_of_packets: Expected size of all packets together, bytes.
 
     Returns:
         Section of the side information with the high bits of the positions, and probabilities for coding the low bits
@@ -108,12 +108,12 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     """
     # Side information delays the first picture, so its share of all bytes is limited to about `MAX_SIDE_INFO_SHARE`.
     # The limit of anchors per leaf takes precedence.
-    positions, others = info.positions, len(write_side_info(info)) - len(info.positions.section)
-    max_section_bytes = MAX_SIDE_INFO_SHARE * (others + len(positions.section) + packet_bytes) - others
-    for leaf in range(2, MAX_LEAF_ANCHORS + 1):
+    positions, other_bytes = info.positions, len(write_side_info(info)) - len(info.positions.section)
+    max_section_bytes = MAX_SIDE_INFO_SHARE * (other_bytes + len(positions.section) + bytes_of_packets) - other_bytes
+    for max_leaf in range(2, MAX_LEAF_ANCHORS + 1):
         if len(positions.section) <= max_section_bytes:
             break
-        positions = encode_coarse_positions(voxels, leaf)
+        positions = encode_coarse_positions(voxels, max_leaf)
     return positions
 
 
@@ -143,9 +143,9 @@ class CausalEncoder:
         anchors, groups, positions = scene.anchors, info.config.layout.feature_groups, info.positions.known
         self._context = CodingContext.of(info)
         self._known_positions = replace(positions, codes=morton_encode(voxels - positions.origin))
-        self._octaves = float(info.log_steps[0]) * 2.0**-LOG_BITS
+        self._offset_scale_step = float(info.log_steps[0]) * 2.0**-LOG_BITS
         self._masks = anchors.mask.astype(np.uint8)
-        logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOGS]) * 2.0**LOG_BITS - info.zero_points
+        logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOG_SCALINGS]) * 2.0**LOG_BITS - info.zero_points
         offsets = anchors.present_offsets.reshape(len(anchors.mask), -1).astype(np.float64)
         parts = (
             anchors.features.astype(np.float64) / np.repeat(info.steps[:-1], groups),
@@ -162,20 +162,20 @@ class CausalEncoder:
         ranks = np.random.default_rng(SAMPLE_SEED).permutation(len(self._masks))[:SAMPLE_SIZE]
         return float(anchor_bits(self._context, self._quantised(ranks)).mean()) * len(self._masks) / 8
 
-    def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
+    def encode(self, ranks: np.ndarray, counts: np.ndarray, max_payload_bytes: int | None) -> CodedPackets:
         """Encodes groups of anchors; each group becomes one packet, or several packets of limited size.
 
         Args:
             ranks: Indices, in coding order, of the n anchors to encode: first the anchors of group 0, then those of
                 group 1, and so on, int64 (n).
             counts: Number of anchors of each group, int64 (groups).
-            packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
+            max_payload_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
         quantised = self._quantised(ranks)
-        if packet_bytes is not None:
-            counts = split_into_packets(self._context, quantised, counts, packet_bytes)
+        if max_payload_bytes is not None:
+            counts = split_into_packets(self._context, quantised, counts, max_payload_bytes)
         return CodedPackets(counts, encode_packets(self._context, quantised, counts), (quantised.rows(),))
 
     def _quantised(self, ranks: np.ndarray) -> Quantised:
         positions = self._known_positions.select(ranks)
-        return quantise(self._context, positions, self._masks[ranks], self._values[ranks], self._octaves)
+        return quantise(self._context, positions, self._masks[ranks], self._values[ranks], self._offset_scale_step)

@@ -15,6 +15,7 @@ from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
 from splatwire.codec.heads import quantise_network
 from splatwire.ops.arrays import lower_median
 from splatwire.types import AnchorScene, CausalCoding
+from splatwire.types.causal_coding import MASK_AND_SCALE
 
 SAMPLE_ANCHORS = 16_000
 TOLERANCE_REFERENCE = 0.04
@@ -117,7 +118,7 @@ def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarr
     # Errors of these sizes cost about the same number of bits in every output.
     if name == "position":
         return POSITION_NOISE_FACTOR * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)
-    masks = coding.config.layout.num_offsets if name == "form" else 0
+    masks = coding.config.layout.num_offsets if name == MASK_AND_SCALE else 0
     log_deviations = outputs[:, masks + (outputs.shape[1] - masks) // 2 :].astype(np.float64)
     typical = lower_median(2.0 ** log_deviations.clip(-3, 13))
     width = np.sqrt(typical**2 + 1 / 12)

@@ -83,23 +83,23 @@ def quantise(
     quantised, predictor = _empty(context, positions, masks), context.start(positions.voxels)
     coded = np.repeat(masks.astype(bool), 3, axis=1)
     for stage, outputs in predictor.outputs():
-        columns, means = _columns(stage), outputs[:, stage.masks : stage.masks + stage.size]
-        if stage.masks:
-            quantised.logits[:] = outputs[:, : stage.masks]
+        columns, means = _columns(stage), outputs[:, stage.num_mask_logits : stage.num_mask_logits + stage.size]
+        if stage.num_mask_logits:
+            quantised.logits[:] = outputs[:, : stage.num_mask_logits]
         symbols = np.rint(values[:, columns] - means * 2.0**-16).astype(np.int32)
         if stage is context.stages[-1]:
             symbols *= coded
         reconstructed = np.empty(symbols.shape, dtype=np.int32)
-        kernels.add_predicted_means(symbols, outputs, stage.masks, reconstructed)
+        kernels.add_predicted_means(symbols, outputs, stage.num_mask_logits, reconstructed)
         predictor.add_values(stage, reconstructed)
-        if stage.masks:
+        if stage.num_mask_logits:
             rounding_error = values[:, columns] - reconstructed * 2.0**-16
             values[:, _columns(context.stages[-1])] *= np.exp2(rounding_error * offset_scale_step)
         if stage is context.stages[-1]:
             reconstructed *= coded
         quantised.symbols[:, columns], quantised.reconstructed[:, columns] = symbols, reconstructed
         quantised.scale_indices[:, columns] = scale_indices(
-            np.ascontiguousarray(outputs[:, stage.masks + stage.size :])
+            np.ascontiguousarray(outputs[:, stage.num_mask_logits + stage.size :])
         )
     return quantised
 
@@ -112,21 +112,21 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
         quantised: The quantised anchors of all packets, packet by packet.
         counts: Number of anchors in each packet, int64 (packets).
     """
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    capacity = (
+    anchor_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    max_anchor_bytes = (
         quantised.masks.shape[1] + quantised.symbols.shape[1] + kernels.POSITION_SYMBOLS
     ) * kernels.BYTES_PER_SYMBOL
-    buffer = np.empty(len(quantised.masks) * capacity + 64 * len(starts), dtype=np.uint8)
+    buffer = np.empty(len(quantised.masks) * max_anchor_bytes + 64 * len(anchor_starts), dtype=np.uint8)
     lengths = np.zeros(len(counts), dtype=np.int64)
-    firsts = np.array([*(stage.first for stage in context.stages), quantised.symbols.shape[1]])
-    mask_stage = next(s for s, stage in enumerate(context.stages) if stage.masks)
+    first_columns = np.array([*(stage.first for stage in context.stages), quantised.symbols.shape[1]])
+    mask_stage = next(s for s, stage in enumerate(context.stages) if stage.num_mask_logits)
     kernels.encode_packets(
-        starts, quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities,
+        anchor_starts, quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities,
         quantised.masks, quantised.logits, quantised.symbols,
-        quantised.scale_indices, firsts, mask_stage, weight_table(), *tables(), buffer, lengths,
+        quantised.scale_indices, first_columns, mask_stage, weight_table(), *tables(), buffer, lengths,
     )  # fmt: skip
-    begin = starts[:-1] * capacity + 64 * np.arange(len(lengths))
-    return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
+    begins = anchor_starts[:-1] * max_anchor_bytes + 64 * np.arange(len(lengths))
+    return [buffer[begin : begin + length].tobytes() for begin, length in zip(begins, lengths, strict=True)]
 
 
 def anchor_bits(context: CodingContext, quantised: Quantised) -> np.ndarray:
@@ -146,7 +146,7 @@ def anchor_bits(context: CodingContext, quantised: Quantised) -> np.ndarray:
 
 
 def split_into_packets(
-    context: CodingContext, quantised: Quantised, counts: np.ndarray, payload_bytes: int
+    context: CodingContext, quantised: Quantised, counts: np.ndarray, max_payload_bytes: int
 ) -> np.ndarray:
     """Divides blocks (ranges of consecutive anchors) into packets of limited size, each with as many anchors as fit.
 
@@ -154,18 +154,18 @@ def split_into_packets(
         context: The stream's networks and constants.
         quantised: The anchors of all blocks, block by block.
         counts: Number of anchors in each block, int64 (blocks).
-        payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
+        max_payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
 
     Returns:
         Number of anchors in each packet, int64; packets never cross the end of a block.
     """
     # The last byte is rounded up, and the coder's range loses up to 2**-16 of itself with each symbol.
     bits = anchor_bits(context, quantised)
-    budget, sizes, begin = 8.0 * (payload_bytes - 1) - 1.0, list[int](), 0
+    max_bits, sizes, begin = 8.0 * (max_payload_bytes - 1) - 1.0, list[int](), 0
     for count in counts.tolist():
         first, total = begin, 0.0
         for n in range(begin, begin + count):
-            if n > first and total + bits[n] > budget:
+            if n > first and total + bits[n] > max_bits:
                 sizes.append(n - first)
                 first, total = n, 0.0
             total += bits[n]
@@ -190,29 +190,29 @@ def decode_packets(
         Three arrays with an entry for each anchor: Morton codes of the positions, int64 (n); offset masks, uint8 (n,
         K); and decoded attributes in quantisation steps with 16 fractional bits, int32 (n, attributes).
     """
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
+    anchor_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    byte_starts = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
     states = np.zeros((len(payloads), 3), dtype=np.int64)
-    kernels.start_packets(data, ends, states)
+    kernels.start_packets(data, byte_starts, states)
     exact = replace(positions, codes=positions.codes.copy())
     position_kernels.decode_positions(
-        data, ends, starts, states, exact.codes, exact.num_low_bits, context.low_bit_probabilities
+        data, byte_starts, anchor_starts, states, exact.codes, exact.num_low_bits, context.low_bit_probabilities
     )
     num, last = len(exact.codes), context.stages[-1]
     masks = np.zeros((num, context.config.layout.num_offsets), dtype=np.uint8)
     all_values = np.zeros((num, last.first + last.size), dtype=np.int32)
-    everything = np.ones((num, -(-max(stage.size for stage in context.stages) // 3)), dtype=np.uint8)
+    all_coded = np.ones((num, -(-max(stage.size for stage in context.stages) // 3)), dtype=np.uint8)
     predictor = context.start(exact.voxels)
     for stage, outputs in predictor.outputs():
-        if stage.masks:
-            logits = np.ascontiguousarray(outputs[:, : stage.masks])
-            kernels.decode_masks(data, ends, starts, states, logits, weight_table(), masks)
-        indices = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
+        if stage.num_mask_logits:
+            logits = np.ascontiguousarray(outputs[:, : stage.num_mask_logits])
+            kernels.decode_masks(data, byte_starts, anchor_starts, states, logits, weight_table(), masks)
+        indices = scale_indices(np.ascontiguousarray(outputs[:, stage.num_mask_logits + stage.size :]))
         symbols, reconstructed = np.empty(indices.shape, dtype=np.int32), np.empty(indices.shape, dtype=np.int32)
-        coded = masks if stage is last else everything
-        kernels.decode_stage(data, ends, starts, states, indices, coded, *tables(), symbols)
-        kernels.add_predicted_means(symbols, outputs, stage.masks, reconstructed)
+        coded = masks if stage is last else all_coded
+        kernels.decode_stage(data, byte_starts, anchor_starts, states, indices, coded, *tables(), symbols)
+        kernels.add_predicted_means(symbols, outputs, stage.num_mask_logits, reconstructed)
         predictor.add_values(stage, reconstructed)
         all_values[:, _columns(stage)] = reconstructed
     all_values[:, last.first :] *= np.repeat(masks, 3, axis=1)
@@ -237,7 +237,10 @@ def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[
     means = np.empty((len(voxels), last.first + last.size), dtype=np.int32)
     log_deviations = np.empty(means.shape, dtype=np.int32)
     for stage, outputs in predictor.outputs():
-        mean = np.ascontiguousarray(outputs[:, stage.masks : stage.masks + stage.size])
+        mean = np.ascontiguousarray(outputs[:, stage.num_mask_logits : stage.num_mask_logits + stage.size])
         predictor.add_values(stage, mean)
-        means[:, _columns(stage)], log_deviations[:, _columns(stage)] = mean, outputs[:, stage.masks + stage.size :]
+        means[:, _columns(stage)], log_deviations[:, _columns(stage)] = (
+            mean,
+            outputs[:, stage.num_mask_logits + stage.size :],
+        )
     return predictor.position_outputs, means, log_deviations

@@ -13,6 +13,7 @@ from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_decode, morton_encode
 
 PROBABILITY_ONE = 256
+"""Denominator of the probabilities in the side information."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +60,14 @@ class CoarsePositions:
     low_bit_probabilities: np.ndarray
 
 
-def encode_coarse_positions(voxels: np.ndarray, leaf: int) -> CoarsePositions:
+def encode_coarse_positions(voxels: np.ndarray, max_leaf: int) -> CoarsePositions:
     """Encodes the high bits of all anchors' positions as a section of the side information.
 
     The low bits are in the packets.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (N, 3).
-        leaf: Maximum number of anchors in a leaf of the tree that codes the high bits, 1 to 64.
+        max_leaf: Maximum number of anchors in a leaf of the tree that codes the high bits, 1 to 64.
 
     Raises:
         ValueError: If the points span 2**21 voxels or more.
@@ -74,24 +75,24 @@ def encode_coarse_positions(voxels: np.ndarray, leaf: int) -> CoarsePositions:
     # With larger leaves, more bits are in packets.
     origin = origin_of(voxels)
     codes = np.sort(morton_encode(voxels - origin))
-    tree = _encode_tree(codes, origin, leaf)
-    shared = _decode_tree(tree, len(voxels), leaf)
-    triples, lowest = lowest_triples(codes, shared.num_low_bits)
-    rows, writer = int(triples.max(initial=0)), ByteWriter()
-    writer.u8(leaf)
-    writer.u8(rows)
-    for row in range(1, rows + 1):
-        counts = np.bincount(lowest[triples == row], minlength=row + 1)
-        num_left = counts[::-1].cumsum()[::-1]
-        for stops, reached in zip(counts[:row].tolist(), num_left.tolist(), strict=False):
+    tree = _encode_tree(codes, origin, max_leaf)
+    shared = _decode_tree(tree, len(voxels), max_leaf)
+    num_triples, lowest = lowest_triples(codes, shared.num_low_bits)
+    num_rows, writer = int(num_triples.max(initial=0)), ByteWriter()
+    writer.u8(max_leaf)
+    writer.u8(num_rows)
+    for row in range(1, num_rows + 1):
+        counts = np.bincount(lowest[num_triples == row], minlength=row + 1)
+        num_reached = counts[::-1].cumsum()[::-1]
+        for stops, reached in zip(counts[:row].tolist(), num_reached.tolist(), strict=False):
             writer.u8(min(max(round(PROBABILITY_ONE * (stops + 0.5) / (reached + 1)), 1), PROBABILITY_ONE - 1))
     return read_coarse_positions(writer.bytes() + tree, len(voxels))
 
 
-def _encode_tree(codes: np.ndarray, origin: np.ndarray, leaf: int) -> bytes:
+def _encode_tree(codes: np.ndarray, origin: np.ndarray, max_leaf: int) -> bytes:
     bits = -(-(int(codes[-1]).bit_length() if len(codes) else 0) // 3) * 3
     buffer = np.zeros(4 * len(codes) + 16 * MAX_AXIS_BITS, dtype=np.uint8)
-    length = kernels.encode_tree(codes, bits, leaf, fresh_models(kernels.NUM_CONTEXTS), buffer)
+    length = kernels.encode_tree(codes, bits, max_leaf, fresh_models(kernels.NUM_CONTEXTS), buffer)
     writer = ByteWriter()
     for value in origin:
         writer.signed(int(value))
@@ -100,7 +101,7 @@ def _encode_tree(codes: np.ndarray, origin: np.ndarray, leaf: int) -> bytes:
     return writer.bytes() + buffer[: max(length, -(-len(codes) // 8))].tobytes()
 
 
-def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
+def _decode_tree(data: bytes, count: int, max_leaf: int) -> AnchorPositions:
     reader = ByteReader(data, "positions")
     origin = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
     bits = reader.u8()
@@ -111,7 +112,7 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
         raise BitstreamError(f"positions: {len(code)} bytes cannot hold {count} anchors")
     codes, num_low_bits = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     models = fresh_models(kernels.NUM_CONTEXTS)
-    kernels.decode_tree(np.frombuffer(code, dtype=np.uint8), bits, leaf, models, codes, num_low_bits)
+    kernels.decode_tree(np.frombuffer(code, dtype=np.uint8), bits, max_leaf, models, codes, num_low_bits)
     return AnchorPositions(origin, codes, num_low_bits)
 
 
@@ -130,11 +131,11 @@ def lowest_triples(codes: np.ndarray, num_low_bits: np.ndarray) -> tuple[np.ndar
     """
     # If all triples are 0, the index equals their number. Low triples are often zero, because anchors lie on grids of
     # several widths.
-    triples, rest = (num_low_bits + 2) // 3, codes & ((np.int64(1) << num_low_bits) - 1)
+    num_triples, low_bits = (num_low_bits + 2) // 3, codes & ((np.int64(1) << num_low_bits) - 1)
     lowest = np.zeros(len(codes), dtype=np.int64)
-    for level in range(int(triples.max(initial=0))):
-        lowest += (rest & ((1 << (3 * level + 3)) - 1) == 0) & (level < triples)
-    return triples, lowest
+    for triple in range(int(num_triples.max(initial=0))):
+        lowest += (low_bits & ((1 << (3 * triple + 3)) - 1) == 0) & (triple < num_triples)
+    return num_triples, lowest
 
 
 def read_coarse_positions(section: bytes, num_anchors: int) -> CoarsePositions:
@@ -148,13 +149,13 @@ def read_coarse_positions(section: bytes, num_anchors: int) -> CoarsePositions:
         BitstreamError: If the bytes are damaged or not such a section.
     """
     reader = ByteReader(section, "positions")
-    leaf, rows = reader.u8(), reader.u8()
-    if not 0 < leaf <= MAX_LEAF or rows > MAX_AXIS_BITS:
-        raise BitstreamError(f"positions: nodes of {leaf} anchors, {rows} rows of probabilities")
+    max_leaf, rows = reader.u8(), reader.u8()
+    if not 0 < max_leaf <= MAX_LEAF or rows > MAX_AXIS_BITS:
+        raise BitstreamError(f"positions: nodes of {max_leaf} anchors, {rows} rows of probabilities")
     low_bit_probabilities = np.zeros((rows + 1, rows + 1), dtype=np.int64)
     for row in range(1, rows + 1):
         low_bit_probabilities[row, :row] = np.frombuffer(reader.take(row), dtype=np.uint8)
-    shared = _decode_tree(reader.rest(), num_anchors, leaf)
+    shared = _decode_tree(reader.rest(), num_anchors, max_leaf)
     missing = int((shared.num_low_bits.max(initial=0) + 2) // 3)
     if missing > rows or not low_bit_probabilities[np.tril_indices(rows + 1, -1)].all():
         raise BitstreamError(f"positions: no probabilities for {missing} triples of bits among {rows} rows")

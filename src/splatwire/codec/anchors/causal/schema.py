@@ -5,9 +5,9 @@ The causal model predicts the attributes of an anchor from those of the same anc
 
 from splatwire.bitstream import CAUSAL, Packetization, SceneStream
 from splatwire.bitstream.limits import SCHEMAS
+from splatwire.codec.anchors.anchor_codec import prepare_anchor_repack, prepare_anchors, update_digest
 from splatwire.codec.anchors.causal.decoder import CausalDecoder
 from splatwire.codec.anchors.causal.encoder import causal_encoder, causal_repack_encoder
-from splatwire.codec.anchors.order import prepare_anchor_repack, prepare_anchors, update_digest
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.schema import Options, Prepared, schema_for
 from splatwire.types import AnchorLayout, Anchors, AnchorScene, CausalCoding, PredictedPositions, Prior

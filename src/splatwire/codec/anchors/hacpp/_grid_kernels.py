@@ -132,18 +132,18 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
         axes: int64 (levels, 3), world axes that the level spans; -1 in the last column for a plane.
         out: float64 (N, levels * D), written with whole numbers, `ACTIVATION_BITS` fractional bits.
     """
-    depth = signs.shape[1]
+    features_per_level = signs.shape[1]
     total = np.zeros(8, np.int64)
     for n in range(units.shape[0]):
         for level in range(len(starts)):
             dims = 2 if axes[level, 2] < 0 else 3
             if not inside_box(units, n, axes, level, dims):
-                for d in range(depth):
-                    out[n, level * depth + d] = 0.0
+                for d in range(features_per_level):
+                    out[n, level * features_per_level + d] = 0.0
                 continue
             resolution, count, start = resolutions[level], rows[level], starts[level]
             x, fx, y, fy, z, fz = cell_of(units, n, axes, level, dims, resolution)
-            for d in range(depth):
+            for d in range(features_per_level):
                 total[d] = 0
             weight_sum = np.int64(0)
             for corner in range(1 << dims):
@@ -155,16 +155,16 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
                     continue
                 weight_sum += weight
                 row = start + row_of(x + bx, y + by, z + bz, resolution, count, dims)
-                for d in range(depth):
+                for d in range(features_per_level):
                     total[d] += weight * signs[row, d]
-            for d in range(depth):
+            for d in range(features_per_level):
                 value = (total[d] << ACTIVATION_BITS) // weight_sum if weight_sum else np.int64(0)
-                out[n, level * depth + d] = value
+                out[n, level * features_per_level + d] = value
 
 
 @njit(borrows=True, nogil=True)
 @no_type_check
-def touch(units, starts, resolutions, rows, axes, touched):
+def mark_rows(units, starts, resolutions, rows, axes, touched):
     """Marks the rows of the hash table that at least one anchor needs, in all levels of the hash grid.
 
     Args:

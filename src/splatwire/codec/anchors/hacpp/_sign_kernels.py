@@ -14,20 +14,20 @@ STATES = 32
 
 @njit(borrows=True)
 @no_type_check
-def sign_context(grid_level, feature, depth, signs, row, previous):
+def sign_context(grid_level, feature, features_per_level, signs, row, previous):
     """Returns the index of the adaptive model for a sign in the hash table.
 
     Args:
         grid_level: Index of the grid level.
         feature: Column of the sign in the table.
-        depth: Number of columns, D.
+        features_per_level: Number of columns, D.
         signs: The hash table, int8 (rows, D).
         row: Table row of the sign.
         previous: Table row that was coded before; -1 for none.
     """
     # The context depends on the grid level, the feature (column of the table), up to three preceding signs of the same
     # row, and the sign of the same feature in the previous coded row.
-    context = (grid_level * depth + feature) * STATES
+    context = (grid_level * features_per_level + feature) * STATES
     for back in range(1, min(feature, 3) + 1):
         if signs[row, feature - back] > 0:
             context += 1 << (back - 1)
@@ -53,11 +53,11 @@ def encode_signs(signs, touched, level_of, models, buffer):
     """
     state = np.empty(3, np.int64)
     encoder_start(state)
-    previous, depth = np.int64(-1), signs.shape[1]
+    previous, features_per_level = np.int64(-1), signs.shape[1]
     for row in range(len(touched)):
         if touched[row]:
-            for feature in range(depth):
-                context = sign_context(level_of[row], feature, depth, signs, row, previous)
+            for feature in range(features_per_level):
+                context = sign_context(level_of[row], feature, features_per_level, signs, row, previous)
                 encode_bit(buffer, state, models, context, 1 if signs[row, feature] > 0 else 0)
             previous = row
     return encoder_finish(buffer, state)
@@ -77,12 +77,12 @@ def decode_signs(data, touched, level_of, models, signs):
     """
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)
-    previous, depth = np.int64(-1), signs.shape[1]
+    previous, features_per_level = np.int64(-1), signs.shape[1]
     for row in range(len(touched)):
-        for feature in range(depth):
+        for feature in range(features_per_level):
             signs[row, feature] = 1
         if touched[row]:
-            for feature in range(depth):
-                context = sign_context(level_of[row], feature, depth, signs, row, previous)
+            for feature in range(features_per_level):
+                context = sign_context(level_of[row], feature, features_per_level, signs, row, previous)
                 signs[row, feature] = 2 * decode_bit(data, len(data), state, models, context) - 1
             previous = row

@@ -91,9 +91,9 @@ def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
     config, columns = context.config, prior_columns(context.config)
     f, o = config.layout.feature_dim, 3 * config.layout.num_offsets
     factors = factor_table()[step_indices(outputs, config)]
-    feature = _indices(outputs, columns.feature_mean, columns.feature_scale, f, columns, 0, config.base_steps[0])
-    scaling = _indices(outputs, columns.scaling_mean, columns.scaling_scale, 6, columns, 1, config.base_steps[1])
-    offset = _indices(outputs, columns.offset_mean, columns.offset_scale, o, columns, 2, config.base_steps[2])
+    feature = _normal_indices(outputs, columns.feature_mean, columns.feature_scale, f, columns, 0, config.base_steps[0])
+    scaling = _normal_indices(outputs, columns.scaling_mean, columns.scaling_scale, 6, columns, 1, config.base_steps[1])
+    offset = _normal_indices(outputs, columns.offset_mean, columns.offset_scale, o, columns, 2, config.base_steps[2])
     return Predictions(outputs, factors, feature, scaling, offset)
 
 
@@ -140,7 +140,7 @@ def split_into_packets(
     counts: np.ndarray,
     symbols: Symbols,
     mask_models: np.ndarray,
-    payload_bytes: int,
+    max_payload_bytes: int,
 ) -> np.ndarray:
     """Divides blocks (ranges of consecutive anchors) into packets of limited size, each with as many anchors as fit.
 
@@ -151,7 +151,7 @@ def split_into_packets(
         symbols: Quantised attributes of the anchors.
         mask_models: Initial state of the adaptive bit models that code offset masks, int64 (contexts, 2). Every packet
             starts from it.
-        payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
+        max_payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
 
     Returns:
         Number of anchors in each packet, int64; packets never cross the end of a block.
@@ -163,13 +163,13 @@ def split_into_packets(
         weight_table(), *tables(), bits,
     )  # fmt: skip
     # The last byte is rounded up, and the coder's range loses up to 2**-16 of itself with each symbol.
-    budget, pieces, begin = 8.0 * (payload_bytes - 1) - 1.0, [], 0
+    max_bits, block_counts, begin = 8.0 * (max_payload_bytes - 1) - 1.0, [], 0
     for count in counts.tolist():
         block, sizes = slice(begin, begin + count), np.empty(count, dtype=np.int64)
-        used = kernels.cut(symbols.mask[block], bits[block], mask_models, budget, sizes)
-        pieces.append(sizes[:used])
+        num_packets = kernels.split_block(symbols.mask[block], bits[block], mask_models, max_bits, sizes)
+        block_counts.append(sizes[:num_packets])
         begin += count
-    return np.concatenate(pieces) if pieces else np.empty(0, dtype=np.int64)
+    return np.concatenate(block_counts) if block_counts else np.empty(0, dtype=np.int64)
 
 
 def encode_packets(
@@ -195,18 +195,18 @@ def encode_packets(
         One payload per packet.
     """
     mixture = mixture or predict_mixture(context, predicted, symbols.feature)
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    anchor_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     num, offsets, features = len(symbols.mask), symbols.mask.shape[1], symbols.feature.shape[1]
-    per_anchor = (offsets + features + 6 + 3 * offsets) * kernels.BYTES_PER_SYMBOL
-    buffer = np.empty(num * per_anchor + 64 * len(starts), dtype=np.uint8)
-    lengths = np.zeros(len(starts) - 1, dtype=np.int64)
+    max_anchor_bytes = (offsets + features + 6 + 3 * offsets) * kernels.BYTES_PER_SYMBOL
+    buffer = np.empty(num * max_anchor_bytes + 64 * len(anchor_starts), dtype=np.uint8)
+    lengths = np.zeros(len(anchor_starts) - 1, dtype=np.int64)
     kernels.encode_packets(
-        starts, symbols.mask, symbols.feature, symbols.scaling, symbols.offset, mask_models,
+        anchor_starts, symbols.mask, symbols.feature, symbols.scaling, symbols.offset, mask_models,
         *predicted.feature, mixture.mean, mixture.scale, mixture.weight, *predicted.scaling, *predicted.offset,
         _group_edges(context), weight_table(), *tables(), buffer, lengths,
     )  # fmt: skip
-    begin = starts[:-1] * per_anchor + 64 * np.arange(len(lengths))
-    return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
+    begins = anchor_starts[:-1] * max_anchor_bytes + 64 * np.arange(len(lengths))
+    return [buffer[begin : begin + length].tobytes() for begin, length in zip(begins, lengths, strict=True)]
 
 
 def decode_packets(
@@ -231,8 +231,8 @@ def decode_packets(
         Symbols of the anchors; and the factors by which the base quantisation steps of feature, scaling and offset are
         multiplied, in fixed point with `FACTOR_BITS` fractional bits, int64 (n, 3).
     """
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
+    anchor_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    byte_starts = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
     predicted, edges = predict_packets(context, outputs), _group_edges(context)
     num, offsets = len(outputs), context.config.layout.num_offsets
@@ -240,16 +240,25 @@ def decode_packets(
     mask = np.empty((num, offsets), dtype=np.uint8)
     feature = np.empty((num, int(edges[-1])), dtype=np.int32)
     scaling, offset = np.empty((num, 6), dtype=np.int32), np.empty((num, 3 * offsets), dtype=np.int32)
-    kernels.decode_masks(data, ends, starts, mask_models, states, mask)
+    kernels.decode_masks(data, byte_starts, anchor_starts, mask_models, states, mask)
     for group, shared in enumerate(context.shared_sums(outputs)):
         before = context.feature_activations(feature[:, : edges[group]], predicted.factors[:, 0])
         mean1, scale1, weight = predict_group(context, group, shared, before, outputs)
         kernels.decode_group(
-            data, ends, starts, states, edges[group], *predicted.feature, mean1, scale1, weight,
+            data, byte_starts, anchor_starts, states, edges[group], *predicted.feature, mean1, scale1, weight,
             weight_table(), *tables(), feature,
         )  # fmt: skip
-    kernels.decode_rest(
-        data, ends, starts, states, mask, *predicted.scaling, *predicted.offset, *tables(), scaling, offset
+    kernels.decode_scalings_and_offsets(
+        data,
+        byte_starts,
+        anchor_starts,
+        states,
+        mask,
+        *predicted.scaling,
+        *predicted.offset,
+        *tables(),
+        scaling,
+        offset,
     )
     return Symbols(mask, feature, scaling, offset), predicted.factors
 
@@ -258,7 +267,7 @@ def _group_edges(context: CodingContext) -> np.ndarray:
     return np.cumsum([0, *context.config.layout.feature_groups]).astype(np.int64)
 
 
-def _indices(
+def _normal_indices(
     outputs: np.ndarray, mean: int, scale: int, count: int, columns: PriorColumns, attribute: int, base: float
 ) -> tuple[np.ndarray, np.ndarray]:
     means = np.empty((len(outputs), count), dtype=np.int32)

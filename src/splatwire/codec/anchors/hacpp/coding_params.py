@@ -167,9 +167,9 @@ class CodingContext:
         float64 (3 F, hidden). Rows are the outputs of the prior network that predict features. Columns are the hidden
         units of all channel networks, one network after another.
         """
-        before = np.cumsum([0, *self.config.layout.feature_groups])
+        group_starts = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(
-            [mlp.hidden.matrix[size:] for mlp, size in zip(self.channel, before[:-1], strict=True)], axis=1
+            [mlp.hidden.matrix[start:] for mlp, start in zip(self.channel, group_starts[:-1], strict=True)], axis=1
         )
 
     def shared_sums(self, outputs: np.ndarray) -> list[np.ndarray]:
@@ -186,7 +186,7 @@ class CodingContext:
         # Each channel network predicts one feature group. All of them have the outputs of the prior network among their
         # inputs, so this part of their first layers is computed in one matrix product.
         inputs = np.empty((len(outputs), 3 * self.config.layout.feature_dim), dtype=np.float64)
-        kernels.narrow(outputs, inputs)
+        kernels.to_inputs(outputs, inputs)
         sums = inputs @ self.shared_matrix
         edges = np.cumsum([len(mlp.hidden.weight) for mlp in self.channel])[:-1]
         return np.split(sums, edges, axis=1)

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from splatwire.bitstream import Manifest
+from splatwire.codec.anchors.anchor_codec import AnchorDecoder
 from splatwire.codec.anchors.hacpp.arrays import DecodedArrays, assemble_scene, store_symbols
 from splatwire.codec.anchors.hacpp.atomic import Symbols, decode_packets
 from splatwire.codec.anchors.hacpp.coding_params import factor_table, step_indices
 from splatwire.codec.anchors.hacpp.separated import decode_masks, decode_parts
 from splatwire.codec.anchors.hacpp.side_info import SideInfo, read_side_info
-from splatwire.codec.anchors.order import AnchorDecoder
 from splatwire.codec.memory import check_memory
 from splatwire.codec.schema import Decoder, PacketBatch, SymbolRows
 from splatwire.errors import BitstreamError, MissingSideInfoError
@@ -52,7 +52,7 @@ def scene_bytes(info: SideInfo) -> int:
     return len(info.voxels) * (POSITION_BYTES + 4 * (3 * width + config.prior_dim + 2 * config.grid.context_dim))
 
 
-def row_bytes(info: SideInfo) -> int:
+def working_bytes_per_anchor(info: SideInfo) -> int:
     """Returns the working memory for one anchor during decoding, bytes."""
     # Inputs, hidden units and outputs of the networks (64 bits each), and quantised attributes.
     layout, hidden = info.config.layout, [len(network.hidden.symbols) for network in (info.prior, *info.channel)]
@@ -96,7 +96,7 @@ class HacppDecoder(AnchorDecoder):
         self._context, self._layout = info.coding_context(), info.config.layout
         self._models = info.mask_models()
         self.row_bytes = 4 * (self._layout.feature_dim + 6 + 4 * self._layout.num_offsets)
-        self.scene_bytes, self.chunk_bytes = scene_bytes(info), row_bytes(info)
+        self.scene_bytes, self.working_bytes_per_anchor = scene_bytes(info), working_bytes_per_anchor(info)
 
     _arrays: DecodedArrays | None
 

@@ -86,14 +86,14 @@ class HacppEncoder:
         self._source, self._info, self._separated = source, info, separated
         self._context = info.coding_context()
 
-    def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
+    def encode(self, ranks: np.ndarray, counts: np.ndarray, max_payload_bytes: int | None) -> CodedPackets:
         """Encodes groups of anchors; each group becomes one packet, or several packets of limited size.
 
         Args:
             ranks: Indices, in coding order, of the n anchors to encode: first the anchors of group 0, then those of
                 group 1, and so on, int64 (n).
             counts: Number of anchors of each group, int64 (groups).
-            packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
+            max_payload_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
         context, models = self._context, self._info.mask_models()
         predicted = predict_packets(context, context.predict(self._info.voxels[ranks])[1])
@@ -102,8 +102,8 @@ class HacppEncoder:
         if self._separated:
             coded = encode_parts(context, predicted, mixture, counts, symbols)
             return CodedPackets(np.repeat(counts, len(coded) // len(counts)), coded, (symbols.rows(),))
-        if packet_bytes is not None:
-            counts = split_into_packets(predicted, mixture, counts, symbols, models, packet_bytes)
+        if max_payload_bytes is not None:
+            counts = split_into_packets(predicted, mixture, counts, symbols, models, max_payload_bytes)
         return CodedPackets(
             counts, encode_packets(context, predicted, counts, symbols, models, mixture), (symbols.rows(),)
         )

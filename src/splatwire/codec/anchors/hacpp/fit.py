@@ -17,9 +17,10 @@ SAMPLE_ANCHORS = 16_000
 
 TOLERANCE_REFERENCE = 0.035
 ANCHORS_REFERENCE = 35_000
-"""Tolerated error of a network output relative to its predicted spread: 0.035 at 35,000 anchors, proportional to the
-inverse square root of their number. Weight bytes decrease with the logarithm of the error; attribute bytes grow with
-its square and the number of anchors. This rule minimises their sum (benchmarks/weight_precision.py).
+"""Tolerated error of a network output relative to its predicted standard deviation: 0.035 at 35,000 anchors,
+proportional to the inverse square root of their number. Weight bytes decrease with the logarithm of the error;
+attribute bytes grow with its square and the number of anchors. This rule minimises their sum
+(benchmarks/weight_precision.py).
 """
 
 STEP_TOLERANCE = 0.05
@@ -58,7 +59,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: 
         quantise_network(context.prior, inputs, _prior_tolerance(outputs, columns, config) * network_tolerance),
         _fit_channel(scene, sample.features, outputs[:, : columns.scaling_mean], network_tolerance),
         fit_heads(scene.heads, sample),
-        _fit_masks(scene.anchors.mask),
+        _fit_mask_probabilities(scene.anchors.mask),
     )  # fmt: skip
 
 
@@ -89,11 +90,22 @@ def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelCo
     """
     # For the mean and the standard deviation of a channel, the error is the channel's typical standard deviation.
     feature, scaling, offset = config.base_steps
-    spread_f = typical_spread(outputs[:, columns.feature_scale : columns.feature_weight], feature)
-    spread_s = typical_spread(outputs[:, columns.scaling_scale : columns.offset_mean], scaling)
-    spread_o = typical_spread(outputs[:, columns.offset_scale : columns.steps], offset)
-    weight, steps = np.ones(len(spread_f)), np.full(3, STEP_TOLERANCE)
-    return np.concatenate([spread_f, spread_f, weight, spread_s, spread_s, spread_o, spread_o, steps])
+    feature_deviations = typical_spread(outputs[:, columns.feature_scale : columns.feature_weight], feature)
+    scaling_deviations = typical_spread(outputs[:, columns.scaling_scale : columns.offset_mean], scaling)
+    offset_deviations = typical_spread(outputs[:, columns.offset_scale : columns.steps], offset)
+    weight, steps = np.ones(len(feature_deviations)), np.full(3, STEP_TOLERANCE)
+    return np.concatenate(
+        [
+            feature_deviations,
+            feature_deviations,
+            weight,
+            scaling_deviations,
+            scaling_deviations,
+            offset_deviations,
+            offset_deviations,
+            steps,
+        ]
+    )
 
 
 def _fit_channel(
@@ -113,21 +125,21 @@ def _fit_channel(
     for network, size in zip(scene.hacpp.context_model.channel, scene.hacpp.config.layout.feature_groups, strict=True):
         inputs = np.concatenate([features[:, :before], prior], axis=1)
         scale = np.maximum(network(inputs)[:, size : 2 * size], MIN_SCALE)
-        spread = typical_spread(scale, scene.hacpp.config.base_steps[0])
-        tolerance = np.concatenate([spread, spread, np.ones(size)]) * network_tolerance
+        deviations = typical_spread(scale, scene.hacpp.config.base_steps[0])
+        tolerance = np.concatenate([deviations, deviations, np.ones(size)]) * network_tolerance
         fitted.append(quantise_network(network, inputs, tolerance))
         before += size
     return tuple(fitted)
 
 
-def _fit_masks(mask: np.ndarray) -> np.ndarray:
+def _fit_mask_probabilities(mask: np.ndarray) -> np.ndarray:
     """Returns the initial probability that a bit is 0, for each adaptive model of mask bits, in units of 2**-8."""
     # It is the frequency of such bits in the whole scene.
-    ones = np.minimum(np.cumsum(mask, axis=1) - mask, MASK_CONTEXTS - 1)
-    zero = np.full((mask.shape[1], MASK_CONTEXTS), 128, dtype=np.int64)
+    contexts = np.minimum(np.cumsum(mask, axis=1) - mask, MASK_CONTEXTS - 1)
+    probabilities = np.full((mask.shape[1], MASK_CONTEXTS), 128, dtype=np.int64)
     for k in range(mask.shape[1]):
         for c in range(MASK_CONTEXTS):
-            bits = mask[ones[:, k] == c, k]
+            bits = mask[contexts[:, k] == c, k]
             if len(bits):
-                zero[k, c] = np.clip(round(256 * (1 - bits.mean())), 1, 255)
-    return zero.ravel()
+                probabilities[k, c] = np.clip(round(256 * (1 - bits.mean())), 1, 255)
+    return probabilities.ravel()

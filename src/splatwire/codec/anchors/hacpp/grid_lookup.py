@@ -115,5 +115,5 @@ def touched_rows(units: np.ndarray, config: HashGridConfig) -> np.ndarray:
     # The stream contains only these rows.
     levels = grid_levels(config)
     touched = np.zeros(levels.num_rows, dtype=np.bool_)
-    _grid_kernels.touch(units, levels.starts, levels.resolutions, levels.rows, levels.axes, touched)
+    _grid_kernels.mark_rows(units, levels.starts, levels.resolutions, levels.rows, levels.axes, touched)
     return touched

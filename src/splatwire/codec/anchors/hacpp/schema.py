@@ -7,10 +7,10 @@ from typing import Any
 
 from splatwire.bitstream import ANCHORS, Packetization, SceneStream
 from splatwire.bitstream.limits import SCHEMAS
+from splatwire.codec.anchors.anchor_codec import prepare_anchor_repack, prepare_anchors, update_digest
 from splatwire.codec.anchors.hacpp.decoder import open_decoder
 from splatwire.codec.anchors.hacpp.encoder import hacpp_encoder, hacpp_repack_encoder
 from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
-from splatwire.codec.anchors.order import prepare_anchor_repack, prepare_anchors, update_digest
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.schema import Options, Prepared, schema_for
 from splatwire.types import AnchorLayout, Anchors, AnchorScene, HacppCoding, Prior

@@ -34,8 +34,8 @@ def encode_masks(masks: np.ndarray, mask_models: np.ndarray) -> bytes:
         mask_models: Initial state of the adaptive bit models that code offset masks, int64 (contexts, 2).
     """
     bits = masks.astype(np.int64)
-    before = np.minimum(np.cumsum(bits, axis=1) - bits, kernels.MASK_ONES - 1)
-    contexts = np.arange(bits.shape[1])[None, :] * kernels.MASK_ONES + before
+    before = np.minimum(np.cumsum(bits, axis=1) - bits, kernels.MASK_CONTEXTS - 1)
+    contexts = np.arange(bits.shape[1])[None, :] * kernels.MASK_CONTEXTS + before
     return encode_bits(bits.ravel(), contexts.ravel(), mask_models)
 
 
@@ -80,8 +80,10 @@ def encode_parts(
         rows = slice(begin, begin + count)
         scaling = _normal_distributions(predicted.scaling, rows)
         payloads.append(encode_symbols(symbols.scaling[rows].ravel(), scaling))
-        keep = np.repeat(symbols.mask[rows].astype(bool), 3, axis=1)
-        payloads.append(encode_symbols(symbols.offset[rows][keep], _normal_distributions(predicted.offset, rows, keep)))
+        exists = np.repeat(symbols.mask[rows].astype(bool), 3, axis=1)
+        payloads.append(
+            encode_symbols(symbols.offset[rows][exists], _normal_distributions(predicted.offset, rows, exists))
+        )
         for first, last in itertools.pairwise(edges):
             columns = slice(int(first), int(last))
             parts = (mixture.mean[rows, columns], mixture.scale[rows, columns], mixture.weight[rows, columns])
@@ -134,8 +136,8 @@ def decode_parts(
         symbols.scaling[:] = values.reshape(num, 6)
         received[:, Attribute.SCALING] = True
     if OFFSET in payloads:
-        keep = np.repeat(mask.astype(bool), 3, axis=1)
-        symbols.offset[keep] = decode_symbols(payloads[OFFSET], _normal_distributions(predicted.offset, rows, keep))
+        exists = np.repeat(mask.astype(bool), 3, axis=1)
+        symbols.offset[exists] = decode_symbols(payloads[OFFSET], _normal_distributions(predicted.offset, rows, exists))
         received[:, Attribute.OFFSET] = True
     received[:, Attribute.FEATURE] = _decode_features(context, predicted, symbols.feature, payloads)
     return DecodedParts(symbols, predicted.factors, received)
@@ -172,16 +174,18 @@ def _edges(context: CodingContext) -> np.ndarray:
     return np.cumsum([0, *context.config.layout.feature_groups])
 
 
-def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray | None = None) -> Mixtures:
+def _normal_distributions(
+    pair: tuple[np.ndarray, np.ndarray], rows: slice, exists: np.ndarray | None = None
+) -> Mixtures:
     """Returns the normal distributions for coding scalings or offsets of anchors.
 
     Args:
         pair: Means, (n, D), and standard deviations as indices into the coder's table, (n, D), for all n anchors.
         rows: Range of the anchors to code.
-        keep: Mask of the values that packets contain, for the m anchors in `rows`, bool (m, D); None if packets contain
-            all.
+        exists: Mask of the values that packets contain, for the m anchors in `rows`, bool (m, D); None if packets
+            contain all.
     """
-    mean, scale = (values[rows] if keep is None else values[rows][keep] for values in pair)
+    mean, scale = (values[rows] if exists is None else values[rows][exists] for values in pair)
     return Mixtures.normals(mean.ravel(), scale.ravel())
 
 

@@ -42,8 +42,8 @@ class SideInfo:
         prior: Prior network.
         channel: Networks of the channel context, one per feature group.
         heads: Rendering networks: opacity, covariance, colour.
-        mask_zero: Initial probability that a bit is 0, for each adaptive model of offset masks, out of 2**8, int64
-            (contexts).
+        mask_zero_probabilities: Initial probability that a bit is 0, for each adaptive model of offset masks, out of
+            2**8, int64 (contexts).
         sections: Optional named sections, content by name.
     """
 
@@ -56,7 +56,7 @@ class SideInfo:
     prior: QuantisedMlp
     channel: tuple[QuantisedMlp, ...]
     heads: tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]
-    mask_zero: np.ndarray
+    mask_zero_probabilities: np.ndarray
     sections: Mapping[str, bytes] = field(default_factory=dict)
 
     def coding_context(self) -> CodingContext:
@@ -68,7 +68,7 @@ class SideInfo:
 
     def mask_models(self) -> np.ndarray:
         """Initial state of the adaptive bit models of offset masks, equal for all packets, int64 (contexts, 2)."""
-        return np.repeat(self.mask_zero[:, None] << 8, 2, axis=1)
+        return np.repeat(self.mask_zero_probabilities[:, None] << 8, 2, axis=1)
 
 
 def write_side_info(info: SideInfo) -> bytes:
@@ -92,7 +92,7 @@ def write_side_info(info: SideInfo) -> bytes:
         "prior_network": write_networks([info.prior]),
         "channel_networks": write_networks(info.channel),
         "render_networks": write_networks(info.heads),
-        "mask_models": bytes(info.mask_zero.astype(np.uint8)),
+        "mask_models": bytes(info.mask_zero_probabilities.astype(np.uint8)),
     }
     return b"".join(framed(parts[name]) for name in SCHEMAS[ANCHORS].sections) + write_sections(info.sections)
 
@@ -122,11 +122,13 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
     except InvalidValueError as error:
         raise BitstreamError(f"side information: {error}") from None
     groups, features, offsets = config.layout.feature_groups, config.layout.feature_dim, config.layout.num_offsets
-    before = np.cumsum([0, *groups])
+    group_starts = np.cumsum([0, *groups])
     if len(blobs[6]) != MASK_CONTEXTS * offsets:
         raise BitstreamError(f"side information: {len(blobs[6])} mask models, not {MASK_CONTEXTS * offsets}")
     prior = read_networks(blobs[3], [("prior", config.grid.context_dim, config.prior_dim)])
-    shapes = [("channel", int(b) + 3 * features, 3 * g) for b, g in zip(before, groups, strict=False)]
+    shapes = [
+        ("channel", int(start) + 3 * features, 3 * size) for start, size in zip(group_starts, groups, strict=False)
+    ]
     return SideInfo(
         config, voxel_size, *bounds, voxels, decode_signs(blobs[2], touched, config.grid),
         prior[0], tuple(read_networks(blobs[4], shapes)), read_heads(blobs[5], config.layout),

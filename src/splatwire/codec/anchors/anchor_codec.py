@@ -1,4 +1,4 @@
-"""Coding order of anchors, and base classes of the encoders and decoders for the anchor codecs `hacpp` and `causal`."""
+"""Common code of the anchor codecs `hacpp` and `causal`: coding order, preparation, base classes of their coders."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
@@ -39,14 +39,14 @@ from splatwire.types import AnchorScene, TierSizes
 class AnchorCoder(Protocol):
     """Interface of an encoder of one scene's anchors. The anchors are numbered in coding order."""
 
-    def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
+    def encode(self, ranks: np.ndarray, counts: np.ndarray, max_payload_bytes: int | None) -> CodedPackets:
         """Encodes groups of anchors; may be called from several threads.
 
         Args:
             ranks: Indices, in coding order, of the n anchors to encode: first the anchors of group 0, then those of
                 group 1, and so on, int64 (n).
             counts: Number of anchors in each group, int64 (groups).
-            packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
+            max_payload_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
 
 
@@ -170,7 +170,7 @@ class AnchorEncoder:
     def __init__(self, encoder: AnchorCoder, plan: PacketPlan, tier_of: np.ndarray) -> None:
         members, p = plan.all_members(), plan.packetization
         self._encoder, self._starts, self._rank_at = encoder, members.starts, tier_order(tier_of)[members.indices]
-        self._most = p.packet_bytes - HEADER_BYTES if p.hashed else None
+        self._max_payload_bytes = p.packet_bytes - HEADER_BYTES if p.hashed else None
 
     def batches(self) -> Iterator[slice]:
         """Yields slices of consecutive packets. Different slices can be encoded in parallel."""
@@ -180,7 +180,7 @@ class AnchorEncoder:
     def encode(self, batch: slice) -> CodedPackets:
         """Encodes a slice of consecutive packets of the packet plan, as yielded by `batches`."""
         starts = self._starts[batch.start : batch.stop + 1]
-        return self._encoder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._most)
+        return self._encoder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._max_payload_bytes)
 
 
 def chunks(sizes: np.ndarray, max_anchors: int = CHUNK) -> Iterator[slice]:
@@ -214,7 +214,7 @@ def update_digest(digest: Any, rows: SymbolRows) -> None:
 class AnchorDecoder:
     """Base class of the decoders of anchor streams.
 
-    Subclasses set `chunk_bytes`, the working memory per anchor in bytes.
+    Subclasses set `working_bytes_per_anchor`, the working memory per anchor in bytes.
 
     Args:
         manifest: The stream's manifest.
@@ -225,7 +225,7 @@ class AnchorDecoder:
     """
 
     batches_are_blocks, packets_independent, redecode_on_demand = False, True, False
-    chunk_bytes: int
+    working_bytes_per_anchor: int
     """Memory of each anchor during decoding, bytes."""
 
     def __init__(self, manifest: Manifest, sections: Mapping[str, bytes]) -> None:
@@ -236,7 +236,7 @@ class AnchorDecoder:
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """Returns the working memory of a decoding thread, bytes. It grows with the size of the largest packet."""
-        return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
+        return self.working_bytes_per_anchor * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def allocate(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates arrays for all anchors, and predicts the attributes of all anchors from the side information.
