@@ -12,7 +12,7 @@ from splatwire.bitstream import Packetization, stream_to_bytes
 from splatwire.codec import encode_scene, scene_in_order
 from splatwire.errors import InvalidValueError
 from splatwire.types import AnchorScene, SplatScene
-from splatwire.types.validity import ROWS, validity_of_splats
+from splatwire.types.validity import CHUNK_ELEMENTS, validity_of_splats
 
 SMALL = Packetization(block_size=60, lanes=2)
 NAN, INF = float("nan"), float("inf")
@@ -93,10 +93,10 @@ def test_scene_without_drawable_elements_is_refused() -> None:
 
 
 def test_rows_are_counted_from_the_beginning_of_the_scene() -> None:
-    splats = some_splats(4, 0).select(np.arange(ROWS + 9) % 4)
-    splats.means[ROWS + 5] = NAN
-    splats.opacities[ROWS + 7] = 0
+    splats = some_splats(4, 0).select(np.arange(CHUNK_ELEMENTS + 9) % 4)
+    splats.means[CHUNK_ELEMENTS + 5] = NAN
+    splats.opacities[CHUNK_ELEMENTS + 7] = 0
     rows = validity_of_splats(splats)
-    assert (rows.num_invisible, rows.num_invalid, rows.first_invalid) == (1, 1, ROWS + 5)
-    assert not rows.kept[[ROWS + 5, ROWS + 7]].any()
-    assert int(rows.kept.sum()) == ROWS + 7
+    assert (rows.num_invisible, rows.num_invalid, rows.first_invalid) == (1, 1, CHUNK_ELEMENTS + 5)
+    assert not rows.kept[[CHUNK_ELEMENTS + 5, CHUNK_ELEMENTS + 7]].any()
+    assert int(rows.kept.sum()) == CHUNK_ELEMENTS + 7

@@ -149,11 +149,11 @@ def _encode_scene(command: Encode, source: Path) -> None:
     )
     refine = _optional_steps().refiner(command.refine) if command.refine else None
     scene: Any = open_scene(source)
-    levels = command.levels == "auto" or (command.levels is None and file_kind(source) == SOG_LEVELS)
+    with_levels = command.levels == "auto" or (command.levels is None and file_kind(source) == SOG_LEVELS)
     schema = schema_of(scene)
-    if levels and (command.tiers or not schema.explicit):
+    if with_levels and (command.tiers or not schema.explicit):
         raise InvalidValueError("levels need explicit Gaussians, and replace --tiers")
-    if levels and command.effort == "best":
+    if with_levels and command.effort == "best":
         raise InvalidValueError(_NO_LEVELS)
     if command.quality is not None and not schema.explicit:
         raise InvalidValueError(
@@ -182,19 +182,20 @@ def _encode_scene(command: Encode, source: Path) -> None:
             scene, kept_psnr = pruned.scene, pruned.psnr
         up = _up(command, scene, cameras)
 
-        def encode(kept: Any, class_offsets: Any, quality: str | int | float | Quality | None) -> SceneStream:
-            packetization = packetization_of(command, schema.name, int(kept.drawable.sum()))
+        def encode(pruned_scene: Any, class_offsets: Any, quality: str | int | float | Quality | None) -> SceneStream:
+            packetization = packetization_of(command, schema.name, int(pruned_scene.drawable.sum()))
             options: Any = {"class_offsets": class_offsets, "quality": quality}
             options["progress"] = lambda share: report("encoding", share)
-            if levels:
-                stream = encode_levels(kept, packetization, **options)
+            if with_levels:
+                stream = encode_levels(pruned_scene, packetization, **options)
             else:
-                stream = encode_scene(kept, packetization, tiers=_tiers(command, kept, cameras), **options)
+                tiers = _tiers(command, pruned_scene, cameras)
+                stream = encode_scene(pruned_scene, packetization, tiers=tiers, **options)
             if cameras is not None:
                 stream = with_section(stream, VIEWPOINT, viewpoint_section(cameras))
             if up:
                 stream = with_section(stream, UP_SECTION, up.encode())
-            if _needs_copies(command) and not levels and not command.no_sketch:
+            if _needs_copies(command) and not with_levels and not command.no_sketch:
                 stream = _optional_steps().with_quick_sketch(stream, cameras, report)
             return stream
 
@@ -207,10 +208,13 @@ def _encode_scene(command: Encode, source: Path) -> None:
             stream = reached.stream
         else:
             report("choosing precision", 0.0)
-            measure = partial(scene_precision_classes, scene, cameras, recompute=command.quality is not None)
-            class_offsets = measure if levels else measure()
+            choose_class_offsets = partial(
+                scene_precision_classes, scene, cameras, recompute=command.quality is not None
+            )
+            # The encoder of levels calls the function while it builds them.
+            chosen = choose_class_offsets if with_levels else choose_class_offsets()
             report("choosing precision", 1.0)
-            stream = encode(scene, class_offsets, None if command.quality is None else quality_option(command.quality))
+            stream = encode(scene, chosen, None if command.quality is None else quality_option(command.quality))
         seconds = time.perf_counter() - started
         write_stream(stream, path)
         if reached is not None:
@@ -292,8 +296,8 @@ def _tiers(command: Encode, scene: Scene, cameras: Cameras | None) -> np.ndarray
     if not command.tiers:
         return None
 
-    seen_from = surrounding_cameras(scene) if cameras is None else cameras
-    return footprint_importance(scene, seen_from).tiers(command.tiers, scene.drawable)
+    cameras = surrounding_cameras(scene) if cameras is None else cameras
+    return footprint_importance(scene, cameras).tiers(command.tiers, scene.drawable)
 
 
 def packetization_of(command: Encode, schema: str, num_elements: int) -> Packetization:

@@ -19,7 +19,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.evaluation.exported import compare_export
 from splatwire.files.scene_formats import FileFormat
 from splatwire.io import drawable_scene, open_scene
-from splatwire.io.formats.dispatch import format_named, kept_facts, warn_of_background, write_with
+from splatwire.io.formats.dispatch import format_named, storable_properties, warn_of_background, write_with
 from splatwire.io.formats.outliers import Outliers
 from splatwire.io.formats.spz_writer import FULL_BITS
 from splatwire.ops.spherical_harmonics import num_functions
@@ -118,7 +118,7 @@ def _degree(options: Export) -> int:
 
 def _write(options: Export, parts: Iterator[Splats], scene: Scene) -> int:
     warn_of_background(options.output, scene.background)
-    facts = kept_facts(
+    properties = storable_properties(
         _format(options),
         options.output,
         antialiased=antialiased(scene),
@@ -127,8 +127,8 @@ def _write(options: Export, parts: Iterator[Splats], scene: Scene) -> int:
         metadata=metadata_of(scene),
     )
     if options.kind == "spz":
-        facts |= {"harmonic_bits": options.harmonic_bits or FULL_BITS, "version": options.spz_version or 4}
-    return write_with(_format(options), parts, options.output, **facts)
+        properties |= {"harmonic_bits": options.harmonic_bits or FULL_BITS, "version": options.spz_version or 4}
+    return write_with(_format(options), parts, options.output, **properties)
 
 
 def _format(options: Export) -> FileFormat:

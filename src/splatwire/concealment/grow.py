@@ -72,54 +72,52 @@ class Grow:
     def __call__(self, received: ReceivedScene) -> Concealed:
         """Returns the factors by which received elements are enlarged, and the mask that hides lost elements."""
         fully_received, coverage = received.fully_received, received.scene.COVERAGE
-        share = 1 - lost_share(received.positions, fully_received, self.neighbors, received.sizes, self.nearest)
-        share = np.where(
-            fully_received, self.clamp_received_share(share, fully_received, received.tier_sizes), np.ones_like(share)
-        )
-        size = share ** -(self.exponent * coverage.size)
+        shares = 1 - lost_share(received.positions, fully_received, self.neighbors, received.sizes, self.nearest)
+        clamped = self.clamp_received_shares(shares, fully_received, received.tier_sizes)
+        shares = np.where(fully_received, clamped, np.ones_like(shares))
+        size_gains = shares ** -(self.exponent * coverage.size)
         if not coverage.opacity:
-            return Concealed(size, ~fully_received)
+            return Concealed(size_gains, ~fully_received)
         opacities = received.elements.opacities
-        opaque = 1 - (1 - np.minimum(opacities, _MAX_OPACITY)) ** (share ** -(self.exponent * coverage.opacity))
-        gain = np.maximum(
-            np.where(fully_received, opaque / np.maximum(opacities, _MIN_OPACITY), np.ones_like(share)), 1
-        )
-        return Concealed(size, ~fully_received, gain)
+        transmittances = 1 - np.minimum(opacities, _MAX_OPACITY)
+        enlarged = 1 - transmittances ** (shares ** -(self.exponent * coverage.opacity))
+        opacity_gains = np.where(fully_received, enlarged / np.maximum(opacities, _MIN_OPACITY), np.ones_like(shares))
+        return Concealed(size_gains, ~fully_received, np.maximum(opacity_gains, 1))
 
     def gain(
         self,
-        received: Float[np.ndarray, "M"],
+        received_shares: Float[np.ndarray, "M"],
         fully_received: Bool[np.ndarray, "N"],
         weights: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
         """Returns the factor by which each of M received anchors is enlarged to cover its lost neighbours.
 
         Args:
-            received: Received share of each anchor's neighbours, 0 to 1.
+            received_shares: Received share of each anchor's neighbours, 0 to 1.
             fully_received: Mask of received anchors of the whole scene.
             weights: Weight of each of the scene's N anchors in the received share of the whole scene, on which the
                 upper limit of the factor depends. A weight is the typical size of the anchors in an importance tier.
                 None for equal weights.
         """
-        return self.clamp_received_share(received, fully_received, weights) ** -self.exponent
+        return self.clamp_received_shares(received_shares, fully_received, weights) ** -self.exponent
 
-    def clamp_received_share(
+    def clamp_received_shares(
         self,
-        received: Float[np.ndarray, "M"],
+        received_shares: Float[np.ndarray, "M"],
         fully_received: Bool[np.ndarray, "N"],
         weights: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
         """Raises small received shares, to limit the enlargement computed from them to `max_gain` and `max_excess`.
 
         Args:
-            received: Received share of each anchor's neighbours, 0 to 1.
+            received_shares: Received share of each anchor's neighbours, 0 to 1.
             fully_received: Mask of received anchors of the whole scene.
             weights: Weight of each of the scene's N anchors in the received share of the whole scene, on which the
                 lower bound depends. A weight is the typical size of the anchors in an importance tier. None for equal
                 weights.
 
         Returns:
-            The shares `received`, with a lower bound.
+            `received_shares` with a lower bound.
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(fully_received, weights), 1e-9) if len(fully_received) else 1.0
@@ -127,7 +125,7 @@ class Grow:
         # if all neighbours are lost.
         gain_limit = min(self.max_gain, self.max_excess * overall**-self.exponent)
         share_limit = gain_limit ** (-1 / self.exponent) if self.exponent else 1.0
-        return np.maximum(received, received.dtype.type(share_limit))
+        return np.maximum(received_shares, received_shares.dtype.type(share_limit))
 
 
 def received_share(fully_received: Bool[np.ndarray, "N"], weights: Float[np.ndarray, "N"] | None = None) -> float:

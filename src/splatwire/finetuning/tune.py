@@ -22,7 +22,7 @@ from splatwire.ops.threads import one_blas_thread
 from splatwire.render.antialiasing import compensated
 from splatwire.render.cpu import ViewRasterizer, float_arrays, keep_freed_memory
 from splatwire.render.precision import MEASURED_VIEWS, precision_classes
-from splatwire.render.precision import SIZE as MEASURED_SIZE
+from splatwire.render.precision import VIEW_SIZE as MEASURED_SIZE
 from splatwire.types import Cameras, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
 

@@ -12,7 +12,7 @@ from splatwire.lod.tiles import LevelShape, level_shapes
 from splatwire.ops.kd_order import kd_order
 from splatwire.types import SplatScene
 from splatwire.types.lod_scene import LevelScene
-from splatwire.types.splats import ROWS, Splats
+from splatwire.types.splats import CHUNK_GAUSSIANS, Splats
 
 EVEN = 0.25
 """Fraction of a tile's Gaussians that its finer tiles get in proportion to their number of Gaussians; the rest is in
@@ -52,8 +52,8 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
     sizes = [shape.count for shape in shapes]
     whole, end = Splats.empty(sum(sizes), scene.splats.degree), sum(sizes)
     finest = whole.slice_range(end - sizes[0], end)
-    for begin in range(0, sizes[0], ROWS):
-        finest.fill(begin, scene.splats.select(order[begin : begin + ROWS]))
+    for begin in range(0, sizes[0], CHUNK_GAUSSIANS):
+        finest.fill(begin, scene.splats.select(order[begin : begin + CHUNK_GAUSSIANS]))
     is_copy, errors = np.ones(end, dtype=bool), [np.zeros(shapes[0].num_tiles)]
     total, done = sum(sizes[:-1]), 0
     for finer, shape in itertools.pairwise(shapes):

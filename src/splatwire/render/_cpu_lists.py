@@ -13,10 +13,10 @@ from splatwire.ops.lanes import prefetch
 from splatwire.render._cpu_kernels import MIN_LOG_ALPHA, TILE
 from splatwire.render._cpu_project import DEPTH, HALF_HEIGHT, SPLAT_STRIDE, TILES
 
-AHEAD = 16
+PREFETCH_DISTANCE = 16
 TILE_BITS = np.int64(TILE.bit_length() - 1)
-_MARGIN = 1e-2  # margin of the exponent, far above rounding errors of the tile kernels
-_LOWEST = -200.0  # lower bound of exponents for any opacity
+_EXPONENT_MARGIN = 1e-2  # margin of the exponent, far above rounding errors of the tile kernels
+_MIN_EXPONENT = -200.0  # lower bound of exponents for any opacity
 
 
 @njit(nogil=True, error_model="numpy")
@@ -94,27 +94,30 @@ def _covered_rows(projected, g, left, columns, top, bottom, strips, strip):
     # and adds few rows.
     y, first_row, end_row = np.float64(projected[g, 1]), np.float64(top), np.float64(bottom)
     if columns == 1:
-        half = np.float64(projected[g, HALF_HEIGHT])
-        strips[strip, 0], strips[strip, 1] = _rows_between(y - half, y + half, first_row, end_row)
+        half_height = np.float64(projected[g, HALF_HEIGHT])
+        strips[strip, 0], strips[strip, 1] = _rows_between(y - half_height, y + half_height, first_row, end_row)
         return
     A, B, C = np.float64(projected[g, 2]), np.float64(projected[g, 3]), np.float64(projected[g, 4])
-    edge_exponent, inside = max(MIN_LOG_ALPHA - _MARGIN - projected[g, 5], _LOWEST), B * B - 4 * A * C
-    if not (inside < 0 and A < 0):  # not an ellipse because of rounding
+    edge_exponent, discriminant = (
+        max(MIN_LOG_ALPHA - _EXPONENT_MARGIN - projected[g, 5], _MIN_EXPONENT),
+        B * B - 4 * A * C,
+    )
+    if not (discriminant < 0 and A < 0):  # not an ellipse because of rounding
         for i in range(strip, strip + columns):
             strips[i, 0], strips[i, 1] = top, bottom
         return
-    lowest, half = B * np.sqrt(edge_exponent / (-A * inside)), -0.5 / C
+    lowest_dx, factor = B * np.sqrt(edge_exponent / (-A * discriminant)), -0.5 / C
     for i in range(columns):
         first = (left + i) * TILE - np.float64(projected[g, 0])
-        low_dx, high_dx = min(max(-lowest, first), first + TILE - 1), min(max(lowest, first), first + TILE - 1)
-        above, below = (
-            inside * low_dx * low_dx + 4 * C * edge_exponent,
-            inside * high_dx * high_dx + 4 * C * edge_exponent,
+        low_dx, high_dx = min(max(-lowest_dx, first), first + TILE - 1), min(max(lowest_dx, first), first + TILE - 1)
+        low_square, high_square = (
+            discriminant * low_dx * low_dx + 4 * C * edge_exponent,
+            discriminant * high_dx * high_dx + 4 * C * edge_exponent,
         )
         begin, end = np.int32(0), np.int32(0)
-        if above >= 0 and below >= 0:
-            low = y + half * (B * low_dx - np.sqrt(above))
-            high = y + half * (B * high_dx + np.sqrt(below))
+        if low_square >= 0 and high_square >= 0:
+            low = y + factor * (B * low_dx - np.sqrt(low_square))
+            high = y + factor * (B * high_dx + np.sqrt(high_square))
             begin, end = _rows_between(low, high, first_row, end_row)
         strips[strip + i, 0], strips[strip + i, 1] = begin, end
 
@@ -163,8 +166,8 @@ def fill_tiles(projected, order, num_columns, grid_x, first_row, last_row):
     corners = np.empty((order.shape[0], 2), np.int32)  # tile of the first column in the first row; number of columns
     entry_starts, entry, strip = np.zeros(order.shape[0] + 1, np.int64), 0, 0
     for k in range(order.shape[0]):
-        if k + AHEAD < order.shape[0]:
-            prefetch(projected, np.int64(order[k + AHEAD]) * SPLAT_STRIDE)
+        if k + PREFETCH_DISTANCE < order.shape[0]:
+            prefetch(projected, np.int64(order[k + PREFETCH_DISTANCE]) * SPLAT_STRIDE)
         g = np.int64(order[k])
         left = np.int64(projected[g, TILES])
         columns, corner = np.int64(projected[g, TILES + 2]) - left, left - first_row * grid_x

@@ -18,7 +18,7 @@ DEPTH, TILES, HALF_HEIGHT = 9, 10, 14
 CHUNK = 64
 """Number of Gaussians projected together, in one flat array with a row for each value; vectorisation requires a single
 base pointer."""
-QUAT, SCALE, LOG_OPACITY, OUT, BOX, DRAWN, ROWS = (
+QUAT, SCALE, LOG_OPACITY, OUT, BOX, DRAWN, NUM_ROWS = (
     3 * CHUNK,
     7 * CHUNK,
     10 * CHUNK,
@@ -33,7 +33,7 @@ _MIN_LOG_OPACITY = math.log2(1.0 / 255.0)
 
 @njit(inline="always")
 @no_type_check
-def _axes(qw, qx, qy, qz):
+def _rotation_matrix(qw, qx, qy, qz):
     """Returns the rotation matrix of a unit quaternion as nine numbers, row by row."""
     return (
         1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy),
@@ -82,7 +82,9 @@ def _project_chunk(work, pose, intrinsics, width, height, constants):
         z = pose[2, 0] * m0 + pose[2, 1] * m1 + pose[2, 2] * m2 + pose[2, 3]
         x = (pose[0, 0] * m0 + pose[0, 1] * m1 + pose[0, 2] * m2 + pose[0, 3]) / z
         y = (pose[1, 0] * m0 + pose[1, 1] * m1 + pose[1, 2] * m2 + pose[1, 3]) / z
-        r = _axes(work[QUAT + i], work[QUAT + CHUNK + i], work[QUAT + 2 * CHUNK + i], work[QUAT + 3 * CHUNK + i])
+        r = _rotation_matrix(
+            work[QUAT + i], work[QUAT + CHUNK + i], work[QUAT + 2 * CHUNK + i], work[QUAT + 3 * CHUNK + i]
+        )
         row_x = _coordinate_gradient(pose, 0, fx / z, _clamped(x, fx, cx, width, margin))
         row_y = _coordinate_gradient(pose, 1, fy / z, _clamped(y, fy, cy, height, margin))
         a0, b0 = _scaled_axis(row_x, row_y, (r[0], r[3], r[6]), work[SCALE + i])
@@ -92,14 +94,14 @@ def _project_chunk(work, pose, intrinsics, width, height, constants):
         xy = a0 * b0 + a1 * b1 + a2 * b2
         det, middle, u, v = xx * yy - xy * xy, 0.5 * (xx + yy), fx * x + cx - 0.5, fy * y + cy - 0.5
         radius = np.ceil(3 * np.sqrt(middle + np.sqrt(max(0.1, middle * middle - det))))
-        reach = 2 / LOG2E * (work[LOG_OPACITY + i] - _MIN_LOG_OPACITY)
-        half_x, half_y = np.sqrt(reach * xx) + 1e-2, np.sqrt(reach * yy) + 1e-2
+        squared_radius = 2 / LOG2E * (work[LOG_OPACITY + i] - _MIN_LOG_OPACITY)
+        half_x, half_y = np.sqrt(squared_radius * xx) + 1e-2, np.sqrt(squared_radius * yy) + 1e-2
         left = max(np.floor((u - min(radius, half_x)) * per_pixel), 0.0)
         top = max(np.floor((v - min(radius, half_y)) * per_pixel), 0.0)
         right = min(np.floor((u + min(radius + side - 1, half_x + side)) * per_pixel), grid_x)
         bottom = min(np.floor((v + min(radius + side - 1, half_y + side)) * per_pixel), grid_y)
-        sound = (z > near) & (det > 0) & (abs(u) < 1e8) & (abs(v) < 1e8) & (xx < 1e12) & (yy < 1e12)
-        drawn = sound & (work[LOG_OPACITY + i] >= _MIN_LOG_OPACITY) & (right > left) & (bottom > top)
+        is_valid = (z > near) & (det > 0) & (abs(u) < 1e8) & (abs(v) < 1e8) & (xx < 1e12) & (yy < 1e12)
+        drawn = is_valid & (work[LOG_OPACITY + i] >= _MIN_LOG_OPACITY) & (right > left) & (bottom > top)
         work[OUT + i], work[OUT + CHUNK + i] = u, v
         work[OUT + 2 * CHUNK + i] = -0.5 * LOG2E * yy / det
         work[OUT + 3 * CHUNK + i] = LOG2E * xy / det
@@ -133,7 +135,7 @@ def project_splats(
     """
     # The range of tiles covers the square of three standard deviations, as in 3DGS. Tiles outside the ellipse of
     # alpha >= 1/255 are left out, because the Gaussian is not drawn there.
-    work, num = np.zeros(ROWS * CHUNK), means.shape[0]
+    work, num = np.zeros(NUM_ROWS * CHUNK), means.shape[0]
     for first in range(0, num, CHUNK):
         count = min(CHUNK, num - first)
         for i in range(count):
@@ -208,10 +210,10 @@ def project_back(
     for g in range(means.shape[0]):
         if tiles[g, 2] <= tiles[g, 0]:
             continue
-        s, something = sums[g], np.float32(0)
+        s, magnitude = sums[g], np.float32(0)
         for k in range(s.shape[0]):
-            something += abs(s[k])
-        if something == 0:  # most Gaussians are hidden: all gradients stay zero
+            magnitude += abs(s[k])
+        if magnitude == 0:  # most Gaussians are hidden: all gradients stay zero
             continue
         a, b, c = -2 / LOG2E * projected[g, 2], -1 / LOG2E * projected[g, 3], -2 / LOG2E * projected[g, 4]
         d_opacities[g] = s[0] / opacities[g]
@@ -260,7 +262,7 @@ def _project_back_one(
     y = (pose[1, 0] * m0 + pose[1, 1] * m1 + pose[1, 2] * m2 + pose[1, 3]) / z
     clamped_x, clamped_y = _clamped(x, fx, cx, width, margin), _clamped(y, fy, cy, height, margin)
     qw, qx, qy, qz = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
-    r = _axes(qw, qx, qy, qz)
+    r = _rotation_matrix(qw, qx, qy, qz)
     row_x, row_y = _coordinate_gradient(pose, 0, fx / z, clamped_x), _coordinate_gradient(pose, 1, fy / z, clamped_y)
     a0, b0 = _column_back(row_x, row_y, (r[0], r[3], r[6]), scale, 0, dxx, dxy, dyy, d_scale)
     a1, b1 = _column_back(row_x, row_y, (r[1], r[4], r[7]), scale, 1, dxx, dxy, dyy, d_scale)
@@ -283,7 +285,7 @@ def _project_back_one(
         a0 * row_x[1] + b0 * row_y[1], a1 * row_x[1] + b1 * row_y[1], a2 * row_x[1] + b2 * row_y[1],
         a0 * row_x[2] + b0 * row_y[2], a1 * row_x[2] + b1 * row_y[2], a2 * row_x[2] + b2 * row_y[2],
     )  # fmt: skip
-    _axes_back(qw, qx, qy, qz, d_r, d_quat)
+    _rotation_matrix_back(qw, qx, qy, qz, d_r, d_quat)
 
 
 @njit(inline="always")
@@ -336,7 +338,7 @@ def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
 
 @njit()
 @no_type_check
-def _axes_back(w, x, y, z, g, out):
+def _rotation_matrix_back(w, x, y, z, g, out):
     """Converts the gradient with respect to a rotation matrix to the gradient with respect to its quaternion.
 
     Args:

@@ -22,7 +22,8 @@ MAX_KEPT_ENTRIES = 1 << 23
 """Maximum number of (Gaussian, tile) pairs whose lists are kept for the gradient; larger lists are computed again band
 by band."""
 _BANDS = 8
-_SLICE_GAUSSIANS = 8192  # Gaussians
+_CHUNK_GAUSSIANS = 8192
+"""Maximum number of Gaussians that a thread projects at a time."""
 _GLIBC_MAX_THRESHOLD = (32 << 20) - 8192  # bytes; larger blocks do not change glibc's threshold
 
 
@@ -73,10 +74,10 @@ def each_gradient_cpu(
     # gradients is back-propagated before the next is requested.
     keep_freed_memory()
     arrays = float_arrays(gaussians)
-    picture = ViewRasterizer(arrays, cameras, 0, for_gradients=True)
-    image, _ = picture.draw(np.zeros(3, np.float32) if background is None else background)
+    rasterizer = ViewRasterizer(arrays, cameras, 0, for_gradients=True)
+    image, _ = rasterizer.draw(np.zeros(3, np.float32) if background is None else background)
     for gradient in d_image(image.shape):
-        picture.each_gradient(arrays, image, gradient, on_gradients)
+        rasterizer.each_gradient(arrays, image, gradient, on_gradients)
 
 
 @functools.cache
@@ -132,15 +133,15 @@ class ViewRasterizer:
         self.camera = _camera_arguments(cameras, view)
 
         def project(piece: slice) -> None:
-            mine = [a[piece] for a in arrays]
-            _cpu_project.project_splats(*mine, *self.camera, self.projected[piece], self.tiles[piece])
+            chunk = [a[piece] for a in arrays]
+            _cpu_project.project_splats(*chunk, *self.camera, self.projected[piece], self.tiles[piece])
 
         parallel_map(project, _pieces(num))
         entries = _cpu_lists.row_entries(self.tiles, self.grid_y)
         starts = _band_starts(entries, _BANDS if for_gradients else max(_BANDS, 2 * allowed_threads()))
         self.band_ranges = list(itertools.pairwise(starts))
         self.stored_bands: list[_Band] | None = None
-        self.may_keep = for_gradients and entries.sum() <= MAX_KEPT_ENTRIES
+        self.stores_bands = for_gradients and entries.sum() <= MAX_KEPT_ENTRIES
 
     def draw(self, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Draws the view: returns the image, and the remaining transmittance of each pixel."""
@@ -150,7 +151,7 @@ class ViewRasterizer:
             band = self._fill(number)
             lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
             _cpu_kernels.draw_tiles(self.projected, *lists, background, image, transmittance)
-            return band if self.may_keep else None
+            return band if self.stores_bands else None
 
         self.stored_bands = [band for band in parallel_map(draw, range(len(self.band_ranges))) if band is not None]
         return image, transmittance
@@ -205,8 +206,8 @@ class ViewRasterizer:
     def _project_back(
         self, arrays: list[np.ndarray], sums: np.ndarray, piece: slice, results: list[np.ndarray]
     ) -> None:
-        mine = [a[piece] for a in arrays[:4]]
-        _cpu_project.project_back(*mine, *self.camera, self.projected[piece], self.tiles[piece], sums[piece], *results)
+        chunk = [a[piece] for a in arrays[:4]]
+        _cpu_project.project_back(*chunk, *self.camera, self.projected[piece], self.tiles[piece], sums[piece], *results)
 
     def _add_gradients(self, band: _Band, image: np.ndarray, d_image: np.ndarray, sums: np.ndarray) -> None:
         """Adds the gradients of the pixels in one band of tile rows to the gradient sums of the projected Gaussians.
@@ -268,7 +269,7 @@ def _zeros(arrays: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def _pieces(num: int) -> list[slice]:
-    return [slice(first, min(first + _SLICE_GAUSSIANS, num)) for first in range(0, num, _SLICE_GAUSSIANS)]
+    return [slice(first, min(first + _CHUNK_GAUSSIANS, num)) for first in range(0, num, _CHUNK_GAUSSIANS)]
 
 
 def _band_starts(entries: np.ndarray, num_bands: int) -> list[int]:
@@ -283,12 +284,12 @@ def _band_starts(entries: np.ndarray, num_bands: int) -> list[int]:
     """
     # Each band has at most `MAX_ENTRIES` (Gaussian, tile) pairs, or is a single row of tiles.
     limit = min(MAX_ENTRIES, entries.sum() / num_bands)
-    starts, held = [0], 0.0
-    for row, more in enumerate(entries):
-        if held + more > limit and row > starts[-1]:
+    starts, num_pairs = [0], 0.0
+    for row, row_pairs in enumerate(entries):
+        if num_pairs + row_pairs > limit and row > starts[-1]:
             starts.append(row)
-            held = 0.0
-        held += more
+            num_pairs = 0.0
+        num_pairs += row_pairs
     return [*starts, len(entries)]
 
 

@@ -30,13 +30,13 @@ from splatwire.render.importance import cameras_around_splats, surrounding_camer
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
 
-PART = 1 << 18
+PART_GAUSSIANS = 1 << 18
 """Maximum number of Gaussians per spatial part of a scene; parts are measured separately, which limits memory."""
-VIEWS, VIEWS_OF_PART, SIZE = 12, 6, 224
+VIEWS, VIEWS_OF_PART, VIEW_SIZE = 12, 6, 224
 """Number of views around a scene and around one of its parts, and their width and height in pixels."""
 MEASURED_VIEWS, MEASURED_VIEWS_OF_PART, MEASURED_CLOSEUPS = 14, 8, 36
 """Number of views of `measure_gaussians` around a scene, around one of its parts, and close to the surfaces of a scene
-of one part; `SIZE` pixels wide and high."""
+of one part; `VIEW_SIZE` pixels wide and high."""
 MEASURED_FRAMINGS = 8
 """Number of views of `measure_gaussians` that show the whole of a scene of one part. Views around a scene may not show
 the ends of a long one, such as the headstock of guitar."""
@@ -102,7 +102,7 @@ def scene_precision_classes(
 
 
 def precision_classes(
-    splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, part: int = PART,
+    splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, part: int = PART_GAUSSIANS,
 ) -> np.ndarray:  # fmt: skip
     """Computes the precision class (set of quantisation steps) of each Gaussian from its effect on images.
 
@@ -126,7 +126,7 @@ def precision_classes(
 
     def measure(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = VIEWS if whole else VIEWS_OF_PART
-        around = cameras_around_splats(splats, count, SIZE) if cameras is None else cameras
+        around = cameras_around_splats(splats, count, VIEW_SIZE) if cameras is None else cameras
         classes[members] = _classes(splats, _sensitivities(splats, around, probes, seed))
 
     _each_part(splats, part if cameras is None else splats.num_gaussians, measure)
@@ -156,7 +156,7 @@ def measure_gaussians(
     framing: Cameras | None = None,
     closeups: Cameras | None = None,
     seed: int = 0,
-    part: int = PART,
+    part: int = PART_GAUSSIANS,
 ) -> MeasuredGaussians:
     """Measures the precision class of each Gaussian, and the image error if the Gaussian is removed.
 
@@ -184,10 +184,10 @@ def measure_gaussians(
         count = MEASURED_VIEWS if whole else MEASURED_VIEWS_OF_PART
         around, frame, close = given, given_framing, given_closeups
         if around is None:
-            around = surrounding_cameras(SplatScene(splats), count, SIZE)
+            around = surrounding_cameras(SplatScene(splats), count, VIEW_SIZE)
         if cameras is None and whole:  # views around a part are close to its surfaces
-            frame = framing_cameras(SplatScene(splats), MEASURED_FRAMINGS, SIZE)
-            close = closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, SIZE)
+            frame = framing_cameras(SplatScene(splats), MEASURED_FRAMINGS, VIEW_SIZE)
+            close = closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, VIEW_SIZE)
         sensitivities = _sensitivities(splats, around, 1, seed)
         if frame is not None:
             more = _sensitivities(splats, frame, 1, seed)
@@ -248,12 +248,12 @@ def measure_further_removal(
         seen = splats.seen_from(to_numpy(cameras.centers[view]))
         seen = compensated(seen, cameras, view) if pruned.antialiased else seen
         arrays, opacities = float_arrays(seen), seen.opacities.astype(np.float64)
-        picture = ViewRasterizer(arrays, cameras, view, for_gradients=True)
-        image, _ = picture.draw(behind)
-        by_sign = picture.gradients(arrays, image, rng.signs(image.shape))
+        rasterizer = ViewRasterizer(arrays, cameras, view, for_gradients=True)
+        image, _ = rasterizer.draw(behind)
+        by_sign = rasterizer.gradients(arrays, image, rng.signs(image.shape))
         own_error += np.square(by_sign[3] * opacities) + _HIDDEN_CONTRAST**2 * np.square(by_sign[4]).sum(axis=1)
         difference = np.clip(image, 0, 1) - references[view]
-        interaction -= 2 * picture.gradients(arrays, image, difference)[3] * opacities
+        interaction -= 2 * rasterizer.gradients(arrays, image, difference)[3] * opacities
     scale = 1 / (cameras.num_views * cameras.width * cameras.height * 3)
     return FurtherRemoval(own_error * scale, interaction * scale)
 
@@ -276,11 +276,11 @@ def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
     edges = np.arange(count + 1, dtype=np.int64) * splats.num_gaussians // count
     order = kd_order(splats.means, [edges])
 
-    def add_gradients(ends: tuple[int, int]) -> None:
+    def measure_part(ends: tuple[int, int]) -> None:
         members = np.sort(order[slice(*ends)])
         measure(members, splats.select(members), whole=False)
 
-    parallel_map(add_gradients, list(itertools.pairwise(edges.tolist())))
+    parallel_map(measure_part, list(itertools.pairwise(edges.tolist())))
 
 
 def _classes(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
@@ -297,25 +297,25 @@ def _classes(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]])
     # removes the effect of these from the logarithms of the sensitivities. The class is the rest, averaged over the
     # attributes. Class 0 is that of the Gaussian at the quantile `FINEST_SHARE`.
     low, middle, high = (np.log2(scales.astype(np.float64)) for scales in sort3(splats.scales))
-    least = np.median(high) - _MAX_SIZE_OCTAVES
-    size, width = np.maximum(high, least), np.maximum(middle, np.maximum(high, least) - _MAX_AXIS_OCTAVES)
-    area, long, thin = size + width, size - width, np.minimum(np.maximum(width - low, 0), _MAX_AXIS_OCTAVES)
-    shape = np.stack([area, long, thin, np.log2(np.maximum(splats.opacities.astype(np.float64), 1 / 512))])
+    min_size = np.median(high) - _MAX_SIZE_OCTAVES
+    size, width = np.maximum(high, min_size), np.maximum(middle, np.maximum(high, min_size) - _MAX_AXIS_OCTAVES)
+    area, elongation, flatness = size + width, size - width, np.minimum(np.maximum(width - low, 0), _MAX_AXIS_OCTAVES)
+    shape = np.stack([area, elongation, flatness, np.log2(np.maximum(splats.opacities.astype(np.float64), 1 / 512))])
     weights = {**_WEIGHTS, "colour": 12.0 if splats.degree else 3.0}
     # For disks, needles and points, only attributes independent of the degenerate axes are meaningful.
-    odd = (high < least) | (middle < size - _MAX_AXIS_OCTAVES) | (low < width - _MAX_AXIS_OCTAVES)
-    octaves, total = np.zeros(splats.num_gaussians), np.full(splats.num_gaussians, sum(weights.values()))
+    is_degenerate = (high < min_size) | (middle < size - _MAX_AXIS_OCTAVES) | (low < width - _MAX_AXIS_OCTAVES)
+    log_sensitivities, total = np.zeros(splats.num_gaussians), np.full(splats.num_gaussians, sum(weights.values()))
     for name, weight in weights.items():
-        class_values = weight * (
+        weighted = weight * (
             np.log2(sensitivities[name] + _UNSEEN) / 2 - _BASES[name] - np.array(_SLOPES[name]) @ shape
         )
         if name in _SHAPE:
-            class_values[odd] = 0
-            total[odd] -= weight
-        octaves += class_values
-    octaves /= total
-    finest = np.quantile(octaves, FINEST_SHARE)
-    return np.rint(octaves - finest).clip(-100, 100).astype(np.int8)
+            weighted[is_degenerate] = 0
+            total[is_degenerate] -= weight
+        log_sensitivities += weighted
+    log_sensitivities /= total
+    class_0 = np.quantile(log_sensitivities, FINEST_SHARE)
+    return np.rint(log_sensitivities - class_0).clip(-100, 100).astype(np.int8)
 
 
 def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> dict[str, Float64[np.ndarray, "G"]]:

@@ -13,7 +13,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.kinds import FOURDGS, SPLAT4D, USD, Kind
 from splatwire.files.scene_formats import FileFormat
 from splatwire.io.formats.content import FileContent
-from splatwire.io.formats.dispatch import kept_facts
+from splatwire.io.formats.dispatch import storable_properties
 from splatwire.sequence.decoding import decode_frames
 from splatwire.sequence.frames import Sequence
 
@@ -48,7 +48,9 @@ class SequenceFormat:
         form = FileFormat(self.name, "a sequence", keeps=self.keeps)
         for number, frame in enumerate(frames):
             if not number:
-                kept_facts(form, path, antialiased=frame.antialiased, origin=frame.origin, metadata=frame.metadata)
+                storable_properties(
+                    form, path, antialiased=frame.antialiased, origin=frame.origin, metadata=frame.metadata
+                )
             yield frame
 
 

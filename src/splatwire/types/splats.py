@@ -22,7 +22,7 @@ from splatwire.types.loss_mask import LossMask
 from splatwire.types.origin import Origin, check_origin
 from splatwire.types.shapes import Shape, check_arrays, check_mask, indices_of
 
-ROWS = 1 << 16
+CHUNK_GAUSSIANS = 1 << 16
 """Number of Gaussians copied at a time."""
 
 _ROUNDING = 4e-3
@@ -96,8 +96,8 @@ class Splats:
         """
         indices = indices_of(index, self.num_gaussians)
         result = Splats.empty(len(indices), self.degree)
-        for begin in range(0, len(indices), ROWS):
-            result.fill(begin, self.select(indices[begin : begin + ROWS]))
+        for begin in range(0, len(indices), CHUNK_GAUSSIANS):
+            result.fill(begin, self.select(indices[begin : begin + CHUNK_GAUSSIANS]))
         return result
 
     def fill(self, begin: int, source: "Splats") -> None:
@@ -136,14 +136,17 @@ class Splats:
         halves = {name: value.astype(np.float32) for name, value in vars(self).items() if value.dtype == np.float16}
         if halves:
             return dataclasses.replace(self, **halves).with_unit_quats()
-        if all(_are_unit(self.quats[begin : begin + ROWS]) for begin in range(0, self.num_gaussians, ROWS)):
+        if all(
+            _are_unit(self.quats[begin : begin + CHUNK_GAUSSIANS])
+            for begin in range(0, self.num_gaussians, CHUNK_GAUSSIANS)
+        ):
             return self
         quats = large_empty((self.num_gaussians, 4), np.float32)
-        for begin in range(0, self.num_gaussians, ROWS):
-            piece = self.quats[begin : begin + ROWS].astype(np.float64)
+        for begin in range(0, self.num_gaussians, CHUNK_GAUSSIANS):
+            piece = self.quats[begin : begin + CHUNK_GAUSSIANS].astype(np.float64)
             lengths = np.sqrt(np.einsum("gi,gi->g", piece, piece))[:, None]
             valid = np.isfinite(lengths) & (lengths > 0)
-            quats[begin : begin + ROWS] = np.where(valid, piece / np.where(valid, lengths, 1), piece)
+            quats[begin : begin + CHUNK_GAUSSIANS] = np.where(valid, piece / np.where(valid, lengths, 1), piece)
         return dataclasses.replace(self, quats=quats)
 
     def at_most_degree(self, degree: int) -> "Splats":
@@ -165,8 +168,10 @@ class Splats:
             return self
         shift = np.array(before) - np.array(after)
         means = large_empty((self.num_gaussians, 3), np.float32)
-        for begin in range(0, self.num_gaussians, ROWS):
-            means[begin : begin + ROWS] = self.means[begin : begin + ROWS].astype(np.float64) + shift
+        for begin in range(0, self.num_gaussians, CHUNK_GAUSSIANS):
+            means[begin : begin + CHUNK_GAUSSIANS] = (
+                self.means[begin : begin + CHUNK_GAUSSIANS].astype(np.float64) + shift
+            )
         return dataclasses.replace(self, means=means)
 
     @property
@@ -262,10 +267,10 @@ def _compiled_colors(splats: Splats, camera_center: Float[np.ndarray, "3"]) -> F
     colors = np.empty((splats.num_gaussians, 3), np.float32)
 
     def color_slice(begin: int) -> None:
-        rows, basis = slice(begin, begin + ROWS), np.empty(16, np.float32)
+        rows, basis = slice(begin, begin + CHUNK_GAUSSIANS), np.empty(16, np.float32)
         view_colours(splats.means[rows], splats.sh[rows], camera_center, basis, colors[rows])
 
-    parallel_map(color_slice, range(0, splats.num_gaussians, ROWS))
+    parallel_map(color_slice, range(0, splats.num_gaussians, CHUNK_GAUSSIANS))
     return colors
 
 

@@ -17,7 +17,7 @@ from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
 """Logger of removed Gaussians and anchors: level info for invisible ones, level warning for invalid ones."""
-ROWS = 1 << 13
+CHUNK_ELEMENTS = 1 << 13
 """Number of elements checked at a time, whose intermediate results fit into the processor's caches."""
 
 
@@ -64,8 +64,8 @@ def validity_of_splats(splats: Splats) -> ElementValidity:
     """Classifies Gaussians as drawable, invisible (opacity 0) or invalid."""
     with one_blas_thread():
         masks = parallel_map(
-            lambda begin: _valid_and_visible(splats.slice_range(begin, begin + ROWS)),
-            range(0, splats.num_gaussians, ROWS),
+            lambda begin: _valid_and_visible(splats.slice_range(begin, begin + CHUNK_ELEMENTS)),
+            range(0, splats.num_gaussians, CHUNK_ELEMENTS),
         )
     return _rows([good & drawn for good, drawn in masks], [good for good, _ in masks])
 
@@ -106,8 +106,8 @@ def invalid_fields(splats: Splats) -> list[str]:
 def validity_of_anchors(anchors: Anchors) -> ElementValidity:
     """Classifies anchors as drawable, invisible (without offsets) or invalid."""
     drawn, valid = [], []
-    for begin in range(0, anchors.num_anchors, ROWS):
-        piece = anchors.select(slice(begin, begin + ROWS))
+    for begin in range(0, anchors.num_anchors, CHUNK_ELEMENTS):
+        piece = anchors.select(slice(begin, begin + CHUNK_ELEMENTS))
         fields = (piece.positions, piece.features, piece.scalings, piece.present_offsets, piece.mask)
         positions, features, scalings, offsets, mask = (to_numpy(values) for values in fields)
         good = _finite(positions, features, scalings, offsets) & (scalings >= 0).all(axis=1)

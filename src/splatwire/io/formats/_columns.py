@@ -9,7 +9,7 @@ import numpy as np
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.ops.spherical_harmonics import num_functions
-from splatwire.types.splats import ROWS, Splats
+from splatwire.types.splats import CHUNK_GAUSSIANS, Splats
 from splatwire.types.validity import invalid_fields, validity_of_splats
 
 LOG = logging.getLogger(__name__)
@@ -132,8 +132,8 @@ def concatenate(parts: Sequence[Splats]) -> Splats:
     joined = Splats.empty(sum(part.num_gaussians for part in parts), max(part.degree for part in parts))
     offset = 0
     for part in parts:
-        for begin in range(0, part.num_gaussians, ROWS):
-            rows = part.slice_range(begin, min(begin + ROWS, part.num_gaussians))
+        for begin in range(0, part.num_gaussians, CHUNK_GAUSSIANS):
+            rows = part.slice_range(begin, min(begin + CHUNK_GAUSSIANS, part.num_gaussians))
             joined.fill(offset, of_degree(rows, joined.degree))
             offset += rows.num_gaussians
     return joined

@@ -308,29 +308,29 @@ def write_splats(
     if form.scene_type is not None:
         held = form.scene_type.__name__
         raise InvalidValueError(f"{path}: {form.description} holds scenes of the type {held}, not explicit Gaussians")
-    facts = kept_facts(
+    properties = storable_properties(
         form, path, antialiased=antialiased, origin=origin, outliers=outliers, metadata=metadata, steps=steps
     )
-    return write_with(form, parts, path, **facts)
+    return write_with(form, parts, path, **properties)
 
 
-def write_with(file_format: FileFormat, content: Any, path: Path, **facts: Any) -> int:
+def write_with(file_format: FileFormat, content: Any, path: Path, **properties: Any) -> int:
     """Writes a file atomically with the writer of its format.
 
     Args:
         file_format: The format.
         content: Batches of explicit Gaussians, or a scene of the format's type.
         path: The file.
-        **facts: Scene properties for the writer, from `kept_facts`.
+        **properties: Scene properties for the writer, from `storable_properties`.
 
     Returns:
         Number of Gaussians written; 0 if a writer of another package does not return it.
     """
     assert file_format.write is not None
     if file_format.recognises is None:
-        return int(file_format.write(content, path, **facts))
+        return int(file_format.write(content, path, **properties))
     with atomic_output(path) as target:
-        count = file_format.write(content, target, **facts)
+        count = file_format.write(content, target, **properties)
         if not target.exists():
             raise InvalidValueError(
                 f"file format '{file_format.name}'{FORMATS.provider_suffix(file_format.name)} wrote no file"
@@ -338,7 +338,7 @@ def write_with(file_format: FileFormat, content: Any, path: Path, **facts: Any) 
     return count if isinstance(count, int) else 0
 
 
-def kept_facts(
+def storable_properties(
     file_format: FileFormat,
     path: Path,
     *,
@@ -363,28 +363,28 @@ def kept_facts(
         The selected properties, as keyword arguments of the format's writer.
     """
     treatment = check_outliers(outliers)
-    facts: dict[str, Any] = {"outliers": treatment} if "outliers" in file_format.keeps else {}
+    properties: dict[str, Any] = {"outliers": treatment} if "outliers" in file_format.keeps else {}
     if steps is not None and "steps" in file_format.keeps:
-        facts["steps"] = steps
+        properties["steps"] = steps
     if antialiased and "antialiased" in file_format.keeps:
-        facts["antialiased"] = True
+        properties["antialiased"] = True
     if antialiased and file_format.name == "glb":
         warn_of_antialiasing_in_extras(path)
     elif antialiased and "antialiased" not in file_format.keeps:
         LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: PLY, SPZ and SOG can", path)
     if origin != NO_ORIGIN and "origin" in file_format.keeps:
-        facts["origin"] = origin
-    if origin != NO_ORIGIN and ("origin" not in facts or file_format.name in _OWN_ORIGIN):
-        where = "only splatwire reads from such files" if "origin" in facts else "such files do not hold"
+        properties["origin"] = origin
+    if origin != NO_ORIGIN and ("origin" not in properties or file_format.name in _OWN_ORIGIN):
+        where = "only splatwire reads from such files" if "origin" in properties else "such files do not hold"
         LOG.warning(
             "%s: positions are relative to the scene's origin (%s), which %s; PLY and glTF have world coordinates",
             path, describe_origin(origin).replace(" ", ", "), where,
         )  # fmt: skip
     if (stated := metadata.known()) and "metadata" in file_format.keeps:
-        facts["metadata"] = metadata
+        properties["metadata"] = metadata
     elif stated:
         LOG.warning("%s: such files have no place for metadata: %s will be lost", path, ", ".join(stated))
-    return facts
+    return properties
 
 
 def warn_of_antialiasing_in_extras(path: Path) -> None:
@@ -444,20 +444,20 @@ def _problem(file_format: FileFormat) -> str:
         isinstance(k, str) for k in file_format.keeps
     ):
         return "keeps must be a set of names"
-    unknown = sorted(set(file_format.keeps) - _FACTS)
-    return f"keeps has {', '.join(unknown)}; known are {', '.join(sorted(_FACTS))}" if unknown else ""
+    unknown = sorted(set(file_format.keeps) - _PROPERTIES)
+    return f"keeps has {', '.join(unknown)}; known are {', '.join(sorted(_PROPERTIES))}" if unknown else ""
 
 
 _OWN_ORIGIN = ("compressed.ply", "spz", "sog")
 """Formats with the origin only in a comment or metadata of this package."""
-_FACTS = frozenset(("antialiased", "metadata", "steps", "origin", "outliers"))
+_PROPERTIES = frozenset(("antialiased", "metadata", "steps", "origin", "outliers"))
 
 
 def _lazy_import(module: str, name: str) -> Callable[..., Any]:
     """Wraps a reader or writer of `splatwire.io.formats` to import the module at the first call."""
 
-    def call(*arguments: Any, **facts: Any) -> Any:
-        return getattr(importlib.import_module(f"splatwire.io.formats.{module}"), name)(*arguments, **facts)
+    def call(*arguments: Any, **properties: Any) -> Any:
+        return getattr(importlib.import_module(f"splatwire.io.formats.{module}"), name)(*arguments, **properties)
 
     return call
 
@@ -469,16 +469,16 @@ _EXPLICIT = (
         read=lambda path: _read_ply(path),
         write=write_ply,
         kinds=(SPLATS_PLY, ANCHORS_PLY, COMPRESSED_PLY, OTHER_PLY),
-        keeps=_FACTS - {"outliers"},
+        keeps=_PROPERTIES - {"outliers"},
     ),
-    FileFormat("compressed.ply", "a compressed PLY", write=write_compressed_ply, keeps=_FACTS - {"steps"}),
+    FileFormat("compressed.ply", "a compressed PLY", write=write_compressed_ply, keeps=_PROPERTIES - {"steps"}),
     FileFormat(
         "spz",
         "an SPZ file",
         read=_lazy_import("spz", "read_spz"),
         write=_lazy_import("spz_writer", "write_spz"),
         kinds=(SPZ,),
-        keeps=_FACTS - {"steps"},
+        keeps=_PROPERTIES - {"steps"},
     ),
     FileFormat(
         "sog",
@@ -486,7 +486,7 @@ _EXPLICIT = (
         read=_lazy_import("sog", "read_sog"),
         write=_lazy_import("sog_writer", "write_sog"),
         kinds=(SOG, SOG_FOLDER, SOG_META),
-        keeps=_FACTS - {"steps"},
+        keeps=_PROPERTIES - {"steps"},
     ),
     FileFormat(
         "streamed sog", "a streamed SOG", read=_lazy_import("streamed_sog", "read_streamed_sog"), kinds=(SOG_LEVELS,)
@@ -505,7 +505,7 @@ _EXPLICIT = (
         read=_lazy_import("gltf", "read_gltf"),
         write=_lazy_import("gltf_writer", "write_gltf"),
         kinds=(GLB, GLTF),
-        keeps=_FACTS - {"steps", "outliers"},
+        keeps=_PROPERTIES - {"steps", "outliers"},
     ),
     *(
         FileFormat(

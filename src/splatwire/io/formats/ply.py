@@ -35,7 +35,7 @@ from splatwire.io.formats.ply_steps import DIGEST_DIGITS, PlySteps, with_classes
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, degree_of, num_functions
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin, describe_origin, misses_positions
-from splatwire.types.splats import ROWS, Splats
+from splatwire.types.splats import CHUNK_GAUSSIANS, Splats
 
 LOG = logging.getLogger(__name__)
 _REST_OF_4 = 72
@@ -105,9 +105,10 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
         )  # fmt: skip
     warn_of_other_units(vertices)
     splats, origin = Splats.empty(len(vertices.rows), degree), _origin(vertices)
-    for begin in range(0, len(vertices.rows), ROWS):
+    for begin in range(0, len(vertices.rows), CHUNK_GAUSSIANS):
         splats.fill(
-            begin, _splats_of_rows(replace(vertices, rows=vertices.rows[begin : begin + ROWS]), num_rest, origin)
+            begin,
+            _splats_of_rows(replace(vertices, rows=vertices.rows[begin : begin + CHUNK_GAUSSIANS]), num_rest, origin),
         )
     if min(vertices.rows.dtype[name].itemsize for name in _AXES) <= _FLOAT_BYTES:
         warn_of_rounded_positions(path, splats, origin)
@@ -153,7 +154,7 @@ def _origin(vertices: PlyElement) -> Origin:
     Returns:
         The origin; `NO_ORIGIN` if the comments have none and the Gaussians are near 0.
     """
-    sample = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
+    sample = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // CHUNK_GAUSSIANS))])
     means = sample.select_float64(list(_AXES))
     stated = stated_origin(ORIGIN, vertices.comments)
     if stated is not None and (distance := misses_positions(stated, means)) is None:

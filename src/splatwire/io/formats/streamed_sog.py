@@ -22,7 +22,7 @@ from splatwire.io.formats._columns import check_count, of_degree
 from splatwire.io.formats._placement import warn_of_unused_fields
 from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.sog import read_sog
-from splatwire.types.splats import ROWS, Splats
+from splatwire.types.splats import CHUNK_GAUSSIANS, Splats
 
 LOG = logging.getLogger(__name__)
 MAX_LEAVES = 1 << 16
@@ -279,9 +279,9 @@ def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -
         degree: Degree of the spherical harmonics in the new arrays, not below that of `joined`.
     """
     room = Splats.empty(total, degree)
-    for begin in range(0, 0 if joined is None else count, ROWS):
+    for begin in range(0, 0 if joined is None else count, CHUNK_GAUSSIANS):
         assert joined is not None
-        room.fill(begin, of_degree(joined.slice_range(begin, min(begin + ROWS, count)), degree))
+        room.fill(begin, of_degree(joined.slice_range(begin, min(begin + CHUNK_GAUSSIANS, count)), degree))
     return room
 
 
