@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from splatwire.concealment.temporal.neighbors import COLOUR, NEAREST, RIDGES, SHAPE, WILD, Neighbors
+from splatwire.concealment.temporal.neighbors import COLOUR, DISTANCE_FLOOR, MAX_WEIGHT_SUM, RIDGES, SHAPE, Neighbors
 
 
 def plain_smooth_weights(offsets: np.ndarray) -> np.ndarray:
     """Weights of `smooth_weights`, (n, k), from the normal equations of the fit."""
     square = (offsets**2).sum(axis=2)
     scale = square.mean(axis=1, keepdims=True) + 1e-30
-    proximity = 1 / (square / scale + NEAREST)
+    proximity = 1 / (square / scale + DISTANCE_FLOOR)
     proximity /= proximity.sum(axis=1, keepdims=True)
     x, y, z = np.moveaxis(offsets / np.sqrt(scale)[:, :, None], 2, 0)
     terms = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=2)
@@ -17,7 +17,7 @@ def plain_smooth_weights(offsets: np.ndarray) -> np.ndarray:
     here = np.linalg.solve(moments, np.eye(10)[None, :, :1])[:, :, 0]
     weights = proximity * np.einsum("nka,na->nk", terms, here)
     weights /= weights.sum(axis=1, keepdims=True)
-    wild = np.abs(weights).sum(axis=1) > WILD
+    wild = np.abs(weights).sum(axis=1) > MAX_WEIGHT_SUM
     weights[wild] = proximity[wild]
     return weights
 

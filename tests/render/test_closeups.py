@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from random_numbers import Numbers
-from splatwire.render.closeups import CLOSER, closeup_cameras
+from splatwire.render.closeups import DISTANCE_RATIO, closeup_cameras
 from splatwire.render.importance import surrounding_cameras
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
@@ -45,13 +45,13 @@ def shares_of_paths(around: Cameras, close: Cameras) -> np.ndarray:
 def test_most_cameras_keep_a_share_of_their_distance_from_the_nearest_surface():
     scene = SplatScene(sphere(3000, 2.0))
     shares = shares_of_paths(surrounding_cameras(scene, 24, 224), closeup_cameras(scene, 24, 224))
-    assert (abs(shares - (1 - CLOSER)) < 0.1).sum() >= 20
+    assert (abs(shares - (1 - DISTANCE_RATIO)) < 0.1).sum() >= 20
 
 
 def test_large_scenes_of_which_a_sample_is_searched_keep_their_surfaces():
     scene = joined(covered(90_000, 2.0, 1.4), covered(60_000, 1.0, 8.0))
     shares = shares_of_paths(surrounding_cameras(scene, 16, 224), closeup_cameras(scene, 16, 224))
-    assert (abs(shares - (1 - CLOSER)) < 0.1).sum() >= 14
+    assert (abs(shares - (1 - DISTANCE_RATIO)) < 0.1).sum() >= 14
 
 
 def test_surfaces_are_found_in_front_of_hidden_ones():

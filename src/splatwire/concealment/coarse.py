@@ -14,15 +14,19 @@ from splatwire.types import LossMask, ReceivedScene
 from splatwire.types.lod_scene import Levels
 from splatwire.types.splats import Splats
 
-_COPIED, _SAME = (0.2, 0.1, 0.2, 0.1), 3.0
-"""Tolerances for matching a Gaussian with its coarser quantised copy, and the maximum mismatch in multiples of the
-tolerances.
-The tolerances are: distance in units of the copy's second largest size, logarithms of the two larger sizes, colour,
-opacity."""
-_CANDIDATES, _COLOUR, _ROWS = 8, 1.0, 1 << 16
-"""Number of nearest candidates; weight of a colour difference, relative to a distance of one standard deviation, when a
-Gaussian is assigned to a merged Gaussian; number of Gaussians per batch."""
-_THINNEST = 1e-4
+_COPY_TOLERANCES = (0.2, 0.1, 0.2, 0.1)
+"""Tolerances for matching a Gaussian with its coarser quantised copy: distance in units of the copy's second largest
+size, logarithms of the two larger sizes, colour, opacity."""
+_MAX_MISMATCH = 3.0
+"""Maximum mismatch of a Gaussian and its copy, in multiples of the tolerances."""
+_NUM_CANDIDATES = 8
+"""Number of nearest Gaussians among which a copy or a merged Gaussian is searched."""
+_COLOUR_WEIGHT = 1.0
+"""Weight of a colour difference, relative to a distance of one standard deviation, when a Gaussian is assigned to a
+merged Gaussian."""
+_CHUNK_GAUSSIANS = 1 << 16
+"""Maximum number of Gaussians that are compared at a time."""
+_MIN_AXIS_RATIO = 1e-4
 """Lower bound of the standard deviations of a merged Gaussian, relative to its largest; keeps distances to flat
 Gaussians finite."""
 
@@ -113,22 +117,22 @@ def _coarse_opacities(
             only in part.
     """
     # a copy is drawn unless its original arrived; a merged Gaussian gets the share of its area that is not covered
-    covers = _coverage(splats)
-    shown = np.where(copied, 1, trust).astype(np.float32)
+    coverage = _coverage(splats)
+    factors = np.where(copied, 1, trust).astype(np.float32)
     if not len(fine):
-        return shown
+        return factors
     original = _originals(splats, fine, coarse[copied])
-    shown[np.flatnonzero(copied)[original >= 0]] = 0
+    factors[np.flatnonzero(copied)[original >= 0]] = 0
     merged = np.flatnonzero(~copied)
-    rest = np.ones(len(fine), np.bool_)
-    rest[original[original >= 0]] = False
+    is_uncopied = np.ones(len(fine), np.bool_)
+    is_uncopied[original[original >= 0]] = False
     if not len(merged):
-        return shown
-    part_of = _merged_index(splats, fine[rest], coarse[merged])
-    received_cover = np.bincount(part_of, covers[fine[rest]], len(merged))
-    missing = 1 - received_cover / np.maximum(covers[coarse[merged]], 1e-300)
-    shown[merged] = np.clip(missing, 0, 1) * trust
-    return shown
+        return factors
+    merged_of = _merged_index(splats, fine[is_uncopied], coarse[merged])
+    received_cover = np.bincount(merged_of, coverage[fine[is_uncopied]], len(merged))
+    missing = 1 - received_cover / np.maximum(coverage[coarse[merged]], 1e-300)
+    factors[merged] = np.clip(missing, 0, 1) * trust
+    return factors
 
 
 def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
@@ -141,18 +145,18 @@ def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.nd
     """
     centres, tree = splats.means[merged].astype(np.float64), NeighborTree(splats.means[merged])
     scales = splats.scales[merged].astype(np.float64)
-    scales = np.maximum(np.maximum(scales, 1e-30), _THINNEST * scales.max(axis=1, keepdims=True))
+    scales = np.maximum(np.maximum(scales, 1e-30), _MIN_AXIS_RATIO * scales.max(axis=1, keepdims=True))
     axes = rotation_matrices(splats.quats[merged].astype(np.float64))
     nearest = np.empty(len(fine), np.int64)
-    for begin in range(0, len(fine), _ROWS):
-        piece = fine[begin : begin + _ROWS]
-        neighbors, _ = tree.query(splats.means[piece], min(_CANDIDATES, len(merged)))
+    for begin in range(0, len(fine), _CHUNK_GAUSSIANS):
+        piece = fine[begin : begin + _CHUNK_GAUSSIANS]
+        neighbors, _ = tree.query(splats.means[piece], min(_NUM_CANDIDATES, len(merged)))
         apart = np.einsum(
             "nkij,nki->nkj", axes[neighbors], splats.means[piece].astype(np.float64)[:, None] - centres[neighbors]
         )
         unlike = (splats.sh[piece, None, 0] - splats.sh[merged[neighbors], 0]).astype(np.float64)
         # a merged Gaussian has the mean, covariance and colour of its finer ones, so its standard deviation is the unit
-        far = ((apart / scales[neighbors]) ** 2).sum(axis=2) + _COLOUR * (unlike**2).sum(axis=2)
+        far = ((apart / scales[neighbors]) ** 2).sum(axis=2) + _COLOUR_WEIGHT * (unlike**2).sum(axis=2)
         nearest[begin : begin + len(piece)] = np.take_along_axis(neighbors, far.argmin(axis=1)[:, None], axis=1)[:, 0]
     return nearest
 
@@ -170,7 +174,7 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
         Index in `fine` of the original of each copy, int64 (C); -1 if the original was not received.
     """
     # A stream does not contain this relation: the original has nearly the same position, size, colour and opacity.
-    neighbors, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_CANDIDATES, len(fine)))
+    neighbors, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_NUM_CANDIDATES, len(fine)))
     candidates, size = fine[neighbors], np.maximum(np.sort(splats.scales[copies], axis=1)[:, 1:], 1e-30)
     sizes = np.maximum(np.sort(splats.scales[candidates], axis=2)[..., 1:], 1e-30)
     differ = (
@@ -178,10 +182,10 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
         np.linalg.norm(splats.sh[candidates, 0] - splats.sh[copies, None, 0], axis=2),
         splats.opacities[candidates] - splats.opacities[copies, None],
     )  # fmt: skip
-    unlike = np.sqrt(sum((d / step) ** 2 for d, step in zip(differ, _COPIED, strict=True)))
+    unlike = np.sqrt(sum((d / step) ** 2 for d, step in zip(differ, _COPY_TOLERANCES, strict=True)))
     best = unlike.argmin(axis=1)[:, None]
     nearest = np.take_along_axis(neighbors, best, axis=1)[:, 0]
-    return np.where(np.take_along_axis(unlike, best, axis=1)[:, 0] < _SAME, nearest, -1)
+    return np.where(np.take_along_axis(unlike, best, axis=1)[:, 0] < _MAX_MISMATCH, nearest, -1)
 
 
 def _coverage(splats: Splats) -> Float[np.ndarray, "N"]:

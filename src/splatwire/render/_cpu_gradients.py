@@ -22,7 +22,6 @@ from splatwire.ops.lanes import (
     store_first,
 )
 from splatwire.render._cpu_kernels import (
-    AHEAD,
     BLUE,
     COLUMN,
     GREEN,
@@ -31,6 +30,7 @@ from splatwire.render._cpu_kernels import (
     MIN_TRANSMITTANCE,
     ONE,
     PIXELS,
+    PREFETCH_DISTANCE,
     RED,
     REST,
     TILE,
@@ -47,7 +47,7 @@ SUMS = 9
 falloff's exponent at a pixel and (dx, dy) the offset from the 2D centre; and the gradient of RGB."""
 SPARE = LANES - SUMS
 """Number of padding values after the last array row of sums, because rows are read sixteen values at a time."""
-_AHEAD_ROWS = 16
+_PREFETCH_ROWS = 16
 
 
 @njit(borrows=True, inline="never", error_model="numpy")
@@ -126,7 +126,7 @@ def _tile_back(projected, ids, spans, begin, end, left, top, image, d_image, row
                 rest += d * image[top + row, left + column, c]
             buf[i + REST] = rest
     for k in range(begin, end):
-        prefetch_projected(projected, ids, k + AHEAD)
+        prefetch_projected(projected, ids, k + PREFETCH_DISTANCE)
         x, y, A, B, C, log_opacity, red, green, blue = read_projected(projected, ids[k], left, top)
         low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])
         _blend_back(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue, rows_of_sums, k)
@@ -177,7 +177,7 @@ def add_rows(rows_of_sums, gaussian_indices, pair_rows, pair_starts, sums):
         first = np.int64(gaussian_indices[k]) * SUMS
         added = load(sums, first)
         for place in range(pair_starts[k], pair_starts[k + 1]):
-            if place + _AHEAD_ROWS < pair_rows.shape[0]:
-                prefetch(rows_of_sums, np.int64(pair_rows[place + _AHEAD_ROWS]) * SUMS)
+            if place + _PREFETCH_ROWS < pair_rows.shape[0]:
+                prefetch(rows_of_sums, np.int64(pair_rows[place + _PREFETCH_ROWS]) * SUMS)
             added += load(rows_of_sums, np.int64(pair_rows[place]) * SUMS)
         store_first(sums, first, added, SUMS)

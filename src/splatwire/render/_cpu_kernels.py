@@ -18,7 +18,7 @@ MIN_LOG_ALPHA = np.float32(np.log2(1.0 / 255.0))
 MAX_LOG_ALPHA = np.float32(np.log2(0.99))
 MIN_TRANSMITTANCE = np.float32(1e-4)
 _BLOCK = 4  # tiles
-AHEAD = 4
+PREFETCH_DISTANCE = 4
 # Sections of a tile's buffer: five of a number per pixel, then the numbers of the columns.
 TRANSMITTANCE, RED, GREEN, BLUE, REST, COLUMN = (k * PIXELS for k in range(6))
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -150,7 +150,7 @@ def _draw_tile(projected, ids, spans, begin, end, left, top, background, image, 
     rows, columns = min(TILE, height - top), min(TILE, width - left)
     buf = new_buffer(columns, rows)
     for k in range(begin, end):
-        prefetch_projected(projected, ids, k + AHEAD)
+        prefetch_projected(projected, ids, k + PREFETCH_DISTANCE)
         low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])  # loops over unsigned integers are slower
         x, y, A, B, C, log_opacity, red, green, blue = read_projected(projected, ids[k], left, top)
         _blend(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue)

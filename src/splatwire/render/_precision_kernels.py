@@ -49,31 +49,31 @@ def add_squared(
     # The sums measure how strongly images depend on the attributes. Rotations have two parts: spin, a rotation
     # about the axis of symmetry of a flat or a long Gaussian, and changes of direction of this axis.
     for i in range(first, last):
-        something = abs(opacities[i])
+        magnitude = abs(opacities[i])
         for axis in range(3):
-            something += abs(means[i, axis]) + abs(scales[i, axis]) + abs(colors[i, axis])
+            magnitude += abs(means[i, axis]) + abs(scales[i, axis]) + abs(colors[i, axis])
         for axis in range(4):
-            something += abs(rotations[i, axis])
-        if something == 0:  # most Gaussians are hidden
+            magnitude += abs(rotations[i, axis])
+        if magnitude == 0:  # most Gaussians are hidden
             continue
         a, b = np.float64(rotations[i, 0]), np.float64(rotations[i, 1])
         c, d = np.float64(rotations[i, 2]), np.float64(rotations[i, 3])
         w, x, y, z = np.float64(quats[i, 0]), np.float64(quats[i, 1]), np.float64(quats[i, 2]), np.float64(quats[i, 3])
-        turned = (
+        about_axis = (
             (-a * x + b * w + c * z - d * y) / 2,  # derivative for a rotation about the first axis
             (-a * y - b * z + c * w + d * x) / 2,
             (-a * z + b * y - c * x + d * w) / 2,
         )
-        away, bright, turns = 0.0, 0.0, 0.0
+        position, colour, rotation = 0.0, 0.0, 0.0
         for axis in range(3):
-            away += np.float64(means[i, axis]) ** 2
-            bright += np.float64(colors[i, axis]) ** 2
-            turns += turned[axis] ** 2
+            position += np.float64(means[i, axis]) ** 2
+            colour += np.float64(colors[i, axis]) ** 2
+            rotation += about_axis[axis] ** 2
             longest = order[i, axis]
             sums[i, SCALE + axis] += (np.float64(scales[i, longest]) * np.float64(splat_scales[i, longest])) ** 2
-        spin = turned[order[i, symmetry_axis[i]]] ** 2
-        sums[i, POSITION] += away / 3
-        sums[i, DIRECTION] += (turns - spin) / 2
+        spin = about_axis[order[i, symmetry_axis[i]]] ** 2
+        sums[i, POSITION] += position / 3
+        sums[i, DIRECTION] += (rotation - spin) / 2
         sums[i, SPIN] += spin
         sums[i, OPACITY] += (np.float64(opacities[i]) * np.float64(splat_opacities[i])) ** 2
-        sums[i, COLOUR] += bright
+        sums[i, COLOUR] += colour

@@ -12,18 +12,18 @@ from splatwire.render.importance import projected_footprints, surrounding_camera
 from splatwire.types import Cameras
 from splatwire.types.splats import Splats
 
-CLOSER = 0.4
+DISTANCE_RATIO = 0.4
 """Ratio of the distances of a close camera and of the camera around the scene from the same surface point."""
 _MAX_SAMPLE = 50_000
 """Maximum number of Gaussians among which surface points are searched; larger scenes are sampled evenly."""
 _NEAR_SHARE = 0.2
 """Near plane of close cameras, as a fraction of their smallest distance from a surface point. It does not depend on
 the unit of length, unlike `NEAR_DEPTH`."""
-_RAY = 1 / 40
+_OCCLUSION_RADIUS = 1 / 40
 """Radius of the circle around a surface point in which nearer Gaussians may hide it, relative to the image's width."""
-_OPAQUE = 1.0
+_MIN_OCCLUSION = 1.0
 """Sum of the opacities, times the covered share of the circle, from which Gaussians hide what is behind them."""
-_GOLDEN = 0.6180339887
+_GOLDEN_RATIO = 0.6180339887
 """Difference of consecutive numbers modulo 1 that spreads points evenly."""
 
 
@@ -48,10 +48,10 @@ def closeup_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     poses = cameras.viewmats.copy()
     distances: list[float] = []
     for view in range(num_views):
-        target = _surface_point(splats, cameras, view, (view * _GOLDEN + 0.5) % 1, step)
+        target = _surface_point(splats, cameras, view, (view * _GOLDEN_RATIO + 0.5) % 1, step)
         if target is not None:
             poses[view] = _moved_towards(poses[view].astype(np.float64), target)
-            distances.append(CLOSER * float(np.linalg.norm(target - cameras.centers[view])))
+            distances.append(DISTANCE_RATIO * float(np.linalg.norm(target - cameras.centers[view])))
     near_depth = _NEAR_SHARE * min(distances) if distances else cameras.near_depth
     return replace(cameras, viewmats=poses, origin=origin_of(scene), near_depth=near_depth)
 
@@ -82,11 +82,11 @@ def _surface_point(
     order = np.argsort(x, kind="stable")
     sums = np.cumsum(weights[order], dtype=np.float64)
     chosen = order[np.searchsorted(sums, share * sums[-1])]
-    radius = _RAY * cameras.width
-    beside = np.flatnonzero((np.hypot(x - x[chosen], y - y[chosen]) < radius) & (weights > 0))
-    beside = beside[np.argsort(projected.depths[beside], kind="stable")]
-    covered = np.cumsum(np.minimum(step * weights[beside] / (np.pi * radius**2), 1), dtype=np.float64)
-    first = beside[min(int(np.searchsorted(covered, min(_OPAQUE, covered[-1] / 2))), len(beside) - 1)]
+    radius = _OCCLUSION_RADIUS * cameras.width
+    nearby = np.flatnonzero((np.hypot(x - x[chosen], y - y[chosen]) < radius) & (weights > 0))
+    nearby = nearby[np.argsort(projected.depths[nearby], kind="stable")]
+    covered = np.cumsum(np.minimum(step * weights[nearby] / (np.pi * radius**2), 1), dtype=np.float64)
+    first = nearby[min(int(np.searchsorted(covered, min(_MIN_OCCLUSION, covered[-1] / 2))), len(nearby) - 1)]
     eye = cameras.centers[view].astype(np.float64)
     ray = splats.means[chosen].astype(np.float64) - eye
     return eye + ray * (projected.depths[first] / projected.depths[chosen])
@@ -105,5 +105,5 @@ def _moved_towards(pose: Float[np.ndarray, "4 4"], target: Float[np.ndarray, "3"
     right /= np.linalg.norm(right)  # above 0, as the point is in the image
     axes = np.stack([right, np.cross(forward, right), forward])
     moved = np.eye(4)
-    moved[:3, :3], moved[:3, 3] = axes, -axes @ (target - CLOSER * (target - eye))
+    moved[:3, :3], moved[:3, 3] = axes, -axes @ (target - DISTANCE_RATIO * (target - eye))
     return moved.astype(np.float32)

@@ -75,13 +75,13 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     if splats is None:
         return replace(cameras_around(scene.positions, num_views, size), origin=origin_of(scene))
     cameras = replace(cameras_around_splats(splats, num_views, size), origin=origin_of(scene))
-    far, outwards = _moved(cameras, splats.means, _FAR), _facing_back(cameras)
+    far, outwards = _at_distance(cameras, splats.means, _FAR), _facing_back(cameras)
     poses = cameras.viewmats.copy()
     poses[1::2] = far.viewmats[1::2]
     for view in range(2, num_views, 4):
         if (
             float(gaussian_footprints(splats.seen_from(cameras.centers[view]), outwards, view).sum())
-            > _FULL * size * size
+            > _MIN_COVERAGE * size * size
         ):
             poses[view] = outwards.viewmats[view]
     return replace(cameras, viewmats=poses)
@@ -104,11 +104,11 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
     # Above 1, nearly all of the image is covered.
     cameras = cameras_around_splats(splats, num_views, size)
     outwards, step = _facing_back(cameras), -(-splats.num_gaussians // _MAX_MEASURED)
-    few = splats.select(np.arange(0, splats.num_gaussians, step))
-    shown = [
-        gaussian_footprints(few.seen_from(cameras.centers[view]), outwards, view).sum() for view in range(num_views)
+    sample = splats.select(np.arange(0, splats.num_gaussians, step))
+    covered = [
+        gaussian_footprints(sample.seen_from(cameras.centers[view]), outwards, view).sum() for view in range(num_views)
     ]
-    return np.array(shown, np.float32) * step / size**2
+    return np.array(covered, np.float32) * step / size**2
 
 
 _MAX_MEASURED = 100_000
@@ -121,16 +121,16 @@ _FAR = 2.0
 distance of the Gaussians."""
 CLOSEST = 0.5
 """Default minimum distance of cameras from the scene's centre, world units."""
-_NEARLY_ALL, _CLOSEST_SIZES = 0.9, 4.0
+_EXTENT_QUANTILE, _CLOSEST_SIZES = 0.9, 4.0
 """Minimum distance of cameras from the centre of a small scene: quantile of the distances of its Gaussians from the
 centre, and factor of their median size; the larger of both."""
 _NEAR_SHARE = 0.4
 """Maximum near plane of cameras around a scene, as a fraction of their distance from its centre."""
-_FULL = 1.0
+_MIN_COVERAGE = 1.0
 """Minimum coverage of an outward view (`outward_coverage`) for the view to be used."""
 
 
-def _moved(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float) -> Cameras:
+def _at_distance(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float) -> Cameras:
     """Multiplies the distances of cameras from the scene's centre by a factor."""
     middle = lower_median(positions)
     poses = cameras.viewmats.copy()
@@ -161,7 +161,7 @@ def cameras_around_splats(splats: Splats, num_views: int, size: int) -> Cameras:
     if not splats.num_gaussians:
         return cameras_around(splats.means, num_views, size)
     positions = splats.means.astype(np.float64)
-    extent = float(np.quantile(np.linalg.norm(positions - lower_median(positions), axis=1), _NEARLY_ALL))
+    extent = float(np.quantile(np.linalg.norm(positions - lower_median(positions), axis=1), _EXTENT_QUANTILE))
     width = float(lower_median(splats.scales.max(axis=1).astype(np.float64)))
     closest = min(CLOSEST, max(extent, _CLOSEST_SIZES * width)) or CLOSEST
     return cameras_around(splats.means, num_views, size, closest=closest)
@@ -200,7 +200,7 @@ _UPRIGHT = {
     "-z": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)),
 }
 """Rotation matrices that make y point down, by up axis of the scene."""
-_ROOM = 1.04
+_RADIUS_FACTOR = 1.04
 """Factor on the radius of the framed sphere, as margin."""
 
 
@@ -224,7 +224,7 @@ def orbiting_cameras(
     step = np.arange(num_views, dtype=np.float64)
     height, angle = np.full_like(step, -0.25), step * 2 * math.pi / max(num_views, 1)
     upright = turn @ np.array([*middle], np.float64)
-    around = _cameras_on_sphere(upright, _ROOM * radius / math.sin(math.pi / 6), height, angle, size)
+    around = _cameras_on_sphere(upright, _RADIUS_FACTOR * radius / math.sin(math.pi / 6), height, angle, size)
     turned = np.eye(4)
     turned[:3, :3] = turn
     return replace(around, viewmats=(around.viewmats.astype(np.float64) @ turned).astype(np.float32))

@@ -12,11 +12,11 @@ from splatwire.types import Cameras
 
 LOG = logging.getLogger(__name__)
 _MAX_POSITIONS, _MAX_VIEWS = 50_000, 16
-_DOT_PX = 1.0
+_MAX_DOT_PIXELS = 1.0
 """Largest extent of most elements in a picture that is no view of a scene, but a dot far away, pixels."""
-_REACH = 3.0
+_EXTENT_FACTOR = 3.0
 """Extent of an element around its centre, relative to its largest size."""
-_HIDDEN = 0.5
+_MAX_HIDDEN_SHARE = 0.5
 """Share of the elements in view that the near plane hides, above which a warning is logged."""
 
 
@@ -31,10 +31,10 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
     cameras = cameras.select(slice(None, None, max(-(-cameras.num_views // _MAX_VIEWS), 1)))
     positions, sizes = to_numpy(scene.positions), largest_sizes(scene)
     step = -(-max(scene.num_elements, 1) // _MAX_POSITIONS)
-    sample, reach = _finite(positions[::step], sizes[::step])
+    sample, sample_sizes = _finite(positions[::step], sizes[::step])
     if not cameras.num_views or not len(sample):
         return
-    views = [_View.of(sample, reach, cameras, view) for view in range(cameras.num_views)]
+    views = [_View.of(sample, sample_sizes, cameras, view) for view in range(cameras.num_views)]
     seen = np.concatenate([np.empty(0), *(view.depths[view.inside] for view in views if not view.is_dot)])
     if not len(seen) and any(view.is_dot for view in views):
         _warn_of_distance(scene, cameras, sample, "the scene is smaller than a pixel in the pictures")
@@ -52,7 +52,7 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
     if not len(seen):
         element = scene.ELEMENTS.removesuffix("s")
         _warn_of_distance(scene, cameras, sample, f"no {element} of the scene is in the pictures")
-    elif (hidden := float((seen <= cameras.near_depth).mean())) > _HIDDEN:
+    elif (hidden := float((seen <= cameras.near_depth).mean())) > _MAX_HIDDEN_SHARE:
         LOG.warning(
             "%.0f %% of the %s in the pictures are nearer than %g to the cameras (median: %.3g) and are not drawn: "
             "make scene and cameras larger, or give the cameras file a smaller 'near_depth'",
@@ -95,15 +95,15 @@ class _View:
         local, depths = local[ahead], local[ahead, 2]
         pixels = local[:, :2] / depths[:, None] * K[[0, 1], [0, 1]] + K[:2, 2]
         radii = sizes[ahead] * max(K[0, 0], K[1, 1]) / depths
-        reach = np.where(depths > cameras.near_depth, _REACH * radii, 0.0)[:, None]
+        extents = np.where(depths > cameras.near_depth, _EXTENT_FACTOR * radii, 0.0)[:, None]
         end = np.array([cameras.width, cameras.height])
         inside = ((pixels >= 0) & (pixels <= end)).all(axis=1)
-        reaches_in = ((pixels >= -reach) & (pixels <= end + reach)).all(axis=1)
+        reaches_in = ((pixels >= -extents) & (pixels <= end + extents)).all(axis=1)
         is_dot = bool(
             inside.sum() > max(len(positions) / 2, 1)
-            and np.ptp(pixels[inside], axis=0).max() <= _DOT_PX
+            and np.ptp(pixels[inside], axis=0).max() <= _MAX_DOT_PIXELS
             and np.ptp(positions, axis=0).max() > 0
-            and radii[inside].max() <= _DOT_PX
+            and radii[inside].max() <= _MAX_DOT_PIXELS
         )
         return _View(depths, inside, reaches_in, is_dot)
 

@@ -21,7 +21,7 @@ from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.sensitivity import GatheredGradients, Sensitivity
 from splatwire.types import Anchors, AnchorScene, Cameras
 
-_TYPICAL = 1 / 3
+_TYPICAL_FACTOR = 1 / 3
 """Factor on the errors distributed to the anchors in `_distribute`. The errors are known as sums, half of which is due
 to a few anchors, so that a typical anchor has less than its share. On the bundled scene the sketch (low-quality copy)
 is 0.3 dB better than with factor 1, and equally good with 1/2 and 1/8."""
@@ -128,15 +128,15 @@ def _estimate_errors(
     # gradients of the sum of all pixels, each multiplied by a random sign.
     a, (seen, gradients), count = scene.anchors, drawn, scene.anchors.mask.shape[1]
     anchors = a.select(rows)
-    again = Spawning(anchors, scene.heads, camera_center.astype(np.float32))
+    selected_spawning = Spawning(anchors, scene.heads, camera_center.astype(np.float32))
     row_of_slot = np.full(a.num_anchors * count, -1)
     row_of_slot[seen.anchor_index * count + seen.offset_index] = np.arange(len(seen.anchor_index))
-    row_of_slot = row_of_slot[rows[again.anchor_index] * count + again.offset_index]
+    row_of_slot = row_of_slot[rows[selected_spawning.anchor_index] * count + selected_spawning.offset_index]
     is_drawn = row_of_slot >= 0  # False if out of view or too faint to be drawn
     upstream = [np.zeros((len(row_of_slot), *g.shape[1:]), np.float32) for g in gradients]
     for values, g in zip(upstream, gradients, strict=True):
         values[is_drawn] = g[row_of_slot[is_drawn]]
-    back = again.gradients(upstream)
+    back = selected_spawning.gradients(upstream)
     channels = np.concatenate([back.features, back.scalings * anchors.scalings], axis=1).astype(np.float64)
     share = float((each**2 * _relative_size(anchors)[:, None]).sum())
     offset = float((back.offsets.astype(np.float64) ** 2).mean(axis=2).sum())
@@ -172,8 +172,8 @@ def _distribute(
     # The sum is divided among the anchors in proportion to the picture error that removing each of them causes.
     metric = sum((part.metric for part in view_errors), np.zeros((width, width)))
     removed, expected = sum(part.removal for part in view_errors), sum(part.offset_share for part in view_errors)
-    per_removal = _TYPICAL * metric.diagonal() / max(removed, 1e-30)
-    per_offset = _TYPICAL * sum(part.offset for part in view_errors) / max(expected, 1e-30)
+    per_removal = _TYPICAL_FACTOR * metric.diagonal() / max(removed, 1e-30)
+    per_offset = _TYPICAL_FACTOR * sum(part.offset for part in view_errors) / max(expected, 1e-30)
     return Sensitivity(
         removal=removal,
         offset_removal=offset_removal,

@@ -41,16 +41,16 @@ def _solve_first(lower, solution):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solution, out):
+def smooth_weights(offsets, ridges, distance_floor, max_weight_sum, proximity, terms, lower, solution, out):
     """Computes weights that interpolate motion by a quadratic function fitted to the neighbours.
 
     Args:
         offsets: Positions of the k neighbours relative to each of n query points, float64 (n, k, 3).
         ridges: Regularisation of each term, float64 (10).
-        nearest: Constant that limits the weight of very near neighbours. Each squared distance is divided by the mean
-            squared distance of the k neighbours, and the constant is added to the quotient.
-        wild: Maximum sum of the absolute weights of a query point. If the sum is larger, inverse-distance weights are
-            used for this point instead.
+        distance_floor: Constant that limits the weight of very near neighbours. Each squared distance is divided by the
+            mean squared distance of the k neighbours, and the constant is added to the quotient.
+        max_weight_sum: Maximum sum of the absolute weights of a query point. If the sum is larger, inverse-distance
+            weights are used for this point instead.
         proximity: Temporary memory for inverse-distance weights, float64 (k).
         terms: Temporary memory for the terms of each neighbour, float64 (k, 10).
         lower: Temporary memory for the matrix of the least-squares fit, float64 (10, 10).
@@ -67,7 +67,7 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
         mean = mean / count + _SMALLEST
         unit = 1.0 / np.sqrt(mean)
         for m in range(count):
-            proximity[m] = 1.0 / (proximity[m] / mean + nearest)
+            proximity[m] = 1.0 / (proximity[m] / mean + distance_floor)
             total += proximity[m]
         lower[:] = 0.0
         for m in range(count):
@@ -94,7 +94,7 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
             terms[m, 0] /= total
             size += abs(terms[m, 0])
         for m in range(count):
-            out[n, m] = proximity[m] if size > wild else terms[m, 0]
+            out[n, m] = proximity[m] if size > max_weight_sum else terms[m, 0]
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")

@@ -12,10 +12,10 @@ POSITION, POSE, SHAPE, COLOUR = slice(0, 3), slice(0, 6), slice(6, 10), slice(10
 OPACITY = 9
 """Index of the opacity channel of motion; the slices above select the channels of position; position and rotation;
 scales and opacity; colour."""
-NEAREST = 0.1
+DISTANCE_FLOOR = 0.1
 """Added to squared distances, relative to the mean squared distance: no weight exceeds that of a neighbour at about a
 third of the mean distance."""
-WILD = 6.0
+MAX_WEIGHT_SUM = 6.0
 """Maximum sum of absolute weights of a quadratic fit. Above this sum the fit extrapolates too far, and the weighted
 mean is used instead."""
 RIDGES = np.array([1e-9, *[1e-3] * 3, *[1e-2] * 6])
@@ -128,7 +128,7 @@ def _closeness(square: np.ndarray) -> np.ndarray:
     Args:
         square: Squared distances of the k neighbours of each track, (n, k).
     """
-    proximity = 1 / (square / (square.mean(axis=1, keepdims=True) + 1e-30) + NEAREST)
+    proximity = 1 / (square / (square.mean(axis=1, keepdims=True) + 1e-30) + DISTANCE_FLOOR)
     weights: np.ndarray = proximity / proximity.sum(axis=1, keepdims=True)
     return weights
 
@@ -149,5 +149,7 @@ def smooth_weights(offsets: np.ndarray) -> np.ndarray:
     # all neighbours are on one side.
     weights, count = np.empty(offsets.shape[:2], np.float32), offsets.shape[1]
     scratch = np.empty(count), np.empty((count, len(RIDGES))), np.empty((len(RIDGES),) * 2), np.empty(len(RIDGES))
-    kernels.smooth_weights(np.ascontiguousarray(offsets, np.float64), RIDGES, NEAREST, WILD, *scratch, weights)
+    kernels.smooth_weights(
+        np.ascontiguousarray(offsets, np.float64), RIDGES, DISTANCE_FLOOR, MAX_WEIGHT_SUM, *scratch, weights
+    )
     return weights

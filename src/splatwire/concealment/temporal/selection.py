@@ -15,15 +15,15 @@ from splatwire.types.splats import Splats
 
 MAX_TESTS = 1024
 """Maximum number of received tracks that are treated as lost."""
-MAX_SHARE = 4
-"""At most one received track in `MAX_SHARE` is treated as lost at the same time."""
+TESTED_DIVISOR = 4
+"""At most one received track in `TESTED_DIVISOR` is treated as lost at the same time."""
 MIN_TESTS = 16
 """Number of tested tracks around a lost track whose errors are added. With fewer, the first candidate is used."""
-COVERING = 24
+MAX_COVERING = 24
 """Number of received Gaussians that are considered at a position."""
-FIRST = 0.9
+FIRST_FACTOR = 0.9
 """Factor on the error of the first candidate, which is thus preferred to others of about the same error."""
-HIDE = 0.6
+HIDE_FACTOR = 0.6
 """Factor on the error of hidden tracks, because enlarged received Gaussians cover a part of them."""
 OPACITY_ERROR = 0.5
 """Weight of an error of the opacity relative to an error of the colour."""
@@ -54,19 +54,19 @@ def select(
         For each track, the index of its estimator in `candidates`, or `len(candidates)` to hide the track; int64 (n).
     """
     stride = max(-(-len(arrived.tracks) // MAX_TESTS), 1)
-    apart = stride * -(-MAX_SHARE // stride)
-    folds = [np.arange(first, len(arrived.tracks), apart) for first in range(0, apart, stride)]
+    spacing = stride * -(-TESTED_DIVISOR // stride)
+    folds = [np.arange(first, len(arrived.tracks), spacing) for first in range(0, spacing, stride)]
     choice, order = np.zeros(len(tracks), np.int64), np.concatenate(folds)
     if len(order) < MIN_TESTS:
         return choice
     errors = np.concatenate(_errors(sequence, group, arrived, folds, candidates))
-    errors[:, 0] *= FIRST
+    errors[:, 0] *= FIRST_FACTOR
     if grow:
-        errors[:, -1] *= HIDE
+        errors[:, -1] *= HIDE_FACTOR
     tested = arrived.tracks[order]
-    positions, fresh = sequence.tracks.splats.means + before.offsets[:, POSITION], sequence.tracks.born == group
-    for kind in (fresh, ~fresh):  # the first frame of a new track is known, so that its motion is estimated better
-        rows, lost = np.flatnonzero(kind[tested]), np.flatnonzero(kind[tracks])
+    positions, is_new = sequence.tracks.splats.means + before.offsets[:, POSITION], sequence.tracks.born == group
+    for mask in (is_new, ~is_new):  # the first frame of a new track is known, so that its motion is estimated better
+        rows, lost = np.flatnonzero(mask[tested]), np.flatnonzero(mask[tracks])
         if len(rows) >= MIN_TESTS and len(lost):
             nearest = build_kd_tree(positions[tested[rows]]).query(positions[tracks[lost]], k=MIN_TESTS)[1]
             choice[lost] = errors[rows[nearest]].sum(axis=1).argmin(axis=1)
@@ -100,12 +100,12 @@ def _errors(
     # Pictures are compared at the true and at the estimated position, in a few frames; Gaussians are spheres, without
     # depth order.
     frames, splats = len(sequence.timeline.frames_of(group)), sequence.tracks.splats
-    rests = [np.ones(len(arrived.tracks), bool) for _ in folds]
-    for rest, tested in zip(rests, folds, strict=True):
-        rest[tested] = False
+    untested_masks = [np.ones(len(arrived.tracks), bool) for _ in folds]
+    for untested, tested in zip(untested_masks, folds, strict=True):
+        untested[tested] = False
     estimates = [
-        [candidate(arrived.only(rest), arrived.tracks[tested]) for candidate in candidates]
-        for rest, tested in zip(rests, folds, strict=True)
+        [candidate(arrived.only(untested), arrived.tracks[tested]) for candidate in candidates]
+        for untested, tested in zip(untested_masks, folds, strict=True)
     ]
     errors_of_folds = [np.zeros((len(tested), len(candidates) + 1)) for tested in folds]
     for frame in sorted({frames // 6, frames // 2, 5 * frames // 6}):
@@ -113,15 +113,17 @@ def _errors(
         if not exists.any():
             continue
         field = _Field(splats, arrived.tracks, offsets[:, POSITION], exists)
-        for errors, tested, rest, ways in zip(errors_of_folds, folds, rests, estimates, strict=True):
+        for errors, tested, untested, fold_estimates in zip(
+            errors_of_folds, folds, untested_masks, estimates, strict=True
+        ):
             tracks = arrived.tracks[tested]
             begins, ends = lifetimes(sequence, group, tracks)
             true = splats.means[tracks] + offsets[tested, POSITION], exists[tested]
             at_true = field.colour_at(true[0], tested)
             hidden = true[0], np.zeros(len(tested), bool)
             errors[:, -1] += true[1] * field.error(at_true, tested, true, hidden)
-            for number, estimate in enumerate(ways):
-                positions = splats.means[tracks] + estimate(frame, offsets[rest])[:, POSITION]
+            for number, estimate in enumerate(fold_estimates):
+                positions = splats.means[tracks] + estimate(frame, offsets[untested])[:, POSITION]
                 shown = positions, (begins <= frame) & (frame < ends)
                 for local, counts in ((at_true, true[1]), (field.colour_at(positions, tested), shown[1])):
                     errors[:, number] += counts * field.error(local, tested, true, shown)
@@ -157,7 +159,7 @@ class _Field:
     """
 
     def __init__(self, splats: Splats, tracks: np.ndarray, offsets: np.ndarray, exists: np.ndarray) -> None:
-        self._square = (splats.scales[tracks].astype(np.float64) ** 2).mean(axis=1) + 1e-30
+        self._squared_scales = (splats.scales[tracks].astype(np.float64) ** 2).mean(axis=1) + 1e-30
         opacity = np.full((len(tracks), 1), OPACITY_ERROR)
         self._colours = np.concatenate([splats.sh[tracks, 0] * DC + 0.5, opacity], axis=1)
         self._opacities = splats.opacities[tracks].astype(np.float64)
@@ -171,12 +173,12 @@ class _Field:
             points: Positions of the points, one for each tested track, (t, 3).
             tested: Tracks that are treated as lost for a test, as indices into the received tracks, int64 (t).
         """
-        is_covered = np.ones(len(self._square), bool)
-        is_covered[tested] = False
-        distance, neighbors = self._tree.query(points, k=min(COVERING, len(self._rows)))
+        is_untested = np.ones(len(self._squared_scales), bool)
+        is_untested[tested] = False
+        distance, neighbors = self._tree.query(points, k=min(MAX_COVERING, len(self._rows)))
         neighbors = self._rows[neighbors.reshape(len(points), -1)]
-        weights = is_covered[neighbors] * self._opacities[neighbors]
-        weights *= np.exp(-(distance.reshape(neighbors.shape) ** 2) / (2 * self._square[neighbors]))
+        weights = is_untested[neighbors] * self._opacities[neighbors]
+        weights *= np.exp(-(distance.reshape(neighbors.shape) ** 2) / (2 * self._squared_scales[neighbors]))
         return _LocalColour(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._colours[neighbors]))
 
     def error(
@@ -199,11 +201,11 @@ class _Field:
             track's Gaussian, float64 (t).
         """
         points, density, colour = background
-        square, opacities, shown = self._square[tested], self._opacities[tested], []
+        squared_scales, opacities, drawn = self._squared_scales[tested], self._opacities[tested], []
         for positions, exists in states:
-            weight = exists * opacities * np.exp(-((points - positions) ** 2).sum(axis=1) / (2 * square))
+            weight = exists * opacities * np.exp(-((points - positions) ** 2).sum(axis=1) / (2 * squared_scales))
             total = density + weight
             mixed = (colour + weight[:, None] * self._colours[tested]) / np.maximum(total, 1e-12)[:, None]
-            shown.append(mixed * (1 - np.exp(-total))[:, None])
-        apart: np.ndarray = ((shown[0] - shown[1]) ** 2).sum(axis=1)
-        return square * opacities * apart
+            drawn.append(mixed * (1 - np.exp(-total))[:, None])
+        differences: np.ndarray = ((drawn[0] - drawn[1]) ** 2).sum(axis=1)
+        return squared_scales * opacities * differences
