@@ -6,7 +6,7 @@ therefore kept apart from distant Gaussians.
 
 import numpy as np
 
-from splatwire.io.formats.outliers import FINE, local_scales, morton_order
+from splatwire.io.formats.outliers import FINE_DIVISOR, local_scales, morton_order
 from splatwire.types.splats import Splats
 
 CHUNK = 256
@@ -36,9 +36,11 @@ def assign_chunks(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
     count = splats.num_gaussians
     rows, chunk = np.arange(count), np.arange(count) // CHUNK
     errors = position_errors(splats.means.astype(np.float64))
-    unsure = np.flatnonzero(errors > np.median(splats.scales, axis=1) / FINE)  # skips neighbour searches for others
+    unsure = np.flatnonzero(
+        errors > np.median(splats.scales, axis=1) / FINE_DIVISOR
+    )  # skips neighbour searches for others
     scales = local_scales(splats, unsure)
-    coarse = np.unique(chunk[unsure[errors[unsure] > scales / FINE]])
+    coarse = np.unique(chunk[unsure[errors[unsure] > scales / FINE_DIVISOR]])
     if not len(coarse):
         return rows, np.zeros(count, bool)
     last = np.array([chunk[-1]] if count % CHUNK else [], np.int64)  # only the last chunk may have fewer rows
@@ -84,7 +86,7 @@ def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tupl
     order = morton_order(means)
     order = order[np.argsort(classes[order], kind="stable")]
     for factor in _LOOSER:
-        lengths = _chunk_lengths(means[order], scales[order] * (factor / FINE))
+        lengths = _chunk_lengths(means[order], scales[order] * (factor / FINE_DIVISOR))
         if CHUNK * len(lengths) - len(rows) <= most_filled:
             break
     else:

@@ -28,7 +28,7 @@ from splatwire.io.formats.content import FileContent, warn_of_rounded_positions
 from splatwire.io.formats.outliers import (
     DEFAULT,
     SHARES,
-    VISIBLE,
+    VISIBLE_DIVISOR,
     Column,
     Outliers,
     costly_outliers,
@@ -66,7 +66,7 @@ _WIDE, _BYTES, _TENS = WIDTHS, (8, 8, 8, 8), (2, 10, 10, 10)
 _MAX_LOG_SCALE = 20.0
 _SH_RANGE = 8.0
 _FLOAT_BYTES = 4
-_COST = 2.0
+_MIN_STEP_RATIO = 2.0
 """Minimum ratio of the quantisation steps with and without outliers for which outliers are moved or removed."""
 _VISIBLE_STEP = 1 / 32
 """Maximum quantisation step of colours and of logarithms of scales that is invisible."""
@@ -228,7 +228,7 @@ def _order_by_density(splats: Splats, path: Path) -> Splats:
         LOG.info("%s: %s transparent rows keep near and far Gaussians apart", path, f"{int(filling.sum()):,}")
         ordered = replace(ordered, opacities=np.where(filling, np.float32(0), ordered.opacities))
     errors = position_errors(ordered.means.astype(np.float64))
-    unsure = ~filling & (errors > np.median(ordered.scales, axis=1) / VISIBLE)
+    unsure = ~filling & (errors > np.median(ordered.scales, axis=1) / VISIBLE_DIVISOR)
     if unsure.any():
         rows = np.flatnonzero(~filling)
         warn_of_errors(path, errors[rows], local_scales(splats, index[rows]))
@@ -244,7 +244,7 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
         treatment: `clamp` to move outliers towards the others, `prune` to remove them, or `keep`.
     """
     if treatment == "prune":
-        splats = _without_far(splats, path)
+        splats = _without_distant(splats, path)
     column = find_outliers(splats.means)
     splats = splats.select(spatial_order(column))
     usual = int((~column.outside).sum())
@@ -257,14 +257,14 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
         np.ptp(variant, axis=0) / tops for variant in (positions, positions.clip(low, high), positions[: usual - first])
     ]
     whole, clamped, alone = (float(span.max()) for span in spans)
-    if whole < _COST * clamped:
+    if whole < _MIN_STEP_RATIO * clamped:
         return splats
     last = splats.num_gaussians if treatment == "prune" else end
     warn_of_outliers(path, treatment, "positions", column, (whole, alone), last - usual)
     return treated_positions(splats, treatment, np.arange(usual, last), column.middle, low, high)
 
 
-def _without_far(splats: Splats, path: Path) -> Splats:
+def _without_distant(splats: Splats, path: Path) -> Splats:
     """Removes distant Gaussians if they would make the positions of the remaining Gaussians visibly coarse.
 
     A chunk's positions are quantised within the chunk's extent, so that a distant Gaussian enlarges the steps. At most
@@ -303,7 +303,7 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
     kept = np.ones(splats.num_gaussians, bool)
     for attribute, values, top in (("scales", logs, (1 << _WIDE[1]) - 1), ("colours", colours, (1 << _BYTES[0]) - 1)):
         column, clipped, steps = _costly_values(values, top)
-        if steps[0] < max(_COST * steps[1], _VISIBLE_STEP):
+        if steps[0] < max(_MIN_STEP_RATIO * steps[1], _VISIBLE_STEP):
             continue
         warn_of_outliers(path, treatment, attribute, column, (steps[0], steps[2]))
         if treatment == "prune":

@@ -24,27 +24,32 @@ DEFAULT: Outliers = "clamp"
 SHARES = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5)
 """Maximum share of the values that counts as outliers (at least one value), tried in ascending order until the other
 values are not rounded visibly."""
-VISIBLE = 8.0
+VISIBLE_DIVISOR = 8.0
 """Position errors are visible if larger than the local scale (`local_scales`) divided by this number."""
-FINE = 16.0
+FINE_DIVISOR = 16.0
 """Outliers are removed or moved, and chunks are split, if position errors exceed the local scale divided by this
 number."""
-_FEW_COSTLY = 0.01
-"""Outliers are left unchanged if at most this share of the Gaussians has position errors above the limit of `FINE`."""
+_MAX_COSTLY_SHARE = 0.01
+"""Outliers are left unchanged if at most this share of the Gaussians has position errors above the limit of
+`FINE_DIVISOR`."""
 _NEIGHBOURS = 4
-_REACH = 4.0
+_MIN_DISTANCE_RATIO = 4.0
 """Minimum distance of outliers from the median, in multiples of the distance of the farthest Gaussian that is no
 outlier."""
-_CLIPPED = 1 / 16
+_CLIP_TOLERANCE = 1 / 16
 """Distance of colours and harmonics from the range of a format up to which clipping is invisible."""
-_SHARE = 0.25
+_SCALE_TOLERANCE = 0.25
 """Raising the scales of a Gaussian to the minimum of a format is invisible if this minimum is at most this share of the
 Gaussian's largest scale."""
-_MANY = 0.01
+_MIN_VISIBLE_SHARE = 0.01
 """Smallest share of too small Gaussians that is visible; a few of them in a scene of larger ones are below a pixel."""
-_FEWEST = 8
+_MIN_GAUSSIANS = 8
 """Minimum number of Gaussians for a scene to have outliers."""
-_DONE = {"clamp": "moved to the end of the range of the others", "prune": "left out", "keep": "kept (--outliers keep)"}
+_TREATMENT_TEXTS = {
+    "clamp": "moved to the end of the range of the others",
+    "prune": "left out",
+    "keep": "kept (--outliers keep)",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +101,15 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
     Returns:
         The values, and a mask of the outliers.
     """
-    wide = np.asarray(values, np.float64)
-    middle = np.median(wide, axis=0)
-    distances = np.abs(wide - middle).max(axis=1)
-    if len(wide) < _FEWEST:
-        return Column(wide, middle, float(distances.max(initial=0.0)), np.zeros(len(wide), bool))
-    allowed = max(1, int(share * len(wide)))
-    usual = float(np.partition(distances, -allowed - 1)[-allowed - 1])
-    reach = max(_REACH * usual, float(np.finfo(np.float32).tiny))
-    return Column(wide, middle, reach, distances > reach)
+    values = np.asarray(values, np.float64)
+    middle = np.median(values, axis=0)
+    distances = np.abs(values - middle).max(axis=1)
+    if len(values) < _MIN_GAUSSIANS:
+        return Column(values, middle, float(distances.max(initial=0.0)), np.zeros(len(values), bool))
+    allowed = max(1, int(share * len(values)))
+    usual_distance = float(np.partition(distances, -allowed - 1)[-allowed - 1])
+    reach = max(_MIN_DISTANCE_RATIO * usual_distance, float(np.finfo(np.float32).tiny))
+    return Column(values, middle, reach, distances > reach)
 
 
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
@@ -167,7 +172,7 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
         errors: Position error of each Gaussian, the largest one along any axis, world units, (N).
         scales: Local length scale of each Gaussian, from `local_scales`, (N).
     """
-    return np.asarray(errors > scales / VISIBLE)
+    return np.asarray(errors > scales / VISIBLE_DIVISOR)
 
 
 def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
@@ -177,7 +182,7 @@ def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
         errors: Position error of each Gaussian, the largest one along any axis, world units, (n).
         scales: Local length scale of each Gaussian, from `local_scales`, (n).
     """
-    return bool(len(errors)) and float((errors > scales / FINE).mean()) > _FEW_COSTLY
+    return bool(len(errors)) and float((errors > scales / FINE_DIVISOR).mean()) > _MAX_COSTLY_SHARE
 
 
 def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
@@ -211,7 +216,7 @@ def warn_of_clipped(path: Path, attribute: str, values: np.ndarray, low: float, 
     rows = np.asarray(values, np.float64).reshape(len(values), -1)
     if not rows.size:
         return
-    outside = (rows.min(axis=1) < low - _CLIPPED) | (rows.max(axis=1) > high + _CLIPPED)
+    outside = (rows.min(axis=1) < low - _CLIP_TOLERANCE) | (rows.max(axis=1) > high + _CLIP_TOLERANCE)
     if outside.any():
         LOG.warning(
             "%s: %s of %s of %s Gaussians, from %.3g to %.3g, are clipped to the range of this format, %.3g to %.3g: "
@@ -233,8 +238,8 @@ def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> N
     least, most = np.exp((low, high))
     largest = scales.max(axis=1)
     # a few Gaussians that are too small are hardly visible
-    smaller = largest * _SHARE < least
-    outside = (smaller & (smaller.mean() > _MANY)) | (largest > most * (1 + _SHARE))
+    smaller = largest * _SCALE_TOLERANCE < least
+    outside = (smaller & (smaller.mean() > _MIN_VISIBLE_SHARE)) | (largest > most * (1 + _SCALE_TOLERANCE))
     if outside.any():
         LOG.warning(
             "%s: scales of %s of %s Gaussians are outside of %.2g to %.3g, the range of this format, and are clipped "
@@ -288,12 +293,14 @@ def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np
         high: Maximum coordinates of the box, (3).
     """
     origins, scales = splats.means[index].astype(np.float64), splats.scales.copy()
-    ways = origins - middle
+    directions = origins - middle
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(ways > 0, (high - middle) / ways, np.where(ways < 0, (low - middle) / ways, np.inf))
-    factors = np.minimum(room.min(axis=1), 1)[:, None]
+        limits = np.where(
+            directions > 0, (high - middle) / directions, np.where(directions < 0, (low - middle) / directions, np.inf)
+        )
+    factors = np.minimum(limits.min(axis=1), 1)[:, None]
     means = splats.means.copy()
-    means[index] = middle + ways * factors
+    means[index] = middle + directions * factors
     scales[index] = np.maximum(scales[index] * factors, np.finfo(np.float32).tiny)
     return replace(splats, means=means, scales=scales)
 
@@ -343,5 +350,5 @@ def warn_of_outliers(
     LOG.warning(
         "%s: %s of %s Gaussians have outlying %s, up to %.4g from the median (the others up to %.4g); with them steps "
         "of the others are %.3g, without them %.3g; outliers are %s",
-        path, f"{number:,}", f"{total:,}", attribute, far, usual, *steps, _DONE[treatment],
+        path, f"{number:,}", f"{total:,}", attribute, far, usual, *steps, _TREATMENT_TEXTS[treatment],
     )  # fmt: skip

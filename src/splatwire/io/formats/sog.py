@@ -221,8 +221,8 @@ class _Sog:
         version = self.meta.get("version", 1)
         if version not in (1, 2) or type(version) is not int:
             raise DatasetError(f"{path}: SOG of version {version!r:.20}; versions 1 and 2 are read")
-        self._first = version == 1
-        count = self._version1_count() if self._first else self.meta.get("count")
+        self._is_version_1 = version == 1
+        count = self._version1_count() if self._is_version_1 else self.meta.get("count")
         if type(count) is not int:  # bool is a subclass of int
             raise DatasetError(f"{path}: {SOG_META_NAME}: count is {count!r:.40}, not a number of Gaussians")
         self._count = check_count(path, count, self.stored_bytes())
@@ -244,7 +244,7 @@ class _Sog:
         """Logs a warning about unknown fields of sections, and about unknown sections that have images."""
         sections = {name: part for name, part in self.meta.items() if isinstance(part, dict) and "files" in part}
         unknown = [name for name in sections if name not in _SECTIONS]
-        if not self._first:
+        if not self._is_version_1:
             unknown += [f"{name}.{field}" for name, part in sections.items() for field in part.keys() - _FIELDS]
         if unknown:
             LOG.warning(
@@ -315,7 +315,7 @@ class _Sog:
             raise DatasetError(f"{self._path}: {SOG_META_NAME}: a number of means.mins is above that of means.maxs")
         share = (low[:, :3] + np.float32(256) * high[:, :3]) / np.float32(65535)
         logs = bounds[0] + (bounds[1] - bounds[0]) * share
-        colors, opacities = self._version1_colors() if self._first else self._colors()
+        colors, opacities = self._version1_colors() if self._is_version_1 else self._colors()
         return build_splats(
             self._path,
             means=np.sign(logs) * np.expm1(np.abs(logs)),
@@ -327,7 +327,7 @@ class _Sog:
 
     def _log_scales(self) -> np.ndarray:
         pixels = self._pixels("scales")[:, :3]
-        return self._from_bounds("scales", pixels) if self._first else self._codebook("scales")[pixels]
+        return self._from_bounds("scales", pixels) if self._is_version_1 else self._codebook("scales")[pixels]
 
     def _colors(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns the spherical harmonics coefficients of degree 0, (N, 3), and the opacities, (N)."""
@@ -382,16 +382,16 @@ class _Sog:
         labels = self._pixels("shN", 1).astype(np.int64)
         label = labels[:, 0] + 256 * labels[:, 1]
         codes, codebook = palette[:, :3].reshape(-1, width, 3), self._palette_codebook()
-        whole = np.empty((self._count, 1 + width, 3), np.float32)
-        whole[:, 0] = constant
+        harmonics = np.empty((self._count, 1 + width, 3), np.float32)
+        harmonics[:, 0] = constant
         for start in range(0, self._count, _ROWS):  # in batches: entries are four times as large as codes
-            whole[start : start + _ROWS, 1:] = codebook[codes[np.minimum(label[start : start + _ROWS], count - 1)]]
-        whole[label >= count] = np.nan
-        return whole
+            harmonics[start : start + _ROWS, 1:] = codebook[codes[np.minimum(label[start : start + _ROWS], count - 1)]]
+        harmonics[label >= count] = np.nan
+        return harmonics
 
     def _palette_size(self) -> tuple[Any, Any]:
         """Returns the degree of the spherical harmonics, and the number of entries of their palette."""
-        if not self._first:
+        if not self._is_version_1:
             return self._field("shN", "bands"), self._field("shN", "count")
         labels = self._pixels("shN", 1).astype(np.int64)
         width = self._palette_width("shN", 0)
@@ -400,7 +400,7 @@ class _Sog:
 
     def _palette_codebook(self) -> np.ndarray:
         """Returns the decoded value of each pixel value of the palette image, float32 (256)."""
-        if not self._first:
+        if not self._is_version_1:
             return self._codebook("shN")
         low, high = (self._numbers("shN", side, None, _MAX_CODE) for side in ("mins", "maxs"))
         return (low + (high - low) * np.linspace(0, 1, CODES)).astype(np.float32)
@@ -476,10 +476,10 @@ class _Sog:
         Raises:
             DatasetError: If it is not a WebP image, or its file exceeds the size limit for the image of a palette.
         """
-        most = _MAX_PALETTE * (num_functions(MAX_DEGREE) - 1)
+        num_pixels = _MAX_PALETTE * (num_functions(MAX_DEGREE) - 1)
         name = self._file_name(section, file)
         try:
-            data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _max_pixels(most) + _SPARE_BYTES))
+            data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _max_pixels(num_pixels) + _SPARE_BYTES))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 image = Image.open(data, formats=["WEBP"])
@@ -496,8 +496,8 @@ class _Sog:
                 warnings.simplefilter("ignore")  # the size is checked below, before pixels are decoded
                 image = Image.open(data, formats=["WEBP"])
             with image:
-                has = image.width * image.height
-                if not pixels <= has <= _max_pixels(pixels) or width not in (None, image.width):
+                num_pixels = image.width * image.height
+                if not pixels <= num_pixels <= _max_pixels(pixels) or width not in (None, image.width):
                     size = f"{image.width} x {image.height}"
                     raise DatasetError(f"{self._path}: {name[:80]} is {size} pixels, {pixels} are needed")
                 if getattr(image, "n_frames", 1) > 1:

@@ -16,7 +16,7 @@ from splatwire.io.formats._columns import join, rounded_bytes
 from splatwire.io.formats._spz_extensions import write_records
 from splatwire.io.formats.outliers import (
     DEFAULT,
-    VISIBLE,
+    VISIBLE_DIVISOR,
     Column,
     Outliers,
     costly_outliers,
@@ -141,7 +141,7 @@ def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
             path, step, 2.0**-_FRACTION_BITS, farthest,
         )  # fmt: skip
     final = np.full(splats.num_gaussians, _position_step(float(np.abs(splats.means).max())) / 2)
-    if (final > np.median(splats.scales, axis=1) / VISIBLE).any():
+    if (final > np.median(splats.scales, axis=1) / VISIBLE_DIVISOR).any():
         warn_of_errors(path, final, local_scales(splats, np.arange(splats.num_gaussians)))
     return splats
 
@@ -191,7 +191,7 @@ def _fraction_bits(splats: Splats, path: Path) -> int:
     # Other writers always use 12 bits. Large scenes need fewer, so that all positions fit. Scenes that are small, or
     # of small Gaussians far from the origin, are rounded less.
     farthest, bits = float(np.abs(splats.means).max()), _FRACTION_BITS
-    largest_error = float(np.median(splats.scales.max(axis=1))) / VISIBLE
+    largest_error = float(np.median(splats.scales.max(axis=1))) / VISIBLE_DIVISOR
     while bits < _MAX_FRACTION_BITS and (0 < farthest * 2**bits < _MIN_STEPS or 2.0**-bits / 2 > largest_error):
         bits += 1
     while bits and farthest * 2**bits > _MAX_COORDINATE:
@@ -204,7 +204,7 @@ def _fraction_bits(splats: Splats, path: Path) -> int:
         LOG.warning(
             "%s: positions are rounded to steps of %.3g, and the median size of Gaussians is %.3g: SPZ has no finer "
             "steps for coordinates of up to %.4g, so move the scene to the origin first",
-            path, 2.0**-bits, largest_error * VISIBLE, farthest,
+            path, 2.0**-bits, largest_error * VISIBLE_DIVISOR, farthest,
         )  # fmt: skip
     return bits
 
