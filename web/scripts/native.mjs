@@ -23,8 +23,8 @@ const OFFSET = 45,
   EXCLUDED = `${PREFIXES}"'\`\\$`;
 /** Tables that the decoder's caller fills. */
 const tables = [
-  ..."normal inverses widths coefficients constants scales initial defaults".split(" "),
-  ..."fractions wholes transform corner motion".split(" "),
+  ..."normal_cdf inverse_scales widths coefficients constant_terms scale_indices initial_models".split(" "),
+  ..."block_means fractions wholes transform corner motion".split(" "),
 ];
 try {
   const binary = join(out, "gaussians.wasm");

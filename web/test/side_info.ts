@@ -25,7 +25,7 @@ export function anySideInfo(random: (below: number) => number): SideInfo {
     boxBits = random(41);
   return {
     degree,
-    numHarmonics: 3 * number,
+    numHarmonicColumns: 3 * number,
     sizeLog: 0,
     latticeBits: random(41),
     maxPositionShift: random(4) ? random(33) : -1,

@@ -146,7 +146,11 @@ export class PacketDecoder {
     values: Int32Array,
   ): void {
     const { first, size, numMaskLogits } = stage;
-    for (let at = first, row = numMaskLogits, mask = 0; at < values.length; at += this.width, row += width, mask += size / 3) {
+    for (
+      let at = first, row = numMaskLogits, mask = 0;
+      at < values.length;
+      at += this.width, row += width, mask += size / 3
+    ) {
       for (let c = 0; c < size; c++) {
         if (exists && !exists[mask + Math.floor(c / 3)]) continue;
         const symbol = zeroMeanNormal(scaleOf(outputs[row + size + c])).decode(coder);

@@ -164,13 +164,13 @@ export class NativePacketDecoder implements GaussianPacketDecoder {
   ) {
     this.#exports = exports;
     const tables = {
-      normal: NORMAL,
-      inverses: INVERSE_SCALES,
+      normal_cdf: NORMAL,
+      inverse_scales: INVERSE_SCALES,
       widths: HALF_WIDTHS,
       coefficients: Int32Array.from(COEFFICIENTS.flat()),
-      constants: constantTerms(info.baseExponents),
-      scales: info.scaleIndices,
-      initial: info.models,
+      constant_terms: constantTerms(info.baseExponents),
+      scale_indices: info.scaleIndices,
+      initial_models: info.models,
       fractions: FRACTIONS,
       wholes: WHOLES,
       transform: paddedTransform(info),
@@ -200,7 +200,7 @@ export class NativePacketDecoder implements GaussianPacketDecoder {
     const { boxes, blockMeans, degree, numHarmonicColumns, latticeBits, sizeLog, maxPositionShift } = this.info,
       { memory, begin, decode, convert, widen } = this.#exports,
       address = begin(payload.length);
-    this.#fill("defaults", blockMeans.subarray(7 * block, 7 * block + 7));
+    this.#fill("block_means", blockMeans.subarray(7 * block, 7 * block + 7));
     this.#fill("corner", boxes.corners.subarray(3 * block, 3 * block + 3));
     new Uint8Array(memory.buffer, address, payload.length).set(payload);
     const at = decode(payload.length, count, numHarmonicColumns, boxes.bits[block], latticeBits, maxPositionShift);

@@ -79,7 +79,8 @@ export function convert({ rows, harmonics }: Decoded, info: SideInfo, block: num
     opacities[i] = powerOfTwo(rows[row + OPACITY]);
     rgb(rows[row + LUMA] / UNIT, rows[row + LUMA + 1] / UNIT, rows[row + LUMA + 2] / UNIT, colours, 3 * i);
     quaternion(rows, row, quats, 4 * i);
-    if (numHarmonicColumns) transformHarmonics(harmonics, i * numHarmonicColumns, transform, numHarmonics, splats.harmonics);
+    if (numHarmonicColumns)
+      transformHarmonics(harmonics, i * numHarmonicColumns, transform, numHarmonics, splats.harmonics);
   }
   return splats;
 }
@@ -108,7 +109,8 @@ function transformHarmonics(
     }
   }
   if (empty) return;
-  for (let n = 0; n < 3 * numHarmonics; n += 3) rgb(SUM[n] / SUMS, SUM[n + 1] / SUMS, SUM[n + 2] / SUMS, out, first + n);
+  for (let n = 0; n < 3 * numHarmonics; n += 3)
+    rgb(SUM[n] / SUMS, SUM[n + 1] / SUMS, SUM[n + 2] / SUMS, out, first + n);
 }
 
 /** Returns the coefficient of degree 0 of a colour. */
