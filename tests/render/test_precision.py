@@ -14,7 +14,7 @@ from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.importance import cameras_around, surrounding_cameras
 from splatwire.render.precision import (
     MEASURED_VIEWS,
-    SIZE,
+    VIEW_SIZE,
     VIEWS_OF_PART,
     measure_further_removal,
     measure_gaussians,
@@ -88,7 +88,7 @@ def test_large_scenes_are_processed_in_parts() -> None:
     far = replace(near, means=near.means + np.array([1000.0, 0.0, 0.0], np.float32))
     both = Splats(**{name: np.concatenate([getattr(one, name) for one in (near, far)]) for name in vars(near)})
     classes = precision_classes(both, part=240)
-    alone = precision_classes(near, cameras_around(near.means, VIEWS_OF_PART, SIZE))
+    alone = precision_classes(near, cameras_around(near.means, VIEWS_OF_PART, VIEW_SIZE))
     assert (classes[:240] == alone).all()
     assert (precision_classes(near, part=240) == precision_classes(near)).all()
 
@@ -156,7 +156,7 @@ def test_ends_of_a_long_scene_are_measured_as_well() -> None:
     end = replace(end.select(np.arange(0, 200, 8)), means=0.3 * end.means[::8] + np.float32([0, 3.5, 0]))
     long = SplatScene(Splats(**{name: np.concatenate([vars(body)[name], vars(end)[name]]) for name in vars(body)}))
     measured = measure_gaussians(long)
-    around = measure_gaussians(long, surrounding_cameras(long, MEASURED_VIEWS, SIZE))
+    around = measure_gaussians(long, surrounding_cameras(long, MEASURED_VIEWS, VIEW_SIZE))
     gain = measured.class_offsets.astype(np.int64) - around.class_offsets
     assert gain[200:].mean() > gain[:200].mean() + 0.5
     assert np.median(measured.removal[200:] / around.removal[200:]) > 2

@@ -16,8 +16,8 @@ from splatwire.render.precision import (
     MEASURED_CLOSEUPS,
     MEASURED_FRAMINGS,
     MEASURED_VIEWS,
-    PART,
-    SIZE,
+    PART_GAUSSIANS,
+    VIEW_SIZE,
     MeasuredGaussians,
     measure_further_removal,
     measure_gaussians,
@@ -53,8 +53,8 @@ class RemovalViews:
 
     Attributes:
         sets: Weight of each set of views, and pictures of the complete scene in these views. Empty if the scene has no
-            given cameras and more than `PART` Gaussians: parts of such a scene are measured separately, in views of
-            their own (`measure_gaussians`).
+            given cameras and more than `PART_GAUSSIANS` Gaussians: parts of such a scene are measured separately, in
+            views of their own (`measure_gaussians`).
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]
@@ -70,11 +70,11 @@ class RemovalViews:
         """
         if cameras is not None:
             return RemovalViews(((1.0, SourcePictures(source, cameras)),))
-        if source.num_elements > PART:
+        if source.num_elements > PART_GAUSSIANS:
             return RemovalViews(())
-        around = SourcePictures(source, surrounding_cameras(source, MEASURED_VIEWS, SIZE))
-        framing = SourcePictures(source, framing_cameras(source, MEASURED_FRAMINGS, SIZE))
-        close = SourcePictures(source, closeup_cameras(source, MEASURED_CLOSEUPS, SIZE))
+        around = SourcePictures(source, surrounding_cameras(source, MEASURED_VIEWS, VIEW_SIZE))
+        framing = SourcePictures(source, framing_cameras(source, MEASURED_FRAMINGS, VIEW_SIZE))
+        close = SourcePictures(source, closeup_cameras(source, MEASURED_CLOSEUPS, VIEW_SIZE))
         return RemovalViews(((1.0, around), (FRAMING_WEIGHT, framing), (CLOSEUP_WEIGHT, close)))
 
     def measure_complete(self, source: SplatScene) -> MeasuredGaussians:

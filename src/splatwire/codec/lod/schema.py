@@ -43,7 +43,7 @@ class LevelsDecoder(GaussianDecoder):
         """Returns the scene decoded so far, with the mask of received Gaussians and their levels of detail."""
         received = super().scene()
         numbers = np.arange(len(self._sizes) - 1, -1, -1, dtype=np.uint8)
-        levels = Levels(np.repeat(numbers, self._sizes), self._classes)
+        levels = Levels(np.repeat(numbers, self._sizes), self._precision_classes)
         scene = replace(received.scene, hints=levels.hints, coding=None)
         return replace(received, scene=scene).with_records(levels)
 

@@ -40,8 +40,8 @@ export interface Header {
 }
 
 /**
- * Numbers of an anchor that are predicted together. A network's outputs are the logits of `numMaskLogits` masks, then means
- * and binary logarithms of standard deviations.
+ * Numbers of an anchor that are predicted together. A network's outputs are the logits of `numMaskLogits` masks, then
+ * means and binary logarithms of standard deviations.
  */
 export interface Stage {
   readonly name: string;
