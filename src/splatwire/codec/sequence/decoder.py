@@ -82,7 +82,8 @@ class TracksDecoder:
         )
         group_frames = info.timeline.group_frames
         self.row_bytes = max(
-            8 * int(COLUMNS) + 4 * info.keyframe_info.num_harmonic_columns, 8 * HEADER_FIELDS + 4 * NUM_CHANNELS * group_frames
+            8 * int(COLUMNS) + 4 * info.keyframe_info.num_harmonic_columns,
+            8 * HEADER_FIELDS + 4 * NUM_CHANNELS * group_frames,
         )
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
