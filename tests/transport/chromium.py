@@ -19,6 +19,8 @@ FLAGS = (
     "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--remote-debugging-pipe",
     "--hide-scrollbars", "--force-device-scale-factor=1", "--window-size=800,600",
+    # processes for windows and pages that no test opens take a second of each start
+    "--disable-features=PreloadTopChromeWebUI,SpareRendererForSitePerProcess",
 )  # fmt: skip
 
 COUNTED = (

@@ -11,7 +11,7 @@ from PIL import Image
 from explicit import encode_splats
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.transport.http.pack import pack_stream
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.node import lacking
 from web.pictures import ELEMENT
 from web.test_page import SMALL, ball
@@ -157,7 +157,7 @@ def enter(page: Browser) -> None:
 
 
 def test_both_eyes_see_what_the_page_draws_from_their_positions(packed: str) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         page.prepare(FAKE)
         opened(page, packed)
         page.resolve(f"{ELEMENT}.flyTo('{DISTANCE} 0 0 0 0 0 0 1 0', 0)")
@@ -182,7 +182,7 @@ def test_both_eyes_see_what_the_page_draws_from_their_positions(packed: str) -> 
 
 def test_too_little_memory_in_a_headset_ends_the_session_with_one_error(packed: str) -> None:
     """The page shows the scene again."""
-    with browser() as page:
+    with isolated_page() as page:
         page.prepare(FAKE)
         page.prepare(FULL)
         opened(page, packed)
@@ -197,7 +197,7 @@ def test_too_little_memory_in_a_headset_ends_the_session_with_one_error(packed: 
 
 
 def test_a_headset_that_refuses_gives_a_message_and_the_page_continues(packed: str) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         page.prepare(FAKE)
         opened(page, packed)
         viewmat = viewmat_of(page)
@@ -211,7 +211,7 @@ def test_a_headset_that_refuses_gives_a_message_and_the_page_continues(packed: s
 
 def test_button_appears_for_visitors_who_only_touch_the_scene(packed: str) -> None:
     """A press of a mouse on the scene does not look for a headset, so that Chromium may restore the page later."""
-    with browser() as page:
+    with isolated_page() as page:
         page.prepare(FAKE)
         page.emulate(800, 600)
         opened(page, packed)
@@ -226,7 +226,7 @@ def test_button_appears_for_visitors_who_only_touch_the_scene(packed: str) -> No
 
 
 def test_without_a_headset_there_is_no_button(packed: str) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, packed)
         page.evaluate(USE)
         page.resolve("navigator.xr?.isSessionSupported('immersive-vr')")
