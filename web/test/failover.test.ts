@@ -89,6 +89,17 @@ test("a file that answers late is received if no session can be opened, or if th
   }
 });
 
+test("after each failed session there is more time for the first answer of the file", async () => {
+  new Server(async (asked) => {
+    await new Promise((done) => setTimeout(done, 5000));
+    return part(STILL, asked);
+  });
+  const { ways, opened } = sessions(down(), down()),
+    openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, firstBytes: 1 << 18, idleMs: 20_000 }),
+    { text, lost } = await visit(null, { session: SESSION }, { ...ways, openFile });
+  assert.deepEqual([text, opened.length, lost.length], ["complete", 2, 1]);
+});
+
 test("after a session that is too slow the rest comes by HTTP, also if it delivered packets", async () => {
   new Server((asked) => part(STILL, asked));
   let sessions = 0;

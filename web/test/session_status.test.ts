@@ -42,7 +42,7 @@ test("groups of frames that a slow device drops are named as long as the live cl
   const { session, messages } = transfer();
   Object.assign(session.status, { packets: 1, expected: 2, gaussians: 1 });
   for (const dropped of [0, 3]) session.progress(true, dropped);
-  assert.deepEqual(messages, ["Live.", "Live. This device is too slow: 3 groups dropped."]);
+  assert.deepEqual(messages, ["Live.", "Live. This device is too slow; dropped groups: 3."]);
 });
 
 test("a transfer that ends while nothing can be drawn is reported as loaded", () => {

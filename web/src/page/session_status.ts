@@ -51,7 +51,7 @@ export class SessionStatus {
       { packets, expected } = status;
     if (status.lost && !status.finished) status.lost = null;
     if (!packets || !expected || status.finished || status.failed) return;
-    const dropped = droppedGroups ? ` This device is too slow: ${droppedGroups} groups dropped.` : "";
+    const dropped = droppedGroups ? ` This device is too slow; dropped groups: ${droppedGroups}.` : "";
     panel.setMessage(live ? `Live.${dropped}` : "Receiving ...");
     if (!status.gaussians) panel.showNotice("loading", "Receiving ...");
   }

@@ -17,8 +17,11 @@ const MAX_INCOMPLETE = 3;
 /** Number of sessions in a row without a packet after which the file of a live clip is requested, too. */
 const MAX_EMPTY_SESSIONS = 2;
 
-/** Time for the first answer of a file, after which the session that failed before is opened again, milliseconds. */
-const ANSWER_MS = 4000;
+/**
+ * Time for the first answer of a file, after which the session that failed before is opened again, as a multiple of the
+ * delay before the next attempt. It grows, because a slow link may need several round trips of seconds.
+ */
+const ANSWER_DELAYS = 8;
 
 /** Returns true if no further session can succeed after one that ended with this error. */
 const isHopeless = (broken: Error): boolean => isFinal(broken) || FINAL_REFUSALS.includes(broken.message);
@@ -100,8 +103,8 @@ class Failover {
   /**
    * Makes one attempt: missing packets are received over a session or, without one, from the file. A session that
    * breaks after delivering packets is retried, and so is the first one of a live clip that delivers none. The file of
-   * a live clip has `nextMs` milliseconds to arrive, after which the next session is due; other files have at least
-   * `ANSWER_MS` for their first answer.
+   * a live clip has `nextMs` milliseconds to arrive, after which the next session is due; other files have
+   * `ANSWER_DELAYS` times as long for their first answer.
    */
   async attempt(nextMs: number): Promise<string> {
     const { receiver } = this,
@@ -121,8 +124,10 @@ class Failover {
     }
     const due = new AbortController(),
       isHanging = (): boolean => receiver.live || !(this.#file.hasAnswered || isHopeless(broken!)),
-      fileMs = receiver.live ? nextMs : Math.max(nextMs, ANSWER_MS),
-      timer = setTimeout(() => broken && isHanging() && due.abort(), fileMs);
+      timer = setTimeout(
+        () => broken && isHanging() && due.abort(),
+        receiver.live ? nextMs : ANSWER_DELAYS * nextMs,
+      );
     this.#file.signal = due.signal;
     try {
       return await receiveFile(this.#file, receiver, store);

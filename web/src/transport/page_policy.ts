@@ -8,7 +8,10 @@ const REPORT_MS = 50;
 
 const { addEventListener: listen } = globalThis as Partial<typeof globalThis>; // not available in node
 let last: SecurityPolicyViolationEvent | null = null;
-listen?.("securitypolicyviolation", (event) => (last = event as SecurityPolicyViolationEvent));
+listen?.("securitypolicyviolation", (event) => {
+  const violation = event as SecurityPolicyViolationEvent;
+  if (violation.disposition === "enforce") last = violation; // others are only reported
+});
 
 /**
  * Awaits a request of `url`. If it failed because the page's policy forbids the address, throws an error that names

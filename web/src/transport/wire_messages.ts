@@ -127,7 +127,7 @@ export interface Report {
   readonly symbolsMissing: number;
   /** Indices of missing packets to send again. */
   readonly nacks: readonly number[];
-  /** Sequence view of lost datagrams; their packets are to be sent again. */
+  /** Sequence numbers of lost datagrams; their packets are to be sent again. */
   readonly lostSequences: readonly number[];
 }
 
