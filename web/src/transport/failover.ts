@@ -124,10 +124,7 @@ class Failover {
     }
     const due = new AbortController(),
       isHanging = (): boolean => receiver.live || !(this.#file.hasAnswered || isHopeless(broken!)),
-      timer = setTimeout(
-        () => broken && isHanging() && due.abort(),
-        receiver.live ? nextMs : ANSWER_DELAYS * nextMs,
-      );
+      timer = setTimeout(() => broken && isHanging() && due.abort(), receiver.live ? nextMs : ANSWER_DELAYS * nextMs);
     this.#file.signal = due.signal;
     try {
       return await receiveFile(this.#file, receiver, store);
