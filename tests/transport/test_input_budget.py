@@ -18,6 +18,7 @@ from splatwire.transport.quic.input_budget import (
     EARNED_FACTOR,
     HANDSHAKE_WINDOW_S,
     MAX_CREDIT_S,
+    MAX_DATAGRAM_S,
     MAX_HANDSHAKE_S,
     MAX_NETWORK_SHARE,
     MAX_SHARE,
@@ -45,16 +46,33 @@ def test_connections_of_a_network_share_processor_time(num_connections: int) -> 
     assert spent_share(num_connections) == pytest.approx(share, rel=0.1, abs=START_CREDIT_S / 100)
 
 
+def spend(budget: InputBudget, seconds: float) -> None:
+    """Spends processor time on several datagrams."""
+    while seconds > 0:
+        budget.spend(min(seconds, MAX_DATAGRAM_S))
+        seconds -= min(seconds, MAX_DATAGRAM_S)
+
+
+@pytest.mark.parametrize("num_connections", [1, 30])
+def test_one_slow_datagram_stops_a_connection_briefly(num_connections: int) -> None:
+    """Garbage collections and the first request for a large stream take longer than any content of a datagram."""
+    budget, share = InputBudget(0.0), min(MAX_SHARE, MAX_NETWORK_SHARE / num_connections)
+    spend(budget, START_CREDIT_S)
+    budget.spend(0.5)
+    assert budget.is_spent(num_connections, 0.9 * MAX_DATAGRAM_S / share)
+    assert not budget.is_spent(num_connections, 1.1 * MAX_DATAGRAM_S / share)
+
+
 def test_time_for_sending_data_earns_time_for_datagrams() -> None:
     budget = InputBudget(0.0)
-    budget.spend(START_CREDIT_S)
+    spend(budget, START_CREDIT_S)
     assert budget.is_spent(1, 0.0)
     budget.earn(0.01)
     assert not budget.is_spent(1, 0.0)
-    budget.spend(0.01 * EARNED_FACTOR)
+    spend(budget, 0.01 * EARNED_FACTOR)
     assert budget.is_spent(1, 0.0)
     budget.earn(100.0)
-    budget.spend(MAX_CREDIT_S)
+    spend(budget, MAX_CREDIT_S)
     assert budget.is_spent(1, 0.0)
 
 
@@ -116,4 +134,6 @@ def test_a_client_that_floods_its_connection_gets_a_bounded_share_and_others_are
 
     with caplog.at_level(logging.WARNING):
         run(work())
-    assert [record.getMessage() for record in caplog.records] == ["excess datagrams dropped count=1000"]
+    messages = [record.getMessage() for record in caplog.records]
+    assert messages[0] == "excess datagrams dropped count=1000"
+    assert all(message.startswith("excess datagrams dropped ") for message in messages)  # a second one after 10 s

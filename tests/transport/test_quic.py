@@ -451,6 +451,33 @@ def test_transfer_survives_a_time_without_a_route_to_the_server(
     run(work())
 
 
+def test_deadline_ends_a_transfer_during_a_time_without_a_route(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = 0
+
+    def open_socket(family: Any, target: Any) -> Any:
+        nonlocal opened
+        opened += 1
+        if opened > 1:
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+        return connected_socket(family, target)
+
+    monkeypatch.setattr(client, "connected_socket", open_socket)
+
+    async def work() -> None:
+        async with serving(ServerLimits(fixed_rate=400_000.0)) as server:
+
+            def end_connections(event: Any) -> None:
+                if isinstance(event, PacketArrived):
+                    for connection in list(server.connections):
+                        connection.end(FULL, "the path is gone")
+
+            options = ReceiverOptions(deadline_s=3.0, reconnect_s=20.0)
+            receiver = await fetch(server.port, options, on_event=end_connections)
+        assert receiver.finished.reason == "deadline"
+
+    run(work())
+
+
 def test_unreturning_server_ends_the_transfer():
     async def work() -> None:
         events: list[Any] = []

@@ -291,7 +291,7 @@ class RateControl:
             done: Feedback of the control round that has ended.
             now: Time, seconds.
         """
-        # Further counts in the same round trip belong to the same congestion event.
+        # Further losses in the same round trip belong to the same congestion event.
         if done.began_at < self._recovery_until:
             return
         self.window.reduce()

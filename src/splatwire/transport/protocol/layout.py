@@ -60,7 +60,7 @@ def split_init_segment(data: bytes) -> tuple[Manifest, bytes, tuple[bytes, ...]]
 
 
 def _bundled_packets(data: bytes) -> tuple[bytes, ...]:
-    """Splits the end of an init segment into the bundled packets, each of which its size (u16) precedes."""
+    """Splits the end of an init segment into the bundled packets. Each follows its size (u16)."""
     packets, offset = [], 0
     while offset < len(data):
         size = _PACKET_SIZE.unpack_from(data, offset)[0] if offset + _PACKET_SIZE.size <= len(data) else len(data)

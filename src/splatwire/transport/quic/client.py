@@ -113,6 +113,8 @@ async def receive_quic(
                 transfer_events = receiver.stop()[1]
             elif not receiver.may_resume(began):
                 transfer_events = receiver.stop(f"the server fell silent; {error.strerror or error}")[1]
+            else:
+                transfer_events = receiver.poll(loop.time())[1]  # `Finished` after the deadline
         else:
             client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
             if stop is not None:

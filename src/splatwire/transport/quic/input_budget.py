@@ -12,6 +12,10 @@ the sending time for acknowledgements and reports.
 """
 START_CREDIT_S, MAX_CREDIT_S = 0.05, 0.25
 """Unused processor time of a connection: after its handshake, and the maximum, seconds."""
+MAX_DATAGRAM_S = 0.02
+"""Maximum processor time that counts for one datagram, seconds. No datagram takes longer by its content. A longer time
+is due to the server, such as a garbage collection, or the first request for a large stream.
+"""
 HANDSHAKE_WINDOW_S = 10.0
 """Period over which the processor time for handshakes is counted, seconds."""
 MAX_HANDSHAKE_S = 3.0
@@ -43,8 +47,8 @@ class InputBudget:
         return self._credit <= 0
 
     def spend(self, seconds: float) -> None:
-        """Counts processor time that was spent on a datagram of the client, seconds."""
-        self._credit -= seconds
+        """Counts processor time that was spent on a datagram of the client, seconds; `MAX_DATAGRAM_S` at most."""
+        self._credit -= min(seconds, MAX_DATAGRAM_S)
 
     def earn(self, seconds: float) -> None:
         """Counts processor time that was spent on sending data to the client, seconds."""
