@@ -69,7 +69,7 @@ class SequenceEncoder:
     ) -> None:  # fmt: skip
         self._options, self._choose_class_offsets, self._live = options, choose_class_offsets or precision_classes, live
         self._tracker, self._group_builder = Tracker(options.order), GroupBuilder(options.group_frames)
-        self._last_group_ends: tuple[TrackedFrame, TrackedFrame] | None = None
+        self._first_and_last_frame: tuple[TrackedFrame, TrackedFrame] | None = None
         self._last_splats: Splats | None = None
         self._degree: int | None = None
         self._num_groups, self._warned_of_harmonics = 0, False
@@ -243,7 +243,7 @@ class SequenceEncoder:
 
     def _flush(self) -> list[Packet]:
         group, frames = self._collect_tracks(), self._group_builder.frames
-        self._last_group_ends = frames[0], frames[-1]
+        self._first_and_last_frame = frames[0], frames[-1]
         new = group.keys > self._newest_key
         self._newest_key = max(self._newest_key, int(group.keys[-1]) if len(group.keys) else -1)
         cuts = _scene_cuts(group, frames, new)
@@ -364,7 +364,7 @@ class SequenceEncoder:
 
     def _warn_of_changing_harmonics(self) -> None:
         """Logs a warning once if view-dependent colours change over time, because such changes are not coded."""
-        (first, last), self._last_group_ends = self._last_group_ends or (None, None), None
+        (first, last), self._first_and_last_frame = self._first_and_last_frame or (None, None), None
         if first is None or last is None or self._warned_of_harmonics or not self._degree:
             return
         _, in_first, in_last = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)

@@ -112,6 +112,9 @@ class TracksEncoder:
     def add(self, group: TrackGroup, class_offsets: np.ndarray | None = None, *, cut: bool = False) -> list[Packet]:
         """Encodes the next group of frames.
 
+        A Gaussian that moved too far from its keyframe Gaussian gets a new one, which begins a second track of the
+        stream with the same key.
+
         Args:
             group: The tracks of the group.
             class_offsets: Precision class of each track, which selects its quantisation steps: 0 for the finest steps,
@@ -131,19 +134,20 @@ class TracksEncoder:
             group = self._known.empty_group(group.trajectories.num_frames)
         self.importance = {}
         first_new = self._num_tracks
-        track_indices, new, moving, motion = self._classify_tracks(group)
-        old, born = np.flatnonzero(~new), np.flatnonzero(new)
-        coding_rows = np.concatenate([old[np.argsort(track_indices[old])], born])
-        self._num_tracks += len(born)
-        self._costs = np.concatenate([self._costs, np.full(len(born), INITIAL_TRACK_BYTES)])
+        track_indices, needs_keyframe, moving, motion = self._classify_tracks(group)
+        continued_rows, keyframe_rows = np.flatnonzero(~needs_keyframe), np.flatnonzero(needs_keyframe)
+        num_continued = len(continued_rows)
+        coding_rows = np.concatenate([continued_rows[np.argsort(track_indices[continued_rows])], keyframe_rows])
+        self._num_tracks += len(keyframe_rows)
+        self._costs = np.concatenate([self._costs, np.full(len(keyframe_rows), INITIAL_TRACK_BYTES)])
         max_payload_bytes = self._packetization.packet_bytes - HEADER_BYTES
         coder = MotionCoder.of(len(coding_rows), motion.coefficients, first_new, max_payload_bytes)
 
         @functools.cache
         def encode_births() -> list[Packet]:
             """Encodes the keyframe Gaussians of the tracks that begin in this group, and fits their motion."""
-            packets = self._encode_keyframes(group, class_offsets, born, track_indices, cut=cut)
-            threads, fitted_tracks = 1 if len(old) else self._threads, np.where(new, track_indices, -1)
+            packets = self._encode_keyframes(group, class_offsets, keyframe_rows, track_indices, cut=cut)
+            threads, fitted_tracks = 1 if num_continued else self._threads, np.where(needs_keyframe, track_indices, -1)
             frame_range = (0, group.trajectories.num_frames)
             fit(
                 motion,
@@ -154,20 +158,22 @@ class TracksEncoder:
                 frame_range,
                 threads,
             )
-            largest, rotations = motion.largest[born], motion.largest_rotation[born]
-            _, moving[born] = motion_masks(largest, rotations, self._known.shifts, track_indices[born])
-            coding_rows[len(old) :] = born[np.argsort(track_indices[born])]
-            self._fill_coder(coder, slice(len(old), None), group, coding_rows, track_indices, moving)
+            largest, rotations = motion.largest[keyframe_rows], motion.largest_rotation[keyframe_rows]
+            _, moving[keyframe_rows] = motion_masks(
+                largest, rotations, self._known.shifts, track_indices[keyframe_rows]
+            )
+            coding_rows[num_continued:] = keyframe_rows[np.argsort(track_indices[keyframe_rows])]
+            self._fill_coder(coder, slice(num_continued, None), group, coding_rows, track_indices, moving)
             return packets
 
-        self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
+        self._fill_coder(coder, slice(num_continued), group, coding_rows, track_indices, moving)
         if cut:
             old_log2_unit = self._keyframe_encoder.log2_motion_unit
             encode_births()
-            self._change_unit(motion, old, track_indices, moving, old_log2_unit)
-            self._fill_coder(coder, slice(len(old)), group, coding_rows, track_indices, moving)
-        num_motion_tracks, motion_packets = self._encode_motion(group, coder, len(old), encode_births)
-        self._groups.append(GroupCounts(len(born), num_motion_tracks))
+            self._change_unit(motion, continued_rows, track_indices, moving, old_log2_unit)
+            self._fill_coder(coder, slice(num_continued), group, coding_rows, track_indices, moving)
+        num_motion_tracks, motion_packets = self._encode_motion(group, coder, num_continued, encode_births)
+        self._groups.append(GroupCounts(len(keyframe_rows), num_motion_tracks))
         packets = [*encode_births(), *motion_packets]
         max_lifetimes = sum(packet.num_bytes for packet in packets) // PACKET_BYTES_PER_LIFETIME
         coded_tracks, begins, ends = track_indices[coding_rows], group.begins[coding_rows], group.ends[coding_rows]
@@ -265,39 +271,40 @@ class TracksEncoder:
         known_indices = np.maximum(fitting.track_indices, 0)
         _, shifts = self._known.in_units(slice(None), self._keyframe_encoder.log2_motion_unit)
         too_far, moving = motion_masks(motion.largest, motion.largest_rotation, shifts, known_indices)
-        needs_keyframe = np.flatnonzero(too_far & ~new)
-        motion.put(needs_keyframe, MotionCoefficients.zero(len(needs_keyframe), num_frames))
+        restarted_rows = np.flatnonzero(too_far & ~new)
+        motion.put(restarted_rows, MotionCoefficients.zero(len(restarted_rows), num_frames))
         return fitting.track_indices, new | too_far, moving, motion
 
     def _change_unit(
         self,
         motion: MotionCoefficients,
-        old: np.ndarray,
+        continued_rows: np.ndarray,
         track_indices: np.ndarray,
         moving: np.ndarray,
         old_log2_unit: int,
     ) -> None:
-        """Converts the motion of older tracks to the unit of positions of a new shot.
+        """Converts the motion of continued tracks to the unit of positions of a new shot.
 
-        A shot is a range of groups of frames that share a unit of positions. A scene cut may begin a new shot. Older
-        tracks are tracks that began in earlier groups.
+        A shot is a range of groups of frames that share a unit of positions. A scene cut may begin a new shot.
+        Continued tracks keep the keyframe Gaussian of an earlier group.
 
         Args:
             motion: Motion of the group's tracks, changed in place.
-            old: Indices, among the tracks of the group, of the older tracks.
+            continued_rows: Indices, among the tracks of the group, of the continued tracks.
             track_indices: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
             old_log2_unit: The unit of positions of the preceding shot, which is the unit of `motion` before the call.
                 Given as log2 of the ratio of this unit to the unit of the first shot.
         """
         log2_unit = self._keyframe_encoder.log2_motion_unit
-        if log2_unit == old_log2_unit or not len(old):
+        if log2_unit == old_log2_unit or not len(continued_rows):
             return
-        motion.rescale_positions(old, old_log2_unit - log2_unit)
-        _, shifts = self._known.in_units(track_indices[old], log2_unit)
-        too_far, _ = motion_masks(motion.largest[old], motion.largest_rotation[old], shifts, np.arange(len(old)))
-        stopped = moving[old] & too_far
-        moving[old[stopped]] = False
+        motion.rescale_positions(continued_rows, old_log2_unit - log2_unit)
+        _, shifts = self._known.in_units(track_indices[continued_rows], log2_unit)
+        largest, rotations = motion.largest[continued_rows], motion.largest_rotation[continued_rows]
+        too_far, _ = motion_masks(largest, rotations, shifts, np.arange(len(continued_rows)))
+        stopped = moving[continued_rows] & too_far
+        moving[continued_rows[stopped]] = False
         if stopped.any():
             LOG.warning(
                 "%s Gaussians of the scene before a cut stand still in the %d frames around it: the new scene is too "
@@ -313,7 +320,7 @@ class TracksEncoder:
         self,
         group: TrackGroup,
         class_offsets: np.ndarray | None,
-        born_rows: np.ndarray,
+        keyframe_rows: np.ndarray,
         track_indices: np.ndarray,
         *,
         cut: bool,
@@ -323,28 +330,28 @@ class TracksEncoder:
         Args:
             group: The tracks of the group of frames.
             class_offsets: Precision class of each track of the group; None for the default class.
-            born_rows: Indices of the tracks that begin in the group, among all tracks of the group.
+            keyframe_rows: Indices, among the tracks of the group, of those that need a new keyframe Gaussian.
             track_indices: Index in the stream of each track of the group; changed in place for new tracks.
             cut: True if another scene begins in the group.
         """
-        if not len(born_rows):
+        if not len(keyframe_rows):
             return []
         coded = self._keyframe_encoder.encode(
-            group.keyframe_gaussians(born_rows),
-            None if class_offsets is None else class_offsets[born_rows],
+            group.keyframe_gaussians(keyframe_rows),
+            None if class_offsets is None else class_offsets[keyframe_rows],
             len(self._groups),
             cut=cut,
         )
-        born = born_rows[coded.order]
-        keyframes = group.trajectories.at(born, np.zeros_like(born))
+        coded_rows = keyframe_rows[coded.order]
+        keyframes = group.trajectories.at(coded_rows, np.zeros_like(coded_rows))
         shifts = self._keyframe_encoder.shifts_of(coded.rows, LOG_STEP_RATIOS)
         first_new = len(self._known.keys)
         self._known = self._known.with_births(
-            keyframes, group.keys[born], coded.positions, shifts, self._keyframe_encoder.log2_motion_unit
+            keyframes, group.keys[coded_rows], coded.positions, shifts, self._keyframe_encoder.log2_motion_unit
         )
         for rows in coded.digest_rows:
             digest_keyframes(self._digest, rows)
-        track_indices[born] = np.arange(first_new, len(self._known.keys))
+        track_indices[coded_rows] = np.arange(first_new, len(self._known.keys))
         return self._renumbered(coded.packets, coded.num_blocks, self._known.visibility[first_new:])
 
     def _fill_coder(

@@ -49,7 +49,12 @@ OCTAVE_CONTEXTS = 16
 """Number of contexts of the bits of a coefficient's octave, by the position of the bit."""
 MAX_OCTAVE = 29
 C_ABSENT, C_MOVING, C_ENDS, C_BEGINS = 0, 2, 6, 7
+"""First context of each flag of a header: absent track number (2 contexts, by the same flag of the previous number),
+state (4, by the states of the previous two tracks), end inside the group (1) and begin inside the group (1).
+"""
 C_ZERO = 8
+"""First context of the zero flags of coefficients, by kind, degree and neighbours."""
 C_OCTAVE = C_ZERO + NUM_KINDS * DEGREE_CONTEXTS * NEIGHBOUR_CONTEXTS
+"""First context of the octaves of coefficients, by kind, neighbours and position of the bit."""
 NUM_CONTEXTS = C_OCTAVE + NUM_KINDS * NEIGHBOUR_CONTEXTS * OCTAVE_CONTEXTS
 """Number of adaptive bit models of a motion packet."""

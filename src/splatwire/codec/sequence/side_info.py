@@ -32,7 +32,7 @@ class GroupCounts:
     """Numbers of tracks (Gaussians over time) in a group of frames: new tracks, and tracks whose motion is coded.
 
     Attributes:
-        num_births: Number of tracks that begin in the group.
+        num_births: Number of tracks that begin in the group, each with a keyframe Gaussian.
         num_motion_tracks: Number of tracks in the motion packets of the group.
     """
 

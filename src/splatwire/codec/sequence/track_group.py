@@ -14,7 +14,8 @@ class TrackGroup:
     """Tracks (Gaussians that persist over frames) in one group of frames.
 
     Attributes:
-        keys: Key of each track, which identifies the track in all groups; ascending, int64 (n).
+        keys: Key of each track, which identifies its Gaussian in all groups; ascending, int64 (n). The stream stores a
+            Gaussian that moves far as several tracks, one after another.
         begins: First frame of each track, relative to the group, int64 (n).
         ends: First frame after the end of each track, relative to the group, int64 (n).
         trajectories: Trajectories of the tracks over the group.

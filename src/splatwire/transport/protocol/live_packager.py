@@ -71,7 +71,7 @@ class LivePackager:
         self._newest_start = self._num_groups = self._num_parity_groups = 0
         self._parity_ranges: tuple[ParityRange, ...] = ()
         self._parity: tuple[tuple[bytes, ...], ...] = ()
-        self._group_schedule: tuple[ScheduledDatagram, ...] = ()
+        self._newest_schedule: tuple[ScheduledDatagram, ...] = ()
 
     def add(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> LiveSnapshot:
         """Adds a group of pictures and returns the new state of the stream.
@@ -125,21 +125,21 @@ class LivePackager:
     def _protect(self, ranges: tuple[ParityRange, ...]) -> None:
         """Computes the repair symbols and the sending order of the newest group of pictures."""
         # The repair symbols of earlier groups of pictures are dropped.
-        num_earlier_groups = max(self._num_parity_groups, -(-self._newest_start // MAX_SYMBOLS))
+        num_earlier_parity_groups = max(self._num_parity_groups, -(-self._newest_start // MAX_SYMBOLS))
         packets = self._packets[self._newest_start :]
-        earlier_ranges = (ParityRange(self._newest_start, num_earlier_groups, 0),) if self._newest_start else ()
-        num_earlier_groups = num_earlier_groups if earlier_ranges else 0
+        earlier_ranges = (ParityRange(self._newest_start, num_earlier_parity_groups, 0),) if self._newest_start else ()
+        num_earlier_parity_groups = num_earlier_parity_groups if earlier_ranges else 0
         parity = parity_symbols(packets, ranges, symbol_bytes_for(MAX_PACKET_BYTES))
         schedule = build_send_schedule(
             [], ranges, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(packets)]
         )
         first_indices = {DATA: self._newest_start, PARITY: 0}
-        self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_earlier_groups, *parity)
-        self._group_schedule = tuple(
-            (kind, group + num_earlier_groups * (kind == PARITY), index + first_indices[kind])
+        self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_earlier_parity_groups, *parity)
+        self._newest_schedule = tuple(
+            (kind, group + num_earlier_parity_groups * (kind == PARITY), index + first_indices[kind])
             for kind, group, index in schedule
         )
-        self._num_parity_groups = num_earlier_groups + len(parity)
+        self._num_parity_groups = num_earlier_parity_groups + len(parity)
 
     def _snapshot(self, manifest: Manifest, side_info: bytes, *, is_live: bool) -> LiveSnapshot:
         data = init_segment(manifest, side_info)
@@ -154,6 +154,6 @@ class LivePackager:
         return LiveSnapshot(
             manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols,
             tuple(self._packets), MAX_PACKET_BYTES, 0, self._parity_ranges or (ParityRange(0, 0, 0),), self._parity,
-            (*init_items, *keyframes, *self._group_schedule), is_live=is_live, persistent=bytes(self._persistent),
+            (*init_items, *keyframes, *self._newest_schedule), is_live=is_live, persistent=bytes(self._persistent),
             newest_start=self._newest_start,
         )  # fmt: skip

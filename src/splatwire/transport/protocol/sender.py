@@ -139,7 +139,7 @@ class Server:
         """Processes a received datagram, which may be invalid, and returns the response.
 
         Args:
-            address: Address of the client.
+            address: Address of the client, which identifies its transfers; the session object for QUIC.
             data: Bytes of the datagram.
             now: Time, seconds.
             reliable: True for a QUIC connection, which needs no token.

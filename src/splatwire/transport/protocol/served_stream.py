@@ -175,7 +175,7 @@ class ServedStream:
         return parity_groups(self.parity_ranges)
 
     @functools.cached_property
-    def proactive_symbols(self) -> int:
+    def num_proactive_symbols(self) -> int:
         """Number of symbols of a source block of the init segment that every client gets without requesting them.
 
         A source block is a part of the init segment that is coded separately by the erasure code. Source symbols and
@@ -396,13 +396,13 @@ def encode_init_segment(
     for source_block in range(source_blocks.num_blocks):
         block_data = data[source_blocks.span(source_block)]
         num_source = source_blocks.size(source_block)
-        num_proactive = min(round(protection.init_repair * num_source), MAX_REPAIR)
-        has_repair = num_proactive > 0 or protection.limits_retransmission
-        num_repair = min(num_proactive + math.ceil(RESERVE_SHARE * num_source), MAX_REPAIR) if has_repair else 0
+        num_proactive_repair = min(round(protection.init_repair * num_source), MAX_REPAIR)
+        has_repair = num_proactive_repair > 0 or protection.limits_retransmission
+        num_repair = min(num_proactive_repair + math.ceil(RESERVE_SHARE * num_source), MAX_REPAIR) if has_repair else 0
         symbols.append((
             *source_symbols(block_data, symbol_bytes), *repair_symbols(block_data, symbol_bytes, num_repair)
         ))  # fmt: skip
-        num_scheduled.append(num_source + num_proactive)
+        num_scheduled.append(num_source + num_proactive_repair)
     return tuple(symbols), num_scheduled
 
 

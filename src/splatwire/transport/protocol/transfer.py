@@ -110,7 +110,7 @@ class ServerTransfer:
         self._queued_retransmissions: set[ScheduledDatagram] = set()
         self._known_packets = KnownPackets()
         self._num_init_retransmissions = self._retransmitted_bytes = 0
-        self._init_symbol_cursor = stream.proactive_symbols
+        self._init_symbol_cursor = stream.num_proactive_symbols
         self._init_segment_sent_at: float | None = None
         self._end_at, self._num_ends = 0.0, 0
         self._welcomed_at, self._num_welcomes = -WELCOME_INTERVAL_S, 0
@@ -171,7 +171,7 @@ class ServerTransfer:
         self._num_init_retransmissions, self._init_segment_sent_at, self._init_symbol_cursor = (
             0,
             None,
-            stream.proactive_symbols,
+            stream.num_proactive_symbols,
         )
         self._raise_byte_limit(num_known)
 
