@@ -93,7 +93,7 @@ for (const grouping of ["stratified", "contiguous", "hashed"])
       packetization = { ...manifest.packetization, grouping, seed, blockSize: 300, lanes: 5 },
       plan = new Plan({ ...manifest, count: 700, tiers: [], packetization });
     for (const [block, start] of [0, 300, 600].entries()) {
-      const size = plan.blockCount(block),
+      const size = plan.numElementsOf(block),
         places = Array.from({ length: size }, (_, n) => start + n),
         hash = (place: number): bigint => {
           const [low, high] = splitmix((place ^ seed[0]) >>> 0, seed[1]);

@@ -58,7 +58,8 @@ export class Plan {
     return this.#spans;
   }
 
-  blockCount(block: number): number {
+  /** Returns the number of elements of a block. */
+  numElementsOf(block: number): number {
     const span = this.#span(block);
     return Math.min(span.blockSize, span.count - (block - span.firstBlock) * span.blockSize);
   }
@@ -69,7 +70,7 @@ export class Plan {
    */
   capacity(block: number, indexInBlock: number): number {
     if (block >= this.numBlocks) return 0;
-    if (this.manifest.packetization.grouping === "hashed") return Math.max(0, this.blockCount(block) - indexInBlock);
+    if (this.manifest.packetization.grouping === "hashed") return Math.max(0, this.numElementsOf(block) - indexInBlock);
     return indexInBlock < this.#span(block).lanes ? this.#laneCounts(block)[indexInBlock] : 0;
   }
 
@@ -100,7 +101,7 @@ export class Plan {
       [low, high] = seed,
       { first, firstBlock, blockSize, lanes } = this.#span(block),
       start = first + (block - firstBlock) * blockSize,
-      order = Int32Array.from({ length: this.blockCount(block) }, (_, n) => start + n);
+      order = Int32Array.from({ length: this.numElementsOf(block) }, (_, n) => start + n);
     if (grouping === "hashed") {
       const hashes = Array.from(order, (index) => splitmix((index ^ low) >>> 0, high));
       order.sort((a, b) => hashes[a - start][1] - hashes[b - start][1] || hashes[a - start][0] - hashes[b - start][0]);
@@ -145,7 +146,7 @@ export class Plan {
     const known = this.#lanes.get(block);
     if (known) return known;
     const span = this.#span(block),
-      size = this.blockCount(block),
+      size = this.numElementsOf(block),
       { grouping, seed } = this.manifest.packetization,
       counts =
         grouping === "contiguous"

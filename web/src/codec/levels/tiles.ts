@@ -57,7 +57,7 @@ export function readTiles(info: SideInfo, plan: Plan): Tiles {
     count,
     parents,
     children: childrenOf(parents),
-    numGaussians: Int32Array.from({ length: count }, (_, tile) => plan.blockCount(tile)),
+    numGaussians: Int32Array.from({ length: count }, (_, tile) => plan.numElementsOf(tile)),
     numPackets: Int32Array.from(packets),
     firstPackets: cumulativeSums(packets),
     offsets: cumulativeSums(sizes),

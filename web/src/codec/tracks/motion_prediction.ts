@@ -15,64 +15,64 @@ export class Extrapolation {
   readonly #fields = new Map<string, MotionField>();
 
   /**
-   * `completeRows` are the rows with received motion for the whole group. `birthGroup` returns the group that a track
-   * is born in, by keyframe index.
+   * `completeRows` are the rows with received motion for the whole group. `birthGroups` are the groups that tracks are
+   * born in, by keyframe index.
    */
   constructor(
     readonly arrived: TrackOffsets,
     readonly completeRows: Int32Array,
-    readonly birthGroup: Int32Array,
+    readonly birthGroups: Int32Array,
     readonly past: PreviousState,
     readonly frames: number,
   ) {}
 
   /**
-   * Returns the offsets of the tracks `queryTracks`, shape (tracks, frames, channels). Rows marked as `lost` are not
+   * Returns the offsets of tracks by keyframe index, shape (tracks, frames, channels). Rows with 1 in `leftOut` are not
    * used. Tracks that are born in the same group as most of the received ones are predicted from these, because
    * offsets of others refer to another time.
    */
-  estimate(lost: Uint8Array, queryTracks: Int32Array): Float32Array {
-    const { arrived, past, frames, birthGroup } = this,
+  estimate(leftOut: Uint8Array, queryKeyframes: Int32Array): Float32Array {
+    const { arrived, past, frames, birthGroups } = this,
       { keyframeIndices } = arrived,
-      out = new Float32Array(frames * NUM_CHANNELS * queryTracks.length),
-      observedRows = this.completeRows.filter((row) => !lost[row]),
-      birth = mostFrequent(observedRows.map((row) => birthGroup[keyframeIndices[row]])),
-      peers = observedRows.filter((row) => birthGroup[keyframeIndices[row]] === birth),
+      out = new Float32Array(frames * NUM_CHANNELS * queryKeyframes.length),
+      observedRows = this.completeRows.filter((row) => !leftOut[row]),
+      birth = mostFrequent(observedRows.map((row) => birthGroups[keyframeIndices[row]])),
+      peers = observedRows.filter((row) => birthGroups[keyframeIndices[row]] === birth),
       enough = peers.length >= NEIGHBOURS,
       caseOf = (keyframeIndex: number) =>
-        enough && birthGroup[keyframeIndex] === birth ? "peers" : past.isNew(keyframeIndex) ? "new" : "old";
-    queryTracks.forEach((keyframeIndex, n) => {
+        enough && birthGroups[keyframeIndex] === birth ? "peers" : past.isNew(keyframeIndex) ? "new" : "old";
+    queryKeyframes.forEach((keyframeIndex, n) => {
       if (!observedRows.length || caseOf(keyframeIndex) !== "peers")
         repeatLastOffset(past.lastOffsets, keyframeIndex, out, n * frames, frames);
     });
     for (const kind of ["peers", "new", "old"]) {
       const sources = kind === "peers" ? peers : observedRows,
-        at = Int32Array.from(queryTracks.keys()).filter((n) => caseOf(queryTracks[n]) === kind);
+        at = Int32Array.from(queryKeyframes.keys()).filter((n) => caseOf(queryKeyframes[n]) === kind);
       if (!at.length || !sources.length) continue;
-      const field = this.#field(kind, sources, birth, lost);
+      const field = this.#field(kind, sources, birth, leftOut);
       for (const n of at) {
         const own = out.subarray(n * frames * NUM_CHANNELS, (n + 1) * frames * NUM_CHANNELS);
-        if (kind === "peers") field.predict(queryTracks[n], own);
-        else field.addChanges(queryTracks[n], own);
+        if (kind === "peers") field.predict(queryKeyframes[n], own);
+        else field.addChanges(queryKeyframes[n], own);
       }
     }
-    if (observedRows.length) fadeIn(arrived, queryTracks, past, frames, out);
+    if (observedRows.length) fadeIn(arrived, queryKeyframes, past, frames, out);
     return out;
   }
 
-  /** Returns the motion field of the rows `sources`. One field with all rows is kept, and leaves out the lost ones. */
-  #field(kind: string, sources: Int32Array, birth: number, lost: Uint8Array): MotionField {
+  /** Returns the motion field of the rows `sources`. One field with all rows is kept, and leaves out those of `leftOut`. */
+  #field(kind: string, sources: Int32Array, birth: number, leftOut: Uint8Array): MotionField {
     const { arrived, past, frames } = this,
       make = (rows: Int32Array) =>
         new MotionField(arrived, rows, motionOrigins(kind, arrived, rows, past, frames), past, frames);
     if (sources.length < NEIGHBOURS) return make(sources);
     const name = `${kind} ${birth}`,
       all = this.completeRows.filter(
-        (row) => kind !== "peers" || this.birthGroup[arrived.keyframeIndices[row]] === birth,
+        (row) => kind !== "peers" || this.birthGroups[arrived.keyframeIndices[row]] === birth,
       ),
       field = this.#fields.get(name) ?? make(all);
     this.#fields.set(name, field);
-    field.leaveOut(lost);
+    field.leaveOut(leftOut);
     return field;
   }
 }
@@ -84,16 +84,16 @@ function mostFrequent(values: Int32Array): number {
   return counts.reduce((best, count, value) => (count > (counts[best] ?? 0) ? value : best), 0);
 }
 
-/** Repeats a track's last offset in all frames, written from frame index `to`. */
+/** Repeats a track's last offset in all frames, written from row `toRow` of `out`, shape (rows, channels). */
 export function repeatLastOffset(
-  since: Float32Array,
+  lastOffsets: Float32Array,
   keyframeIndex: number,
   out: Float32Array,
-  to: number,
+  toRow: number,
   frames: number,
 ): void {
-  for (let k = to * NUM_CHANNELS; k < (to + frames) * NUM_CHANNELS; k++)
-    out[k] = since[keyframeIndex * NUM_CHANNELS + (k % NUM_CHANNELS)];
+  for (let k = toRow * NUM_CHANNELS; k < (toRow + frames) * NUM_CHANNELS; k++)
+    out[k] = lastOffsets[keyframeIndex * NUM_CHANNELS + (k % NUM_CHANNELS)];
 }
 
 /**
@@ -123,14 +123,14 @@ function motionOrigins(
  */
 function fadeIn(
   arrived: TrackOffsets,
-  queryTracks: Int32Array,
+  queryKeyframes: Int32Array,
   { hasUnknownBirth }: PreviousState,
   frames: number,
   out: Float32Array,
 ): void {
   const begins = arrived.begins.filter((_, n) => hasUnknownBirth(arrived.keyframeIndices[n]));
   if (!begins.length) return;
-  const some = Int32Array.from(queryTracks.keys()).filter((n) => hasUnknownBirth(queryTracks[n]));
+  const some = Int32Array.from(queryKeyframes.keys()).filter((n) => hasUnknownBirth(queryKeyframes[n]));
   for (let frame = 0; frame < frames; frame++) {
     const share = begins.reduce((sum, begin) => sum + Number(begin <= frame), 0) / begins.length;
     if (share === 1) return; // the share is 1 in all later frames

@@ -27,25 +27,28 @@ const NUM_METHODS = 3,
   /** Weights of errors of red, green, blue and opacity. */
   CHANNEL_WEIGHTS = [1, 1, 1, 0.5];
 
-/** Estimates the motion of tracks, shape (tracks, frames, channels). Rows marked as `lost` are not used. */
-type Interpolate = (lost: Uint8Array, queryTracks: Int32Array) => Float32Array;
+/**
+ * Estimates the motion of tracks by keyframe index, shape (tracks, frames, channels). Rows with 1 in `leftOut` are not
+ * used.
+ */
+type Interpolate = (leftOut: Uint8Array, queryKeyframes: Int32Array) => Float32Array;
 /** Returns the first frame and the end frame of a track, as expected without its motion. */
 type Lifetime = (keyframeIndex: number) => readonly [number, number];
 
 /**
- * Chooses for each track of `queryTracks` the method with the lowest error on the nearby received tracks. `order` lists
- * the rows of `arrived` by ascending track.
+ * Chooses for each track the method with the lowest error on the nearby received tracks. `queryKeyframes` are the
+ * keyframe indices of the tracks. `order` lists the rows of `arrived` by ascending track.
  */
 export function select(
   arrived: TrackOffsets,
   order: Int32Array,
-  queryTracks: Int32Array,
+  queryKeyframes: Int32Array,
   frames: number,
   past: PreviousState,
   interpolate: Interpolate,
   lifetime: Lifetime,
 ): Uint8Array {
-  const found = new Uint8Array(queryTracks.length),
+  const found = new Uint8Array(queryKeyframes.length),
     stride = Math.max(Math.ceil(order.length / MAX_TESTS), 1),
     tested = order.filter((_, n) => n % stride === 0);
   const errors = testErrors(arrived, order, tested, Math.ceil(MAX_SHARE / stride), frames, past, interpolate, lifetime),
@@ -60,7 +63,7 @@ export function select(
         positionsOf(splats, keyframeIndices, lastOffsets, (n) => keyframeIndices[n]),
         MIN_TESTS,
       );
-    queryTracks.forEach((keyframeIndex, n) => {
+    queryKeyframes.forEach((keyframeIndex, n) => {
       if (isNew(keyframeIndex) !== isNewTrack) return;
       const sums = [0, 0, 0];
       for (const near of nearest(tree, lastPlace(keyframeIndex)))

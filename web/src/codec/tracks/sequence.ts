@@ -48,9 +48,13 @@ interface TrackBatch {
   readonly offsets: Float32Array;
 }
 
+/**
+ * Decoded motion of a group. A row is one entry of its arrays: first the headers of the received packets, in order, then
+ * the tracks without received motion. A track that two packets contain has two rows; the second one has no frame.
+ */
 interface DecodedGroup extends Omit<TrackOffsets, "offsets">, ConcealedTracks {
   readonly group: number;
-  /** All rows. */
+  /** Offsets of all rows, in order. */
   readonly batches: readonly TrackBatch[];
   readonly numKeyframes: number;
   /** Tracks that are not drawn (1), by row. */
@@ -308,38 +312,40 @@ export class Sequence implements SequenceDecoder {
       { firstNew, numBirths, numMotionTracks } = info.groups[group],
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
-      lost: number[] = [];
+      lostKeyframes: number[] = [];
     for (let keyframeIndex = 0; keyframeIndex < keyframes.count; keyframeIndex++) {
       if (covered[keyframeIndex]) continue;
       const track = keyframes.tracks[keyframeIndex],
         isNew = track >= firstNew && track < firstNew + numBirths;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
-      if (!ended && (isNew || (before ? before.alive[keyframeIndex] : track < firstNew))) lost.push(keyframeIndex);
+      if (!ended && (isNew || (before ? before.alive[keyframeIndex] : track < firstNew)))
+        lostKeyframes.push(keyframeIndex);
     }
-    const found = appendStatic(received, lost, frames, numMotionTracks > 0),
+    const found = appendStatic(received, lostKeyframes, frames, numMotionTracks > 0),
       numReceived = received.keyframeIndices.length,
       hidden = new Uint8Array(found.keyframeIndices.length),
       batches = [...received.batches];
-    lost.forEach((keyframeIndex, n) => {
+    lostKeyframes.forEach((keyframeIndex, n) => {
       [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(keyframeIndex, group);
     });
     let gains: Float32Array | null = null;
-    if (numMotionTracks && lost.length) {
+    if (numMotionTracks && lostKeyframes.length) {
       const past = this.#pastState(before, group),
-        offsets = byTrack(batches, numReceived, lost.length, frames),
+        offsets = byTrack(batches, numReceived, lostKeyframes.length, frames),
         out = offsets.subarray(numReceived * frames * NUM_CHANNELS),
         arrived = { ...received, offsets: offsets.subarray(0, numReceived * frames * NUM_CHANNELS) },
         methods =
           concealer === "motion"
-            ? this.#interpolate(arrived, Int32Array.from(lost), past, group, out)
-            : new Uint8Array(lost.length).fill(concealer === "drop" ? HIDDEN : HELD);
+            ? this.#interpolate(arrived, Int32Array.from(lostKeyframes), past, group, out)
+            : new Uint8Array(lostKeyframes.length).fill(concealer === "drop" ? HIDDEN : HELD);
       methods.forEach((method, n) => {
-        if (method !== INTERPOLATED) repeatLastOffset(past.lastOffsets, lost[n], out, n * frames, frames);
+        if (method !== INTERPOLATED) repeatLastOffset(past.lastOffsets, lostKeyframes[n], out, n * frames, frames);
         hidden[numReceived + n] = Number(method === HIDDEN);
       });
-      batches.push({ count: lost.length, offsets: transposed(out, lost.length, frames) });
+      batches.push({ count: lostKeyframes.length, offsets: transposed(out, lostKeyframes.length, frames) });
       if (concealer === "motion" && hidden.includes(1)) gains = this.#growth({ ...found, offsets }, hidden, frames);
-    } else batches.push({ count: lost.length, offsets: new Float32Array(lost.length * NUM_CHANNELS) });
+    } else
+      batches.push({ count: lostKeyframes.length, offsets: new Float32Array(lostKeyframes.length * NUM_CHANNELS) });
     return {
       ...found,
       batches,
@@ -367,7 +373,7 @@ export class Sequence implements SequenceDecoder {
   /** Selects a method to cover each lost track. Writes the motion of tracks that are moved. */
   #interpolate(
     received: TrackOffsets,
-    lost: Int32Array,
+    lostKeyframes: Int32Array,
     past: PreviousState,
     group: number,
     out: Float32Array,
@@ -380,11 +386,11 @@ export class Sequence implements SequenceDecoder {
       estimates = new Extrapolation(received, complete, this.#keyframes.birthGroups, past, frames),
       interpolate = estimates.estimate.bind(estimates),
       lifetime = (keyframeIndex: number) => this.#lifetime(keyframeIndex, group),
-      methods = select(received, order, lost, frames, past, interpolate, lifetime),
-      moving = rowsWhere(lost.length, (n) => methods[n] === INTERPOLATED),
+      methods = select(received, order, lostKeyframes, frames, past, interpolate, lifetime),
+      moving = rowsWhere(lostKeyframes.length, (n) => methods[n] === INTERPOLATED),
       found = interpolate(
         new Uint8Array(keyframeIndices.length),
-        moving.map((n) => lost[n]),
+        moving.map((n) => lostKeyframes[n]),
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
     return methods;
@@ -530,17 +536,17 @@ function transposed(offsets: Float32Array, rows: number, columns: number): Float
   return found;
 }
 
-/** Appends tracks that do not move, for all frames. Their motion is `lost`, or their group has none. */
+/** Appends tracks that do not move, for all frames. `isLost`: their motion is lost; otherwise their group has none. */
 function appendStatic(
   received: ReceivedTracks,
   others: readonly number[],
   frames: number,
-  lost: boolean,
+  isLost: boolean,
 ): ReceivedTracks & ConcealedTracks {
   const numReceived = received.keyframeIndices.length,
     count = numReceived + others.length,
     wider = ({ buffer }: Int32Array): Int32Array => new Int32Array(buffer, 0, count),
-    concealed = new Uint8Array(count).fill(Number(lost), numReceived),
+    concealed = new Uint8Array(count).fill(Number(isLost), numReceived),
     keyframeIndices = wider(received.keyframeIndices);
   keyframeIndices.set(others, numReceived);
   return {

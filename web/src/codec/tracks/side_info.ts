@@ -12,7 +12,8 @@ import type { GroupCounts, Timeline } from "./timeline.ts";
 /** Versions: with one shot; and with a unit of motion for each of several shots. */
 const VERSION = 1,
   WITH_MOTION_UNITS = 3;
-const MAX_OFFSET = 16;
+/** Largest ratio of a motion step to that of the keyframe Gaussian, octaves in either direction. */
+const MAX_LOG_STEP_RATIO = 16;
 
 /** Consecutive groups with the same lattice, steps and tables for their keyframe Gaussians. */
 export interface Shot {
@@ -166,7 +167,7 @@ function groupsOf({ tiers }: Manifest): GroupCounts[] {
 function readMotion(bytes: Uint8Array): Pick<SequenceInfo, "logStepRatios" | "models"> {
   const reader = new ByteReader(bytes, "side information of motion"),
     logStepRatios = Array.from({ length: NUM_KINDS }, () => reader.signed());
-  if (logStepRatios.some((octaves) => Math.abs(octaves) > MAX_OFFSET))
+  if (logStepRatios.some((octaves) => Math.abs(octaves) > MAX_LOG_STEP_RATIO))
     throw new BitstreamError("side information: a step of motion is out of range");
   const zero = reader.take(NUM_CONTEXTS);
   reader.finish();

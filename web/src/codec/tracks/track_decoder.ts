@@ -118,7 +118,7 @@ export class TrackDecoder implements ElementDecoder<GaussianBatch> {
     const group = this.plan.gopOf(packet.block),
       { planBlock, firstTrack } = this.#firsts[group],
       block = packet.block - planBlock,
-      first = firstTrack + block * (block ? this.plan.blockCount(planBlock) : 0) + packet.indexInBlock;
+      first = firstTrack + block * (block ? this.plan.numElementsOf(planBlock) : 0) + packet.indexInBlock;
     this.sequence.addKeyframes(group, first, symbols.rows, this.#keyframeBlock(packet.block), splats);
     this.sequence.numBytes += packet.payload.length;
     return new GaussianBatch(packet, splats, () => this.plan.members(packet));
