@@ -60,7 +60,10 @@ export class Extrapolation {
     return out;
   }
 
-  /** Returns the motion field of the rows `sources`. One field with all rows is kept, and leaves out those of `leftOut`. */
+  /**
+   * Returns the motion field of the rows `sources`. One field with all rows is kept. It leaves out rows with 1 in
+   * `leftOut`.
+   */
   #field(kind: string, sources: Int32Array, birth: number, leftOut: Uint8Array): MotionField {
     const { arrived, past, frames } = this,
       make = (rows: Int32Array) =>

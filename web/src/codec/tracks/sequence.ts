@@ -49,7 +49,7 @@ interface TrackBatch {
 }
 
 /**
- * Decoded motion of a group. A row is one entry of its arrays: first the headers of the received packets, in order, then
+ * Decoded motion of a group. A row is one entry of its arrays: first the headers of the received packets in order, then
  * the tracks without received motion. A track that two packets contain has two rows; the second one has no frame.
  */
 interface DecodedGroup extends Omit<TrackOffsets, "offsets">, ConcealedTracks {
