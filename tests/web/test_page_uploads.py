@@ -83,8 +83,8 @@ TURNS = f"""(async () => {{
   for (let n = 0; n < 30; n++) {{
     view.add(orders[n % 2], true);
     let shown = false;
-    const steady = view.steady().then(() => (shown = true));
-    while (!shown) await Promise.race([n ? picture().then((drawn) => found.push(drawn)) : view.frame(), steady]);
+    const sorted = view.replacementSorted().then(() => (shown = true));
+    while (!shown) await Promise.race([n ? picture().then((drawn) => found.push(drawn)) : view.frame(), sorted]);
   }}
   async function picture() {{
     await view.frame();

@@ -18,38 +18,37 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  * interface, or of JSON. Bundles of the same build have the same short names.
  */
 const INTERNAL = `
-  accept across addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute arrived
-  axisCount axisDeviation baseCount baseDigest baseExponents batches batchesOf batchSize begins birthGroup
-  birthGroups bitsOf blockCount blockMeans blockSize boxes bundled bytesOf cancelConcealment canRetry changeMs
-  checkConcealmentMemory closeness columnShifts compared completeRows concealed concealmentBytes confirmed conflicts
-  contradicts contrasts copies corners covered damagedTiles damages datagramsLost decoder defaultDirection
-  delaySeconds densityRadius deviations distances drawnChildren drawUnits droppedGroups duplicates elementDecoder
-  elementsOf elementsPerByte endState enterHeadset expectedErrors exponent extents failuresAfter featureActivations
-  firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets formatVersion
-  frameMs framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies gaussianDecoder gaussiansFor gopOf
-  groupFrames growth hasAnswered hasCopies hasEnded hasHead hasManifestOf hasNew hasSentView hasUnknownBirth
-  headBytes heads headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment initSegmentBytes
-  initSegmentMs inputs intake integers isComplete isCut isEmpty isFree isKeyframe isLinear isLive isNew isOnlySource
-  isReady isReceived isReordered isRetry isRetryable isSame isSameStream isSequence isShown isSorting isTryingWhole
-  isVerified isVisible isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo kinds laneCounter
-  lastOffsets latticeBits latticeShift leafIndex leafSize leaveOut leftOut lengths log2MotionUnits logDeviations
-  logScales logStepRatios logSteps lookUpSession lostSequences manifest manifestBytes maxExcess maxPositionShift
-  maxTiers mayIdle medianRadius members middle models moveBetween nacks nearestFirst nearestOthers newPackets
-  nextView noGaussians noteChange noteFailure noteUseless numBirths numBlocks numBytes numCoefficients numElements
-  numGaussians numHarmonicColumns numHidden numInitSegments numIntact numKeyframes numLatePackets numLowBits
-  numMaskLogits numMotionTracks numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks
-  observedRows offsetStep onAdopted onAnswer onCamera onChange onContextAvailable onContextLost onLiveHead onUse
-  openFile orderDigest owners packetBytes packetDecoder packetsOf paintedCanvas parents partsOf pictureChanged
-  planBlock planIndices playableEnd playingLive pointCameraAt polynomials positionStep predictAxis ranges ranks
-  receiveDatagrams recordWhen redraw refusals rejected renderer reordered reorient repeatMs replaceTiles
-  reportCamera reportPlayable requestFrame requestId rescale residuals resultDigest rowSteps scaleIndices
-  sceneInView sections sequence setConcealers setCooperative setLimits setMessage setRow settled setViewpoint
-  setVisible shifts showNotice shownPackets showStatistics sideInfo sideInfoBytes sideInfoDigest simulation sizeLog
-  spread squares stage stages stalledFrames startWebGL stateOf stopProbabilities storeValues streamId subject
-  surface symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling
-  timed timeline transmittance transports trust unsigned upperBits upRotation useless viewComplete viewDependent
-  viewUpdate visibleParts voxels voxelSize waited waitUntil wanted wasExtrapolated welcome withdraw
-  withoutComparison withRenderer zeroPoints
+  accept across activity addChanges addHeadset addKeyframes addMotion addPacket addPeriod anchorBytes applyAttribute
+  arrived axisCount axisDeviation baseCount baseDigest baseExponents batches batchesOf batchSize begins birthGroups
+  bitsOf blockMeans blockSize boxes bundled bytesOf cancelConcealment canRetry changeMs checkConcealmentMemory
+  closeness columnShifts compared completeRows concealed concealmentBytes confirmed conflicts contradicts contrasts
+  copies corners covered damagedTiles damages datagramsLost decoder defaultDirection delaySeconds densityRadius
+  deviations disconnected distances drawnChildren drawUnits droppedGroups duplicates elementDecoder elementsOf
+  elementsPerByte endState enterHeadset expectedErrors exponent extents failuresAfter featureActivations firstBlock
+  firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets formatVersion frameMs
+  framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies gaussianDecoder gaussiansFor gopOf groupFrames
+  growth hasAnswered hasCopies hasEnded hasHead hasManifestOf hasNew hasSentView hasUnknownBirth headBytes heads
+  headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment initSegmentBytes initSegmentMs inputs intake
+  integers isComplete isCut isEmpty isFree isKept isKeyframe isLinear isLive isNew isOnlySource isReady isReceived
+  isReordered isRetry isRetryable isSame isSameStream isSequence isShown isSorting isTryingWhole isVerified isVisible
+  isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo kinds laneCounter lastOffsets latticeBits
+  latticeShift leafIndex leafSize leaveOut leftOut lengths log2MotionUnits logDeviations logScales logStepRatios
+  logSteps lookUpSession lostSequences manifest manifestBytes maxExcess maxPositionShift maxTiers mayIdle medianRadius
+  members middle models moveBetween nacks nearestFirst nearestOthers newPackets nextView noGaussians noteChange
+  noteFailure noteUseless numBirths numBlocks numBytes numCoefficients numElements numElementsOf numGaussians
+  numHarmonicColumns numHidden numInitSegments numIntact numKept numKeyframes numLatePackets numLowBits numMaskLogits
+  numMotionTracks numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep
+  onAdopted onAnswer onCamera onChange onContextAvailable onContextLost onLiveHead onUse openFile orderDigest owners
+  packetBytes packetDecoder packetsOf paintedCanvas parents partsOf pictureChanged planBlock planIndices playableEnd
+  playingLive pointCameraAt polynomials positionStep predictAxis ranges ranks receiveDatagrams recordWhen redraw
+  refusals rejected renderer reordered reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame
+  requestId rescale residuals resultDigest rowSteps scaleIndices sceneInView sections sequence setConcealers
+  setCooperative setLimits setMessage setRow settled setViewpoint setVisible shifts showNotice showStatistics sideInfo
+  sideInfoBytes sideInfoDigest simulation sizeLog spread squares stage stages stalledFrames startWebGL stateOf
+  stopProbabilities storeValues streamId subject surface symbolBytes symbolsDigest symbolsMissing takeHaveMessages
+  tierOf tierSizes tileRequest tilesBytes tiling timed timeline transmittance transports trust unsigned upperBits
+  upRotation useless viewComplete viewDependent viewUpdate visibleParts voxels voxelSize waited waitUntil wanted
+  wasExtrapolated welcome withdraw withoutComparison withRenderer zeroPoints
 `
   .trim()
   .split(/\s+/);

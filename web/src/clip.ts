@@ -7,15 +7,21 @@ import { ClipClock, type FrameClock, LiveClock } from "./frame_clock.ts";
 import type { Packed } from "./render/packed.ts";
 import { sourceOf } from "./transport/failover.ts";
 import type { FromWorker, StreamInfo, ToWorker } from "./transport/messages.ts";
-import type { Session } from "./transport/webtransport.ts";
+import type { SessionAddress } from "./transport/webtransport.ts";
 
-export type { Session, Viewpoint };
+export type { SessionAddress, Viewpoint };
+
+/** @deprecated Use `SessionAddress`. */
+export type Session = SessionAddress;
 
 export interface ClipOptions {
   /** Name of the concealer: `motion` (default), `hold` or `drop`. */
   readonly concealer?: string;
-  /** WebTransport session of the server. The default is the one that `../streams.json`, relative to the file, names. */
-  readonly session?: Session;
+  /**
+   * Address of the server's WebTransport sessions. The default is the one that `../streams.json`, relative to the file,
+   * names.
+   */
+  readonly session?: SessionAddress;
   /** Aborts `Clip.open`, which waits for a server without end. Without effect later. */
   readonly signal?: AbortSignal;
 }

@@ -12,11 +12,14 @@ import { DecodedStream } from "./transport/decoded_stream.ts";
 import type { ReceivedPacket } from "./transport/events.ts";
 import { receiveAll, sourceOf } from "./transport/failover.ts";
 import { PacketStore } from "./transport/packet_store.ts";
-import type { Session } from "./transport/webtransport.ts";
+import type { SessionAddress } from "./transport/webtransport.ts";
 
 /** `Refused` is the deprecated name of `HttpError`. */
 export { HttpError, HttpError as Refused } from "./transport/http_error.ts";
-export type { Camera, Session, Viewpoint };
+export type { Camera, SessionAddress, Viewpoint };
+
+/** @deprecated Use `SessionAddress`. */
+export type Session = SessionAddress;
 export { BitstreamError };
 
 /** Explicit Gaussians in typed arrays, one Gaussian after another. */
@@ -63,8 +66,11 @@ export interface Clip {
 }
 
 export interface ReceiveOptions extends Options {
-  /** WebTransport session of the server. The default is the one that `../streams.json`, relative to the file, names. */
-  readonly session?: Session;
+  /**
+   * Address of the server's WebTransport sessions. The default is the one that `../streams.json`, relative to the file,
+   * names.
+   */
+  readonly session?: SessionAddress;
   /** Aborts the transfer. The iteration then throws the signal's reason. */
   readonly signal?: AbortSignal;
   /** Callback after a disconnect, with the reason and the time until the next attempt in milliseconds. */
@@ -318,7 +324,7 @@ class Transfer {
 
   note(): void {}
 
-  lost(reason: string, retryMs: number): void {
+  disconnected(reason: string, retryMs: number): void {
     this.options.lost?.(reason, retryMs);
   }
 

@@ -6,7 +6,7 @@ import type { Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { bufferOf, pack } from "./render/packed.ts";
 import type { DecodedStream } from "./transport/decoded_stream.ts";
-import { type LossSimulation, shownPackets } from "./transport/losses.ts";
+import { keptPackets, type LossSimulation } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { Periods } from "./transport/periods.ts";
 
@@ -24,7 +24,7 @@ export class SequenceFrames {
     readonly packets: readonly Packet[];
     readonly key: string;
     readonly count: number;
-    readonly isShown: (packet: Packet) => boolean;
+    readonly isKept: (packet: Packet) => boolean;
   } | null = null;
 
   constructor(readonly post: PostMessage) {}
@@ -69,8 +69,8 @@ export class SequenceFrames {
     if (!decoder || !sequence) return;
     const began = performance.now(),
       numberInPeriod = periodFrame?.number ?? number,
-      { isShown, count } = this.#motionFilter(sequence.packets, simulation),
-      frame = this.#frameOf(() => sequence.frame(numberInPeriod, isShown, simulation.concealer, true));
+      { isKept, count } = this.#motionFilter(sequence.packets, simulation),
+      frame = this.#frameOf(() => sequence.frame(numberInPeriod, isKept, simulation.concealer, true));
     const { antialiased, elementDecoder } = decoder,
       // The page ignores frames without Gaussians, because their packets have not arrived. An empty frame that has
       // arrived is sent as one invisible Gaussian.
@@ -78,7 +78,7 @@ export class SequenceFrames {
       packed = pack(splats ? [splats] : [], elementDecoder.degree, size),
       frameMs = performance.now() - began;
     this.post(
-      { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, shownPackets: count, frameMs },
+      { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, numKept: count, frameMs },
       [bufferOf(packed)],
     );
     setTimeout(() => sequence.prefetch(numberInPeriod, PREFETCH_MS));
@@ -100,13 +100,13 @@ export class SequenceFrames {
   #motionFilter(
     packets: readonly Packet[],
     simulation: LossSimulation,
-  ): { isShown: (packet: Packet) => boolean; count: number } {
+  ): { isKept: (packet: Packet) => boolean; count: number } {
     const last = packets.at(-1),
       key = JSON.stringify([packets.length, last?.block, last?.indexInBlock, { ...simulation, concealer: "" }]);
     if (this.#filter?.key !== key || this.#filter.packets !== packets) {
-      const mask = shownPackets(packets, simulation),
-        shown = new Set(packets.filter((_, n) => mask[n]));
-      this.#filter = { packets, key, count: shown.size, isShown: (packet) => shown.has(packet) };
+      const mask = keptPackets(packets, simulation),
+        kept = new Set(packets.filter((_, n) => mask[n]));
+      this.#filter = { packets, key, count: kept.size, isKept: (packet) => kept.has(packet) };
     }
     return this.#filter;
   }

@@ -400,7 +400,7 @@ export class WorkerReceiver implements Receiver {
   }
 
   /** Reports a disconnect. Cached packets are shown without revalidation while the server is unreachable. */
-  lost(reason: string, retryMs: number): void {
+  disconnected(reason: string, retryMs: number): void {
     this.confirmed();
     void this.settled().then(() => post({ kind: "lost", reason, retryMs }));
   }
@@ -602,15 +602,12 @@ export class WorkerReceiver implements Receiver {
       simulation = { ...simulation, concealer: "drop" };
     }
     await this.#send();
-    const shownPackets = await stream.conceal(simulation, pause),
+    const numKept = await stream.conceal(simulation, pause),
       units = [...this.#drawnUnits.keys()].sort((a, b) => a - b),
       gains = stream.decoder.elementDecoder.tiling ? stream.gainsOfUnits(units) : stream.gains;
-    if (shownPackets === null || !gains) return;
+    if (numKept === null || !gains) return;
     const gainsWithoutCopies = stream.gainsWithoutCopies;
-    post(
-      { kind: "gains", gains, gainsWithoutCopies, shownPackets, requestId },
-      buffersOfGains(gains, gainsWithoutCopies),
-    );
+    post({ kind: "gains", gains, gainsWithoutCopies, numKept, requestId }, buffersOfGains(gains, gainsWithoutCopies));
   }
 
   /**
@@ -619,11 +616,11 @@ export class WorkerReceiver implements Receiver {
    */
   async #concealUpdated(simulation: LossSimulation, requestId: number, pause: Pause): Promise<void> {
     const from = this.#updatedFrom!,
-      shown = await from.conceal(simulation, pause);
-    if (shown === null || from !== this.#updatedFrom) return;
+      numOfStream = await from.conceal(simulation, pause);
+    if (numOfStream === null || from !== this.#updatedFrom) return;
     const gains = this.#updated!.gainsOfDrawn(from.gainsOfSplats),
-      shownPackets = this.store.count - from.decoder.intake.size + shown;
-    post({ kind: "gains", gains, gainsWithoutCopies: null, shownPackets, requestId }, buffersOfGains(gains));
+      numKept = this.store.count - from.decoder.intake.size + numOfStream;
+    post({ kind: "gains", gains, gainsWithoutCopies: null, numKept, requestId }, buffersOfGains(gains));
   }
 
   /** Stops computing gains, because all packets have arrived. */

@@ -8,7 +8,12 @@ import { ContainerReader } from "../src/packets/container.ts";
 import { type Listener, NO_SOURCE } from "../src/transport/events.ts";
 import type { Transports } from "../src/transport/failover.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
-import { NoWebTransport, receiveDatagrams, type Session, type SessionOptions } from "../src/transport/webtransport.ts";
+import {
+  NoWebTransport,
+  receiveDatagrams,
+  type SessionAddress,
+  type SessionOptions,
+} from "../src/transport/webtransport.ts";
 import type { WorkerReceiver } from "../src/worker_receiver.ts";
 import { type Asked, Caches, LIMITS, otherStream, part, Server, visit } from "./fake_web.ts";
 import { fileOf, readStream } from "./vectors.ts";
@@ -17,13 +22,13 @@ import { welcome } from "./wire_messages.ts";
 const STILL = fileOf("../tests/golden/tiny_causal.swz"),
   LEVELS = fileOf("../tests/golden/tiny_levels.swz"),
   CLIP = "../tests/golden/tiny_clip.swz",
-  SESSION: Session = { url: "https://scenes.example:4840/splatwire" },
-  SIGNED: Session = { ...SESSION, fingerprint: "1a" };
+  SESSION: SessionAddress = { url: "https://scenes.example:4840/splatwire" },
+  SIGNED: SessionAddress = { ...SESSION, fingerprint: "1a" };
 
 /** Sessions that end with these texts, one after another. Errors are thrown. */
-function sessions(...ends: (string | Error)[]): { ways: Partial<Transports>; opened: Session[] } {
-  const opened: Session[] = [];
-  const receiveDatagrams = async (session: Session): Promise<string> => {
+function sessions(...ends: (string | Error)[]): { ways: Partial<Transports>; opened: SessionAddress[] } {
+  const opened: SessionAddress[] = [];
+  const receiveDatagrams = async (session: SessionAddress): Promise<string> => {
     opened.push(session);
     const end = ends.shift() ?? "complete";
     if (end instanceof Error) throw end;
@@ -193,7 +198,7 @@ test("a file that is replaced now and then is received for as long as the page i
 
 test("a live clip follows its server to another certificate and port after a restart", async () => {
   const published = { url: "https://scenes.example:4850/splatwire", fingerprint: "2b" },
-    opened: Session[] = [],
+    opened: SessionAddress[] = [],
     openings: SessionOptions[] = [];
   let lookUps = 0;
   new Server(noFile);

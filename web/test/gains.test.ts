@@ -65,7 +65,7 @@ test("gains are computed once all received packets are decoded, and only for the
   reception.packets(packets.slice(1));
   await Promise.all([1, 2].map((requestId) => reception.conceal({ kind: "conceal", simulation, requestId })));
   await reception.settled();
-  const found = said.flatMap((one) => (one.kind === "gains" ? [[one.requestId, one.shownPackets]] : []));
+  const found = said.flatMap((one) => (one.kind === "gains" ? [[one.requestId, one.numKept]] : []));
   assert.deepEqual(found, [[2, packets.length - 1]]);
 });
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { type LossSimulation, shownPackets } from "../src/transport/losses.ts";
+import { keptPackets, type LossSimulation } from "../src/transport/losses.ts";
 
 const PACKETS = Array.from({ length: 20_000 }, (_, n) => ({ block: n >> 4, indexInBlock: n & 15 }));
 const choose = (some: Partial<LossSimulation>): LossSimulation => ({
@@ -12,7 +12,7 @@ const choose = (some: Partial<LossSimulation>): LossSimulation => ({
   sentShare: 1,
   ...some,
 });
-const lost = (some: Partial<LossSimulation>): boolean[] => shownPackets(PACKETS, choose(some)).map((shown) => !shown);
+const lost = (some: Partial<LossSimulation>): boolean[] => keptPackets(PACKETS, choose(some)).map((kept) => !kept);
 const share = (lost: boolean[]): number => lost.filter(Boolean).length / lost.length;
 
 test("the lost share equals the chosen one, with and without bursts", () => {
@@ -43,7 +43,7 @@ test("a larger share is a superset, another seed differs, and unsent packets are
   );
   // later packets do not change the losses of earlier ones
   assert.deepEqual(
-    shownPackets(PACKETS.slice(0, 99), choose({ burstLength: 8 })),
-    shownPackets(PACKETS, choose({ burstLength: 8 })).slice(0, 99),
+    keptPackets(PACKETS.slice(0, 99), choose({ burstLength: 8 })),
+    keptPackets(PACKETS, choose({ burstLength: 8 })).slice(0, 99),
   );
 });

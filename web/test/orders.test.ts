@@ -7,7 +7,7 @@ import { ContainerReader, fileHead } from "../src/packets/container.ts";
 import type { Listener } from "../src/transport/events.ts";
 import type { Transports } from "../src/transport/failover.ts";
 import type { StoredStream } from "../src/transport/transfer.ts";
-import type { Session } from "../src/transport/webtransport.ts";
+import type { SessionAddress } from "../src/transport/webtransport.ts";
 import { dataView } from "../src/transport/wire_messages.ts";
 import { type Answering, begun, Caches, packetOffsets, part, Server, type Visit, visit, whole } from "./fake_web.ts";
 import { fileOf, random } from "./vectors.ts";
@@ -15,7 +15,7 @@ import { fileOf, random } from "./vectors.ts";
 const KINDS = ["tiny_levels", "tiny_causal", "tiny_clip"].map(
   (name) => [name, fileOf(`../tests/golden/${name}.swz`)] as const,
 );
-const SESSION: Session = { url: "https://scenes.example:4840/splatwire" };
+const SESSION: SessionAddress = { url: "https://scenes.example:4840/splatwire" };
 
 /** A file of the same head and other packets. */
 function fileWith(file: Uint8Array, packets: readonly Uint8Array[]): Uint8Array {
@@ -69,7 +69,7 @@ function sessionOf(
   ends: string,
   noteSent: (count: number) => void = () => undefined,
 ): Transports["receiveDatagrams"] {
-  return async (_session: Session, _name: string, listener: Listener, before: StoredStream | null = null) => {
+  return async (_session: SessionAddress, _name: string, listener: Listener, before: StoredStream | null = null) => {
     const container = new ContainerReader(),
       packets = container.feed(file),
       bits = before?.bitsOf(order) ?? null;

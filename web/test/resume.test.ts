@@ -104,7 +104,7 @@ test("failed attempts are retried with exponential backoff until the error is fi
   const how = {
     isRetryable: (error: unknown) => (error as Error).message !== "d",
     progress: () => arrived,
-    lost: (reason: string) => void reasons.push(reason),
+    disconnected: (reason: string) => void reasons.push(reason),
     wait: async (ms: number) => void waits.push(ms),
   };
   await assert.rejects(withBackoff(attempt, how), /d/);

@@ -20,7 +20,7 @@ function stageOf(releases: number, lost: () => void): { stage: Parameters<typeof
       fix: (camera: unknown) => fixed.push(camera),
       frame: async () => undefined,
       sorted: async () => undefined,
-      steady: async () => {
+      replacementSorted: async () => {
         if (releases-- <= 0) return;
         stage.renderer = next();
         lost();

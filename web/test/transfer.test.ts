@@ -247,7 +247,7 @@ function sealed(bytes: Uint8Array): Uint8Array {
   return bytes;
 }
 
-test("only messages that bring something new are progress, unless nothing new exists", () => {
+test("only messages that bring something new count as activity, unless nothing new exists", () => {
   const message = (kind: number, size: number, sequence = 0): Uint8Array => {
       const bytes = new Uint8Array(size);
       bytes[0] = (VERSION << 4) | kind;
@@ -263,9 +263,9 @@ test("only messages that bring something new are progress, unless nothing new ex
   ] as const) {
     const transfer = new Transfer("", 7n, 0),
       isProgress = (bytes: Uint8Array): boolean => {
-        const before = transfer.progress;
+        const before = transfer.activity;
         transfer.receive(bytes, 1);
-        return transfer.progress !== before;
+        return transfer.activity !== before;
       },
       begin = welcome((_, bytes) => (bytes[69] = flags));
     assert.ok(!isProgress(new Uint8Array(900)), "garbage");

@@ -75,7 +75,7 @@ export class Comparison {
   /** Compares the pictures with both gains. `isCurrent` returns false once the picture has changed. */
   async #compare(isCurrent: () => boolean): Promise<void> {
     const { renderer } = this.stage;
-    await renderer?.steady();
+    await renderer?.replacementSorted();
     const gains = this.#gains,
       lossless = this.#lossless;
     if (!renderer || !isCurrent()) return;

@@ -200,7 +200,7 @@ export class Controller {
       this.#rotation.set(value);
       this.panel.rotating = this.#rotation.running;
     }
-    this.stage.touch();
+    this.stage.invalidate();
   }
 
   /** Link to this page with the current view and settings. */
@@ -411,7 +411,7 @@ export class Controller {
         return this.#onCounts(message);
       case "gains":
         if (!this.#gains.onAnswer(message.requestId)) return;
-        panel.setRow("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
+        panel.setRow("dropped on purpose", `${this.status.packets - message.numKept} packets`);
         return this.#comparison.show(message.gains, message.gainsWithoutCopies);
       case "update":
         return this.#update(message);
@@ -536,7 +536,7 @@ export class Controller {
     this.#playback.showStatistics(message);
     this.#gaussiansChanged(packed.count ? this.#numElements : 0, false);
     const done = (): void => this.#playback.shown(number);
-    if (stage.renderer) void stage.renderer.steady().then(done);
+    if (stage.renderer) void stage.renderer.replacementSorted().then(done);
     else setTimeout(done);
   }
 

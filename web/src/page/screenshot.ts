@@ -48,7 +48,7 @@ export async function pictureOf(
  * still work on the view before. The waiting time grows with the frame time.
  */
 async function screenshot(renderer: WebGLRenderer): Promise<string> {
-  await renderer.steady();
+  await renderer.replacementSorted();
   await renderer.frame();
   await renderer.sorted();
   let before = "",

@@ -116,10 +116,10 @@ export class SequencePlayback {
   }
 
   /** Shows a frame's statistics in the panel. */
-  showStatistics({ concealed, shownPackets, frameMs }: FromWorker & { kind: "frame" }): void {
+  showStatistics({ concealed, numKept, frameMs }: FromWorker & { kind: "frame" }): void {
     const panel = this.panel();
     panel.setRow("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
-    panel.setRow("motion shown", `${shownPackets.toLocaleString()} packets`);
+    panel.setRow("motion shown", `${numKept.toLocaleString()} packets`);
     if (this.#player instanceof LivePlayer) {
       const { stalled, buffer } = this.#player.statistics;
       panel.setRow("stalled", stalled ? `${stalled} frames` : "none");

@@ -54,7 +54,7 @@ export class Stage implements ContextOwner {
   /** Canvas of the software-painted pictures, in front of the WebGL canvas until that has a picture. */
   readonly paintedCanvas = createElement("canvas", { class: "first" });
   readonly orbit = new Orbit(
-    () => this.touch(),
+    () => this.invalidate(),
     () => this.#freeSpace(),
     (at) => this.#pick(at),
   );
@@ -245,7 +245,7 @@ export class Stage implements ContextOwner {
     const renderer = this.renderer;
     this.renderer = null;
     renderer?.destroy();
-    this.touch();
+    this.invalidate();
   }
 
   onContextAvailable(): void {
@@ -259,7 +259,7 @@ export class Stage implements ContextOwner {
     if (!isVisible) return offerContext();
     if (performance.now() - this.#failedAt > RECOVERY_MS)
       this.#contextFailures = Math.min(this.#contextFailures, MAX_CONTEXT_FAILURES);
-    this.touch();
+    this.invalidate();
     void this.open();
   }
 
@@ -312,7 +312,7 @@ export class Stage implements ContextOwner {
     this.orbit.place(scaled(eye), scaled(target), new Vec3(...up));
     this.#framedCount = 0;
     this.#frame();
-    this.touch();
+    this.invalidate();
   }
 
   /** Points the camera at a scene with known centre and size but no Gaussians yet, unless it was moved or placed. */
@@ -326,7 +326,7 @@ export class Stage implements ContextOwner {
       middle.map((value) => value / this.#size),
       radius / Math.sin(halfAngle),
     );
-    this.touch();
+    this.invalidate();
   }
 
   /** True if the element has a size. It has none while hidden or before layout. */
@@ -369,7 +369,7 @@ export class Stage implements ContextOwner {
     this.#ended = true;
     this.renderer?.end();
     if (this.#count > this.#framedCount) this.#frame();
-    this.touch();
+    this.invalidate();
   }
 
   /** Limits the camera: least and largest distance from the target, world units, and polar angle, degrees. */
@@ -377,7 +377,7 @@ export class Stage implements ContextOwner {
     this.#limits = limits;
     this.#applyLimits();
     this.#frame();
-    this.touch();
+    this.invalidate();
   }
 
   #applyLimits(): void {
@@ -400,7 +400,7 @@ export class Stage implements ContextOwner {
     if (this.orbit.placed) return;
     this.orbit.setUp(up);
     this.#frame();
-    this.touch();
+    this.invalidate();
   }
 
   /** Reports a camera unless its picture has no pixels. A fixed camera has a size independent of the element. */
@@ -449,7 +449,7 @@ export class Stage implements ContextOwner {
     if (this.#count >= 1.5 * this.#framedCount) this.#frame();
     this.renderer?.replaceTiles(removed, added);
     if (this.#count > WEBGL_GAUSSIANS) this.startWebGL();
-    this.touch();
+    this.invalidate();
   }
 
   /** Adds Gaussians. If `replaces` is true, they replace all others. */
@@ -459,7 +459,7 @@ export class Stage implements ContextOwner {
     if (this.#count >= 1.5 * this.#framedCount) this.#frame();
     this.renderer?.add(packed, replaces);
     if (this.#count > WEBGL_GAUSSIANS) this.startWebGL();
-    this.touch();
+    this.invalidate();
   }
 
   /** Hides Gaussians, by index in the order of arrival, and adds others in the same picture. */
@@ -473,7 +473,7 @@ export class Stage implements ContextOwner {
     this.#parts = [...this.#parts, packed];
     this.#count += packed.count;
     this.renderer?.update(hidden, packed);
-    this.touch();
+    this.invalidate();
   }
 
   /** Number of Gaussians; 0 if none is visible, as in an empty frame. */
@@ -489,7 +489,7 @@ export class Stage implements ContextOwner {
   /** Resolves when the added Gaussians are on the screen. */
   shown(): Promise<void> {
     if (this.renderer) return this.renderer.sorted();
-    this.touch();
+    this.invalidate();
     return new Promise((resolve) => this.#shown.push(resolve));
   }
 
@@ -499,7 +499,7 @@ export class Stage implements ContextOwner {
     if (this.#pointedAt) this.pointCameraAt(this.#pointedAt.middle, this.#pointedAt.size);
     this.#frame();
     this.renderer?.resize();
-    this.touch();
+    this.invalidate();
   }
 
   /** Current viewpoint, world units. */
@@ -514,7 +514,8 @@ export class Stage implements ContextOwner {
     return this.#size;
   }
 
-  touch(): void {
+  /** Marks the picture as outdated, so that it is drawn again. */
+  invalidate(): void {
     this.onChange?.();
     this.#stale = true;
     if (this.renderer) this.renderer.touch();

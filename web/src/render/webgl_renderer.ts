@@ -116,7 +116,7 @@ export class WebGLRenderer {
   #pendingSize: { readonly width: number; readonly height: number; readonly tangent: number } | null = null;
   #frame: (() => void)[] = [];
   #sorted: (() => void)[] = [];
-  #steady: (() => void)[] = [];
+  #replacementSorted: (() => void)[] = [];
   #isSorted = false;
   readonly #pose = new Mat4();
   /** True if the camera moved since it last rested. PlayCanvas skips sorting for a movement during a sort. */
@@ -215,7 +215,8 @@ export class WebGLRenderer {
     this.#app.destroy();
     gl.getExtension("WEBGL_lose_context")?.loseContext();
     this.canvas.remove();
-    for (const waiting of [this.#frame, this.#sorted, this.#steady]) for (const resolve of waiting.splice(0)) resolve();
+    for (const waiting of [this.#frame, this.#sorted, this.#replacementSorted])
+      for (const resolve of waiting.splice(0)) resolve();
   }
 
   /** Runs work. Ends drawing if it throws. */
@@ -505,11 +506,11 @@ export class WebGLRenderer {
   }
 
   /** Resolves once the Gaussians added last are drawn. */
-  steady(): Promise<void> {
+  replacementSorted(): Promise<void> {
     if (!this.#replaced) return Promise.resolve();
     this.touch();
     return new Promise((resolve) => {
-      this.#steady.push(resolve);
+      this.#replacementSorted.push(resolve);
       setTimeout(resolve, SORT_MS);
     });
   }
@@ -538,7 +539,7 @@ export class WebGLRenderer {
     this.#tiles?.sorted();
     if (this.#tiles) this.#changed();
     else this.touch(); // replaced Gaussians were copied while sorting, so no second copy is needed
-    for (const resolve of this.#steady.splice(0)) resolve();
+    for (const resolve of this.#replacementSorted.splice(0)) resolve();
   }
 
   #changed(): void {

@@ -9,7 +9,7 @@ export interface BackoffOptions {
   /** Returns a number that grows with the received packets. Progress resets the backoff. */
   readonly progress: () => number;
   /** Called with the reason and the delay before each retry. */
-  readonly lost: (reason: string, retryMs: number) => void;
+  readonly disconnected: (reason: string, retryMs: number) => void;
   readonly wait: (ms: number) => Promise<void>;
 }
 
@@ -19,7 +19,7 @@ export interface BackoffOptions {
  */
 export async function withBackoff<T>(
   attempt: (nextMs: number) => Promise<T>,
-  { isRetryable, progress, lost, wait }: BackoffOptions,
+  { isRetryable, progress, disconnected, wait }: BackoffOptions,
 ): Promise<T> {
   for (let failures = 0; ; failures++) {
     const before = progress(),
@@ -31,7 +31,7 @@ export async function withBackoff<T>(
       if (progress() > before) failures = 0;
       const { retryMs = 0, waited } = error as { retryMs?: number; waited?: boolean }, // requested by the server
         ms = Math.max(waited ? 0 : nextMs(), retryMs);
-      lost((error as Error).message, ms);
+      disconnected((error as Error).message, ms);
       await wait(ms);
     }
   }

@@ -10,7 +10,7 @@ import { ANY_CAMERA, type Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
 import type { Packet } from "../packets/packet.ts";
 import type { Pause } from "../scheduler.ts";
-import { type LossSimulation, shownPackets } from "./losses.ts";
+import { keptPackets, type LossSimulation } from "./losses.ts";
 
 /** Name of the concealer that draws redundant copies. */
 const SKETCH = "sketch";
@@ -165,7 +165,7 @@ export class DecodedStream {
   }
 
   /**
-   * Computes the gains of all elements under simulated losses, 0 for lost ones. Resolves to the number of received
+   * Computes the gains of all elements under simulated losses, 0 for lost ones. Resolves to the number of kept
    * packets, or to null if the result is no longer needed.
    */
   async conceal(simulation: LossSimulation, pause: Pause): Promise<number | null> {
@@ -174,15 +174,15 @@ export class DecodedStream {
     const received = this.#batches.flatMap((batch, p) =>
       batch.packet ? [{ batch, packet: batch.packet, first: this.#firsts[p] }] : [],
     );
-    const shown = shownPackets(
+    const kept = keptPackets(
         received.map(({ packet }) => packet),
         simulation,
       ),
-      batches = received.filter((_, p) => shown[p]);
-    const shownBatches = batches.map(({ batch }) => batch),
+      batches = received.filter((_, p) => kept[p]);
+    const keptBatches = batches.map(({ batch }) => batch),
       copies = simulation.concealer === SKETCH ? this.#copies : null,
-      which = this.#copiesOfMissing(shownBatches);
-    const drawn = copies ? [...shownBatches, copies.select(which)] : shownBatches,
+      which = this.#copiesOfMissing(keptBatches);
+    const drawn = copies ? [...keptBatches, copies.select(which)] : keptBatches,
       count = drawn.reduce((sum, batch) => sum + batch.count, 0);
     const { concealers } = elementDecoder,
       isWhole = count === this.decoder.head.manifest.count,

@@ -8,7 +8,7 @@ import { HttpFile } from "./http_file.ts";
 import { receiveFile } from "./http_source.ts";
 import type { PacketStore } from "./packet_store.ts";
 import { FINAL_REFUSALS } from "./transfer.ts";
-import { lookUpSession, receiveDatagrams, type Session, TOO_SLOW } from "./webtransport.ts";
+import { lookUpSession, receiveDatagrams, type SessionAddress, TOO_SLOW } from "./webtransport.ts";
 
 /** Largest number of attempts with a file that the server delivered before, and refuses or damages now. */
 const MAX_REFUSALS = 4;
@@ -28,7 +28,7 @@ const isHopeless = (broken: Error): boolean => isFinal(broken) || FINAL_REFUSALS
 
 /** Sources of a stream: WebTransport session and file. */
 export interface Source {
-  readonly session: Session | null;
+  readonly session: SessionAddress | null;
   readonly name: string;
   readonly file: string;
 }
@@ -41,7 +41,7 @@ export interface Receiver extends Listener {
   /** Number of received packets of this visit. It never decreases. */
   readonly numReceived: number;
   note(text: string): void;
-  lost(reason: string, retryMs: number): void;
+  disconnected(reason: string, retryMs: number): void;
 }
 
 /** Transports, replaceable in tests. */
@@ -60,22 +60,22 @@ const TRANSPORTS: Transports = {
 };
 
 /**
- * Receives a stream and returns how it ended: `complete`, `sent`, `stopped` or a reason. Throws errors that a retry
- * cannot resolve.
+ * Receives a stream and returns how it ended: `complete`, `sent`, `stopped` or a reason. After `sent`, packets may be
+ * missing although the server sent all. Throws errors that a retry cannot resolve.
  */
 export function receiveAll(source: Source, receiver: Receiver, transports = TRANSPORTS): Promise<string> {
   const failover = new Failover(source, receiver, transports);
   return withBackoff((nextMs) => failover.attempt(nextMs), {
     isRetryable: (error) => !receiver.stopped() && failover.canRetry(error),
     progress: () => receiver.numReceived,
-    lost: (reason, retryMs) => receiver.lost(reason, retryMs),
+    disconnected: (reason, retryMs) => receiver.disconnected(reason, retryMs),
     wait: transports.wait,
   });
 }
 
 class Failover {
   readonly #file: HttpFile;
-  #session: Session | null;
+  #address: SessionAddress | null;
   #numIncomplete = 0;
   #numSessions = 0;
   /** Number of sessions in a row without a packet. */
@@ -89,7 +89,7 @@ class Failover {
     readonly transports: Transports,
   ) {
     this.#file = transports.openFile(source.file);
-    this.#session = source.session;
+    this.#address = source.session;
   }
 
   canRetry(error: unknown): boolean {
@@ -109,11 +109,11 @@ class Failover {
   async attempt(nextMs: number): Promise<string> {
     const { receiver } = this,
       { store, numReceived } = receiver,
-      triesSession = this.#session !== null && !store.complete;
+      triesSession = this.#address !== null && !store.complete;
     let broken: Error | null = null;
     if (triesSession) {
       try {
-        return await this.#receiveSession(this.#session!);
+        return await this.#receiveSession(this.#address!);
       } catch (error) {
         broken = error as Error;
       }
@@ -152,29 +152,29 @@ class Failover {
     if (isFinal(broken)) refused.message += `, and ${broken!.message}`;
     if (triedSession) throw refused;
     // The server may have been unreachable when its session was looked up.
-    this.#session ??= await this.transports.lookUpSession(new URL(this.source.file));
-    if (!this.#session) throw refused;
-    return this.#receiveSession(this.#session);
+    this.#address ??= await this.transports.lookUpSession(new URL(this.source.file));
+    if (!this.#address) throw refused;
+    return this.#receiveSession(this.#address);
   }
 
   /**
    * Receives over a session. A server that was restarted has another self-signed certificate, which is looked up:
    * before another attempt at a live clip, otherwise after a failure. Throws unless the session ends normally.
    */
-  async #receiveSession(session: Session): Promise<string> {
+  async #receiveSession(address: SessionAddress): Promise<string> {
     const { receiver } = this;
-    if (receiver.live && session.fingerprint) return this.#receiveOnce((await this.#renewed(session)) ?? session);
+    if (receiver.live && address.fingerprint) return this.#receiveOnce((await this.#renewed(address)) ?? address);
     try {
-      return await this.#receiveOnce(session);
+      return await this.#receiveOnce(address);
     } catch (error) {
-      if (receiver.live || !session.fingerprint || isFinal(error)) throw error;
-      const renewed = await this.#renewed(session);
+      if (receiver.live || !address.fingerprint || isFinal(error)) throw error;
+      const renewed = await this.#renewed(address);
       if (!renewed) throw error;
       return this.#receiveOnce(renewed);
     }
   }
 
-  async #receiveOnce(session: Session): Promise<string> {
+  async #receiveOnce(address: SessionAddress): Promise<string> {
     const { receiver, source } = this,
       { store } = receiver,
       before = store.head && {
@@ -183,7 +183,7 @@ class Failover {
         bitsOf: (orderDigest: string): Uint8Array | null => store.bitsOf(orderDigest),
       },
       options = { isRetry: this.#numSessions++ > 0, isOnlySource: receiver.live || this.#isWithoutFile },
-      outcome = await this.transports.receiveDatagrams(session, source.name, receiver, before, options);
+      outcome = await this.transports.receiveDatagrams(address, source.name, receiver, before, options);
     if (!["complete", "sent", "stopped"].includes(outcome)) throw new Error(outcome);
     const isIncomplete = outcome === "complete" && !receiver.live && store.hasHead && !store.complete;
     if (isIncomplete && ++this.#numIncomplete <= MAX_INCOMPLETE)
@@ -192,20 +192,20 @@ class Failover {
   }
 
   /**
-   * Returns the session that the server publishes if its certificate differs from that of the session in use, else
-   * null. A session on another host than the file keeps its URL.
+   * Returns the address that the server publishes if its certificate differs from that of the address in use, else
+   * null. An address on another host than the file keeps its URL.
    */
-  async #renewed(session: Session): Promise<Session | null> {
+  async #renewed(address: SessionAddress): Promise<SessionAddress | null> {
     const published = await this.transports.lookUpSession(new URL(this.source.file)),
       fingerprint = published?.fingerprint;
-    if (!published || !fingerprint || fingerprint === session.fingerprint) return null;
-    const isSameHost = new URL(published.url).hostname === new URL(session.url).hostname;
-    return (this.#session = isSameHost ? published : { ...session, fingerprint });
+    if (!published || !fingerprint || fingerprint === address.fingerprint) return null;
+    const isSameHost = new URL(published.url).hostname === new URL(address.url).hostname;
+    return (this.#address = isSameHost ? published : { ...address, fingerprint });
   }
 }
 
 /** Returns the sources for the URL of a file. The server may publish its session next to the file. */
-export async function sourceOf(file: URL, given: Session | null): Promise<Source> {
+export async function sourceOf(file: URL, given: SessionAddress | null): Promise<Source> {
   return { session: given ?? (await lookUpSession(file)), name: nameOf(file.pathname), file: file.href };
 }
 

@@ -12,7 +12,7 @@ export interface LossSimulation {
 }
 
 /** Returns a mask of the packets that are not lost. Without bursts, a larger loss rate loses a superset. */
-export function shownPackets(
+export function keptPackets(
   packets: readonly { readonly block: number; readonly indexInBlock: number }[],
   { lossRate, burstLength, seed, sentShare }: LossSimulation,
 ): boolean[] {

@@ -7,10 +7,10 @@ import type { Packed, Tile } from "../render/packed.ts";
 import type { PackedPreview } from "../render/packed_preview.ts";
 import type { Counts } from "./events.ts";
 import type { LossSimulation } from "./losses.ts";
-import type { Session } from "./webtransport.ts";
+import type { SessionAddress } from "./webtransport.ts";
 
 export type ToWorker =
-  | { kind: "open"; session: Session | null; name: string; file: string; bytes: Uint8Array<ArrayBuffer> | null }
+  | { kind: "open"; session: SessionAddress | null; name: string; file: string; bytes: Uint8Array<ArrayBuffer> | null }
   | { kind: "conceal"; simulation: LossSimulation; requestId: number }
   /** `budget` is the maximum number of drawn Gaussians of a scene with levels. */
   | { kind: "view"; camera: Camera; budget: number; requestId: number }
@@ -72,7 +72,7 @@ export type FromWorker =
   /** Tile replacements of a scene with levels. Other fields as in `splats`. */
   | { kind: "tiles"; removed: readonly number[]; added: readonly Tile[]; hasNew: boolean; requestId: number }
   /**
-   * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `shownPackets`
+   * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `numKept`
    * the number of motion packets that were not lost. `antialiased` is as in `StreamInfo`; it may change in live clips.
    */
   | {
@@ -81,7 +81,7 @@ export type FromWorker =
       packed: Packed;
       antialiased: boolean;
       concealed: number;
-      shownPackets: number;
+      numKept: number;
       frameMs: number;
     }
   /** Playable frames of a live clip. `late` is the number of packets that arrived after their group was shown. */
@@ -100,7 +100,7 @@ export type FromWorker =
       gains: Float32Array;
       gainsWithoutCopies: Float32Array | null;
       requestId: number;
-      shownPackets: number;
+      numKept: number;
     }
   | { kind: "note"; text: string }
   | { kind: "finished"; text: string; complete: boolean }

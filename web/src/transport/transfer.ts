@@ -151,7 +151,7 @@ export class Transfer {
    * counts as new. After two later welcome messages without a head it stays 0. Before the first welcome it contains
    * 0.5, which differs from every number of missing symbols.
    */
-  get progress(): number {
+  get activity(): number {
     if (this.#numWelcomesSinceHead > 1) return 0;
     return this.counts.packets - (this.#initSegment?.missing ?? 0.5) + (this.mayIdle ? this.#largestSequence : 0);
   }

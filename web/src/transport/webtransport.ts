@@ -58,7 +58,8 @@ const MAX_FAILED_HANDSHAKES = 2;
 /** `SESSION_TIMEOUT_MS` for a stream without another source: Chromium may delay handshakes, milliseconds. */
 const ONLY_SOURCE_TIMEOUT_MS = 20_000;
 
-export interface Session {
+/** Address of a server's WebTransport sessions. */
+export interface SessionAddress {
   readonly url: string;
   /** SHA-256 of a self-signed certificate, hexadecimal. Absent for certificates that the browser trusts. */
   readonly fingerprint?: string;
@@ -80,7 +81,7 @@ export class NoWebTransport extends Error {
 }
 
 /** Looks up the WebTransport session that a server publishes next to its files. Returns null for other servers. */
-export async function lookUpSession(file: URL): Promise<Session | null> {
+export async function lookUpSession(file: URL): Promise<SessionAddress | null> {
   if (!file.pathname.includes("/streams/")) return null;
   try {
     const answer = await fetch(new URL("../streams.json", file), { signal: AbortSignal.timeout(SESSION_TIMEOUT_MS) });
@@ -98,7 +99,7 @@ export async function lookUpSession(file: URL): Promise<Session | null> {
  * Notifies the listener whether the stored packets are still valid.
  */
 export async function receiveDatagrams(
-  session: Session,
+  session: SessionAddress,
   name: string,
   listener: Listener,
   before: StoredStream | null = null,
@@ -126,10 +127,10 @@ export async function receiveDatagrams(
     }
   };
   send([request]);
-  let progressAt = performance.now(),
-    lastProgress = NaN,
+  let activityAt = performance.now(),
+    lastActivity = NaN,
     pace = NaN,
-    paceAt = progressAt;
+    paceAt = activityAt;
   const reader = new MessageReader();
   readAll(stream.readable, (chunk) => {
     const now = performance.now();
@@ -140,26 +141,26 @@ export async function receiveDatagrams(
     transfer.receive(bytes, performance.now());
     send(transfer.takeHaveMessages());
   }).catch(end);
-  const progress = new Progress(transfer, listener),
-    viewReporter = new ViewReporter(transfer, listener);
+  const delivery = new Delivery(transfer, listener),
+    feedbackSender = new FeedbackSender(transfer, listener);
   try {
     while (!transfer.finished) {
       await delay(FEEDBACK_MS);
       const now = performance.now(),
-        latest = transfer.progress;
-      if (latest !== lastProgress || now < transfer.waitUntil) [lastProgress, progressAt] = [latest, now];
+        latest = transfer.activity;
+      if (latest !== lastActivity || now < transfer.waitUntil) [lastActivity, activityAt] = [latest, now];
       if (transfer.mayIdle || now < transfer.waitUntil || !(Math.abs(latest - pace) < MIN_NEW))
         [pace, paceAt] = [latest, now];
       if (listener.stopped()) transfer.finished = "stopped";
-      else if (now - progressAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server sends nothing new";
+      else if (now - activityAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server sends nothing new";
       else if (now - paceAt > PACE_MS) transfer.finished = TOO_SLOW;
       else
-        for (const bytes of transfer.welcome ? viewReporter.messages(now) : now < transfer.waitUntil ? [] : [request])
+        for (const bytes of transfer.welcome ? feedbackSender.messages(now) : now < transfer.waitUntil ? [] : [request])
           datagramWriter.write(bytes).catch(() => undefined);
-      if (!viewReporter.isComplete) progress.report();
-      viewReporter.update(now);
+      if (!feedbackSender.isComplete) delivery.deliver();
+      feedbackSender.update(now);
     }
-    progress.report();
+    delivery.deliver();
     if (transfer.welcome) {
       const byes = Array.from({ length: NUM_BYES }, () => datagramWriter.write(transfer.bye()).catch(() => undefined));
       await Promise.race([Promise.all(byes), delay(BYE_TIMEOUT_MS)]);
@@ -172,13 +173,13 @@ export async function receiveDatagrams(
   return transfer.finished;
 }
 
-/** Sends view updates and feedback, at a low rate once all tiles of the view arrived. */
-class ViewReporter {
+/** Creates view updates and feedback when they are due: at a low rate once all tiles of the view arrived. */
+class FeedbackSender {
   #sentCamera: ViewCamera | null = null;
   #completeCamera: ViewCamera | null = null;
   #numSent = 0;
   #sentAt = -Infinity;
-  #reportedAt = -Infinity;
+  #feedbackAt = -Infinity;
   #completeAt = Infinity;
 
   constructor(
@@ -211,16 +212,16 @@ class ViewReporter {
       this.#numSent++;
       this.#sentCamera = camera;
     }
-    if (now - this.#reportedAt >= (now - this.#completeAt > IDLE_MS ? IDLE_MS / 2 : 0)) {
+    if (now - this.#feedbackAt >= (now - this.#completeAt > IDLE_MS ? IDLE_MS / 2 : 0)) {
       messages.push(transfer.feedback(now));
-      this.#reportedAt = now;
+      this.#feedbackAt = now;
     }
     return messages;
   }
 }
 
 /** Delivers new data to the listener: the preview once, each head once, packets as they arrive. */
-class Progress {
+class Delivery {
   #preview = false;
   #heads = 0;
   #live = false;
@@ -231,7 +232,7 @@ class Progress {
     readonly listener: Listener,
   ) {}
 
-  report(): void {
+  deliver(): void {
     const { transfer, listener } = this;
     if (!this.#isCompared && transfer.before && transfer.isSameStream !== null) {
       this.#isCompared = true;
@@ -273,7 +274,7 @@ async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8
  * a lost later one delays it.
  */
 async function openSession(
-  { url, fingerprint }: Session,
+  { url, fingerprint }: SessionAddress,
   { isRetry, isOnlySource }: SessionOptions,
 ): Promise<WebTransport> {
   const options: WebTransportOptions = { requireUnreliable: true, congestionControl: "low-latency" },
