@@ -616,10 +616,10 @@ export class WorkerReceiver implements Receiver {
    */
   async #concealUpdated(simulation: LossSimulation, requestId: number, pause: Pause): Promise<void> {
     const from = this.#updatedFrom!,
-      numOfStream = await from.conceal(simulation, pause);
-    if (numOfStream === null || from !== this.#updatedFrom) return;
+      numKeptOfStream = await from.conceal(simulation, pause);
+    if (numKeptOfStream === null || from !== this.#updatedFrom) return;
     const gains = this.#updated!.gainsOfDrawn(from.gainsOfSplats),
-      numKept = this.store.count - from.decoder.intake.size + numOfStream;
+      numKept = this.store.count - from.decoder.intake.size + numKeptOfStream;
     post({ kind: "gains", gains, gainsWithoutCopies: null, numKept, requestId }, buffersOfGains(gains));
   }
 

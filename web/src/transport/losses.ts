@@ -11,7 +11,7 @@ export interface LossSimulation {
   readonly sentShare: number;
 }
 
-/** Returns a mask of the packets that are not lost. Without bursts, a larger loss rate loses a superset. */
+/** Returns a mask of the packets that are sent and not lost. Without bursts, a larger loss rate loses a superset. */
 export function keptPackets(
   packets: readonly { readonly block: number; readonly indexInBlock: number }[],
   { lossRate, burstLength, seed, sentShare }: LossSimulation,

@@ -72,8 +72,9 @@ export type FromWorker =
   /** Tile replacements of a scene with levels. Other fields as in `splats`. */
   | { kind: "tiles"; removed: readonly number[]; added: readonly Tile[]; hasNew: boolean; requestId: number }
   /**
-   * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `numKept`
-   * the number of motion packets that were not lost. `antialiased` is as in `StreamInfo`; it may change in live clips.
+   * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `numKept` the
+   * number of motion packets that simulated losses leave. `antialiased` is as in `StreamInfo`; it may change in live
+   * clips.
    */
   | {
       kind: "frame";
@@ -95,6 +96,7 @@ export type FromWorker =
   | { kind: "update"; hidden: Int32Array | null; packed: Packed; numRemoved: number; numNew: number; gaussians: number }
   /** An update was not applied: the scene stays as it was. */
   | { kind: "updatemissed"; reason: string }
+  /** Gains under simulated losses, which leave `numKept` packets. */
   | {
       kind: "gains";
       gains: Float32Array;

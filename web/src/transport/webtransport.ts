@@ -142,7 +142,7 @@ export async function receiveDatagrams(
     send(transfer.takeHaveMessages());
   }).catch(end);
   const delivery = new Delivery(transfer, listener),
-    feedbackSender = new FeedbackSender(transfer, listener);
+    scheduler = new FeedbackScheduler(transfer, listener);
   try {
     while (!transfer.finished) {
       await delay(FEEDBACK_MS);
@@ -155,10 +155,10 @@ export async function receiveDatagrams(
       else if (now - activityAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server sends nothing new";
       else if (now - paceAt > PACE_MS) transfer.finished = TOO_SLOW;
       else
-        for (const bytes of transfer.welcome ? feedbackSender.messages(now) : now < transfer.waitUntil ? [] : [request])
+        for (const bytes of transfer.welcome ? scheduler.messages(now) : now < transfer.waitUntil ? [] : [request])
           datagramWriter.write(bytes).catch(() => undefined);
-      if (!feedbackSender.isComplete) delivery.deliver();
-      feedbackSender.update(now);
+      if (!scheduler.isComplete) delivery.deliver();
+      scheduler.update(now);
     }
     delivery.deliver();
     if (transfer.welcome) {
@@ -174,7 +174,7 @@ export async function receiveDatagrams(
 }
 
 /** Creates view updates and feedback when they are due: at a low rate once all tiles of the view arrived. */
-class FeedbackSender {
+class FeedbackScheduler {
   #sentCamera: ViewCamera | null = null;
   #completeCamera: ViewCamera | null = null;
   #numSent = 0;
