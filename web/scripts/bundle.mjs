@@ -23,28 +23,29 @@ const INTERNAL = `
   bitsOf blockMeans blockSize boxes bundled bytesOf cancelConcealment canRetry changeMs checkConcealmentMemory
   closeness columnShifts compared completeRows concealed concealmentBytes confirmed conflicts contradicts contrasts
   copies corners covered damagedTiles damages datagramsLost decoder defaultDirection delaySeconds densityRadius
-  deviations disconnected distances drawnChildren drawUnits droppedGroups duplicates elementDecoder elementsOf
-  elementsPerByte endState enterHeadset expectedErrors exponent extents failuresAfter featureActivations firstBlock
-  firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets formatVersion frameMs
-  framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies gaussianDecoder gaussiansFor gopOf groupFrames
-  growth hasAnswered hasCopies hasEnded hasHead hasManifestOf hasNew hasSentView hasUnknownBirth headBytes heads
-  headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment initSegmentBytes initSegmentMs inputs intake
-  integers isComplete isCut isEmpty isFree isKept isKeyframe isLinear isLive isNew isOnlySource isReady isReceived
-  isReordered isRetry isRetryable isSame isSameStream isSequence isShown isSorting isTryingWhole isVerified isVisible
-  isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo kinds laneCounter lastOffsets latticeBits
-  latticeShift leafIndex leafSize leaveOut leftOut lengths log2MotionUnits logDeviations logScales logStepRatios
-  logSteps lookUpSession lostSequences manifest manifestBytes maxExcess maxPositionShift maxTiers mayIdle medianRadius
-  members middle models moveBetween nacks nearestFirst nearestOthers newPackets nextView noGaussians noteChange
-  noteFailure noteUseless numBirths numBlocks numBytes numCoefficients numElements numElementsOf numGaussians
-  numHarmonicColumns numHidden numInitSegments numIntact numKept numKeyframes numLatePackets numLowBits numMaskLogits
-  numMotionTracks numNew numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep
-  onAdopted onAnswer onCamera onChange onContextAvailable onContextLost onLiveHead onUse openFile orderDigest owners
-  packetBytes packetDecoder packetsOf paintedCanvas parents partsOf pictureChanged planBlock planIndices playableEnd
-  playingLive pointCameraAt polynomials positionStep predictAxis ranges ranks receiveDatagrams recordWhen redraw
-  refusals rejected renderer reordered reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame
-  requestId rescale residuals resultDigest rowSteps scaleIndices sceneInView sections sequence setConcealers
-  setCooperative setLimits setMessage setRow settled setViewpoint setVisible shifts showNotice showStatistics sideInfo
-  sideInfoBytes sideInfoDigest simulation sizeLog spread squares stage stages stalledFrames startWebGL stateOf
+  deviations disconnected dispatch distances drawnChildren drawUnits droppedGroups duplicates elementDecoder
+  elementsOf elementsPerByte endState enterHeadset expectedErrors exponent extents failuresAfter featureActivations
+  firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets formatVersion
+  frameMs framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies gaussianDecoder gaussiansFor gopOf
+  groupFrames growth hasAnswered hasCopies hasEnded hasHead hasManifestOf hasNew hasSentView hasUnknownBirth
+  headBytes heads headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment initSegmentBytes
+  initSegmentMs inputs intake integers isComplete isCut isEmpty isFree isKept isKeyframe isLinear isLive isNew
+  isOnlySource isReady isReceived isReordered isRetry isRetryable isSame isSameStream isSequence isShown isSorting
+  isTryingWhole isVerified isVisible isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo kinds
+  known laneCounter lastOffsets latticeBits latticeShift leafIndex leafSize leaky leaveOut leftOut lengths
+  log2MotionUnits logDeviations logScales logStepRatios logSteps lookUpSession lostSequences manifest manifestBytes
+  maxExcess maxPositionShift maxTiers mayIdle medianRadius members middle models moveBetween nacks nearestFirst
+  nearestOthers newPackets nextView noGaussians noteChange noteFailure noteUseless numBirths numBlocks numBytes
+  numCoefficients numElements numElementsOf numGaussians numHarmonicColumns numHidden numInitSegments numIntact
+  numKept numKeyframes numLatePackets numLowBits numMaskLogits numMotionTracks numNew numOffsets numPackets
+  numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange
+  onContextAvailable onContextLost onLiveHead onUse openFile orderDigest origins owners packetBytes packetDecoder
+  packetsOf paintedCanvas parents pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt
+  polynomials positionStep predictAxis ranges ranks receiveDatagrams recordWhen redraw refusals rejected renderer
+  reordered reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame requestId rescale residuals
+  resultDigest rowSteps scaleIndices sceneInView sections sequence setCamera setConcealers setCooperative setLimits
+  setMessage setRow settled setViewpoint setVisible shifts showNotice showStatistics sideInfo sideInfoBytes
+  sideInfoDigest signed simulation sizeLog spread squares stage stages stalledFrames started startWebGL stateOf
   stopProbabilities storeValues streamId subject surface symbolBytes symbolsDigest symbolsMissing takeHaveMessages
   tierOf tierSizes tileRequest tilesBytes tiling timed timeline transmittance transports trust unsigned upperBits
   upRotation useless viewComplete viewDependent viewUpdate visibleParts voxels voxelSize waited waitUntil wanted
@@ -66,15 +67,23 @@ function digest() {
 
 const LETTERS = "etnriaoslcdupmhgfbvywkxjqzETNRIAOSLCDUPMHGFBVYWKXJQZ0123456789";
 
-/** Returns a short name for each internal property, the shortest ones for the most frequent properties. */
+/**
+ * Returns a short name for each internal property: one letter for the most frequent ones. Similar names for properties
+ * of the same module compress better.
+ */
 function shortNames() {
   const counts = new Map(INTERNAL.map((name) => [name, 0]));
   for (const word of SOURCES.flatMap((text) => text.match(/\w+/g)))
-    if (counts.has(word)) counts.set(word, counts.get(word) + 1);
-  const byUse = INTERNAL.toSorted((a, b) => counts.get(b) - counts.get(a));
+    if (counts.has(word)) {
+      const count = counts.get(word) + 1;
+      if (count === 1) counts.delete(word); // orders the map by first occurrence
+      counts.set(word, count);
+    }
   const { length } = LETTERS,
+    frequent = INTERNAL.toSorted((a, b) => counts.get(b) - counts.get(a)).slice(0, length),
+    others = [...counts.keys()].filter((name) => !frequent.includes(name)),
     short = (n) => (n < length ? LETTERS[n] : LETTERS[Math.floor(n / length) - 1] + LETTERS[n % length]);
-  return Object.fromEntries(byUse.map((name, n) => [name, `$${short(n)}`]));
+  return Object.fromEntries([...frequent, ...others].map((name, n) => [name, `$${short(n)}`]));
 }
 
 const BUILD = JSON.stringify(digest());
