@@ -33,6 +33,7 @@ from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.finetune import fine_tuning, state_of_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED, uniform_from_host
+from splatwire.neural.training.progress import estimate_bytes
 from splatwire.neural.training.refine import refine_context
 from splatwire.neural.training.size import (
     FINAL_EXCESS,
@@ -221,6 +222,15 @@ def test_device_size_estimate_equals_the_rate(dataset: Dataset, recipe: TrainCon
     expected = (_estimate(state, recipe) + 16 * state.num_anchors) / 8
     assert model.estimate_bytes(state) == pytest.approx(expected, rel=0.005)
     assert model.estimate_bytes(state) == model.estimate_bytes(state)
+
+
+def test_progress_counts_the_bits_of_positions_once(dataset: Dataset, recipe: TrainConfig) -> None:
+    state = _scattered(dataset, recipe)
+    initialise_causal(state, recipe, position_inputs_of(state))
+    bits = _estimate(state, recipe) + 16 * state.num_anchors
+    networks = sum(v.numel() for name, v in state.parameters.items() if name.startswith(("heads.", "causal.")))
+    found = estimate_bytes(state, bits / state.num_anchors, recipe.mask_threshold)
+    assert found == pytest.approx((bits + 6 * networks) / 8, abs=1)
 
 
 def test_target_size_requires_a_lambda() -> None:

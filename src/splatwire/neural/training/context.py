@@ -31,6 +31,8 @@ Steps = Sequence[Tensor | float]
 class SampleBits:
     """Estimated bits of a random sample of anchors.
 
+    They include features, scalings and offsets and, with the causal model, also offset masks and positions.
+
     Attributes:
         bits: Total bits of the sampled anchors; differentiable.
         num_anchors: Size of the sample.

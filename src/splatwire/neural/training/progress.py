@@ -21,8 +21,9 @@ _MEAN_DECAY = 0.98
 _MAX_DURATIONS, _MIN_DURATIONS = 50, 10
 """Maximum and minimum number of last iterations whose median duration determines the speed."""
 _POSITION_BITS = 11
+"""Approximate bits of an anchor's position; only for the HAC++ model, whose bits per anchor exclude positions."""
 _WEIGHT_BITS = 6
-"""Approximate bits of the codec per anchor position and per network weight; used only for the size estimate."""
+"""Approximate bits of a network weight in the side information."""
 
 
 @dataclass(frozen=True)
@@ -152,16 +153,16 @@ def estimate_bytes(state: TrainState, bits_per_anchor: float, mask_threshold: fl
 
     Args:
         state: State of the training.
-        bits_per_anchor: Running mean of the estimated bits per anchor.
+        bits_per_anchor: Running mean of the estimated bits per anchor (`StepReport.bits_per_anchor`).
         mask_threshold: An offset exists if the sigmoid of its mask logit is above this value.
     """
     parameters = state.parameters
-    mask = state.masks(mask_threshold)
-    alive = mask.any(dim=1)
-    kept = int(alive.sum())
-    weights = sum(v.numel() for name, v in parameters.items() if name.split(".")[0] in _NETWORKS)
-    total = state.num_anchors * bits_per_anchor + kept * _POSITION_BITS + weights * _WEIGHT_BITS
-    if "grid.volume" in parameters:
+    num_weights = sum(v.numel() for name, v in parameters.items() if name.split(".")[0] in _NETWORKS)
+    total = state.num_anchors * bits_per_anchor + num_weights * _WEIGHT_BITS
+    if "grid.volume" in parameters:  # HAC++: the bits per anchor exclude positions and masks
+        mask = state.masks(mask_threshold)
+        alive = mask.any(dim=1)
+        total += int(alive.sum()) * _POSITION_BITS
         total += float(sign_bits(parameters["grid.volume"], parameters["grid.planes"]))
         total += binary_entropy_bits(float(mask[alive].sum()), mask[alive].numel())
     return round(total / 8)

@@ -62,7 +62,7 @@ class StepReport:
 
     @property
     def bits_per_anchor(self) -> float | None:
-        """Estimated mean bits per anchor of features, scalings and offsets; None if the loss excludes the bit rate."""
+        """Estimated mean bits per anchor (see `SampleBits`); None if the loss excludes the bit rate."""
         return None if self.sample_bits is None else float(self.sample_bits) / max(self.num_sampled, 1)
 
     @property
