@@ -1,13 +1,19 @@
 """Every verb applies the same rule to rows that are invisible or cannot be rendered, and reports them."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import splatwire
 from moving_sequences import cut_frames
 from splat_io.formats.handmade import glb, some_splats, write
+from splatwire.cli._input_warnings import LOGGERS
 from splatwire.io.formats import write_splats
+
+OTHER_MESSAGES = ("splatwire.api.", "splatwire.cli._run_serve.", "splatwire.ops.", "splatwire.transport.")
+"""Modules whose warnings are not about inputs: those of servers, of the compiler and of `serve_training`."""
 
 
 @pytest.fixture
@@ -79,6 +85,23 @@ def test_a_warning_about_many_frames_is_given_once_with_their_number(run, tmp_pa
         f"splatwire: warning: {clip}: 4 more files like 0.ply: {shift} in the file",
         f"splatwire: warning: {clip}: 1 more file like 3.ply: {unit} in the file",
     ]
+
+
+def test_metadata_that_are_left_out_give_a_warning_once(run, tmp_path):
+    asset = {"version": "2.0", "extras": {"author": ["A", "B"]}}
+    path = write(tmp_path / "a.glb", glb(some_splats(60, 0), {"asset": asset}))
+    warning = f"splatwire: warning: {path}: 'author' of its metadata is left out: expected text, not list"
+    for words in (("inspect", path), ("encode", path, "-o", tmp_path / "a.swz")):
+        assert [line for line in run(*words).err.splitlines() if "left out" in line] == [warning]
+
+
+def test_modules_that_warn_about_inputs_have_a_logger_that_is_printed():
+    folder, unprinted = Path(splatwire.__file__).parent, []
+    for file in folder.rglob("*.py"):
+        name = ".".join(("splatwire", *file.relative_to(folder).with_suffix("").parts))
+        if "LOG.warning(" in file.read_text(encoding="utf-8") and not f"{name}.".startswith(OTHER_MESSAGES):
+            unprinted += [name] * (not any(f"{name}.".startswith(f"{logger}.") for logger in LOGGERS))
+    assert not unprinted
 
 
 def test_clips_with_scenes_too_small_for_their_lattice_give_a_warning(run, tmp_path):

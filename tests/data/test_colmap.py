@@ -3,6 +3,7 @@ import re
 import shutil
 import struct
 import unicodedata
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -334,7 +335,23 @@ def test_a_damaged_reconstruction_that_is_not_read_is_named(capture, caplog):
     shutil.copytree(folder, folder.parent / "1")
     (folder.parent / "1" / "images.bin").write_bytes(b"damaged")
     open_dataset(capture.root)
-    assert "the others are not: sparse/1 (damaged)" in caplog.text
+    assert "the others are not: sparse/1 (cannot be read)" in caplog.text
+
+
+def test_a_folder_that_cannot_be_searched_for_more_reconstructions_gives_a_warning(capture, caplog, monkeypatch):
+    capture.write_images()
+    capture.write_binary()
+    other, listed = capture.root / "colmap" / "sparse", Path.iterdir
+    other.mkdir(parents=True)
+
+    def refuse(path):
+        if path == other:
+            raise PermissionError(13, "Permission denied", str(path))
+        return listed(path)
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    assert open_dataset(capture.root, split="all").num_views == 12
+    assert f"{other} cannot be searched for more reconstructions: Permission denied" in caplog.text
 
 
 def test_a_reconstruction_that_two_paths_reach_is_one(capture, caplog):

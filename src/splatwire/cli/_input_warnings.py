@@ -14,12 +14,12 @@ from splatwire.files.atomic_write import with_final_names
 DAMAGED = 3
 """Exit status of a verb whose input is damaged."""
 _DAMAGE = "splatwire.bitstream.stream"
-_TELLING = (
-    *("splatwire.types.validity", "splatwire.codec.gaussians.outliers", "splatwire.plugins", _DAMAGE),
-    *("splatwire.codec.update", "splatwire.codec.sequence", "splatwire.lod", "splatwire.rate_control"),
+LOGGERS = (
+    *("splatwire.types", "splatwire.codec", "splatwire.plugins", _DAMAGE, "splatwire.lod", "splatwire.rate_control"),
     *("splatwire.render", "splatwire.evaluation"),
     *("splatwire.io", "splatwire.data", "splatwire.sequence", "splatwire.files", "splatwire.cli._encoded_sequences"),
 )
+"""Loggers of warnings about inputs."""
 _MAX_FILES = 100_000
 """Maximum number of files of a folder that are counted per warning."""
 _NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
@@ -109,7 +109,7 @@ class _Repeated:
 @contextmanager
 def input_warnings() -> Iterator[InputWarnings]:
     """Context that prints warnings about input files, each only once."""
-    handler, loggers = InputWarnings(), [logging.getLogger(name) for name in _TELLING]
+    handler, loggers = InputWarnings(), [logging.getLogger(name) for name in LOGGERS]
     before = [logger.level for logger in loggers]
     for logger in loggers:
         logger.addHandler(handler)

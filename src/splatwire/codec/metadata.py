@@ -46,8 +46,8 @@ def _viewpoint_section(view: list[float]) -> bytes | None:
             tuple(view[:3]), tuple(view[3:6]),
         )  # fmt: skip
         return None
-    if not MIN_UP < (length := math.hypot(*view[6:])) < MAX_UP:
-        numbers[6:] = np.array(view[6:]) / length
+    if not MIN_UP < math.hypot(*numbers[6:].tolist()) < MAX_UP:
+        numbers[6:] = np.array(view[6:]) / math.hypot(*view[6:])
     return numbers.astype("<f4").tobytes()
 
 

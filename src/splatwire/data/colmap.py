@@ -73,7 +73,7 @@ class ColmapView:
 
 def find_reconstruction(root: Path) -> Path | None:
     """Returns the folder below `root` with the COLMAP reconstruction that is read; None if there is none."""
-    return next(iter(reconstructions(root)), None)
+    return next(reconstructions(root), None)
 
 
 def warn_of_other_reconstructions(root: Path, folder: Path) -> None:
@@ -85,7 +85,12 @@ def warn_of_other_reconstructions(root: Path, folder: Path) -> None:
         root: Folder of the dataset.
         folder: Folder of the reconstruction that is read.
     """
-    if others := [other for other in reconstructions(root) if other != folder]:
+    try:
+        others = [other for other in reconstructions(root) if other != folder]
+    except OSError as error:
+        LOG.warning("%s: %s cannot be searched for more reconstructions: %s", root, error.filename, error.strerror)
+        return
+    if others:
         names = [f"{_relative_name(other, root)} ({_count_images(other)})" for other in others[:_MAX_NAMED]]
         more = f" and {len(others) - _MAX_NAMED} more" if len(others) > _MAX_NAMED else ""
         LOG.warning(
@@ -100,11 +105,11 @@ def _relative_name(folder: Path, root: Path) -> str:
 
 
 def _count_images(folder: Path) -> str:
-    """Returns the number of images of a reconstruction for a message, or "damaged"."""
+    """Returns the number of images of a reconstruction for a message, or "cannot be read"."""
     try:
         return f"{len(_read(folder, 'images')):,} images"
     except DatasetError:
-        return "damaged"
+        return "cannot be read"
 
 
 def read_views(folder: Path) -> list[ColmapView]:

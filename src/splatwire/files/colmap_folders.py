@@ -1,5 +1,6 @@
 """Finds COLMAP reconstructions in a dataset folder by the names of their files."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 SUFFIXES = ("bin", "txt")
@@ -17,12 +18,12 @@ def has_table(folder: Path, table: str) -> bool:
     return any((folder / f"{table}.{suffix}").is_file() for suffix in SUFFIXES)
 
 
-def reconstructions(root: Path) -> list[Path]:
-    """Returns the folders in a dataset that contain a COLMAP reconstruction, the preferred one first.
+def reconstructions(root: Path) -> Iterator[Path]:
+    """Yields the folders in a dataset that contain a COLMAP reconstruction, the preferred one first.
 
     The order is: `sparse/0`, `sparse`, `colmap/sparse/0`, `root` itself, then the numbered folders in `sparse`, in
     `colmap/sparse` and in `root`, in ascending order of their numbers. A folder that is reached by two of these paths,
-    for example by a link, is listed once.
+    for example by a link, is yielded once. The first reconstruction is found even if a later folder cannot be listed.
 
     Args:
         root: Folder of the dataset.
@@ -30,15 +31,20 @@ def reconstructions(root: Path) -> list[Path]:
     Raises:
         OSError: If a folder cannot be listed.
     """
-    found = [folder for name in ("sparse/0", "sparse", "colmap/sparse/0") if has_table(folder := root / name, "images")]
+    found = set[Path]()
+    for folder in _candidates(root):
+        if (real := folder.resolve()) not in found:
+            found.add(real)
+            yield folder
+
+
+def _candidates(root: Path) -> Iterator[Path]:
+    named = (root / name for name in ("sparse/0", "sparse", "colmap/sparse/0"))
+    yield from (folder for folder in named if has_table(folder, "images"))
     if has_table(root, "images") and has_table(root, "cameras"):  # layout of RealityScan exports
-        found.append(root)
+        yield root
     for name in ("sparse", "colmap/sparse", ""):  # the last one for `colmap mapper --output_path ROOT`
-        found += [folder for folder in _numbered_folders(root / name) if has_table(folder, "images")]
-    distinct: dict[Path, Path] = {}
-    for folder in found:
-        distinct.setdefault(folder.resolve(), folder)
-    return list(distinct.values())
+        yield from (folder for folder in _numbered_folders(root / name) if has_table(folder, "images"))
 
 
 def _numbered_folders(folder: Path) -> list[Path]:

@@ -588,7 +588,7 @@ def _folder_kind(folder: Path) -> Kind:
     if names & {"manifest.json", "side_info.bin"} or any(name.endswith(".pak") for name in names):
         return STREAM_FOLDER
     if contains_photos(folder):
-        return DATASET if reconstructions(folder) else PHOTOS
+        return DATASET if any(reconstructions(folder)) else PHOTOS
     if any(Path(name).suffix.lower() in _GAUSSIAN_SUFFIXES for name in names):
         return FRAMES
     return next((kind for name, kind in _RESULTS.items() if name in names or folder.name == name), FOLDER)

@@ -9,7 +9,7 @@ from typing import Any
 
 from splatwire.arguments import CheckedFields, checked
 from splatwire.errors import InvalidValueError, shown
-from splatwire.types.origin import Origin
+from splatwire.types.origin import Origin, describe_origin
 
 LOG = logging.getLogger(__name__)
 MAX_TEXT = 500
@@ -96,14 +96,21 @@ class SceneMetadata(CheckedFields):
         return [field.name for field in fields(self) if getattr(self, field.name) not in ("", None)]
 
     def moved_origin(self, before: Origin, after: Origin) -> "SceneMetadata":
-        """Converts the initial view from coordinates relative to `before` to coordinates relative to `after`."""
+        """Converts the initial view from coordinates relative to `before` to coordinates relative to `after`.
+
+        If the numbers then are too large, or eye and target coincide, the view is left out with a warning.
+        """
         if self.view is None or before == after:
             return self
         eye, target = (
             _vector([value + b - a for value, b, a in zip(point, before, after, strict=True)])
             for point in (self.view.eye, self.view.target)
         )
-        return replace(self, view=replace(self.view, eye=eye, target=target))
+        try:
+            return replace(self, view=replace(self.view, eye=eye, target=target))
+        except InvalidValueError as error:
+            LOG.warning("the initial view is left out: relative to the origin %s: %s", describe_origin(after), error)
+            return replace(self, view=None)
 
     @checked
     def over(self, other: "SceneMetadata") -> "SceneMetadata":

@@ -294,6 +294,26 @@ def test_a_view_in_metadata_that_is_left_out_is_named(
     assert problem in caplog.text
 
 
+def test_a_view_that_is_too_far_from_the_origin_is_left_out_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_splats([some_splats(30, 0)], tmp_path / "a.ply", origin=(-500_000.0, 4_000_000.0, 100.0))
+    data = (tmp_path / "a.ply").read_bytes()
+    view = b"comment view: 1e12 0 0 0 0 0 0 -1 0\nelement"
+    content = read_content(write(tmp_path / "b.ply", data.replace(b"element", view, 1)))
+    assert (content.splats.num_gaussians, content.metadata.view) == (30, None)
+    assert (
+        "view is left out: relative to the origin -500000 4000000 100: StartView: a coordinate is beyond" in caplog.text
+    )
+
+
+@pytest.mark.parametrize("length", [0.5000000001, 1.9999999999])
+def test_an_up_direction_that_float32_rounds_to_a_bound_is_encoded(length: float) -> None:
+    view = dataclasses.replace(VIEW, up=(0.0, -length, 0.0))
+    stream = encode_scene(SplatScene(some_splats(30, 0), metadata=SceneMetadata(view=view)))
+    same(decode_stream(stream).scene.metadata, SceneMetadata(view=VIEW))
+
+
 @pytest.mark.parametrize("scale", [1e-3, 10.0])
 def test_a_view_with_an_up_direction_of_any_length_is_encoded(scale: float) -> None:
     view = dataclasses.replace(VIEW, up=(0.0, -scale, 0.0))
