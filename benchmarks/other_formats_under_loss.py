@@ -98,8 +98,8 @@ def psnr_if_readable(path: Path, gauge: Gauge) -> float | None:
 
 def psnr_of_rows(path: Path, kept: np.ndarray, gauge: Gauge) -> float | None:
     """PSNR of a complete file if only some rows are kept."""
-    splats, rows = read_rows(path)
-    shown = rows.kept & kept
+    splats, validity = read_rows(path)
+    shown = validity.kept & kept
     return gauge.psnr(SplatScene(splats.select(shown))) if shown.any() else None
 
 

@@ -88,7 +88,7 @@ def cut_off(scene: AnchorScene, train: Dataset, test: Dataset, cuts: list[float]
     streams = {"tiers": encode_scene(scene, tiers=tiers), "interleaved": encode_scene(scene)}
     found: dict[str, Any] = {}
     for order, stream in streams.items():
-        parts = stream.parts()
+        parts = stream.part_sizes()
         for cut in cuts:
             left, kept = cut * stream.num_bytes - parts["manifest"] - parts["side_info"], set()
             for packet in send_sequence(stream, order):

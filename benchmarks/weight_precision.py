@@ -31,7 +31,7 @@ def measure(scene: AnchorScene, noise: float | None) -> dict[str, object]:
         "noise": "default" if noise is None else noise,
         "num_bytes": stream.num_bytes,
         "network_bytes": parts["prior_network"] + parts["channel_networks"],
-        "packet_bytes": stream.parts()["packet_payloads"],
+        "packet_bytes": stream.part_sizes()["packet_payloads"],
         "error": error,
     }
 

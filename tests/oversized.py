@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.bitstream import (
-    ANCHORS,
     CAUSAL,
     GAUSSIANS,
+    HACPP,
     Manifest,
     PacketId,
     Packetization,
@@ -174,7 +174,7 @@ def of_hacpp(
     parts = [reader.blob() for _ in range(7)]
     parts[1] = bytes([0, 0, 0, 63]) + bytes(position_bytes)
     side_info = b"".join(map(framed, parts)) + reader.rest()
-    return stream_of(ANCHORS, packetization, num, side_info, num_packets, layout)
+    return stream_of(HACPP, packetization, num, side_info, num_packets, layout)
 
 
 def zeros(inputs: int, hidden: int, outputs: int) -> QuantisedMlp:

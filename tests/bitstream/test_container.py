@@ -25,7 +25,7 @@ def small(make_test_stream) -> SceneStream:
 
 
 def packets_start(stream: SceneStream) -> int:
-    parts = stream.parts()
+    parts = stream.part_sizes()
     return FILE_PREFIX.size + parts["manifest"] + parts["side_info"]
 
 
@@ -44,7 +44,7 @@ def test_stream_round_trips_with_the_expected_size(stream):
     assert found == stream
     assert report.complete
     assert (report.num_expected, report.num_received, report.problems) == (28, 28, ())
-    assert len(data) == stream.num_bytes == sum(stream.parts().values())
+    assert len(data) == stream.num_bytes == sum(stream.part_sizes().values())
 
 
 def test_flipped_packet_byte_loses_one_packet(small):
@@ -219,7 +219,7 @@ def test_memory_is_bounded_by_the_file(stream):
 
 
 def test_header_size_constant_equals_the_written_header(stream):
-    assert stream.parts()["packet_headers"] == HEADER_BYTES * 28
+    assert stream.part_sizes()["packet_headers"] == HEADER_BYTES * 28
 
 
 def test_memory_is_bounded_by_the_valid_packets(stream, tmp_path):

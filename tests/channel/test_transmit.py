@@ -59,7 +59,7 @@ def test_counts_of_the_record_add_up(stream):
     assert record.num_sent_elements == 2400
     assert record.bytes_sent == sum(p.num_bytes for p in stream.packets)
     assert record.bytes_received == sum(p.num_bytes for p in arrived.packets)
-    assert record.bytes_protected + record.bytes_sent + stream.parts()["container"] == stream.num_bytes
+    assert record.bytes_protected + record.bytes_sent + stream.part_sizes()["container"] == stream.num_bytes
     content = json.loads(json.dumps(record.to_json()))
     assert (content["unit"], content["loss"], content["seed"], content["send_order"]) == (
         "pak",

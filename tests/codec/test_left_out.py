@@ -96,7 +96,7 @@ def test_rows_are_counted_from_the_beginning_of_the_scene() -> None:
     splats = some_splats(4, 0).select(np.arange(CHUNK_ELEMENTS + 9) % 4)
     splats.means[CHUNK_ELEMENTS + 5] = NAN
     splats.opacities[CHUNK_ELEMENTS + 7] = 0
-    rows = validity_of_splats(splats)
-    assert (rows.num_invisible, rows.num_invalid, rows.first_invalid) == (1, 1, CHUNK_ELEMENTS + 5)
-    assert not rows.kept[[CHUNK_ELEMENTS + 5, CHUNK_ELEMENTS + 7]].any()
-    assert int(rows.kept.sum()) == CHUNK_ELEMENTS + 7
+    validity = validity_of_splats(splats)
+    assert (validity.num_invisible, validity.num_invalid, validity.first_invalid) == (1, 1, CHUNK_ELEMENTS + 5)
+    assert not validity.kept[[CHUNK_ELEMENTS + 5, CHUNK_ELEMENTS + 7]].any()
+    assert int(validity.kept.sum()) == CHUNK_ELEMENTS + 7

@@ -43,6 +43,7 @@ def test_unknown_names_are_attribute_errors():
         ("splatwire.codec", "add_concealment", "with_section"),
         ("splatwire.codec", "without_concealment", "without_section"),
         ("splatwire.types", "ExpectedPlaces", "PredictedPositions"),
+        ("splatwire.bitstream", "ANCHORS", "HACPP"),
     ],
 )
 def test_deprecated_names_warn_and_give_the_new_object(package, old, new):
@@ -53,10 +54,12 @@ def test_deprecated_names_warn_and_give_the_new_object(package, old, new):
     assert old not in module.__all__
 
 
-def test_deprecated_method_warns_and_calls_the_new_one():
+def test_deprecated_methods_of_a_stream_warn_and_call_the_new_ones():
     stream, _ = splatwire.read_stream(Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz")
     with pytest.warns(DeprecationWarning, match="use require_static"):
         assert stream.still() is stream
+    with pytest.warns(DeprecationWarning, match="use part_sizes"):
+        assert stream.parts() == stream.part_sizes()
 
 
 @pytest.mark.parametrize(("old", "new"), [("partial", "received_scene"), ("num_known", "num_received")])

@@ -203,9 +203,9 @@ def without_invalid(scene: Scene) -> Scene:
 def _(scene: SplatScene) -> SplatScene:
     if scene.coding is not None or scene.hints is not None or _is_surely_valid(scene.splats):
         return scene
-    rows = validity_of_splats(scene.splats)
-    rows.log_removed("rendering", scene.ELEMENTS)
-    return scene.select(rows.kept) if rows.num_invalid else scene
+    validity = validity_of_splats(scene.splats)
+    validity.log_removed("rendering", scene.ELEMENTS)
+    return scene.select(validity.kept) if validity.num_invalid else scene
 
 
 def _is_surely_valid(splats: Splats) -> bool:

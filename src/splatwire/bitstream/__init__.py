@@ -1,9 +1,12 @@
 """Stream format: division into packets, packet layout, manifest and streams on disk."""
 
+import warnings
+from typing import TYPE_CHECKING
+
 from splatwire.bitstream.arrangement import PacketAssignment, PacketBatch, arrived_blocks, assign_packets
 from splatwire.bitstream.container import file_head, file_record, stream_from_bytes, stream_to_bytes
 from splatwire.bitstream.intake import PacketIntake, ReadReport
-from splatwire.bitstream.limits import ANCHORS, CAUSAL, GAUSSIANS
+from splatwire.bitstream.limits import CAUSAL, GAUSSIANS, HACPP
 from splatwire.bitstream.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.bitstream.packet import HEADER_BYTES, Packet, make_packet, packet_from_bytes
 from splatwire.bitstream.packet_id import PARTS, PacketId
@@ -17,9 +20,9 @@ from splatwire.bitstream.stream import is_stream, read_stream, write_stream
 from splatwire.bitstream.tiers import TierCounts, count_tiers, tier_order
 
 __all__ = [
-    "ANCHORS",
     "CAUSAL",
     "GAUSSIANS",
+    "HACPP",
     "HEADER_BYTES",
     "PARTS",
     "PRESETS",
@@ -60,3 +63,14 @@ __all__ = [
     "tier_order",
     "write_stream",
 ]
+
+if not TYPE_CHECKING:  # a type checker would accept any name of the package
+
+    def __getattr__(name: str) -> str:
+        """Returns the value of the deprecated name `ANCHORS`."""
+        if name != "ANCHORS":
+            raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+        warnings.warn(
+            "splatwire.bitstream.ANCHORS is deprecated, use splatwire.bitstream.HACPP", DeprecationWarning, stacklevel=2
+        )
+        return HACPP

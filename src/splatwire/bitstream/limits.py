@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from splatwire.plugins import Registry
 
 # `web/scripts/make_tables.py` writes the same values to `web/src/packets/limits.ts`.
-SCHEMA = "splatwire/stream"
+MANIFEST_FORMAT = "splatwire/stream"
+"""Value of the field `schema` of every manifest, which identifies the file as the manifest of a stream."""
 FORMAT_VERSION = 5
 """Newest version of the stream format that this release reads."""
 
@@ -124,7 +125,7 @@ class StreamSchema:
     scene: str = ""
 
 
-ANCHORS, CAUSAL, GAUSSIANS, TRACKS = "hacpp", "causal", "gaussians", "tracks"
+HACPP, CAUSAL, GAUSSIANS, TRACKS = "hacpp", "causal", "gaussians", "tracks"
 LEVELS, UPDATE = "levels", "update"
 """Codec schemas: anchors of HAC++ (format 1); anchors of the causal model and explicit Gaussians (format 2);
 moving Gaussians (format 3); Gaussians with levels of detail (format 4); changes of a stream of Gaussians (format 5).
@@ -136,7 +137,7 @@ SCHEMAS: Registry[StreamSchema] = Registry("schema", "splatwire.schemas")
 """Registry of all schemas; packages add their own with `splatwire.codec.register_schema`."""
 for _schema in (
     StreamSchema(
-        ANCHORS, 1, "anchors", FORMAT_1_SECTIONS, 1024, layout=True, separable=True, page=False,
+        HACPP, 1, "anchors", FORMAT_1_SECTIONS, 1024, layout=True, separable=True, page=False,
         codec="splatwire.codec.anchors.hacpp.schema:SCHEMA", scene="splatwire.types.anchor_scene:AnchorScene",
     ),
     StreamSchema(
@@ -162,7 +163,7 @@ for _schema in (
     ),
 ):  # fmt: skip
     SCHEMAS.register(_schema.name, _schema, f"{__name__}.{_schema.name}")
-UNNAMED_SCHEMA = ANCHORS
+UNNAMED_SCHEMA = HACPP
 """Schema of manifests without a codec field, which are of format 1."""
 
 RESERVED_SECTIONS = FORMAT_1_SECTIONS

@@ -10,6 +10,7 @@ from splatwire.arguments import check_fields, checked
 from splatwire.bitstream.limits import (
     FORMAT_VERSION,
     FREE_ELEMENTS,
+    MANIFEST_FORMAT,
     MAX_ELEMENTS,
     MAX_FEATURE_DIM,
     MAX_MANIFEST_BYTES,
@@ -18,7 +19,6 @@ from splatwire.bitstream.limits import (
     MAX_SPANS,
     MAX_STREAM_LANES,
     MAX_WRITER_LENGTH,
-    SCHEMA,
     SCHEMAS,
     UNNAMED_SCHEMA,
     StreamSchema,
@@ -49,7 +49,7 @@ class Manifest:
         feature_dim: Channels of the anchor feature, F; 0 if the side information contains it.
         num_offsets: Offsets per anchor, K; 0 if the side information contains it.
         feature_groups: Sizes of the feature's channel groups, in coding order.
-        tiers: Sizes of the importance tiers; empty for a single tier.
+        tiers: Element counts of the importance tiers; empty for a single tier.
 
     Raises:
         InvalidValueError: If a field is out of range or contradicts another.
@@ -168,8 +168,8 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
         BitstreamError: If the bytes are damaged, inconsistent, or not a manifest.
     """
     content = _parse_json(data, name)
-    if content.get("schema") != SCHEMA:
-        raise BitstreamError(f"{name} is not a manifest of schema '{SCHEMA}'")
+    if content.get("schema") != MANIFEST_FORMAT:
+        raise BitstreamError(f"{name} is not a manifest of schema '{MANIFEST_FORMAT}'")
     version = content.get("format_version")
     if type(version) is int and version > FORMAT_VERSION:
         problem = f"{name} has format version {version!r:.20}, this release reads up to {FORMAT_VERSION}"
@@ -190,7 +190,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     if ("tiers" in content and not 2 <= len(tiers) <= max_tiers) or not all(_is_pair(tier) for tier in tiers):
         raise BitstreamError(f"{name}: tiers does not hold pairs of integers only, 2 to {max_tiers} of them")
     # The content is flat from this line on: a digest of arbitrarily nested lists could exhaust the stack.
-    if digest != _digest({**content, "schema": SCHEMA}):
+    if digest != _digest({**content, "schema": MANIFEST_FORMAT}):
         raise BitstreamError(f"{name} is damaged: its digest does not match its content")
     if content.pop("format_version") != (schema.format_version if schema else None):
         raise BitstreamError(f"{name}: format_version {version} has no codec {ascii(content.get('codec'))[:40]}")
@@ -252,7 +252,7 @@ def _content(manifest: Manifest) -> dict[str, Any]:
         "format_version": manifest.format_version,
         _COUNT: manifest.num_elements,
         "packetization": _packetization_content(manifest.packetization),
-        "schema": SCHEMA,
+        "schema": MANIFEST_FORMAT,
         "stream_id": f"{manifest.stream_id:08x}",
         "tiers": [[tier.num_elements, tier.lanes] for tier in manifest.tiers],
     }

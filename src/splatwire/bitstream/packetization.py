@@ -16,7 +16,7 @@ from splatwire.bitstream.limits import (
 )
 from splatwire.errors import InvalidValueError, UnknownNameError, shown
 
-DATAGRAM_BYTES = 1150
+DATAGRAM_PACKET_BYTES = 1150
 """Largest packet with the `datagram` preset, bytes. A datagram of 1200 bytes passes every path (RFC 9000, 14); up to 50
 bytes are left for transport headers.
 """
@@ -116,7 +116,7 @@ class Packetization:
 PRESETS = {
     "paper": Packetization(),
     "hacpp": Packetization(lanes=1, order="raster", grouping="contiguous", packaging="separated"),
-    "datagram": Packetization(lanes=1, grouping="hashed", packet_bytes=DATAGRAM_BYTES),
+    "datagram": Packetization(lanes=1, grouping="hashed", packet_bytes=DATAGRAM_PACKET_BYTES),
 }
 """Named packetizations: the paper's; HAC++'s layout (the baseline: batches of 3000 anchors in raster order); and
 packets that fit a datagram.

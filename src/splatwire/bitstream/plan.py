@@ -42,7 +42,7 @@ class PacketPlan:
     Attributes:
         packetization: Parameters of the division into packets.
         num_elements: Number of elements of the scene, N.
-        tiers: Sizes of the importance tiers; empty for a single tier.
+        tiers: Element counts of the importance tiers; empty for a single tier.
         feature_groups: Number of channel groups of the anchor feature if each group has separate packets; otherwise 0.
 
     Raises:

@@ -52,10 +52,10 @@ class SceneStream:
     @property
     def num_bytes(self) -> int:
         """Size of the stream as one file, bytes."""
-        return sum(self.parts().values())
+        return sum(self.part_sizes().values())
 
-    def parts(self) -> dict[str, int]:
-        """Size of each part of the stream's file in bytes; `container` is the overhead of the file format."""
+    def part_sizes(self) -> dict[str, int]:
+        """Returns the size of each part of the stream's file, bytes; `container` is the overhead of the file format."""
         return {
             "manifest": len(manifest_to_bytes(self.manifest)),
             "side_info": len(self.side_info),
@@ -99,6 +99,11 @@ class SceneStream:
         """Deprecated name of `require_static`."""
         warnings.warn("SceneStream.still is deprecated, use require_static", DeprecationWarning, stacklevel=2)
         return self.require_static(source)
+
+    def parts(self) -> dict[str, int]:
+        """Deprecated name of `part_sizes`."""
+        warnings.warn("SceneStream.parts is deprecated, use part_sizes", DeprecationWarning, stacklevel=2)
+        return self.part_sizes()
 
     @checked
     def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":
@@ -150,7 +155,7 @@ def make_stream(
         packets: All packets. Their stream ids are replaced by the id of the new stream.
         symbols_digest: SHA-256 of all decoded integers, hexadecimal.
         writer: Name and version of the program.
-        tiers: Sizes of the importance tiers; empty for a single tier.
+        tiers: Element counts of the importance tiers; empty for a single tier.
         codec: Schema of the elements.
         feature_dim: Channels of the anchor feature, F; 0 for Gaussians.
         num_offsets: Offsets per anchor, K; 0 for Gaussians.

@@ -47,7 +47,7 @@ def measure_sizes(stream: SceneStream) -> StreamSizes:
     num_elements = stream.manifest.num_elements
     return StreamSizes(
         num_bytes=stream.num_bytes,
-        parts=stream.parts(),
+        parts=stream.part_sizes(),
         num_elements=num_elements,
         num_packets=len(stream.packets),
         packet_min=min(sizes),

@@ -81,7 +81,7 @@ def count_tiers(tiers: np.ndarray, packetization: Packetization) -> tuple[TierCo
         packetization: Parameters of the division into packets.
 
     Returns:
-        Sizes of the tiers; empty for a single tier.
+        Element counts of the tiers; empty for a single tier.
 
     Raises:
         InvalidValueError: If the number of tiers exceeds its limit, or a tier before the last is empty.
@@ -124,7 +124,7 @@ def check_gop_tiers(tiers: tuple[TierCounts, ...], *, timed: bool) -> None:
     scene, a tier contains elements of similar importance, and must not be empty.
 
     Args:
-        tiers: Sizes of the tiers; empty for a single tier.
+        tiers: Element counts of the tiers; empty for a single tier.
         timed: True for a sequence.
 
     Raises:
@@ -137,7 +137,7 @@ def check_gop_tiers(tiers: tuple[TierCounts, ...], *, timed: bool) -> None:
 
 
 def check_tiers(tiers: tuple[TierCounts, ...], num_elements: int, packetization: Packetization) -> None:
-    """Checks that the sizes of importance tiers fit the number of elements and the packetization.
+    """Checks that the element counts of importance tiers fit the number of elements and the packetization.
 
     Raises:
         InvalidValueError: If the tiers contradict the number of elements or the packetization, or if there are too
@@ -161,7 +161,7 @@ def spans_of(tiers: tuple[TierCounts, ...], num_elements: int, packetization: Pa
     The blocks of a tier have nearly equal sizes. Without tiers, all blocks but the last have the maximum size.
 
     Args:
-        tiers: Sizes of the tiers. If empty, all elements form a single tier.
+        tiers: Element counts of the tiers. If empty, all elements form a single tier.
         num_elements: Number of elements of the scene.
         packetization: Parameters of the division into packets, with the maximum size of a block.
     """

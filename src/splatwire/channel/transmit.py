@@ -121,7 +121,7 @@ def transmit(
     mask = draw_mask(stream, loss, seed=seed, send_order=send_order)
     if stream.manifest.schema.timed:
         mask = replace(mask, received=mask.received | retransmitted(stream, mask, loss, seed=seed))
-    received, parts = mask.apply(stream), stream.parts()
+    received, parts = mask.apply(stream), stream.part_sizes()
     lost = [packet for packet, ok in zip(stream.packets, mask.received.tolist(), strict=True) if not ok]
     record = TransmitRecord(
         loss=loss.name,

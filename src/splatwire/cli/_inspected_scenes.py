@@ -39,9 +39,9 @@ def describe_scene(path: Path) -> tuple[dict[str, Any], SceneMetadata]:
 
 def _describe_gaussians(path: Path, kind: str) -> tuple[dict[str, Any], SceneMetadata]:
     """Describes a file of explicit Gaussians for the output of `inspect`."""
-    content, rows = read_all_rows(path)
+    content, validity = read_all_rows(path)
     splats = content.splats
-    kept = splats if rows.complete else splats.select(rows.kept)
+    kept = splats if validity.all_drawable else splats.select(validity.kept)
     facts = {
         "kind": f"explicit Gaussians ({kind})",
         "num_bytes": _size(path),
@@ -50,9 +50,9 @@ def _describe_gaussians(path: Path, kind: str) -> tuple[dict[str, Any], SceneMet
         "antialiased": content.antialiased,
         "num_rows": splats.num_gaussians,
         "left_out": {
-            "draw_nothing": rows.num_invisible,
-            "cannot_be_drawn": rows.num_invalid,
-            "first_that_cannot": rows.first_invalid,
+            "draw_nothing": validity.num_invisible,
+            "cannot_be_drawn": validity.num_invalid,
+            "first_that_cannot": validity.first_invalid,
         },
         "digest": scene_digest(kept),
     }

@@ -84,6 +84,7 @@ def _check(command: Encode) -> None:
     """Checks the values of the options of `encode`, and that they can be combined, before the scene is read."""
     if command.no_sketch and not _needs_copies(command):
         raise InvalidValueError("--no-sketch needs --preset datagram and no levels: only then `encode` adds a sketch")
+    # Schema and number of elements are not known yet; the checks of the options depend on neither.
     packetization_of(command, UNNAMED_SCHEMA, 1)
     chosen_background(command.background)
     if not all(0 < share < 1 for share in command.tiers) or sum(command.tiers) >= 1:
@@ -247,7 +248,7 @@ def _print_result(
         content: dict[str, Any] = {
             "output": command.output,
             "num_bytes": stream.num_bytes,
-            "parts": stream.parts(),
+            "parts": stream.part_sizes(),
             "num_packets": len(stream.packets),
             "num_elements": stream.manifest.num_elements,
             "tiers": measure_sizes(stream).tiers,

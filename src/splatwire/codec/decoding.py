@@ -104,17 +104,17 @@ def batches_of(
     """
     waiting: list[PacketBatch] = []
     total = 0
-    for block in arrived_blocks(manifest.plan, packets, gaps=gaps and decoder.batches_are_blocks):
+    for batch in arrived_blocks(manifest.plan, packets, gaps=gaps and decoder.batches_are_blocks):
         if decoder.order is not None:
-            block = replace(block, members=tuple(decoder.order[indices] for indices in block.members))
+            batch = replace(batch, members=tuple(decoder.order[indices] for indices in batch.members))
         if decoder.batches_are_blocks:
-            yield block
+            yield batch
             continue
-        for packet, indices in zip(block.packets, block.members, strict=True):
+        for packet, indices in zip(batch.packets, batch.members, strict=True):
             if waiting and total + packet.num_elements > CHUNK:
                 yield _joined(waiting)
                 waiting, total = [], 0
-            waiting.append(PacketBatch(block.block, (packet,), (indices,)))
+            waiting.append(PacketBatch(batch.block, (packet,), (indices,)))
             total += packet.num_elements
     if waiting:
         yield _joined(waiting)

@@ -92,7 +92,7 @@ def encode_scene(
         name: None if values is None else array_of(values, name, (count,), "i", low, high)
         for name, (values, low, high) in limits.items()
     }
-    if not validity.complete:
+    if not validity.all_drawable:
         kept, scene = validity.kept, scene.select(validity.kept)
         per_element = {name: None if values is None else values[kept] for name, values in per_element.items()}
     options = Options(

@@ -90,13 +90,13 @@ class Grow:
         fully_received: Bool[np.ndarray, "N"],
         weights: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Returns the factor by which each of M received anchors is enlarged to cover its lost neighbours.
+        """Returns the factor by which each of M received elements is enlarged to cover its lost neighbours.
 
         Args:
-            received_shares: Received share of each anchor's neighbours, 0 to 1.
-            fully_received: Mask of received anchors of the whole scene.
-            weights: Weight of each of the scene's N anchors in the received share of the whole scene, on which the
-                upper limit of the factor depends. A weight is the typical size of the anchors in an importance tier.
+            received_shares: Received share of each element's neighbours, 0 to 1.
+            fully_received: Mask of received elements of the whole scene.
+            weights: Weight of each of the scene's N elements in the received share of the whole scene, on which the
+                upper limit of the factor depends. A weight is the typical size of the elements in an importance tier.
                 None for equal weights.
         """
         return self.clamp_received_shares(received_shares, fully_received, weights) ** -self.exponent
@@ -110,10 +110,10 @@ class Grow:
         """Raises small received shares, to limit the enlargement computed from them to `max_gain` and `max_excess`.
 
         Args:
-            received_shares: Received share of each anchor's neighbours, 0 to 1.
-            fully_received: Mask of received anchors of the whole scene.
-            weights: Weight of each of the scene's N anchors in the received share of the whole scene, on which the
-                lower bound depends. A weight is the typical size of the anchors in an importance tier. None for equal
+            received_shares: Received share of each element's neighbours, 0 to 1.
+            fully_received: Mask of received elements of the whole scene.
+            weights: Weight of each of the scene's N elements in the received share of the whole scene, on which the
+                lower bound depends. A weight is the typical size of the elements in an importance tier. None for equal
                 weights.
 
         Returns:
@@ -143,13 +143,13 @@ def lost_share(
     weights: Float[np.ndarray, "N"] | None = None,
     nearest: Int64[np.ndarray, "N k"] | None = None,
 ) -> Float[np.ndarray, "N"]:
-    """Returns the lost share of each received anchor's nearest neighbours, 0 to 1; lost anchors have the value 0.
+    """Returns the lost share of each received element's nearest neighbours, 0 to 1; lost elements have the value 0.
 
     Args:
-        positions: Positions of all anchors, received or lost.
-        fully_received: Mask of received anchors.
-        neighbors: Number of neighbours per anchor.
-        weights: Weight of each anchor, above 0; None for equal weights.
+        positions: Positions of all elements, received or lost.
+        fully_received: Mask of received elements.
+        neighbors: Number of neighbours per element.
+        weights: Weight of each element, above 0; None for equal weights.
         nearest: Precomputed indices of the nearest neighbours; None to search.
     """
     share = np.zeros(len(positions), positions.dtype)
@@ -190,11 +190,11 @@ def _neighbors_of(
 def lost_share_among(
     neighbors: Int64[np.ndarray, "M k"], lost: Float[np.ndarray, "N"], weights: Float[np.ndarray, "N"]
 ) -> Float[np.ndarray, "M"]:
-    """Returns the weighted share of each anchor's neighbours that was lost, 0 to 1, (M).
+    """Returns the weighted share of each element's neighbours that was lost, 0 to 1, (M).
 
     Args:
-        neighbors: Indices of the neighbours of each of the M anchors, at least one each.
-        lost: For each of the scene's N anchors, its weight if it was lost, and 0 if it was received.
-        weights: Weight of each of the scene's N anchors.
+        neighbors: Indices of the neighbours of each of the M elements, at least one each.
+        lost: For each of the scene's N elements, its weight if it was lost, and 0 if it was received.
+        weights: Weight of each of the scene's N elements.
     """
     return lost[neighbors].sum(axis=1) / weights[neighbors].sum(axis=1)

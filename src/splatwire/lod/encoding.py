@@ -57,10 +57,10 @@ def encode_levels(
     """
     if not schema_of(scene).explicit:
         raise InvalidValueError("levels are for explicit Gaussians: export the scene as such first")
-    packetization, rows = packetization or PRESETS["paper"], scene.validity()
-    rows.log_removed("encoding", scene.ELEMENTS)
-    if not rows.complete:
-        scene = replace(scene, splats=scene.splats.gathered(rows.kept), hints=None, coding=None)
+    packetization, validity = packetization or PRESETS["paper"], scene.validity()
+    validity.log_removed("encoding", scene.ELEMENTS)
+    if not validity.all_drawable:
+        scene = replace(scene, splats=scene.splats.gathered(validity.kept), hints=None, coding=None)
     if not scene.num_elements:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     report = progress or (lambda share: None)
@@ -68,10 +68,10 @@ def encode_levels(
         building = beside.submit(build_levels, scene, packetization.block_size, lambda share: report(BUILDING * share))
         offsets = class_offsets() if callable(class_offsets) else class_offsets
         if offsets is not None:
-            offsets = array_of(offsets, "class_offsets", (len(rows.kept),), "i", -128, 127)
+            offsets = array_of(offsets, "class_offsets", (len(validity.kept),), "i", -128, 127)
         built = building.result()
-    if offsets is not None and not rows.complete:
-        offsets = offsets[rows.kept]
+    if offsets is not None and not validity.all_drawable:
+        offsets = offsets[validity.kept]
     if quality is None and offsets is not None and not scene.splats.degree:
         quality = WALKED
     stream = encode_scene(

@@ -132,14 +132,14 @@ def explicit_scene(scene: Scene, holder: str) -> SplatScene:
     """
     if not isinstance(scene, SplatScene):
         raise InvalidValueError(f"{holder} explicit Gaussians: `splatwire export ply` makes them of anchors")
-    rows = scene.validity()
-    rows.log_removed("writing levels", scene.ELEMENTS)
-    if not rows.kept.any():
+    validity = scene.validity()
+    validity.log_removed("writing levels", scene.ELEMENTS)
+    if not validity.kept.any():
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to write")
-    if rows.complete:
+    if validity.all_drawable:
         return scene
     return SplatScene(
-        scene.splats.gathered(rows.kept), background=scene.background, antialiased=scene.antialiased,
+        scene.splats.gathered(validity.kept), background=scene.background, antialiased=scene.antialiased,
         origin=scene.origin, metadata=scene.metadata,
     )  # fmt: skip
 

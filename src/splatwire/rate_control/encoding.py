@@ -123,9 +123,9 @@ def encode_controlled(
     Raises:
         InvalidValueError: If the scene has nothing to draw, is too large for `best`, or the target cannot be reached.
     """
-    rows = scene.validity()
-    rows.log_removed("encoding", scene.ELEMENTS)
-    source = scene if rows.complete else scene.select(rows.kept)
+    validity = scene.validity()
+    validity.log_removed("encoding", scene.ELEMENTS)
+    source = scene if validity.all_drawable else scene.select(validity.kept)
     if not source.num_elements:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     if effort != "fast":

@@ -53,10 +53,12 @@ BRIGHTEST = 4.0
 colour would determine the precision of all Gaussians in front of it."""
 _UNSEEN = 1e-30
 _SHAPE = ("scale0", "scale1", "scale2", "direction", "spin")
+"""Attributes that need three different axes: the logarithms of the standard deviations s0 >= s1 >= s2, and the two
+parts of the rotation."""
 _MAX_AXIS_OCTAVES, _MAX_SIZE_OCTAVES = 10.0, 16.0
 """Range in which `_SLOPES` are valid: maximum ratio of consecutive axes, and maximum ratio of the median size to the
 size of a Gaussian, in octaves."""
-# In the order of the kernel's columns.
+# In the order of the columns of `add_squared`.
 _SLOPES = {
     "position": (-0.33, -0.2, 0.0, 0.0),
     "scale0": (0.25, 0.0, -0.25, 0.2),
@@ -67,16 +69,19 @@ _SLOPES = {
     "opacity": (0.0, -0.2, -0.1, 0.0),
     "colour": (0.0, 0.0, 0.0, 0.0),
 }
-"""Change of log2 of the sensitivity to an attribute per change of log2 of four properties of the Gaussian: area,
-s0 / s1, s1 / s2 and opacity. s0 >= s1 >= s2 are its standard deviations. Fitted by least squares over three scenes."""
+"""Change of log2 of the square root of the sensitivity to an attribute per change of log2 of four properties: area,
+s0 / s1, s1 / s2 and opacity. Fitted by least squares over three scenes."""
 _BASES = {
     "position": -0.8, "scale0": 1.2, "scale1": 1.0, "scale2": 1.0, "direction": -1.0, "spin": -3.0, "opacity": -2.3,
     "colour": 0.0,
 }  # fmt: skip
+"""log2 of the square root of the sensitivity to each attribute if the logarithms of `_SLOPES` are 0. A common constant is
+omitted, so that colour has 0."""
 _WEIGHTS = {
     "position": 3.0, "scale0": 1.0, "scale1": 1.0, "scale2": 1.0, "direction": 2.0, "spin": 0.7, "opacity": 1.0
 }  # fmt: skip
-"""Number of scalars of each attribute; colour has 3, and about 12 with spherical harmonics."""
+"""Weight of each attribute in the mean of the logarithms, the number of its scalars. `_classes` adds colour: 3, or 12
+with spherical harmonics."""
 
 
 def scene_precision_classes(
@@ -335,9 +340,9 @@ def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> 
     rng, num = Twister(seed), splats.num_gaussians
     order = np.argsort(-splats.scales, axis=1, kind="stable")
     low, middle, high = np.log2(np.stack(sort3(splats.scales)))
-    spun = np.where(middle - low >= high - middle, 2, 0)
+    symmetry_axis = np.where(middle - low >= high - middle, 2, 0)
     quats = splats.quats / np.maximum(np.linalg.norm(splats.quats, axis=1, keepdims=True), np.float32(1e-12))
-    inputs = tuple(np.ascontiguousarray(t) for t in (splats.scales, quats, splats.opacities, order, spun))
+    inputs = tuple(np.ascontiguousarray(t) for t in (splats.scales, quats, splats.opacities, order, symmetry_axis))
     sums = np.zeros((num, NUM_SUMS))
 
     def signs(shape: tuple[int, ...]) -> Iterator[np.ndarray]:

@@ -1,4 +1,4 @@
-"""Masks of received attributes, per anchor and attribute."""
+"""Masks of received attributes, per element (Gaussian, anchor or track) and attribute."""
 
 import warnings
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from splatwire.types.attributes import Attribute
 
 @dataclass(frozen=True, eq=False)
 class LossMask(CheckedFields):
-    """Loss mask of N anchors: which of the four coded attributes of each anchor were received.
+    """Loss mask of N elements: which of the four coded attributes of each element were received.
 
     Attributes:
         received: True if the attribute of the element was received, bool (N, 4); columns in the order of `Attribute`.

@@ -150,10 +150,10 @@ class SplatScene:
 
     def validity(self) -> ElementValidity:
         """Classifies the Gaussians as drawable, invisible or invalid; only drawable ones are encoded."""
-        return self._rows
+        return self._validity
 
     @functools.cached_property
-    def _rows(self) -> ElementValidity:
+    def _validity(self) -> ElementValidity:
         return validity_of_splats(self.splats)
 
     @property

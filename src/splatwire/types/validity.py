@@ -40,7 +40,7 @@ class ElementValidity:
     __repr__ = summary_repr
 
     @property
-    def complete(self) -> bool:
+    def all_drawable(self) -> bool:
         """True if every element of the scene can be drawn."""
         return not (self.num_invisible or self.num_invalid)
 
@@ -67,7 +67,7 @@ def validity_of_splats(splats: Splats) -> ElementValidity:
             lambda begin: _valid_and_visible(splats.slice_range(begin, begin + CHUNK_ELEMENTS)),
             range(0, splats.num_gaussians, CHUNK_ELEMENTS),
         )
-    return _rows([good & drawn for good, drawn in masks], [good for good, _ in masks])
+    return _validity_of_masks([good & drawn for good, drawn in masks], [good for good, _ in masks])
 
 
 def _valid_and_visible(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
@@ -113,12 +113,18 @@ def validity_of_anchors(anchors: Anchors) -> ElementValidity:
         good = _finite(positions, features, scalings, offsets) & (scalings >= 0).all(axis=1)
         drawn.append(good & mask.any(axis=1))
         valid.append(good | ~mask.any(axis=1))
-    return _rows(drawn, valid)
+    return _validity_of_masks(drawn, valid)
 
 
-def _rows(drawn: list[np.ndarray], valid: list[np.ndarray]) -> ElementValidity:
-    kept = np.concatenate(drawn) if drawn else np.zeros(0, np.bool_)
-    bad = ~np.concatenate(valid) if valid else kept
+def _validity_of_masks(drawable: list[np.ndarray], valid_or_invisible: list[np.ndarray]) -> ElementValidity:
+    """Combines the masks of consecutive chunks of elements.
+
+    Args:
+        drawable: Mask of drawable elements of each chunk, bool.
+        valid_or_invisible: Mask of elements of each chunk that are not invalid, bool.
+    """
+    kept = np.concatenate(drawable) if drawable else np.zeros(0, np.bool_)
+    bad = ~np.concatenate(valid_or_invisible) if valid_or_invisible else kept
     num_invalid = int(bad.sum())
     first = int(bad.argmax()) if num_invalid else None
     return ElementValidity(kept, len(kept) - int(kept.sum()) - num_invalid, num_invalid, first)

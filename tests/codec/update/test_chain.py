@@ -9,7 +9,7 @@ from codec.gaussians.test_gaussians import DATAGRAM, SMALL, some_splats
 from codec.update.test_updates import BALL, moved, outside, recoloured, sorted_rows
 from explicit import encode_splats
 from splatwire.bitstream import SceneStream, stream_to_bytes
-from splatwire.bitstream.packetization import DATAGRAM_BYTES
+from splatwire.bitstream.packetization import DATAGRAM_PACKET_BYTES
 from splatwire.codec import apply_update, decode_stream, encode_update, into_datagrams, repack
 from splatwire.codec.update import chain as chains
 from splatwire.codec.update.chain import UpdateChain
@@ -70,9 +70,9 @@ def test_updates_in_packets_larger_than_datagrams_are_split() -> None:
     source, splats = encode_splats(some_splats(), DATAGRAM), some_splats()
     update = encode_update(source, replace(splats, means=splats.means + np.float32(0.3)))
     large = repack(update, replace(DATAGRAM, block_size=700, packet_bytes=9000))
-    assert max(packet.num_bytes for packet in large.packets) > 2 * DATAGRAM_BYTES
+    assert max(packet.num_bytes for packet in large.packets) > 2 * DATAGRAM_PACKET_BYTES
     [offered] = UpdateChain(source, source).extended(large).updates
-    assert max(packet.num_bytes for packet in offered.packets) <= DATAGRAM_BYTES
+    assert max(packet.num_bytes for packet in offered.packets) <= DATAGRAM_PACKET_BYTES
     assert stream_to_bytes(apply_update(source, offered)) == stream_to_bytes(apply_update(source, update))
 
 

@@ -95,7 +95,7 @@ def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, recipe: TrainC
     codes = morton_encode(voxels - places.known.origin)
     pairs = zip(codes, places.known.num_low_bits, strict=True)
     real = (
-        stream.parts()["packet_payloads"]
+        stream.part_sizes()["packet_payloads"]
         - sum(position_bits(*pair, places.low_bit_probabilities) for pair in pairs) / 8
     )
     assert abs(estimate / 8 + 2.1 * len(stream.packets) - real) < 0.012 * real
@@ -107,7 +107,7 @@ def test_refitting_saves_bytes_and_keeps_the_scene(dataset: Dataset, recipe: Tra
     scene = export_scene(state, recipe)
     again = refine_context(scene, RefineConfig(steps=60, batch=1000))
     assert again.anchors is scene.anchors
-    sizes = [encode_scene(one, network_tolerance=0.02).parts()["packet_payloads"] for one in (scene, again)]
+    sizes = [encode_scene(one, network_tolerance=0.02).part_sizes()["packet_payloads"] for one in (scene, again)]
     assert sizes[1] < 0.999 * sizes[0]
 
 

@@ -52,7 +52,7 @@ def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, config: TrainC
     mask = _masks(state)[0]
     mask_bits = binary_entropy_bits(float(mask.sum()), mask.numel())
     stream = encode_scene(export_scene(state, config), network_tolerance=0.005)
-    real = stream.parts()["packet_payloads"]
+    real = stream.part_sizes()["packet_payloads"]
     packets = len(stream.packets)
     estimate = (float(estimated_bits.bits) + mask_bits) / 8 + 2.1 * packets  # 2.1 bytes end a packet's code
     assert abs(estimate - real) < 0.012 * real

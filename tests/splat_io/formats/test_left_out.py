@@ -200,11 +200,11 @@ FILES: dict[str, tuple[Callable[[Path], Path], int, int, int]] = {
 def test_every_format_leaves_out_the_same_gaussians(end: str, tmp_path: Path) -> None:
     make, kept, invisible, invalid = FILES[end]
     path = make(tmp_path / f"a{end}")
-    every, rows = read_rows(path)
-    assert (int(rows.kept.sum()), rows.num_invisible, rows.num_invalid) == (kept, invisible, invalid)
+    every, validity = read_rows(path)
+    assert (int(validity.kept.sum()), validity.num_invisible, validity.num_invalid) == (kept, invisible, invalid)
     splats = read_splats(path)
     assert splats.num_gaussians == kept
-    assert all(np.array_equal(getattr(splats, name), value[rows.kept]) for name, value in vars(every).items())
+    assert all(np.array_equal(getattr(splats, name), value[validity.kept]) for name, value in vars(every).items())
     _usable(splats)
 
 

@@ -2,7 +2,7 @@
 
 // Limits of the stream format. Counterpart of `splatwire.bitstream.limits`.
 
-export const SCHEMA = "splatwire/stream";
+export const MANIFEST_FORMAT = "splatwire/stream";
 export const FORMAT_VERSION = 5;
 export const MAX_BLOCK_SIZE = 65535;
 export const MAX_HASHED_BLOCK = 16384;

@@ -57,7 +57,7 @@ export function readManifest(bytes: Uint8Array): Manifest {
   if (bytes.length > limits.MAX_MANIFEST_BYTES)
     throw new BitstreamError(`a manifest cannot have ${bytes.length} bytes`);
   const fields = parseJson(decoded(bytes));
-  if (!(fields instanceof Map) || fields.get("schema") !== limits.SCHEMA)
+  if (!(fields instanceof Map) || fields.get("schema") !== limits.MANIFEST_FORMAT)
     throw new BitstreamError("not a splatwire stream");
   const version = integer(fields, "format_version", 1, Number.MAX_SAFE_INTEGER);
   if (version > limits.FORMAT_VERSION) {

@@ -145,7 +145,7 @@ def make_boxes(low: np.ndarray, high: np.ndarray, max_position_shift: int = 0) -
         max_position_shift: log2 of the largest quantisation step of positions, in the same unit. Box corners are
             multiples of this step.
     """
-    # Corners are multiples of the largest position cell, so that position cells are the same in every box.
+    # Corners are multiples of the largest quantisation step, so that steps have the same edges in every box.
     shifts = np.array(
         [max(int(e).bit_length() - BOX_BITS + 1, max_position_shift) for e in (high - low).max(axis=1)], dtype=np.int64
     )

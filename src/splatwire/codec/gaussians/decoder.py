@@ -149,8 +149,7 @@ def coding_of(info: SideInfo, precision_classes: np.ndarray) -> SplatCoding | No
     Returns:
         The parameters; None for streams of version 2, whose integers depend on the division into packets.
     """
-    if info.max_position_shift < 0:
-        # The integers of version 2 depend on the division into packets.
+    if info.packet_dependent:
         return None
     return SplatCoding(
         info.size_log,

@@ -33,7 +33,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _can_repack(stream: SceneStream) -> bool:
-    return open_side_info(stream.manifest, stream.side_info).max_position_shift >= 0
+    return not open_side_info(stream.manifest, stream.side_info).packet_dependent
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:

@@ -59,12 +59,13 @@ class SideInfo:
         base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
             class 0 (the coarsest), in fixed point with `STEP_BITS` fractional bits.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings; -1 in streams of
-            version 2.
+            version 2, which have no such limit (see `packet_dependent`).
         transform: int64 (K, K), decorrelating transform of the spherical harmonics, one axis per row, with denominator
             `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
-        block_means: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (`BITS` fractional
-            bits), multiples of `1 << MEAN_SHIFT`.
+        block_means: int64 (B, 7), means over each block of the decoded integers `OPACITY`, `SCALE0`, `ELONGATION` and
+            `FLATNESS` (see `layout.COLUMNS`) and of Y Co Cg, in fixed point (`BITS` fractional bits), multiples of
+            `1 << MEAN_SHIFT`.
         zero_probabilities: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of
             2**8.
         scale_indices: int64 (A, B, C), index of the standard deviation of residuals in the coder's table, for each
@@ -83,6 +84,11 @@ class SideInfo:
     zero_probabilities: np.ndarray
     scale_indices: np.ndarray
     sections: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def packet_dependent(self) -> bool:
+        """True if decoded integers depend on the division into packets (`RELATIVE_VERSION`)."""
+        return self.max_position_shift < 0
 
     @property
     def num_harmonic_columns(self) -> int:
@@ -210,7 +216,7 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
             f"side information: degree {degree}, size {size_log} or lattice bits {lattice_bits} are impossible"
         )
     if max_position_shift > MAX_LATTICE_BITS:
-        raise BitstreamError(f"side information: position cells of 2**{max_position_shift} units are impossible")
+        raise BitstreamError(f"side information: position steps of 2**{max_position_shift} units are impossible")
     if np.abs(base_exponents).max() > 64 << STEP_BITS:
         raise BitstreamError(f"side information: impossible steps {base_exponents.tolist()}")
     num_harmonics = (degree + 1) ** 2 - 1
@@ -231,7 +237,7 @@ def write_blocks(boxes: Boxes, block_means: np.ndarray) -> bytes:
 
     Args:
         boxes: Bounding boxes of the B blocks.
-        block_means: int64 (B, 7), means of opacity, scales and colour of each block (see `SideInfo.block_means`).
+        block_means: int64 (B, 7), means of the coded quantities of each block (see `SideInfo.block_means`).
     """
     writer = ByteWriter()
     for shift, corner, extent in zip(boxes.shifts, boxes.grid_corners, boxes.extents, strict=True):
@@ -253,8 +259,7 @@ def read_blocks(data: bytes, num_blocks: int) -> tuple[Boxes, np.ndarray]:
         num_blocks: Number of blocks, B.
 
     Returns:
-        The boxes, and the means of opacity, scales and colour of each block, int64 (B, 7) (see
-        `SideInfo.block_means`).
+        The boxes, and the means of the coded quantities of each block, int64 (B, 7) (see `SideInfo.block_means`).
 
     Raises:
         BitstreamError: If the bytes are damaged or do not match the number of blocks.

@@ -100,7 +100,7 @@ def check_base(base: SceneStream) -> SideInfo:
         raise InvalidValueError("a stream with importance tiers cannot be updated: encode it without --tiers")
     _check_complete(base, "the stream to change", "only a complete stream can be changed")
     info = open_side_info(manifest, base.side_info)
-    if info.max_position_shift < 0:
+    if info.packet_dependent:
         raise InvalidValueError("an older release encoded the stream to change: encode its scene again")
     return info
 

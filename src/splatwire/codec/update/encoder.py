@@ -121,12 +121,12 @@ def encode_change(
     assert isinstance(edited, SplatScene)
     if class_offsets is not None:
         class_offsets = array_of(class_offsets, "class_offsets", (edited.num_elements,), "i", -128, 127)
-    rows = edited.validity()
-    rows.log_removed("encoding", edited.ELEMENTS)
+    validity = edited.validity()
+    validity.log_removed("encoding", edited.ELEMENTS)
     before = decode_stream(base, threads=threads).scene
     coding = before.coding
     assert coding is not None
-    after, kept = edited.splats.moved_origin(edited.origin, before.origin).select(rows.kept), rows.kept
+    after, kept = edited.splats.moved_origin(edited.origin, before.origin).select(validity.kept), validity.kept
     if not after.num_gaussians:
         raise InvalidValueError("the changed scene has no Gaussian that draws anything")
     if after.degree != before.splats.degree:

@@ -31,7 +31,7 @@ def needed_stream(stream: SceneStream, concealer: str) -> SceneStream:
 
 def stream_parts(stream: SceneStream) -> dict[str, int]:
     """Returns the bytes of each part of a stream (attributes, headers, sections); the sum is the file size."""
-    parts = dict(stream.parts())
+    parts = dict(stream.part_sizes())
     whole = parts.pop("side_info")
     inner = side_info_parts(stream.side_info, stream.manifest.codec)
     side = {f"side_{name}": size for name, size in inner.items()}

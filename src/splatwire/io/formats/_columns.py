@@ -163,9 +163,9 @@ def checked_batches(path: Path, batches: Iterable[Splats]) -> Iterator[Splats]:
         if part.degree != degree:
             raise InvalidValueError(f"Gaussians of degree {part.degree} after those of degree {degree}")
         part = _with_rounded_opacities(part)
-        rows = validity_of_splats(part)
+        validity = validity_of_splats(part)
         first = int((part.opacities < 0).argmax()) if (part.opacities < 0).any() else part.num_gaussians
-        first = first if rows.first_invalid is None else min(first, rows.first_invalid)
+        first = first if validity.first_invalid is None else min(first, validity.first_invalid)
         if first < part.num_gaussians:
             names = dict.fromkeys(invalid_fields(part) + ["opacities"] * bool((part.opacities < 0).any()))
             raise InvalidValueError(

@@ -107,17 +107,18 @@ def read_content(path: Path) -> FileContent:
         DatasetError: If the format is not supported, the file is damaged, or no Gaussian can be drawn.
     """
     path = path_of(path, "a file of Gaussians")
-    content, rows = read_all_rows(path)
-    if len(rows.kept) == rows.num_invisible == 1:  # file of an empty frame, see `splatwire.sequence.written_frames`
+    content, validity = read_all_rows(path)
+    # The file of an empty frame has one invisible Gaussian, see `splatwire.sequence.written_frames`.
+    if len(validity.kept) == validity.num_invisible == 1:
         LOG.warning("%s: its only Gaussian is transparent: the scene is empty", path)
         return content
-    rows.log_removed(path, "Gaussians")
-    if not bool(rows.kept.any()):
-        counts = f"{rows.num_invisible:,} draw nothing, {rows.num_invalid:,} cannot be drawn"
+    validity.log_removed(path, "Gaussians")
+    if not bool(validity.kept.any()):
+        counts = f"{validity.num_invisible:,} draw nothing, {validity.num_invalid:,} cannot be drawn"
         fields = ", ".join(invalid_fields(content.splats))
         why = f" (invalid: {fields})" if fields else ""
-        raise DatasetError(f"{path}: none of its {len(rows.kept):,} Gaussians is left: {counts}{why}")
-    return content if rows.complete else replace(content, splats=content.splats.gathered(rows.kept))
+        raise DatasetError(f"{path}: none of its {len(validity.kept):,} Gaussians is left: {counts}{why}")
+    return content if validity.all_drawable else replace(content, splats=content.splats.gathered(validity.kept))
 
 
 @checked
@@ -143,8 +144,8 @@ def read_rows(path: Path) -> tuple[Splats, ElementValidity]:
     Raises:
         DatasetError: If the format is not supported, or the file is damaged.
     """
-    content, rows = read_all_rows(path)
-    return content.relative_to(NO_ORIGIN).splats, rows
+    content, validity = read_all_rows(path)
+    return content.relative_to(NO_ORIGIN).splats, validity
 
 
 @checked

@@ -91,9 +91,9 @@ def drawable_anchors(anchors: Anchors, path: Path) -> Anchors:
     Raises:
         DatasetError: If no anchor is left.
     """
-    rows = validity_of_anchors(anchors)
-    rows.log_removed(path, "anchors")
-    if not bool(rows.kept.any()):
-        counts = f"{rows.num_invisible:,} have no offset, {rows.num_invalid:,} cannot be drawn"
+    validity = validity_of_anchors(anchors)
+    validity.log_removed(path, "anchors")
+    if not bool(validity.kept.any()):
+        counts = f"{validity.num_invisible:,} have no offset, {validity.num_invalid:,} cannot be drawn"
         raise DatasetError(f"{path}: none of its {anchors.num_anchors:,} anchors is left: {counts}")
-    return anchors if rows.complete else anchors.select(rows.kept)
+    return anchors if validity.all_drawable else anchors.select(validity.kept)
