@@ -75,13 +75,13 @@ _BASES = {
     "position": -0.8, "scale0": 1.2, "scale1": 1.0, "scale2": 1.0, "direction": -1.0, "spin": -3.0, "opacity": -2.3,
     "colour": 0.0,
 }  # fmt: skip
-"""log2 of the square root of the sensitivity to each attribute if the logarithms of `_SLOPES` are 0. A common constant is
-omitted, so that colour has 0."""
+"""log2 of the square root of the sensitivity to each attribute if the logarithms of `_SLOPES` are 0, less the value for
+colour."""
 _WEIGHTS = {
     "position": 3.0, "scale0": 1.0, "scale1": 1.0, "scale2": 1.0, "direction": 2.0, "spin": 0.7, "opacity": 1.0
 }  # fmt: skip
-"""Weight of each attribute in the mean of the logarithms, the number of its scalars. `_classes` adds colour: 3, or 12
-with spherical harmonics."""
+"""Weight of each attribute in the mean of the logarithms, about the number of its scalars. `_classes` adds that of
+colour: 3, or 12 with spherical harmonics."""
 
 
 def scene_precision_classes(
