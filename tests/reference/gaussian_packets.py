@@ -32,12 +32,12 @@ from splatwire.codec.gaussians.layout import (
     STEP_BITS,
     STEP_COLOUR,
     STEP_DIRECTION,
+    STEP_ELONGATION,
+    STEP_FLATNESS,
     STEP_HARMONICS,
     STEP_OPACITY,
     STEP_POSITION,
     STEP_SCALE0,
-    STEP_SCALE1,
-    STEP_SCALE2,
     STEP_SPIN,
     WIDE_SCALE_OFFSET,
     WINDOW,
@@ -126,14 +126,16 @@ class ReferencePacket(ReferenceBits):
         s0 = self.value(1, STEP_SCALE0, near, g.level, lambda n: n.logs[1], shape, 1, BITS - 1)
         s0 = min(max(s0, -MAX_LOG), MAX_LOG)
         shape = (2 * s0 - (2 << BITS), 0, 0, opacity)
-        long = self.value(2, STEP_SCALE1, near, g.level, lambda n: n.logs[2], shape, 2, BITS - 1)
-        long = min(max(long, 0), MAX_LOG)
-        shape = (2 * s0 - long, long, 0, opacity)
-        t = self.value(3, STEP_SCALE2, near, g.level, lambda n: n.logs[3], shape, 3, BITS - 1)
-        t = min(max(t, 0), (MAX_COMPANDED >> self.shift) << self.shift if self.absolute else MAX_COMPANDED)
-        g.logs, thin = [opacity, s0, long, t], self.flatness_table[t]
-        shape = (2 * s0 - long, long, thin, opacity)
-        finest = max(self.exponent(STEP_POSITION, g.level, shape), 1 - ((s0 - long) >> BITS))
+        elongation = self.value(2, STEP_ELONGATION, near, g.level, lambda n: n.logs[2], shape, 2, BITS - 1)
+        elongation = min(max(elongation, 0), MAX_LOG)
+        shape = (2 * s0 - elongation, elongation, 0, opacity)
+        companded = self.value(3, STEP_FLATNESS, near, g.level, lambda n: n.logs[3], shape, 3, BITS - 1)
+        companded = min(
+            max(companded, 0), (MAX_COMPANDED >> self.shift) << self.shift if self.absolute else MAX_COMPANDED
+        )
+        g.logs, flatness = [opacity, s0, elongation, companded], self.flatness_table[companded]
+        shape = (2 * s0 - elongation, elongation, flatness, opacity)
+        finest = max(self.exponent(STEP_POSITION, g.level, shape), 1 - ((s0 - elongation) >> BITS))
         size = min(
             max(self.info.lattice_bits - finest, 0), self.info.max_position_shift if self.absolute else self.box_bits
         )
@@ -141,7 +143,7 @@ class ReferencePacket(ReferenceBits):
         fine = [(c << (at - low)) | self.raw(at - low) for c in cell]
         size = size if self.absolute else low
         x, y, z = ((c >> (size - low)) * 2 ** (size + 1) + 2**size for c in fine)
-        g.place, g.primary = (x, y, z), 2 if thin >= long else 0
+        g.place, g.primary = (x, y, z), 2 if flatness >= elongation else 0
         shift = min(max(DIRECTION_BITS - self.exponent(STEP_DIRECTION, g.level, shape), 0), DIRECTION_BITS - 2)
         g.axis = self.axis(near, g.primary, shift)
         bits = min(max(self.exponent(STEP_SPIN, g.level, shape), 0), DIRECTION_BITS)

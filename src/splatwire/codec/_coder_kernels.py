@@ -196,28 +196,27 @@ def code_value(coder, kind, deviation_context, magnitude_context, mean, value, s
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
-        absolute: True to quantise the value itself. False to quantise its difference from `mean`, as in version 2 of
-            the format.
+        absolute: False in streams of version 2, which quantise the difference from the prediction instead of the value.
 
     Returns:
         The decoded value, and its residual in steps.
     """
     half_step = (1 << shift) >> 1
     if not absolute:
-        steps = _code_steps(
+        steps = _code_residual(
             coder, kind, deviation_context, magnitude_context, (value - mean + half_step) >> shift, ZERO
         )
         return mean + (steps << shift), steps
     mean_eighths = ((mean << MEAN_FRACTION_BITS) + half_step) >> shift
     near = (mean_eighths + (1 << (MEAN_FRACTION_BITS - 1))) >> MEAN_FRACTION_BITS
     residual, fraction = ((value + half_step) >> shift) - near, mean_eighths - (near << MEAN_FRACTION_BITS)
-    steps = _code_steps(coder, kind, deviation_context, magnitude_context, residual, fraction)
+    steps = _code_residual(coder, kind, deviation_context, magnitude_context, residual, fraction)
     return (near + steps) << shift, steps
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_steps(coder, kind, deviation_context, magnitude_context, residual, mean_eighths):
+def _code_residual(coder, kind, deviation_context, magnitude_context, residual, mean_fraction):
     """Encodes or decodes a prediction residual, in quantisation steps.
 
     Args:
@@ -226,38 +225,39 @@ def _code_steps(coder, kind, deviation_context, magnitude_context, residual, mea
         deviation_context: Second index of the context (see `code_value`).
         magnitude_context: Third index of the context (see `code_value`).
         residual: The residual; only used by an encoder.
-        mean_eighths: Mean of the residual's distribution, in eighths of a step, -4 to 3.
+        mean_fraction: Mean of the residual's distribution, in eighths of a step, -4 to 3: the predicted mean less the
+            nearest whole number of steps.
 
     Returns:
         The residual.
     """
     context = (kind * NUM_DEVIATION_CONTEXTS + deviation_context) * NUM_MAGNITUDE_CONTEXTS + magnitude_context
     scale = np.int64(coder.scale_indices[context])
-    distribution, mixture = coder.distributions[scale], mean_eighths + (NUM_MEANS >> 1)
-    max_magnitude, first = distribution[MAX_MAGNITUDE], distribution[FIRST_BOUND] + mixture * distribution[STRIDE]
+    table_row, mean_index = coder.distributions[scale], mean_fraction + (NUM_MEANS >> 1)
+    max_magnitude, first = table_row[MAX_MAGNITUDE], table_row[FIRST_BOUND] + mean_index * table_row[STRIDE]
     if coder.decoding:
         target = decode_target(coder.state, SYMBOL_BITS)
         if target >= TOTAL - ESCAPE:
             residual = _decode_escape(coder.words, coder.state, max_magnitude)
         else:
-            bits = distribution[GUESS_BITS]
-            guess = distribution[GUESS_AT] + (mixture << bits) + (target >> (SYMBOL_BITS - bits))
+            bits = table_row[GUESS_BITS]
+            guess = table_row[GUESS_AT] + (mean_index << bits) + (target >> (SYMBOL_BITS - bits))
             index = first + np.int64(coder.guesses[guess])
             start, after = np.int64(coder.bounds[index]), np.int64(coder.bounds[index + 1])
             while after <= target:
                 index += 1
                 start, after = after, np.int64(coder.bounds[index + 1])
-            if distribution[SHIFT]:
-                residual = _decode_wide(coder, scale, index - first, start, after, target, mean_eighths)
+            if table_row[SHIFT]:
+                residual = _decode_wide(coder, scale, index - first, start, after, target, mean_fraction)
             else:
                 advance(coder.words, coder.state, start, after - start, SYMBOL_BITS)
                 residual = index - first - max_magnitude
-    elif distribution[SHIFT] == 0 and -max_magnitude <= residual <= max_magnitude:
+    elif table_row[SHIFT] == 0 and -max_magnitude <= residual <= max_magnitude:
         start = np.int64(coder.bounds[first + max_magnitude + residual])
         size = np.int64(coder.bounds[first + max_magnitude + residual + 1]) - start
         write_interval(coder.data, coder.state, start, size, SYMBOL_BITS)
     else:
-        residual = _encode_wide(coder, scale, residual, mean_eighths)
+        residual = _encode_wide(coder, scale, residual, mean_fraction)
     if not coder.decoding:
         coder.residual_statistics[kind, deviation_context, magnitude_context, 0] += 1
         coder.residual_statistics[kind, deviation_context, magnitude_context, 1] += abs(residual)
@@ -286,7 +286,7 @@ def _decode_escape(words, state, max_magnitude):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _decode_wide(coder, scale, index, start, after, target, mean_eighths):
+def _decode_wide(coder, scale, index, start, after, target, mean_fraction):
     """Decodes a residual under a wide distribution.
 
     The probability table of a wide distribution contains the starts of only every 2^k-th interval. This function
@@ -299,7 +299,7 @@ def _decode_wide(coder, scale, index, start, after, target, mean_eighths):
         start: Interval start in this table entry.
         after: Interval start in the next table entry.
         target: Position on the probability axis that the range decoder has read, from `start` to `after` (exclusive).
-        mean_eighths: Mean of the distribution, in eighths of a quantisation step.
+        mean_fraction: Mean of the distribution, in eighths of a quantisation step, -4 to 3.
 
     Returns:
         The residual in quantisation steps.
@@ -309,7 +309,7 @@ def _decode_wide(coder, scale, index, start, after, target, mean_eighths):
     max_magnitude, shift, mean = (
         coder.distributions[scale, MAX_MAGNITUDE],
         coder.distributions[scale, SHIFT],
-        mean_eighths << (MEAN_BITS - MEAN_FRACTION_BITS),
+        mean_fraction << (MEAN_BITS - MEAN_FRACTION_BITS),
     )
     narrow, wide = coder.inverse_scales[scale], coder.inverse_scales[min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)]
     steps = np.int64(np.float64((target - start) << shift) / np.float64(after - start))
@@ -349,20 +349,20 @@ def _interval_start(coder, symbol, max_magnitude, mean, narrow, wide):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _encode_wide(coder, scale, residual, mean_eighths):
+def _encode_wide(coder, scale, residual, mean_fraction):
     """Encodes a residual whose interval is not tabulated: a very large residual, or one with a wide distribution.
 
     Args:
         coder: Entropy coder.
         scale: Index of the distribution's (smaller) standard deviation.
         residual: The residual in quantisation steps.
-        mean_eighths: Mean of the distribution, in eighths of a step.
+        mean_fraction: Mean of the distribution, in eighths of a step, -4 to 3.
 
     Returns:
         The encoded residual: `residual`, clipped to magnitudes of at most `MAX_RESIDUAL`.
     """
     # The tables omit very large residuals, and most residuals of wide distributions.
-    mean = mean_eighths << (MEAN_BITS - MEAN_FRACTION_BITS)
+    mean = mean_fraction << (MEAN_BITS - MEAN_FRACTION_BITS)
     wide = min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)
     residual = min(max(residual, -MAX_RESIDUAL), MAX_RESIDUAL)
     encode_symbol(

@@ -21,8 +21,8 @@ NUM_MEANS = np.int64(1 << MEAN_FRACTION_BITS)
 """Number of different means, in eighths of a step from -4 on."""
 MAX_SYMBOLS = np.int64(1 << 10)
 """Maximum number of symbols on either side of a mixture with a table of all bounds."""
-MAX_BOUNDS = np.int64(1 << 9)
-"""Maximum number of intervals between the tabulated bounds of a mixture with more symbols."""
+MAX_INTERVALS = np.int64(1 << 9)
+"""Maximum number of tabulated intervals of a mixture with more symbols."""
 MAX_GUESS_BITS = np.int64(8)
 """Maximum number of bits of the index of a guess: the highest bits of the position of the code."""
 MAX_MAGNITUDE, SHIFT, FIRST_BOUND, STRIDE, GUESS_AT, GUESS_BITS = np.arange(6)
@@ -67,15 +67,15 @@ def residual_distributions(scale_indices, inverse_scales, widths, normal_cdf):
             continue
         max_magnitude = widths[min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)]
         shift = guess_bits = ZERO
-        while max_magnitude > MAX_SYMBOLS and (2 * max_magnitude >> shift) >= MAX_BOUNDS:
+        while max_magnitude > MAX_SYMBOLS and (2 * max_magnitude >> shift) >= MAX_INTERVALS:
             shift += 1
         while max_magnitude >> guess_bits and guess_bits < MAX_GUESS_BITS:
             guess_bits += 1
         stride = (2 * max_magnitude >> shift) + 2
-        distribution = distributions[scale]
-        distribution[MAX_MAGNITUDE], distribution[SHIFT] = max_magnitude, shift
-        distribution[FIRST_BOUND], distribution[STRIDE] = num_bounds, stride
-        distribution[GUESS_AT], distribution[GUESS_BITS] = num_guesses, guess_bits
+        table_row = distributions[scale]
+        table_row[MAX_MAGNITUDE], table_row[SHIFT] = max_magnitude, shift
+        table_row[FIRST_BOUND], table_row[STRIDE] = num_bounds, stride
+        table_row[GUESS_AT], table_row[GUESS_BITS] = num_guesses, guess_bits
         num_bounds += NUM_MEANS * stride
         num_guesses += NUM_MEANS << guess_bits
     bounds, guesses = np.empty(num_bounds, np.int32), np.empty(num_guesses, np.uint16)
@@ -87,17 +87,17 @@ def residual_distributions(scale_indices, inverse_scales, widths, normal_cdf):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _tabulate(scale, distribution, bounds, guesses, inverse_scales, widths, normal_cdf):
+def _tabulate(scale, table_row, bounds, guesses, inverse_scales, widths, normal_cdf):
     wide = min(scale + WIDE_SCALE_OFFSET, NUM_SCALES - 1)
-    max_magnitude = distribution[MAX_MAGNITUDE]
+    max_magnitude = table_row[MAX_MAGNITUDE]
     narrow_inverse, wide_inverse = inverse_scales[scale], inverse_scales[wide]
-    bounds_at, last = distribution[FIRST_BOUND], distribution[STRIDE] - 2
-    guess_at, guess_bits = distribution[GUESS_AT], distribution[GUESS_BITS]
-    for number in range(NUM_MEANS):
-        mean = (number - (NUM_MEANS >> 1)) << (MEAN_BITS - MEAN_FRACTION_BITS)
+    bounds_at, last = table_row[FIRST_BOUND], table_row[STRIDE] - 2
+    guess_at, guess_bits = table_row[GUESS_AT], table_row[GUESS_BITS]
+    for mean_index in range(NUM_MEANS):
+        mean = (mean_index - (NUM_MEANS >> 1)) << (MEAN_BITS - MEAN_FRACTION_BITS)
         for interval in range(last + 2):
             bounds[bounds_at + interval] = cumulative(
-                (interval << distribution[SHIFT]) - max_magnitude,
+                (interval << table_row[SHIFT]) - max_magnitude,
                 -max_magnitude,
                 max_magnitude,
                 mean,

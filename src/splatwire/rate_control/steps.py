@@ -20,7 +20,7 @@ from splatwire.types import Cameras, SplatScene
 
 _GROUPS = {
     "logits": ("opacity",),
-    "logs": ("scale0", "scale1", "scale2"),
+    "logs": ("scale0", "elongation", "flatness"),
     "means": ("position",),
     "quats": ("direction", "spin"),
     "base": ("colour",),

@@ -84,10 +84,10 @@ def test_codes_refuse_positions_outside_the_box() -> None:
             block_codes(np.array([[0, 1, 2], [3, 4, wrong]]), 21)
 
 
-def test_centres_of_cells_equal_their_reference() -> None:
+def test_rounded_positions_equal_their_reference() -> None:
     means, shifts = gaussians(500).means, np.random.default_rng(1).integers(0, 20, 500)
     found = means.copy()
-    kernels.snap_to_cells(found, shifts, 2.0**20, 2.0**-21)
+    kernels.round_positions(found, shifts, 2.0**20, 2.0**-21)
     np.testing.assert_array_equal(found, reference_centres(means, shifts, 22, 2))
 
 

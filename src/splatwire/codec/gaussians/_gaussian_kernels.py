@@ -23,16 +23,16 @@ from splatwire.codec.gaussians.layout import (
     MIN_OPACITY,
     NUM_MAGNITUDE_CONTEXTS,
     OPACITY,
+    RESIDUAL_ELONGATION,
+    RESIDUAL_FLATNESS,
     RESIDUAL_LUMA,
     RESIDUAL_OPACITY,
     RESIDUAL_SCALE0,
-    RESIDUAL_SCALE1,
-    RESIDUAL_SCALE2,
     STEP_COLOUR,
+    STEP_ELONGATION,
+    STEP_FLATNESS,
     STEP_OPACITY,
     STEP_SCALE0,
-    STEP_SCALE1,
-    STEP_SCALE2,
 )
 from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
@@ -122,7 +122,7 @@ def code_logs(
             attributes.
         num_neighbours: Number of neighbours.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
-        absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
+        absolute: False in streams of version 2, which quantise the difference from the prediction instead of the value.
 
     Returns:
         Five integers. The first four are decoded logarithms: of the largest scale, of the ratio of the largest to the
@@ -141,7 +141,7 @@ def code_logs(
         elif kind == RESIDUAL_SCALE0:
             area = ZERO if absolute else 2 * mean - (2 << BITS)
             low = np.int64(-MAX_LOG)
-        elif kind == RESIDUAL_SCALE1:
+        elif kind == RESIDUAL_ELONGATION:
             area, value = 2 * s0 - (2 << BITS), s0 - value
         else:
             area = 2 * s0 - elongation
@@ -149,10 +149,10 @@ def code_logs(
         # The quantisation step of each value depends on the values decoded before.
         shift = step_shift(base_exponents, kind, precision_class, area, elongation, ZERO, opacity, max_shift)
         deviation_context = deviation_context_of(num_neighbours, neighbours.deviations[kind], shift)
-        magnitude_context = shift if kind < RESIDUAL_SCALE1 else magnitude_context_of(residual_magnitude)
+        magnitude_context = shift if kind < RESIDUAL_ELONGATION else magnitude_context_of(residual_magnitude)
         value, steps = code_value(coder, kind, deviation_context, magnitude_context, mean, value, shift, absolute)
         residual_magnitude = update_magnitude(residual_magnitude, steps)
-        if kind == RESIDUAL_SCALE2:
+        if kind == RESIDUAL_FLATNESS:
             high = np.int64((MAX_COMPANDED >> shift) << shift if absolute else MAX_COMPANDED)
         value = min(max(value, low), high)
         row[OPACITY + kind] = value
@@ -160,7 +160,7 @@ def code_logs(
             opacity = value
         elif kind == RESIDUAL_SCALE0:
             s0 = value
-        elif kind == RESIDUAL_SCALE1:
+        elif kind == RESIDUAL_ELONGATION:
             elongation = value
         else:
             companded = value
@@ -185,7 +185,7 @@ def code_colour(
             attributes.
         num_neighbours: Number of neighbours.
         residual_magnitude: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
-        absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
+        absolute: False in streams of version 2, which quantise the difference from the prediction instead of the value.
     """
     shift = step_shift(base_exponents, STEP_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
@@ -229,11 +229,11 @@ def position_shifts(logs, precision_classes, base_exponents, lattice_bits, max_p
         shift = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(source[1], shift), -MAX_LOG), MAX_LOG)
         shift = step_shift(
-            base_exponents, STEP_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
+            base_exponents, STEP_ELONGATION, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
         )
         elongation = min(max(rounded(s0 - source[2], shift), 0), MAX_LOG)
         shift = step_shift(
-            base_exponents, STEP_SCALE2, precision_class, 2 * s0 - elongation, elongation, ZERO, opacity, BITS - 1
+            base_exponents, STEP_FLATNESS, precision_class, 2 * s0 - elongation, elongation, ZERO, opacity, BITS - 1
         )
         companded = rounded(compand_flatness(max(s0 - elongation - source[3], 0), flatness_table), shift)
         companded = min(max(companded, 0), (MAX_COMPANDED >> shift) << shift)

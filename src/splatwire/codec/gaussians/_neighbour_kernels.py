@@ -21,7 +21,8 @@ from splatwire.ops.compiled import njit
 
 NARROW_BITS = 11
 """Maximum number of bits of a cell for which a squared distance and an index of the window fit in an int32."""
-LANES = 8
+NUM_GROUPS = 8
+"""Number of groups into which the search window is divided; preceding Gaussian k is in group `k % NUM_GROUPS`."""
 DISTANCE_LIMIT = np.float32(3 << 23)
 """Upper limit of squared distances between cells of at most `NARROW_BITS` bits: above all of them, exact in a float32.
 """
@@ -32,7 +33,7 @@ _AGE_BITS = np.int32(6)
 """Number of low bits of a key that contain the distance in coding order."""
 _AGE_MASK = np.int64(WINDOW - 1)
 LUMA_VALUE, CLASS_VALUE = np.int64(4), np.int64(7)
-"""Columns of luma and class in `Neighbours.values`. Columns 0 to 3 are opacity and scales, as in `RESIDUAL_KINDS`."""
+"""Columns of luma and class in `Neighbours.values`. Columns 0 to 3 are those from `OPACITY` to `FLATNESS` of a row."""
 PREDICTED = 8
 BIT_LENGTHS = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 """Number of bits of each integer below 256."""
@@ -48,7 +49,7 @@ class Neighbours(NamedTuple):
         narrow: float32 (3, `WINDOW` + n), the same cells for a faster search; the first columns are padding.
         keys: int32 (`WINDOW`), sort key of each preceding Gaussian: squared distance, then distance in coding order.
         close: int32 (`WINDOW` + 1), keys of the candidates for neighbours.
-        lanes: int32 (`LANES`), smallest key of each group of `WINDOW / LANES` preceding Gaussians.
+        group_minima: int32 (`NUM_GROUPS`), smallest key of each group of `WINDOW / NUM_GROUPS` preceding Gaussians.
         indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.
         weights: float64 (`NUM_NEIGHBOURS`), weights of the neighbours by inverse squared distance.
         values: float64 (n, `PREDICTED`), decoded attributes that are predicted by the mean over the neighbours.
@@ -61,7 +62,7 @@ class Neighbours(NamedTuple):
     narrow: np.ndarray
     keys: np.ndarray
     close: np.ndarray
-    lanes: np.ndarray
+    group_minima: np.ndarray
     indices: np.ndarray
     weights: np.ndarray
     values: np.ndarray
@@ -81,7 +82,7 @@ def new_neighbours(n):
         narrow,
         np.empty(WINDOW, np.int32),
         np.empty(WINDOW + 1, np.int32),
-        np.empty(LANES, np.int32),
+        np.empty(NUM_GROUPS, np.int32),
         np.empty(NUM_NEIGHBOURS, np.int64),
         np.empty(NUM_NEIGHBOURS, np.float64),
         np.empty((n, PREDICTED), np.float64),
@@ -126,10 +127,10 @@ def _find_narrow(neighbours, i):
     # The window is divided into eight groups. At least six keys do not exceed the sixth smallest of the groups' minima,
     # so larger keys need not be sorted. The loops have few branches and compile to vector instructions. Coordinates are
     # float32, because numba computes with int32 in 64 bits.
-    keys, close, lanes, indices, weights = (
+    keys, close, group_minima, indices, weights = (
         neighbours.keys,
         neighbours.close,
-        neighbours.lanes,
+        neighbours.group_minima,
         neighbours.indices,
         neighbours.weights,
     )
@@ -139,14 +140,14 @@ def _find_narrow(neighbours, i):
     for k in range(WINDOW):
         a, b, c = x - xs[k], y - ys[k], z - zs[k]
         keys[k] = (np.int32(min(a * a + b * b + c * c, DISTANCE_LIMIT)) << _AGE_BITS) | np.int32(WINDOW - 1 - k)
-    for lane in range(LANES):
-        lanes[lane] = keys[lane]
-    for group in range(1, WINDOW // LANES):
-        for lane in range(LANES):
-            lanes[lane] = min(lanes[lane], keys[LANES * group + lane])
+    for group in range(NUM_GROUPS):
+        group_minima[group] = keys[group]
+    for row in range(1, WINDOW // NUM_GROUPS):
+        for group in range(NUM_GROUPS):
+            group_minima[group] = min(group_minima[group], keys[NUM_GROUPS * row + group])
     largest = second = bound = np.int32(-1)  # the bound is the third largest of eight, the sixth smallest
-    for lane in range(LANES):
-        rest = lanes[lane]
+    for group in range(NUM_GROUPS):
+        rest = group_minima[group]
         largest, rest = max(largest, rest), min(largest, rest)
         second, rest = max(second, rest), min(second, rest)
         bound = max(bound, rest)
@@ -218,7 +219,7 @@ def predict(neighbours, num_neighbours, block_means):
     Args:
         neighbours: Working arrays of the packet (`Neighbours`), with the neighbours of the Gaussian.
         num_neighbours: Number of neighbours.
-        block_means: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
+        block_means: Means of the block (see `SideInfo.block_means`), int64 (7), used if there are no neighbours.
 
     Returns:
         Context of the entropy coder for the Gaussian's precision class. The context is 0 without neighbours. With

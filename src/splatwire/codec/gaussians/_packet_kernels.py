@@ -73,19 +73,20 @@ def _deinterleave_codes(codes, cells, narrow):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def spread_key(code, bits):
-    """Returns the sort key that spreads a block's Gaussians over its packets: the reversed low bits of a Morton code.
+def reverse_bits(code, bits):
+    """Returns the lowest bits of a Morton code in reversed order, which are the slot of a grid cell.
 
-    Gaussians with consecutive keys are far apart, so that a lost packet leaves no large hole.
+    The function is its own inverse: applied to a slot, it returns the lowest bits of the code. Grid cells with
+    consecutive slots are far apart, so that a lost packet leaves no large hole.
 
     Args:
-        code: Morton code of the Gaussian's grid cell.
-        bits: Number of low bits of the code; the lowest becomes the highest bit of the key.
+        code: Morton code of the grid cell, or its slot.
+        bits: Number of bits; the lowest becomes the highest bit of the result.
     """
-    slot = np.int64(0)
+    reversed_bits = np.int64(0)
     for bit in range(bits):
-        slot |= ((code >> bit) & 1) << (bits - 1 - bit)
-    return slot
+        reversed_bits |= ((code >> bit) & 1) << (bits - 1 - bit)
+    return reversed_bits
 
 
 @njit(borrows=True, error_model="numpy")
@@ -110,7 +111,7 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
     first, last = np.int64(1 << size), np.int64(0)
     if not coder.decoding:
         for i in range(len(codes)):
-            slots[i] = spread_key(codes[i], size)
+            slots[i] = reverse_bits(codes[i], size)
             codes[i] >>= size
             first, last = min(first, slots[i]), max(last, slots[i])
     first = code_raw(coder, first, size)
@@ -118,7 +119,7 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
     code_cells(coder, codes, bits - size, stack)
     for i in range(len(codes)):
         slot = code_below(coder, slots[i] - first, count) if interleaved else 0
-        codes[i] = (codes[i] << size) | spread_key((first + slot) & ((1 << size) - 1), size)
+        codes[i] = (codes[i] << size) | reverse_bits((first + slot) & ((1 << size) - 1), size)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -134,8 +135,7 @@ def _code_position(coder, row, cell, position, cell_shift, shift, absolute):
             encoder.
         cell_shift: log2 of the side of a grid cell, in lattice spacings.
         shift: log2 of the quantisation step, in lattice spacings.
-        absolute: True if a quantisation step may be larger than a grid cell. False for streams of version 2, in which a
-            step is at most as large as a cell.
+        absolute: False in streams of version 2, in which a quantisation step is at most as large as a grid cell.
     """
     # The position is nearly random within the cell, so that entropy coding would save nothing.
     low = min(cell_shift, shift)
@@ -210,7 +210,7 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
         coder: Entropy coder.
         step_parameters: Parameters of the quantisation steps, from `SideInfo.step_parameters`.
         box_bits: Number of bits of a coordinate within the block's bounding box.
-        block_means: Mean opacity, scales and colour of the block, int64 (7).
+        block_means: Means of the block (see `SideInfo.block_means`), int64 (7).
         source: The block's Gaussians, as fields of a `BlockSource`; ignored by a decoder.
         order: Indices of the packet's Gaussians in `source`, int64 (n); ignored by a decoder.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
@@ -218,7 +218,7 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
         scratch: Working arrays from `new_scratch`.
     """
     base_exponents, lattice_bits, max_position_shift, flatness_table = step_parameters
-    absolute = max_position_shift >= 0
+    absolute = max_position_shift >= 0  # False in streams of version 2, see `SideInfo.packet_dependent`
     cell_shift, interleaved, codes, positions, classes, logs, axes, colours, source_harmonics = source
     neighbours, cell_codes, stack, predicted_axis, quantised_axis = scratch
     cells, n = neighbours.cells, len(rows)
@@ -314,7 +314,7 @@ def encode_fixed(
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
-        block_means: Mean opacity, scales and colour of the block, int64 (7).
+        block_means: Means of the block (see `SideInfo.block_means`), int64 (7).
         source: The block's Gaussians, as fields of a `BlockSource`.
         counts: Number of Gaussians in each packet, int64 (packets).
         buffer: Output: the payloads one after another, uint8.
@@ -355,10 +355,10 @@ def encode_limited(
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
         step_parameters: Parameters of the quantisation steps, from `SideInfo.step_parameters`.
-        models: Initial state of the adaptive bit models, equal for all num_packets, int64 (contexts, 2).
+        models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
-        block_means: Mean opacity, scales and colour of the block, int64 (7).
+        block_means: Means of the block (see `SideInfo.block_means`), int64 (7).
         source: The block's Gaussians, as fields of a `BlockSource`.
         max_payload_bytes: Maximum size of a packet's payload, bytes.
         buffer: Output: the payloads one after another, uint8.
@@ -460,7 +460,7 @@ def decode_packets(
         gaussian_starts: int64 (P + 1); packet p has the Gaussians `gaussian_starts[p]` to `gaussian_starts[p + 1]`
             (exclusive).
         box_bits: Number of bits of a coordinate within the bounding box of each packet's block, int64 (P).
-        block_means: Mean opacity, scales and colour of each packet's block, int64 (P, 7).
+        block_means: Means of each packet's block (see `SideInfo.block_means`), int64 (P, 7).
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
     """

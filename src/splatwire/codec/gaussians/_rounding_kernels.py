@@ -13,6 +13,8 @@ from splatwire.codec.gaussians.layout import (
     BITS,
     CLASS,
     DIRECTION_BITS,
+    ELONGATION,
+    FLATNESS,
     LUMA,
     MAX_COLOUR,
     MAX_COMPANDED,
@@ -24,17 +26,15 @@ from splatwire.codec.gaussians.layout import (
     POSITION,
     PRIMARY,
     SCALE0,
-    SCALE1,
-    SCALE2,
     SPIN,
     SPIN_BITS,
     STEP_COLOUR,
     STEP_DIRECTION,
+    STEP_ELONGATION,
+    STEP_FLATNESS,
     STEP_HARMONICS,
     STEP_OPACITY,
     STEP_SCALE0,
-    STEP_SCALE1,
-    STEP_SCALE2,
     STEP_SPIN,
 )
 from splatwire.entropy.range_kernels import ZERO
@@ -88,15 +88,15 @@ def round_rows(
         shift = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(logs[i, 1], shift), -MAX_LOG), MAX_LOG)
         shift = step_shift(
-            base_exponents, STEP_SCALE1, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
+            base_exponents, STEP_ELONGATION, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
         )
         elongation = min(max(rounded(s0 - logs[i, 2], shift), 0), MAX_LOG)
         area = 2 * s0 - elongation
-        shift = step_shift(base_exponents, STEP_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1)
+        shift = step_shift(base_exponents, STEP_FLATNESS, precision_class, area, elongation, ZERO, opacity, BITS - 1)
         companded = rounded(compand_flatness(max(s0 - elongation - logs[i, 3], 0), flatness_table), shift)
         companded = min(max(companded, 0), (MAX_COMPANDED >> shift) << shift)
         flatness = flatness_table[companded]
-        row[OPACITY], row[SCALE0], row[SCALE1], row[SCALE2] = opacity, s0, elongation, companded
+        row[OPACITY], row[SCALE0], row[ELONGATION], row[FLATNESS] = opacity, s0, elongation, companded
         shift = position_shift(
             base_exponents, precision_class, s0, elongation, flatness, opacity, lattice_bits, max_position_shift
         )

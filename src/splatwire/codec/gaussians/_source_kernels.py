@@ -174,12 +174,12 @@ def _interleave(bits):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def snap_to_cells(means, shifts, factor, half_unit):
-    """Moves each position to the centre of its grid cell. The cell size may differ between positions.
+def round_positions(means, shifts, factor, half_unit):
+    """Moves each position to the middle of its quantisation step. The step may differ between positions.
 
     Args:
         means: Positions, float32 (n, 3), changed in place.
-        shifts: log2 of the side of each position's cell, in lattice spacings, int64 (n).
+        shifts: log2 of the quantisation step of each position, in lattice spacings, int64 (n).
         factor: Reciprocal of the spacing of the lattice, a power of two.
         half_unit: Half the spacing of the lattice.
 
@@ -189,7 +189,7 @@ def snap_to_cells(means, shifts, factor, half_unit):
     max_magnitude = 0.0
     for i in range(len(means)):
         for a in range(3):
-            # Twice: the centre of a cell near float32 precision is rounded, possibly into a neighbouring cell.
+            # Twice: the middle of a step near float32 precision is rounded, possibly into a neighbouring step.
             for _ in range(2):
                 value = np.floor(np.float64(means[i, a]) * factor)
                 max_magnitude = max(max_magnitude, abs(value))

@@ -7,21 +7,22 @@ import numpy as np
 from splatwire.codec.gaussians.layout import (
     AXIS,
     BITS,
+    ELONGATION,
+    FLATNESS,
     LUMA,
     OPACITY,
     POSITION,
     PRIMARY,
     SCALE0,
-    SCALE1,
-    SCALE2,
     SPIN,
     SPIN_BITS,
 )
 from splatwire.ops.compiled import njit
 
-OCTAVES = 256
-WHOLES = 2.0 ** np.arange(-OCTAVES, OCTAVES)
-"""Powers of two of whole numbers, for logarithms within `OCTAVES` octaves."""
+ZERO_EXPONENT = 256
+"""Index of `2 ** 0` in `POWERS_OF_TWO`."""
+POWERS_OF_TWO = 2.0 ** np.arange(-ZERO_EXPONENT, ZERO_EXPONENT)
+"""Powers of two with whole exponents: the exponent e has the index `e + ZERO_EXPONENT`."""
 FRACTION = (1 << BITS) - 1
 
 
@@ -64,19 +65,19 @@ def convert(
         sh: Output, spherical harmonics, float32 (N, K + 1, 3); only degree 0 is written.
         scratch: Working array, float64 (9).
     """
-    half_spacing = WHOLES[size_log - lattice_bits - 1 + OCTAVES]
+    half_spacing = POWERS_OF_TWO[size_log - lattice_bits - 1 + ZERO_EXPONENT]
     for i in range(len(rows)):
         row, index = rows[i], indices[i]
         for a in range(3):
             means[index, a] = np.float64(2 * corners[i, a] + row[POSITION + a]) * half_spacing
         log = row[SCALE0] + (size_log << BITS)
-        scales[index, 0] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
-        log -= row[SCALE1]
-        scales[index, 1] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
-        log -= flatness_table[row[SCALE2]]
-        scales[index, 2] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        scales[index, 0] = powers[log & FRACTION] * POWERS_OF_TWO[(log >> BITS) + ZERO_EXPONENT]
+        log -= row[ELONGATION]
+        scales[index, 1] = powers[log & FRACTION] * POWERS_OF_TWO[(log >> BITS) + ZERO_EXPONENT]
+        log -= flatness_table[row[FLATNESS]]
+        scales[index, 2] = powers[log & FRACTION] * POWERS_OF_TWO[(log >> BITS) + ZERO_EXPONENT]
         log = row[OPACITY]
-        opacities[index] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        opacities[index] = powers[log & FRACTION] * POWERS_OF_TWO[(log >> BITS) + ZERO_EXPONENT]
         y, co, cg = row[LUMA] * 2.0**-BITS - grey[0], row[LUMA + 1] * 2.0**-BITS, row[LUMA + 2] * 2.0**-BITS
         co, cg = co - grey[1], cg - grey[2]
         for c in range(3):
@@ -107,7 +108,7 @@ def _rotation(row, axes, quat):
         tx, ty, tz = -uz * ux, -uz * uy, 1.0 - uz * uz
     norm = np.sqrt(tx * tx + ty * ty + tz * tz)
     tx, ty, tz = tx / norm, ty / norm, tz / norm
-    angle = row[SPIN] * (np.pi * WHOLES[OCTAVES - row[SPIN_BITS]])
+    angle = row[SPIN] * (np.pi * POWERS_OF_TWO[ZERO_EXPONENT - row[SPIN_BITS]])
     cos, sin = np.cos(angle), np.sin(angle)
     vx = cos * tx + sin * (uy * tz - uz * ty)
     vy = cos * ty + sin * (uz * tx - ux * tz)

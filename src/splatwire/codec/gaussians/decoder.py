@@ -19,14 +19,14 @@ from splatwire.codec.gaussians.layout import (
     CLASS,
     COLUMNS,
     DIRECTION_BITS,
+    ELONGATION,
+    FLATNESS,
     LUMA,
     MAX_COLOUR,
     MAX_COMPANDED,
     MAX_LOG,
     POSITION,
     SCALE0,
-    SCALE1,
-    SCALE2,
 )
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info
 from splatwire.codec.memory import packet_reader_bytes
@@ -275,8 +275,8 @@ def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, l
     """
     rows, block_means = empty_rows(len(lost), 0)[0], info.block_means[block]
     rows[:, SCALE0] = np.clip(block_means[1], -MAX_LOG, MAX_LOG)
-    rows[:, SCALE1] = np.clip(block_means[2], 0, MAX_LOG)
-    rows[:, SCALE2] = np.clip(block_means[3], 0, MAX_COMPANDED)
+    rows[:, ELONGATION] = np.clip(block_means[2], 0, MAX_LOG)
+    rows[:, FLATNESS] = np.clip(block_means[3], 0, MAX_COMPANDED)
     rows[:, LUMA : LUMA + 3] = np.clip(block_means[4:], -MAX_COLOUR, MAX_COLOUR)
     rows[:, AXIS + 2] = 1 << DIRECTION_BITS
     if len(received_positions):

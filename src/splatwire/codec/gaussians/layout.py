@@ -10,32 +10,47 @@ STEP_BITS = 6
 """Fractional bits of the base-2 exponents of quantisation steps, in the side information and in `COEFFICIENTS`."""
 
 # Column, kind and step indices are numpy integers, because numba compiles a function once per literal argument.
-POSITION, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = np.array(
+POSITION, CLASS, OPACITY, SCALE0, ELONGATION, FLATNESS, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = np.array(
     [0, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14]
 )
 COLUMNS = 17
-"""Number of integers of a decoded Gaussian, without harmonics. In order: position (3, in half lattice units); precision
-class; logarithms of the opacity, of the largest scale, and of the ratio of the largest to the second scale; companded
-ratio of the second to the third scale; primary axis (3) and its index (0 for the axis of the largest scale, 2 for the
-smallest); rotation about the primary axis (number of bits, value); Y Co Cg (3).
+"""Number of integers of a decoded Gaussian, without harmonics. The columns are, in order:
+
+* `POSITION` (3): position, in half lattice units
+* `CLASS`: precision class
+* `OPACITY`: logarithm of the opacity
+* `SCALE0`: logarithm of the largest scale
+* `ELONGATION`: logarithm of the ratio of the largest to the second scale
+* `FLATNESS`: ratio of the second to the third scale, companded (see `MAX_COMPANDED`)
+* `AXIS` (3): primary axis
+* `PRIMARY`: index of the primary axis, 0 for the axis of the largest scale, 2 for that of the smallest
+* `SPIN_BITS`, `SPIN`: rotation about the primary axis, as number of bits and value
+* `LUMA` (3): Y Co Cg
 """
 
-RESIDUAL_KINDS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
+RESIDUAL_KINDS = ("opacity", "scale0", "elongation", "flatness", "direction", "luma", "orange", "green")
 """Kinds of prediction residuals; each kind has separate context tables."""
-RESIDUAL_OPACITY, RESIDUAL_SCALE0, RESIDUAL_SCALE1, RESIDUAL_SCALE2, RESIDUAL_DIRECTION, RESIDUAL_LUMA = np.arange(6)
+(
+    RESIDUAL_OPACITY,
+    RESIDUAL_SCALE0,
+    RESIDUAL_ELONGATION,
+    RESIDUAL_FLATNESS,
+    RESIDUAL_DIRECTION,
+    RESIDUAL_LUMA,
+) = np.arange(6)
 NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS = 12, 16
 """Number of contexts of a residual: by the deviation of the neighbours from their mean
 (`NUM_DEVIATION_CONTEXTS`), and by log2 of either the quantisation step or the preceding residuals of the Gaussian
 (`NUM_MAGNITUDE_CONTEXTS`).
 """
 
-STEPS = ("opacity", "scale0", "scale1", "scale2", "position", "direction", "spin", "colour", "harmonics")
+STEPS = ("opacity", "scale0", "elongation", "flatness", "position", "direction", "spin", "colour", "harmonics")
 """Names of the quantities with a separate quantisation step, in the order of the side information."""
 (
     STEP_OPACITY,
     STEP_SCALE0,
-    STEP_SCALE1,
-    STEP_SCALE2,
+    STEP_ELONGATION,
+    STEP_FLATNESS,
     STEP_POSITION,
     STEP_DIRECTION,
     STEP_SPIN,
@@ -70,7 +85,7 @@ FIRST_CLASS = POSITION_CONTEXTS
 FIRST_HARMONIC = FIRST_CLASS + CLASS_CONTEXTS
 FIRST_MAGNITUDE = FIRST_HARMONIC + MAX_CLASSES + 64
 NUM_CONTEXTS = FIRST_HARMONIC + HARMONIC_CONTEXTS
-"""Number of adaptive bit models: for the division of position cells, the precision classes and the harmonics."""
+"""Number of adaptive bit models: for the division of grid cells, the precision classes and the harmonics."""
 
 NUM_NEIGHBOURS = 6
 WINDOW = 64

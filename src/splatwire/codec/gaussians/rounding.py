@@ -51,7 +51,7 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
         InvalidValueError: If a position exceeds the range of the lattice.
     """
     # Encoding the result with the same steps does not change it, except for a few positions that float32 rounding moves
-    # into a neighbouring cell.
+    # into a neighbouring step.
     base_exponents, width = np.array(coding.base_exponents), 3 * (splats.sh.shape[1] - 1)
     result = Splats.empty(splats.num_gaussians, splats.degree)
 

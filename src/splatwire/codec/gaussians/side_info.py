@@ -63,9 +63,9 @@ class SideInfo:
         transform: int64 (K, K), decorrelating transform of the spherical harmonics, one axis per row, with denominator
             `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
-        block_means: int64 (B, 7), means over each block of opacity, largest scale, its ratio to the second scale (logarithms),
-            companded ratio of the second to the third scale, and Y Co Cg, in fixed point (`BITS` fractional bits),
-            multiples of `1 << MEAN_SHIFT`.
+        block_means: int64 (B, 7), means over each block of the decoded integers `OPACITY`, `SCALE0`, `ELONGATION` and
+            `FLATNESS` (see `layout.COLUMNS`) and of Y Co Cg, in fixed point (`BITS` fractional bits), multiples of
+            `1 << MEAN_SHIFT`.
         zero_probabilities: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of
             2**8.
         scale_indices: int64 (A, B, C), index of the standard deviation of residuals in the coder's table, for each

@@ -27,9 +27,9 @@ from splatwire.codec.gaussians.layout import (
     MAX_CELL_BITS,
     MAX_FLATNESS,
     STEP_BITS,
+    STEP_FLATNESS,
     STEP_POSITION,
     STEP_SCALE0,
-    STEP_SCALE2,
 )
 from splatwire.codec.gaussians.outliers import MAX_COORDINATE_BITS, log_clipped_colours, pull_in_outliers
 from splatwire.codec.gaussians.quality import Quality
@@ -387,9 +387,9 @@ def refine_flat_classes(
     if not len(flat):
         return precision_classes
     logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
-    opacity, s0, log_ratio = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
-    predictors = np.stack([2 * s0 - log_ratio, log_ratio, np.zeros(len(flat)), opacity])
-    exponents = (COEFFICIENTS[STEP_SCALE2] @ predictors + base_exponents[STEP_SCALE2]) / (1 << STEP_BITS)
+    opacity, s0, elongation = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
+    predictors = np.stack([2 * s0 - elongation, elongation, np.zeros(len(flat)), opacity])
+    exponents = (COEFFICIENTS[STEP_FLATNESS] @ predictors + base_exponents[STEP_FLATNESS]) / (1 << STEP_BITS)
     # The margin covers the rounding of the exponent and of its inputs.
     min_class = np.ceil(BITS - _MAX_FLAT_STEP_BITS - 0.25 - exponents)
     refined = precision_classes.copy()
@@ -457,7 +457,7 @@ def _quantised_positions(
         )
         output[:] = piece.means
         check_lattice_range(
-            sources.snap_to_cells(
+            sources.round_positions(
                 output, shifts, 2.0 ** (lattice_bits - size_log), 2.0 ** (size_log - lattice_bits - 1)
             )
         )

@@ -8,10 +8,10 @@ from splatwire.codec.gaussians.layout import (
     DIRECTION_BITS,
     STEP_COLOUR,
     STEP_DIRECTION,
+    STEP_ELONGATION,
+    STEP_FLATNESS,
     STEP_OPACITY,
     STEP_SCALE0,
-    STEP_SCALE1,
-    STEP_SCALE2,
 )
 from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
@@ -23,8 +23,8 @@ def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, f
     """Computes the quantisation steps of keyframe Gaussians, from which the steps of their motion are derived.
 
     Args:
-        columns: Decoded integers of each keyframe Gaussian: precision class, opacity and three scale values, int64 (n,
-            5).
+        columns: Decoded integers of each keyframe Gaussian: `CLASS`, `OPACITY`, `SCALE0`, `ELONGATION` and
+            `FLATNESS`, int64 (n, 5).
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
@@ -49,12 +49,14 @@ def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, f
             shifts[i, 3 + a] = min(max(rotation_shift, 0), DIRECTION_BITS - 2)
         first = 2 * s0 - (2 << BITS)
         shifts[i, 6] = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
-        shifts[i, 7] = step_shift(base_exponents, STEP_SCALE1, precision_class, first, ZERO, ZERO, opacity, BITS - 1)
-        # The ratio to the second scale is companded: its logarithm is coarser for thin Gaussians.
-        scale2_shift = step_shift(
-            base_exponents, STEP_SCALE2, precision_class, area, elongation, ZERO, opacity, BITS - 1
+        shifts[i, 7] = step_shift(
+            base_exponents, STEP_ELONGATION, precision_class, first, ZERO, ZERO, opacity, BITS - 1
         )
-        shifts[i, 8] = min(scale2_shift + (flatness >> BITS), BITS - 1)
+        # The ratio to the second scale is companded: its logarithm is coarser for thin Gaussians.
+        flatness_shift = step_shift(
+            base_exponents, STEP_FLATNESS, precision_class, area, elongation, ZERO, opacity, BITS - 1
+        )
+        shifts[i, 8] = min(flatness_shift + (flatness >> BITS), BITS - 1)
         shifts[i, 9] = step_shift(base_exponents, STEP_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
         colour = step_shift(base_exponents, STEP_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
         shifts[i, 10] = shifts[i, 11] = shifts[i, 12] = colour

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import CLASS, DIRECTION_BITS, OPACITY, SCALE0, SCALE1, SCALE2
+from splatwire.codec.gaussians.layout import CLASS, DIRECTION_BITS, ELONGATION, FLATNESS, OPACITY, SCALE0
 from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
 from splatwire.codec.gaussians.tables import flatness_table
 from splatwire.codec.sequence import _step_kernels as kernels
@@ -27,7 +27,7 @@ def motion_shifts(
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.
     """
     shifts = np.zeros((len(rows), NUM_CHANNELS), dtype=np.int64)
-    columns = np.ascontiguousarray(rows[:, [CLASS, OPACITY, SCALE0, SCALE1, SCALE2]])
+    columns = np.ascontiguousarray(rows[:, [CLASS, OPACITY, SCALE0, ELONGATION, FLATNESS]])
     kernels.keyframe_shifts(
         columns, info.base_exponents, info.lattice_bits, max(info.max_position_shift, 0), flatness_table(), shifts
     )

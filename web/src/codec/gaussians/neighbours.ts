@@ -16,7 +16,7 @@ import {
 /** Maximum bits of a cell's coordinate, so that a squared distance and an index of the window fit in 32 bits. */
 const NARROW_BITS = 11,
   AGE_BITS = 6,
-  LANES = 8,
+  NUM_GROUPS = 8,
   MAX_KEY = 0x7fffffff;
 /** Attributes that are predicted as means: opacity, three of scales, Y Co Cg, and the class. */
 const PREDICTED = 8,
@@ -38,7 +38,7 @@ export class Neighbours {
   axisDeviation = 0;
   axisCount = 0;
   readonly #keys = new Int32Array(WINDOW);
-  readonly #lanes = new Int32Array(LANES);
+  readonly #groupMinima = new Int32Array(NUM_GROUPS);
   /** Attributes of the packet's Gaussians, and their axes, each with the index of the primary axis. */
   #values = new Float64Array();
   #axes = new Int32Array();
@@ -68,28 +68,28 @@ export class Neighbours {
    */
   #findNarrow(i: number): void {
     const keys = this.#keys,
-      lanes = this.#lanes,
+      groupMinima = this.#groupMinima,
       cells = this.#cells,
       n = Math.min(i, WINDOW),
       x = cells[3 * i],
       y = cells[3 * i + 1],
       z = cells[3 * i + 2];
-    lanes.fill(MAX_KEY);
+    groupMinima.fill(MAX_KEY);
     for (let k = 0, at = 3 * (i - 1); k < n; k++, at -= 3) {
       const a = (x - cells[at]) | 0,
         b = (y - cells[at + 1]) | 0,
         c = (z - cells[at + 2]) | 0,
         key = ((Math.imul(a, a) + Math.imul(b, b) + Math.imul(c, c)) << AGE_BITS) | k,
-        lane = k & (LANES - 1);
+        group = k & (NUM_GROUPS - 1);
       keys[k] = key;
-      if (key < lanes[lane]) lanes[lane] = key;
+      if (key < groupMinima[group]) groupMinima[group] = key;
     }
     // the third largest of eight is the sixth smallest
     let largest = -1,
       second = -1,
       bound = -1;
-    for (let lane = 0; lane < LANES; lane++) {
-      const key = lanes[lane];
+    for (let group = 0; group < NUM_GROUPS; group++) {
+      const key = groupMinima[group];
       if (key > largest) {
         bound = second;
         second = largest;

@@ -29,8 +29,8 @@ import {
   POSITION,
   PRIMARY,
   SCALE0,
-  SCALE1,
-  SCALE2,
+  ELONGATION,
+  FLATNESS,
   SPIN,
   SPIN_BITS,
   STEP_COLOUR,
@@ -39,8 +39,8 @@ import {
   STEP_OPACITY,
   STEP_POSITION,
   STEP_SCALE0,
-  STEP_SCALE1,
-  STEP_SCALE2,
+  STEP_ELONGATION,
+  STEP_FLATNESS,
   STEP_SPIN,
   WIDE_SCALE_OFFSET,
 } from "./layout.ts";
@@ -162,15 +162,15 @@ export class PacketDecoder implements GaussianPacketDecoder {
     );
     rows[row + SCALE0] = s0;
     const elongation = clip(
-      this.#decodePredicted(2, STEP_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1),
+      this.#decodePredicted(2, STEP_ELONGATION, precisionClass, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1),
       0,
       MAX_LOG,
     );
-    rows[row + SCALE1] = elongation;
+    rows[row + ELONGATION] = elongation;
     const area = 2 * s0 - elongation;
-    const ratio = this.#decodePredicted(3, STEP_SCALE2, precisionClass, area, elongation, opacity, BITS - 1);
+    const ratio = this.#decodePredicted(3, STEP_FLATNESS, precisionClass, area, elongation, opacity, BITS - 1);
     const companded = clip(ratio, 0, this.#absolute ? (MAX_COMPANDED >> this.#shift) << this.#shift : MAX_COMPANDED);
-    rows[row + SCALE2] = companded;
+    rows[row + FLATNESS] = companded;
     const flatness = flatnessTable()[companded];
     const finest = Math.max(
       this.#steps.exponent(STEP_POSITION, precisionClass, area, elongation, flatness, opacity),

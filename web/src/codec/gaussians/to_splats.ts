@@ -10,8 +10,8 @@ import {
   POSITION,
   PRIMARY,
   SCALE0,
-  SCALE1,
-  SCALE2,
+  ELONGATION,
+  FLATNESS,
   SPIN,
   SPIN_BITS,
   TRANSFORM_UNIT,
@@ -71,8 +71,8 @@ export function convert({ rows, harmonics }: Decoded, info: SideInfo, block: num
   for (let i = 0, row = 0; i < count; i++, row += COLUMNS) {
     for (let a = 0; a < 3; a++) means[3 * i + a] = (2 * corner[a] + rows[row + POSITION + a]) * half;
     const s0 = rows[row + SCALE0],
-      s1 = s0 - rows[row + SCALE1],
-      s2 = s1 - flatnessTable()[rows[row + SCALE2]];
+      s1 = s0 - rows[row + ELONGATION],
+      s2 = s1 - flatnessTable()[rows[row + FLATNESS]];
     scales[3 * i] = size * powerOfTwo(s0);
     scales[3 * i + 1] = size * powerOfTwo(s1);
     scales[3 * i + 2] = size * powerOfTwo(s2);

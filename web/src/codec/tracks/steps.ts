@@ -6,15 +6,15 @@ import {
   DIRECTION_BITS,
   OPACITY,
   SCALE0,
-  SCALE1,
-  SCALE2,
+  ELONGATION,
+  FLATNESS,
   STEP_COLOUR,
   STEP_DIRECTION,
   STEP_OPACITY,
   STEP_POSITION,
   STEP_SCALE0,
-  STEP_SCALE1,
-  STEP_SCALE2,
+  STEP_ELONGATION,
+  STEP_FLATNESS,
 } from "../gaussians/layout.ts";
 import type { SideInfo } from "../gaussians/side_info.ts";
 import { Steps } from "../gaussians/steps.ts";
@@ -48,8 +48,8 @@ export class MotionSteps {
       precisionClass = rows[row + CLASS],
       opacity = rows[row + OPACITY],
       s0 = rows[row + SCALE0],
-      elongation = rows[row + SCALE1],
-      flatness = flatnessTable()[rows[row + SCALE2]],
+      elongation = rows[row + ELONGATION],
+      flatness = flatnessTable()[rows[row + FLATNESS]],
       area = 2 * s0 - elongation;
     const finest = Math.max(
         steps.exponent(STEP_POSITION, precisionClass, area, elongation, flatness, opacity),
@@ -57,7 +57,7 @@ export class MotionSteps {
       ),
       position = Math.min(Math.max(latticeBits - finest, 0), Math.max(maxPositionShift, 0)) + 1,
       turn = DIRECTION_BITS - steps.exponent(STEP_DIRECTION, precisionClass, area, elongation, flatness, opacity),
-      last = steps.shift(STEP_SCALE2, precisionClass, area, elongation, 0, opacity, BITS - 1),
+      last = steps.shift(STEP_FLATNESS, precisionClass, area, elongation, 0, opacity, BITS - 1),
       own = [
         position,
         Math.min(Math.max(turn, 0), DIRECTION_BITS - 2),
@@ -68,7 +68,7 @@ export class MotionSteps {
     own[0] += this.latticeShift;
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = own[KIND_OF[c]];
     out[at + 6] = steps.shift(STEP_SCALE0, precisionClass, 0, 0, 0, opacity, BITS - 1);
-    out[at + 7] = steps.shift(STEP_SCALE1, precisionClass, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
+    out[at + 7] = steps.shift(STEP_ELONGATION, precisionClass, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
     out[at + 8] = Math.min(last + (flatness >> BITS), BITS - 1);
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = limitShift(out[at + c] + this.logStepRatios[KIND_OF[c]]);
   }
