@@ -14,7 +14,7 @@ import numpy as np
 from splatwire.bitstream import (
     CAUSAL,
     GAUSSIANS,
-    HACPP,
+    HACPP_ANCHORS,
     Manifest,
     PacketId,
     Packetization,
@@ -174,7 +174,7 @@ def of_hacpp(
     parts = [reader.blob() for _ in range(7)]
     parts[1] = bytes([0, 0, 0, 63]) + bytes(position_bytes)
     side_info = b"".join(map(framed, parts)) + reader.rest()
-    return stream_of(HACPP, packetization, num, side_info, num_packets, layout)
+    return stream_of(HACPP_ANCHORS, packetization, num, side_info, num_packets, layout)
 
 
 def zeros(inputs: int, hidden: int, outputs: int) -> QuantisedMlp:

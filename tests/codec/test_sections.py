@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from splatwire.anchors.scene_file import load_partial, save_partial
-from splatwire.bitstream import HACPP, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
+from splatwire.bitstream import HACPP_ANCHORS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.bitstream.limits import MAX_SECTIONS
 from splatwire.bitstream.sections import read_sections, split_sections, write_sections
 from splatwire.codec import decode_stream, encode_scene, side_info_parts, with_section, without_section
@@ -40,8 +40,8 @@ def test_sections_with_unknown_names_are_kept(side_info: SideInfo, side_info_byt
     assert with_sections == side_info_bytes + write_sections(SECTIONS)
     assert read_side_info(with_sections, len(side_info.voxels), "morton").sections == SECTIONS
     assert read_side_info(side_info_bytes, len(side_info.voxels), "morton").sections == {}
-    assert split_sections(with_sections, HACPP) == (side_info_bytes, SECTIONS)
-    parts = side_info_parts(with_sections, HACPP)
+    assert split_sections(with_sections, HACPP_ANCHORS) == (side_info_bytes, SECTIONS)
+    parts = side_info_parts(with_sections, HACPP_ANCHORS)
     assert sum(parts.values()) == len(with_sections)
     assert {name: parts[name] for name in SECTIONS} == {"gnn": 12, "hints": 7, "later_release": 216}
 
@@ -95,7 +95,7 @@ def test_impossible_sections_are_refused(stream: SceneStream) -> None:
     ],
 )
 def test_damaged_sections_are_refused(data: bytes, message: str, side_info_bytes: bytes) -> None:
-    for read in (read_sections, lambda d: side_info_parts(side_info_bytes + d, HACPP)):
+    for read in (read_sections, lambda d: side_info_parts(side_info_bytes + d, HACPP_ANCHORS)):
         with pytest.raises(BitstreamError, match=message):
             read(data)
     with pytest.raises(BitstreamError, match=message):

@@ -43,7 +43,7 @@ def test_unknown_names_are_attribute_errors():
         ("splatwire.codec", "add_concealment", "with_section"),
         ("splatwire.codec", "without_concealment", "without_section"),
         ("splatwire.types", "ExpectedPlaces", "PredictedPositions"),
-        ("splatwire.bitstream", "ANCHORS", "HACPP"),
+        ("splatwire.bitstream", "ANCHORS", "HACPP_ANCHORS"),
     ],
 )
 def test_deprecated_names_warn_and_give_the_new_object(package, old, new):

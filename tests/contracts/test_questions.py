@@ -16,7 +16,7 @@ MAY_ASK = ("codec/anchors/", "codec/gaussians/", "codec/sequence/", "codec/lod/"
            "types/splats.py", "types/anchors.py", "bitstream/limits.py", "evaluation/study/inputs.py",
            "lod/tileset.py", "api/coding.py")  # fmt: skip
 KINDS = {"AnchorScene", "SplatScene", "SequenceScene", "HacppCoding", "CausalCoding", "Anchors", "Splats"}
-SCHEMAS = {"HACPP", "CAUSAL", "GAUSSIANS", "TRACKS"}
+SCHEMAS = {"HACPP_ANCHORS", "CAUSAL", "GAUSSIANS", "TRACKS"}
 WORDS = {"anchors", "Gaussians", "hacpp", "causal", "gaussians", "tracks"}
 
 

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from splatwire.bitstream import HACPP, Packetization, PacketPlan, make_packet, make_stream, packet_from_bytes
+from splatwire.bitstream import HACPP_ANCHORS, Packetization, PacketPlan, make_packet, make_stream, packet_from_bytes
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.planning.transfer_model import StreamLoad, model_transfer
 from splatwire.transport import (
@@ -460,9 +460,9 @@ def test_the_preview_is_found_in_the_side_information():
     assert (codec.SECTION, codec.MAX_PREVIEW_BYTES) == (SECTION, MAX_PREVIEW)
     side_info = b"".join(bytes([n]) + b"x" * n for n in range(len(FORMAT_1_SECTIONS)))
     bare = dataclasses.replace(STREAM, side_info=side_info)
-    assert stream_preview(side_info, HACPP) == b""
+    assert stream_preview(side_info, HACPP_ANCHORS) == b""
     richer = with_section(with_section(bare, "gnn", b"weights"), "preview", b"scene")
-    assert stream_preview(with_section(richer, "sketch", b"copies").side_info, HACPP) == b"scene"
+    assert stream_preview(with_section(richer, "sketch", b"copies").side_info, HACPP_ANCHORS) == b"scene"
     for damaged in (
         side_info[:-1],
         richer.side_info[:-1],
@@ -470,7 +470,7 @@ def test_the_preview_is_found_in_the_side_information():
         with_section(bare, "preview", bytes(1025)).side_info,
     ):
         with pytest.raises(BitstreamError):
-            stream_preview(damaged, HACPP)
+            stream_preview(damaged, HACPP_ANCHORS)
 
 
 def answers_to_request(server: Server, nonce: int, haves: list[Have], name: str = "client") -> list:

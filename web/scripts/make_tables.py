@@ -72,7 +72,7 @@ NETWORK_LIMITS = {
 def limits_module() -> str:
     """Returns a TypeScript module with every constant of `splatwire.bitstream.limits`, and its schemas."""
     found = {name: value for name, value in vars(limits).items() if name.isupper() and type(value) in (int, str, tuple)}
-    codecs = ("HACPP", "CAUSAL", "GAUSSIANS", "TRACKS", "LEVELS", "UPDATE", "FORMAT_1_SECTIONS")
+    codecs = ("HACPP_ANCHORS", "CAUSAL", "GAUSSIANS", "TRACKS", "LEVELS", "UPDATE", "FORMAT_1_SECTIONS")
     lines = [_laid_out(f"export const {name} = ", value, ";") for name, value in found.items() if name not in codecs]
     schemas = [
         f"  {schema.name}: {{\n    formatVersion: {schema.format_version},\n"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from splatwire.bitstream.arrangement import PacketAssignment, PacketBatch, arrived_blocks, assign_packets
 from splatwire.bitstream.container import file_head, file_record, stream_from_bytes, stream_to_bytes
 from splatwire.bitstream.intake import PacketIntake, ReadReport
-from splatwire.bitstream.limits import CAUSAL, GAUSSIANS, HACPP
+from splatwire.bitstream.limits import CAUSAL, GAUSSIANS, HACPP_ANCHORS
 from splatwire.bitstream.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.bitstream.packet import HEADER_BYTES, Packet, make_packet, packet_from_bytes
 from splatwire.bitstream.packet_id import PARTS, PacketId
@@ -22,7 +22,7 @@ from splatwire.bitstream.tiers import TierCounts, count_tiers, tier_order
 __all__ = [
     "CAUSAL",
     "GAUSSIANS",
-    "HACPP",
+    "HACPP_ANCHORS",
     "HEADER_BYTES",
     "PARTS",
     "PRESETS",
@@ -64,13 +64,15 @@ __all__ = [
     "write_stream",
 ]
 
+_RENAMED = {"ANCHORS": "HACPP_ANCHORS"}
+"""Current name of each deprecated name."""
+
 if not TYPE_CHECKING:  # a type checker would accept any name of the package
 
-    def __getattr__(name: str) -> str:
-        """Returns the value of the deprecated name `ANCHORS`."""
-        if name != "ANCHORS":
+    def __getattr__(name: str) -> object:
+        """Returns the value of a deprecated name."""
+        if name not in _RENAMED:
             raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-        warnings.warn(
-            "splatwire.bitstream.ANCHORS is deprecated, use splatwire.bitstream.HACPP", DeprecationWarning, stacklevel=2
-        )
-        return HACPP
+        text = f"{__name__}.{name} is deprecated, use {__name__}.{_RENAMED[name]}"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return globals()[_RENAMED[name]]

@@ -125,7 +125,7 @@ class StreamSchema:
     scene: str = ""
 
 
-HACPP, CAUSAL, GAUSSIANS, TRACKS = "hacpp", "causal", "gaussians", "tracks"
+HACPP_ANCHORS, CAUSAL, GAUSSIANS, TRACKS = "hacpp", "causal", "gaussians", "tracks"
 LEVELS, UPDATE = "levels", "update"
 """Codec schemas: anchors of HAC++ (format 1); anchors of the causal model and explicit Gaussians (format 2);
 moving Gaussians (format 3); Gaussians with levels of detail (format 4); changes of a stream of Gaussians (format 5).
@@ -137,7 +137,7 @@ SCHEMAS: Registry[StreamSchema] = Registry("schema", "splatwire.schemas")
 """Registry of all schemas; packages add their own with `splatwire.codec.register_schema`."""
 for _schema in (
     StreamSchema(
-        HACPP, 1, "anchors", FORMAT_1_SECTIONS, 1024, layout=True, separable=True, page=False,
+        HACPP_ANCHORS, 1, "anchors", FORMAT_1_SECTIONS, 1024, layout=True, separable=True, page=False,
         codec="splatwire.codec.anchors.hacpp.schema:SCHEMA", scene="splatwire.types.anchor_scene:AnchorScene",
     ),
     StreamSchema(
@@ -163,7 +163,7 @@ for _schema in (
     ),
 ):  # fmt: skip
     SCHEMAS.register(_schema.name, _schema, f"{__name__}.{_schema.name}")
-UNNAMED_SCHEMA = HACPP
+UNNAMED_SCHEMA = HACPP_ANCHORS
 """Schema of manifests without a codec field, which are of format 1."""
 
 RESERVED_SECTIONS = FORMAT_1_SECTIONS

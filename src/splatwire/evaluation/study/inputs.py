@@ -11,7 +11,7 @@ from pathlib import Path
 
 from splatwire.anchors.appearance import Scene, scene_of
 from splatwire.anchors.tensor_file import tensor_bytes
-from splatwire.bitstream import HACPP, Packetization, SceneStream, stream_to_bytes
+from splatwire.bitstream import HACPP_ANCHORS, Packetization, SceneStream, stream_to_bytes
 from splatwire.bitstream.limits import SCHEMAS
 from splatwire.bitstream.origin import ORIGIN
 from splatwire.bitstream.sections import sections_of
@@ -168,7 +168,7 @@ class Source:
     def codec(self) -> str:
         """Name of the codec schema of the scene."""
         if self.entry.kind == "model":
-            return HACPP
+            return HACPP_ANCHORS
         return schema_of(self.scene).name if self.stream is None else self.stream.manifest.codec
 
     def can_encode(self, packetization: Packetization) -> bool:

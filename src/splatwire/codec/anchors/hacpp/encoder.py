@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatwire.anchors.voxels import voxel_indices
-from splatwire.bitstream import HACPP, Packetization
+from splatwire.bitstream import HACPP_ANCHORS, Packetization
 from splatwire.bitstream.sections import split_sections, write_sections
 from splatwire.codec.anchors.hacpp.atomic import (
     Symbols,
@@ -66,7 +66,7 @@ def hacpp_repack_encoder(
     """
     # The side information contains the offset masks if the new stream has separate packets for each attribute.
     info = read_side_info(side_info, scene.anchors.num_anchors, packetization.order)
-    fixed, sections = split_sections(side_info, HACPP)
+    fixed, sections = split_sections(side_info, HACPP_ANCHORS)
     sections.pop(MASKS, None)
     if packetization.separated:
         sections[MASKS] = encode_masks(scene.anchors.mask, info.mask_models())

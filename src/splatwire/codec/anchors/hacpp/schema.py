@@ -5,7 +5,7 @@ The definition consists of the encoder, the decoder, and the division of a strea
 
 from typing import Any
 
-from splatwire.bitstream import HACPP, Packetization, SceneStream
+from splatwire.bitstream import HACPP_ANCHORS, Packetization, SceneStream
 from splatwire.bitstream.limits import SCHEMAS
 from splatwire.codec.anchors.anchor_codec import prepare_anchor_repack, prepare_anchors, update_digest
 from splatwire.codec.anchors.hacpp.decoder import open_decoder
@@ -30,7 +30,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 SCHEMA = schema_for(
-    SCHEMAS[HACPP],
+    SCHEMAS[HACPP_ANCHORS],
     scene_type=AnchorScene,
     can_encode=lambda scene: isinstance(scene.coding, HacppCoding),
     provides=frozenset((Anchors, Prior, AnchorLayout)),

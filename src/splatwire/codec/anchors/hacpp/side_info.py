@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from splatwire.bitstream.limits import HACPP, SCHEMAS
+from splatwire.bitstream.limits import HACPP_ANCHORS, SCHEMAS
 from splatwire.bitstream.sections import read_sections, write_sections
 from splatwire.codec.anchors.hacpp.coding_params import CodingContext
 from splatwire.codec.anchors.hacpp.grid_lookup import grid_levels, touched_rows, unit_coordinates
@@ -94,7 +94,7 @@ def write_side_info(info: SideInfo) -> bytes:
         "render_networks": write_networks(info.heads),
         "mask_models": bytes(info.mask_zero_probabilities.astype(np.uint8)),
     }
-    return b"".join(framed(parts[name]) for name in SCHEMAS[HACPP].sections) + write_sections(info.sections)
+    return b"".join(framed(parts[name]) for name in SCHEMAS[HACPP_ANCHORS].sections) + write_sections(info.sections)
 
 
 def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
@@ -113,7 +113,7 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
         BitstreamError: If the bytes are damaged or not side information.
     """
     reader = ByteReader(data, "side information")
-    blobs = [reader.blob() for _ in SCHEMAS[HACPP].sections]
+    blobs = [reader.blob() for _ in SCHEMAS[HACPP_ANCHORS].sections]
     sections = read_sections(reader.rest())
     config, voxel_size, bounds = _read_header(blobs[0])
     voxels = decode_positions(blobs[1], num_anchors, order)
