@@ -4,17 +4,17 @@ import {
   BITS,
   CLASS,
   DIRECTION_BITS,
-  OPACITY,
-  SCALE0,
   ELONGATION,
   FLATNESS,
+  OPACITY,
+  SCALE0,
   STEP_COLOUR,
   STEP_DIRECTION,
+  STEP_ELONGATION,
+  STEP_FLATNESS,
   STEP_OPACITY,
   STEP_POSITION,
   STEP_SCALE0,
-  STEP_ELONGATION,
-  STEP_FLATNESS,
 } from "../gaussians/layout.ts";
 import type { SideInfo } from "../gaussians/side_info.ts";
 import { Steps } from "../gaussians/steps.ts";
