@@ -151,12 +151,13 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     steps = scene.causal.steps.astype(np.float64)
     logs = anchors.scalings.astype(np.float64)[:, [0, 3, 4, 5]]
     log_steps = steps[len(layout.feature_groups) :][[0, 1, 1, 1]]
-    log_sizes = (np.log(logs) - scene.causal.zero_points.astype(np.float64)) / log_steps
+    log_scalings = (np.log(logs) - scene.causal.zero_points.astype(np.float64)) / log_steps
     feature = anchors.features.astype(np.float64) / np.repeat(
         steps[: len(layout.feature_groups)], layout.feature_groups
     )
     values = np.concatenate(
-        [feature, log_sizes, anchors.offsets.reshape(len(anchors.offsets), -1).astype(np.float64) / steps[-1]], axis=1
+        [feature, log_scalings, anchors.offsets.reshape(len(anchors.offsets), -1).astype(np.float64) / steps[-1]],
+        axis=1,
     )
     masks = anchors.mask.astype(np.uint8)
     found = quantise(context, positions, masks, values, 0.0)

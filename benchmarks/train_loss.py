@@ -32,7 +32,7 @@ from splatwire.concealment import conceal
 from splatwire.data import Dataset, open_dataset
 from splatwire.neural.training import Listener, RunOptions, TrainConfig, create_config, load_checkpoint, train_scene
 from splatwire.neural.training.checkpoint import record_to_json
-from splatwire.neural.training.finetune import fine_tuning, state_of_scene
+from splatwire.neural.training.finetune import fine_tuning_config, state_of_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.presets import MODELS
 from splatwire.neural.training.quality import assess_scene
@@ -107,7 +107,7 @@ def trained(arguments: argparse.Namespace, train: Dataset, config: TrainConfig) 
     """The scene, trained from the photos, from a scene or from a checkpoint (of a run after growth)."""
     if arguments.init:
         start = load_scene(arguments.init)
-        config = dataclasses.replace(fine_tuning(config, start), background=start.background)
+        config = dataclasses.replace(fine_tuning_config(config, start), background=start.background)
         state = state_of_scene(start, train, config)
     elif arguments.checkpoint and arguments.checkpoint.exists():
         state, _ = load_checkpoint(arguments.checkpoint)

@@ -23,15 +23,14 @@ class CausalPrediction:
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.
         exists: Predicted probability that each offset exists, as a logit.
-        log_sizes: Means and log2 of standard deviations for the logarithms of the four sizes of each anchor. The
-            first size is the scale of the anchor's offsets. The others are the base sizes of the anchor's Gaussians
-            along three axes.
+        log_scalings: Means and log2 of standard deviations for the logarithms of four scalings of each anchor:
+            the common scale of its offsets, and the base sizes of its Gaussians along three axes.
         offset: Means and log2 of standard deviations of the offsets.
     """
 
     feature: tuple[Float[Any, "M F"], Float[Any, "M F"]]
     exists: Float[Any, "M K"]
-    log_sizes: tuple[Float[Any, "M 4"], Float[Any, "M 4"]]
+    log_scalings: tuple[Float[Any, "M 4"], Float[Any, "M 4"]]
     offset: tuple[Float[Any, "M O"], Float[Any, "M O"]]
 
     __repr__ = summary_repr
@@ -58,7 +57,7 @@ def predict_causal(
     config: CausalConfig,
     inputs: Float[Any, "M P"],
     feature: Float[Any, "M F"],
-    log_sizes: Float[Any, "M 4"],
+    log_scalings: Float[Any, "M 4"],
     *,
     quantised: Callable[[str, Any, Any], Any] | None = None,
     join: Callable[[list[Any], int], Any] = np.concatenate,
@@ -73,9 +72,8 @@ def predict_causal(
         config: Configuration of the context model.
         inputs: Encoded positions of the anchors, from `position_inputs`.
         feature: Features of the anchors, in quantisation steps.
-        log_sizes: Logarithms of the four sizes of each anchor, in quantisation steps, minus
-            `CausalCoding.zero_points`. The first size is the common scale of the offsets. The others are the base sizes
-            of the Gaussians along three axes.
+        log_scalings: Logarithms of four scalings of each anchor, minus `CausalCoding.zero_points`, in quantisation
+            steps: the common scale of its offsets, and the base sizes of its Gaussians along three axes.
         quantised: Function that returns the attributes as later networks get them, such as rounded. Its arguments are
             the name of the network, the predicted means and the attributes. None to pass the attributes unchanged.
         join: Function that concatenates arrays along an axis; `torch.cat` for tensors.
@@ -103,9 +101,9 @@ def predict_causal(
     outputs = networks[MASK_AND_SCALE](features)
     exists, scale_mean = outputs[:, :masks], outputs[:, masks : masks + 1]
     scale_log_deviation = outputs[:, masks + 1 :]
-    follow(MASK_AND_SCALE, scale_mean, log_sizes[:, :1])
+    follow(MASK_AND_SCALE, scale_mean, log_scalings[:, :1])
     size_mean, size_log_deviation = predicted("size")
-    follow("size", size_mean, log_sizes[:, 1:])
+    follow("size", size_mean, log_scalings[:, 1:])
     return CausalPrediction(
         (join(means, 1), join(log_deviations, 1)), exists,
         (join([scale_mean, size_mean], 1), join([scale_log_deviation, size_log_deviation], 1)),

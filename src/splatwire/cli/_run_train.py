@@ -39,7 +39,7 @@ from splatwire.neural.training import (
 from splatwire.neural.training.checkpoint import record_to_json
 from splatwire.neural.training.config import PacketLossConfig
 from splatwire.neural.training.device import check_cuda, has_cuda
-from splatwire.neural.training.finetune import fine_tuning, model_of, state_of_scene
+from splatwire.neural.training.finetune import fine_tuning_config, model_of, state_of_scene
 from splatwire.neural.training.initial import initial_state, points_of
 from splatwire.neural.training.presets import DEFAULT_MODEL
 from splatwire.neural.training.state import TrainState
@@ -128,7 +128,7 @@ def _continued_training(
     if command.model not in (None, model):
         raise InvalidValueError(f"--model: {command.init} has model {model}, which cannot be changed")
     iterations = FINE_TUNING_ITERATIONS if command.iterations is None else command.iterations
-    config = fine_tuning(_config(dataclasses.replace(command, iterations=iterations, model=model)), scene)
+    config = fine_tuning_config(_config(dataclasses.replace(command, iterations=iterations, model=model)), scene)
     config = dataclasses.replace(config, background=chosen_background(command.background) or scene.background)
     train, test = _datasets(command, config)
     print(

@@ -192,11 +192,11 @@ def training_display(on_test: Any, last_task: str = "fitting the context model a
             tests.append(f", test {report.psnr:.2f} dB")
             on_test(report)
 
-        def last_phase(share: float) -> None:
+        def final_task(share: float) -> None:
             bars.update(task, description=f"{last_task}, {share:.0%}")
 
         with first_interrupt(interrupted):
-            yield Listener(progress, tested, lambda: bool(stop), last_phase)
+            yield Listener(progress, tested, lambda: bool(stop), final_task)
 
 
 def columns() -> tuple[ProgressColumn, ...]:

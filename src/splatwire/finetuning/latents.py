@@ -223,7 +223,7 @@ def gradients_of(
 
     Args:
         latents: The trainable parameters. `latents.rotations` must be 0.
-        drawn: The drawn Gaussians, `latents.splats(offsets)`.
+        drawn: The drawn Gaussians, `latents.splats(rounding_errors)`.
         rounding_errors: Differences between rounded and exact parameters, which count as constants; None without
             rounding.
         drawn_gradients: Gradients with respect to the drawn Gaussians.

@@ -22,9 +22,9 @@ INPUT_UNIT = 0.25
 """Network input value of one quantisation step."""
 MASK_AND_SCALE = "form"
 """Name, also in scene files, of the network that predicts the mask of existing offsets and their common scale."""
-NUM_SIZES = 4
-"""Number of size values of an anchor: logarithms of the common scale of the offsets and of the base size
-of the Gaussians along three axes."""
+NUM_LOG_SCALINGS = 4
+"""Number of coded logarithms of scalings of an anchor: of the common scale of its offsets, and of the base size of its
+Gaussians along three axes."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,11 @@ class CausalConfig(CheckedFields):
         return len(self.layout.feature_groups) + 3
 
     def shapes(self) -> dict[str, tuple[int, int]]:
-        """Returns the numbers of inputs and outputs of every network by name, in evaluation order."""
+        """Returns the numbers of inputs and outputs of every network by name, in evaluation order.
+
+        The outputs are means and log2 of standard deviations. The network `MASK_AND_SCALE` has the logits of the offset
+        masks before those of the offset scale.
+        """
         features, offsets, c = self.layout.feature_dim, self.layout.num_offsets, self.context_dim
         shapes, before = {"position": (3 * (1 + OCTAVES), c)}, 0
         for group, size in enumerate(self.layout.feature_groups):
@@ -53,7 +57,7 @@ class CausalConfig(CheckedFields):
             before += size
         shapes[MASK_AND_SCALE] = (c + features, offsets + 2)
         shapes["size"] = (c + features + 1, 6)
-        shapes["offset"] = (c + features + NUM_SIZES, 6 * offsets)
+        shapes["offset"] = (c + features + NUM_LOG_SCALINGS, 6 * offsets)
         return shapes
 
 

@@ -30,7 +30,7 @@ from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoin
 from splatwire.neural.training.config import RefineConfig, TrainConfig
 from splatwire.neural.training.context import AnchorCache
 from splatwire.neural.training.export import export_scene
-from splatwire.neural.training.finetune import fine_tuning, state_of_scene
+from splatwire.neural.training.finetune import fine_tuning_config, state_of_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED, uniform_from_host
 from splatwire.neural.training.progress import estimate_bytes
@@ -118,7 +118,7 @@ def test_a_run_ends_in_a_stream_that_decodes(dataset: Dataset, recipe: TrainConf
     assert received.loss_mask.num_lost == 0
     assert received.scene.anchors.num_anchors == result.scene.anchors.num_anchors
     assert bool((result.scene.causal.steps > 0).all())
-    going_on = fine_tuning(recipe, result.scene)
+    going_on = fine_tuning_config(recipe, result.scene)
     state = state_of_scene(result.scene, dataset, going_on)
     back = export_scene(state, going_on)
     for name in ("features", "offsets", "mask"):

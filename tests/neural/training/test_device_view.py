@@ -10,7 +10,7 @@ from scenes import SMALL_CAUSAL, tiny_cameras, tiny_scene
 from splatwire.neural.model import gaussian_heads
 from splatwire.neural.model.tensors import run_network, to_tensors
 from splatwire.neural.training.causal import anchor_and_offset_bits, attribute_steps, value_bits
-from splatwire.neural.training.causal_device import POSITION_BITS, _ValueBits, sample_bits, value_steps
+from splatwire.neural.training.causal_device import POSITION_BITS, _ValueBits, packed_anchor_bits, value_steps
 from splatwire.neural.training.device_view import ViewConstants, on_image, spawn_all, visible_anchors
 from splatwire.neural.training.growth import on_image as on_image_reference
 from splatwire.neural.training.kernels import sample_from_host, sample_on_device
@@ -80,7 +80,7 @@ def test_sampled_bits_equal_those_of_separate_networks() -> None:
     mask = (torch.rand(70, config.layout.num_offsets, generator=rng) < 0.5).float()
     parts = values.split([config.layout.feature_dim, 4, 3 * config.layout.num_offsets], dim=1)
     own, offsets = anchor_and_offset_bits(networks, config, place, parts, mask)
-    found = sample_bits(networks, config, place, values, mask)
+    found = packed_anchor_bits(networks, config, place, values, mask)
     torch.testing.assert_close(found, own + offsets.sum(dim=1) + POSITION_BITS, atol=0.02, rtol=1e-4)
 
 

@@ -16,7 +16,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.neural.training import create_config
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.export import export_scene
-from splatwire.neural.training.finetune import fine_tuning, state_of_scene
+from splatwire.neural.training.finetune import fine_tuning_config, state_of_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.losses import prepare_photo
 from splatwire.neural.training.step import TrainingStep
@@ -36,7 +36,7 @@ def finished(dataset: Dataset, config: TrainConfig) -> AnchorScene:
 
 
 def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, finished: AnchorScene) -> None:
-    recipe = fine_tuning(create_config(iterations=30, losses=("bernoulli:0.2",)), finished)
+    recipe = fine_tuning_config(create_config(iterations=30, losses=("bernoulli:0.2",)), finished)
     assert (recipe.milestones.iterations, recipe.packet_loss.models) == (30, ("bernoulli:0.2",))
     again = export_scene(state_of_scene(finished, dataset, recipe), recipe)
     for name, value in vars(finished.anchors).items():
@@ -53,7 +53,7 @@ def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, finished: Anc
 def test_finetuning_keeps_anchors_and_improves_pictures(
     dataset: Dataset, config: TrainConfig, finished: AnchorScene
 ) -> None:
-    recipe = fine_tuning(config, finished)
+    recipe = fine_tuning_config(config, finished)
     state, step = state_of_scene(finished, dataset, recipe), TrainingStep(recipe, dataset.cameras)
     photo = prepare_photo(torch.from_numpy(dataset.image(2)))
     found = [step(state, 2, photo).l1 for _ in range(40)]
@@ -71,7 +71,7 @@ def test_other_networks_are_refused(dataset: Dataset) -> None:
     ):
         other = dataclasses.replace(scene, heads=dataclasses.replace(scene.heads, opacity=wrong))
         with pytest.raises(InvalidValueError, match=message):
-            state_of_scene(other, dataset, fine_tuning(create_config(iterations=30), other))
+            state_of_scene(other, dataset, fine_tuning_config(create_config(iterations=30), other))
 
 
 def test_finetune_command_runs(
@@ -99,9 +99,9 @@ def test_finetune_command_runs(
 
 
 def test_format_1_scenes_are_finetuned_without_averaging() -> None:
-    assert fine_tuning(create_config(model="hacpp"), tiny_scene()).averaging_iterations == 0
+    assert fine_tuning_config(create_config(model="hacpp"), tiny_scene()).averaging_iterations == 0
     assert (
-        fine_tuning(create_config(), tiny_causal_scene()).averaging_iterations
+        fine_tuning_config(create_config(), tiny_causal_scene()).averaging_iterations
         == create_config().averaging_iterations
         > 0
     )

@@ -10,8 +10,9 @@ import torch
 
 from concealment.gaps import changed
 from reference.float_prior import evaluate_prior
-from splatwire.bitstream import Packetization, PacketPlan
-from splatwire.channel import draw_mask, parse_loss
+from scenes import SMALL_CAUSAL, SMALL_CONFIG
+from splatwire.bitstream import HEADER_BYTES, PRESETS, Packetization, PacketPlan
+from splatwire.channel import LossModel, draw_mask, parse_loss
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.geometry import anchor_order
 from splatwire.concealment import Grow
@@ -30,6 +31,7 @@ from splatwire.neural.training.presets import create_config
 from splatwire.neural.training.state import TrainState
 from splatwire.neural.training.step import TrainingStep
 from splatwire.ops.arrays import to_arrays
+from splatwire.types import CausalConfig, ModelConfig
 
 pytestmark = pytest.mark.slow
 
@@ -117,6 +119,31 @@ def test_simulated_datagrams_are_runs_of_the_hash_order(block_size: int, packet_
     for number, (_, _, members) in enumerate(sorted(runs, key=lambda run: run[:2])):  # sent in the order of positions
         assert set(np.flatnonzero(packet == number)) == set(members)
     assert packet.max() + 1 == len(runs)
+
+
+@pytest.mark.parametrize(("model", "expected"), [(SMALL_CAUSAL, 50), (SMALL_CONFIG, 48)])
+def test_anchors_per_packet_count_masks_that_the_estimate_excludes(
+    model: CausalConfig | ModelConfig, expected: int, state: TrainState, config: TrainConfig
+) -> None:
+    packetization = PRESETS["datagram"]
+    anchor_bits = 8 * (packetization.packet_bytes - HEADER_BYTES) / 50
+    config = _lossy(dataclasses.replace(config, model=model), "bernoulli:0.3", share=1.0)
+    config = dataclasses.replace(
+        config, packet_loss=dataclasses.replace(config.packet_loss, packetizations=("datagram",))
+    )
+    found = list[int]()
+
+    class Recorder(PacketLossSimulator):
+        def lose_packets(
+            self, state: TrainState, packetization: Packetization, model: LossModel, seed: int, packet_anchors: int
+        ) -> None:
+            found.append(packet_anchors)
+
+    cache = AnchorCache(config)
+    recorder = Recorder(config, TrainableHacpp(config, COMPILED, cache), cache)
+    state.iteration = config.milestones.growth_end + 1
+    recorder.simulate(state, SampleBits(torch.tensor(20 * anchor_bits), 20))
+    assert found == [expected]
 
 
 def test_training_without_losses_draws_no_random_numbers(

@@ -22,7 +22,7 @@ from splatwire.neural.training import (
 )
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.export import export_scene
-from splatwire.neural.training.finetune import fine_tuning, state_of_scene
+from splatwire.neural.training.finetune import fine_tuning_config, state_of_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.quality import assess_scene
 from splatwire.neural.training.step import TrainingStep
@@ -198,7 +198,7 @@ def test_fine_tuning_keeps_the_origin_of_the_scene(
     scene = dataclasses.replace(straight.scene, origin=UTM)
     cameras = dataclasses.replace(dataset.cameras, origin=UTM).relative_to((UTM[0] + 2, UTM[1], UTM[2] - 1))
     there = dataclasses.replace(dataset, cameras=cameras, points=None)
-    short = fine_tuning(dataclasses.replace(config, milestones=config.milestones.scaled(4)), scene)
+    short = fine_tuning_config(dataclasses.replace(config, milestones=config.milestones.scaled(4)), scene)
     result = train_scene(there, None, short, state=state_of_scene(scene, there, short))
     assert result.scene.origin == UTM
     before = assess_scene(straight.scene, dataset, 4, 0).psnr

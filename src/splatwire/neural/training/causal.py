@@ -18,7 +18,7 @@ from splatwire.neural.training.rate import bits
 from splatwire.neural.training.schedule import Phase, phase_of
 from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
 from splatwire.types import Linear, Mlp
-from splatwire.types.causal_coding import MASK_AND_SCALE, NUM_SIZES, CausalConfig
+from splatwire.types.causal_coding import MASK_AND_SCALE, NUM_LOG_SCALINGS, CausalConfig
 
 RATE_UNIT = 8e6
 """Bits per megabyte; lambda is the weight of a megabyte of the whole scene."""
@@ -108,10 +108,10 @@ class TrainableCausal:
         networks, nothing = causal_networks(state.parameters, self._model), inputs.new_zeros(len(inputs), 1)
         predicted = predict_causal(
             _functions(networks), self._model, inputs, nothing.expand(-1, layout.feature_dim),
-            nothing.expand(-1, NUM_SIZES), quantised=lambda name, mean, values: mean, join=torch.cat,
+            nothing.expand(-1, NUM_LOG_SCALINGS), quantised=lambda name, mean, values: mean, join=torch.cat,
         )  # fmt: skip
         steps = attribute_steps(state.parameters["log_steps"], self._model)[1]
-        return expanded_scalings((predicted.log_sizes[0] * steps + state.parameters["zero_points"]).exp())
+        return expanded_scalings((predicted.log_scalings[0] * steps + state.parameters["zero_points"]).exp())
 
     def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the estimated size of the scene in megabytes."""
@@ -242,10 +242,10 @@ def anchor_and_offset_bits(
         For each anchor, bits of its features and of the logarithms of its sizes, (M). For each offset, bits of its
         coordinates and of its mask, (M, K).
     """
-    feature, log_sizes, offset = values
-    predicted = predict_causal(_functions(networks), config, position_inputs, feature, log_sizes, join=torch.cat)
+    feature, log_scalings, offset = values
+    predicted = predict_causal(_functions(networks), config, position_inputs, feature, log_scalings, join=torch.cat)
     anchor_value_bits = value_bits(
-        torch.cat([feature, log_sizes], dim=1), *joined(predicted.feature, predicted.log_sizes)
+        torch.cat([feature, log_scalings], dim=1), *joined(predicted.feature, predicted.log_scalings)
     ).sum(dim=1)
     each = value_bits(offset, *predicted.offset).view(len(position_inputs), -1, 3).sum(dim=2)
     one, zero = mask_bits(predicted)

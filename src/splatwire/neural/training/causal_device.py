@@ -24,7 +24,7 @@ from splatwire.neural.training.rate import MIN_LIKELIHOOD
 from splatwire.neural.training.schedule import Phase, phase_of
 from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
 from splatwire.types import Mlp
-from splatwire.types.causal_coding import INPUT_UNIT, MASK_AND_SCALE, NUM_SIZES, CausalConfig
+from splatwire.types.causal_coding import INPUT_UNIT, MASK_AND_SCALE, NUM_LOG_SCALINGS, CausalConfig
 
 _CHUNK = 1 << 16
 """Number of anchors per chunk of the bit estimate."""
@@ -53,14 +53,14 @@ class DeviceCausal(TrainableCausal):
             bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
         config, phase, layout = self._config, phase_of(self._config.milestones, state.iteration), self._model.layout
-        widths = (layout.feature_dim, NUM_SIZES, 3 * layout.num_offsets)
+        widths = (layout.feature_dim, NUM_LOG_SCALINGS, 3 * layout.num_offsets)
         index = visible
         if phase is Phase.CONTEXT:
             noise = self._random.noise(len(visible), widths, state.generator, state.device)
             share = config.weights.sample_share
             sample = self._random.sample(state.num_anchors, share, state.generator, state.device)
-            more = self._random.noise(len(sample), widths, state.generator, state.device)
-            index, noise = torch.cat([visible, sample]), torch.cat([noise, more])
+            sample_noise = self._random.noise(len(sample), widths, state.generator, state.device)
+            index, noise = torch.cat([visible, sample]), torch.cat([noise, sample_noise])
         elif phase is Phase.NOISE:
             noise = self._random.noise(len(visible), widths, state.generator, state.device)
         features, logs, offsets, logits = (
@@ -73,16 +73,20 @@ class DeviceCausal(TrainableCausal):
             return ((features, expanded_scalings(logs.exp()), offsets), masks.detach()), None
         steps = value_steps(state.parameters["log_steps"], self._model)
         moved = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
-        scale_moved, _ = moved.split([layout.feature_dim, 1, NUM_SIZES - 1 + 3 * layout.num_offsets], dim=1)[1:]
+        scale_moved, _ = moved.split([layout.feature_dim, 1, NUM_LOG_SCALINGS - 1 + 3 * layout.num_offsets], dim=1)[1:]
         parts = moved.split(list(widths), dim=1)
         noisy = features + parts[0], logs + parts[1], torch.addcmul(parts[2], offsets, (-scale_moved).exp())
         if phase is Phase.NOISE:
             return ((noisy[0], expanded_scalings(noisy[1].exp()), noisy[2]), masks.detach()), None
         counts = [len(visible), len(sample)]
-        (feature, own), (log, logs), (offset, offsets) = (values.split(counts) for values in noisy)
-        (drawn_masks, masks), (_, any_mask) = masks.split(counts), any_mask.split(counts)
-        total = self._bits(state, sample, (own, logs, offsets), steps, (masks, any_mask))
-        return ((feature, expanded_scalings(log.exp()), offset), drawn_masks), SampleBits(total, len(sample))
+        (visible_features, sampled_features), (visible_logs, sampled_logs), (visible_offsets, sampled_offsets) = (
+            values.split(counts) for values in noisy
+        )
+        (visible_masks, sampled_masks), (_, sampled_any_mask) = masks.split(counts), any_mask.split(counts)
+        sampled = sampled_features, sampled_logs, sampled_offsets
+        total = self._bits(state, sample, sampled, steps, (sampled_masks, sampled_any_mask))
+        drawn = visible_features, expanded_scalings(visible_logs.exp()), visible_offsets
+        return (drawn, visible_masks), SampleBits(total, len(sample))
 
     def _bits(
         self,
@@ -105,7 +109,7 @@ class DeviceCausal(TrainableCausal):
         values = torch.cat([feature, logs - state.parameters["zero_points"].detach(), offsets], dim=1) / steps
         inputs = self._position_inputs(state).index_select(0, index)
         networks = causal_networks(state.parameters, self._model)
-        return (sample_bits(networks, self._model, inputs, values, offset_mask) * anchor_mask).sum()
+        return (packed_anchor_bits(networks, self._model, inputs, values, offset_mask) * anchor_mask).sum()
 
     @torch.no_grad()
     def estimate_bytes(self, state: TrainState) -> float:
@@ -113,7 +117,7 @@ class DeviceCausal(TrainableCausal):
         # Noise in place of rounding, with a fixed seed.
         generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
         steps, total = value_steps(parameters["log_steps"], self._model), list[Tensor]()
-        widths = (self._model.layout.feature_dim, NUM_SIZES, 3 * self._model.layout.num_offsets)
+        widths = (self._model.layout.feature_dim, NUM_LOG_SCALINGS, 3 * self._model.layout.num_offsets)
         for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
             moved = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
             feature, logs, offsets = moved.split(list(widths), dim=1)
@@ -144,11 +148,11 @@ def value_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor,
 @lru_cache(maxsize=8)
 def _step_of_column(config: CausalConfig, device: torch.device) -> Int64[Tensor, "D"]:
     groups = config.layout.feature_groups
-    counts = torch.tensor([*groups, 1, NUM_SIZES - 1, 3 * config.layout.num_offsets])
+    counts = torch.tensor([*groups, 1, NUM_LOG_SCALINGS - 1, 3 * config.layout.num_offsets])
     return torch.arange(len(groups) + 3).repeat_interleave(counts).to(device)
 
 
-def sample_bits(
+def packed_anchor_bits(
     networks: dict[str, Mlp],
     config: CausalConfig,
     position_inputs: Float[Tensor, "M P"],
@@ -156,6 +160,8 @@ def sample_bits(
     offset_mask: Float[Tensor, "M K"],
 ) -> Float[Tensor, "M"]:
     """Estimates the bits of each anchor: attribute values, offset mask and position.
+
+    All networks except the position network are evaluated as a single one.
 
     Args:
         networks: The networks by name.
@@ -165,7 +171,7 @@ def sample_bits(
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
     layout, order = config.layout, _output_order(config)
-    num_own = layout.feature_dim + NUM_SIZES
+    num_own = layout.feature_dim + NUM_LOG_SCALINGS
     position, *others = (networks[name] for name in config.shapes())
     packed = pack_networks(others, order.outputs)
     inputs, _ = values.split([num_own, 3 * layout.num_offsets], dim=1)

@@ -235,7 +235,7 @@ class PacketLossConfig:
         received_shares: Shares of the anchors, 0 to 1. In an iteration with one of these shares, only this share of the
             anchors is received: the most important ones.
         packetizations: Names of packetizations (`packetization_named`); one of them is chosen at random.
-        lossy_share: Share of the iterations with packet loss in the last phase of the training.
+        lossy_share: Share of the iterations with packet loss, once packet loss is simulated.
     """
 
     # With fine-tuning, packet loss is simulated only there, otherwise once the set of anchors is fixed.

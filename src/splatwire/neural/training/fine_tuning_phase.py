@@ -1,4 +1,4 @@
-"""Prepares the last phase of a training, which adapts anchors to lost packets."""
+"""Start of the fine-tuning at the end of a training, which adapts the finished scene's anchors to lost packets."""
 
 import torch
 

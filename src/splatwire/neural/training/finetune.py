@@ -31,7 +31,7 @@ def model_of(scene: Scene) -> str | None:
     return CAUSAL if isinstance(scene.coding, CausalCoding) else HACPP
 
 
-def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
+def fine_tuning_config(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
     """Converts a configuration for a new scene to a configuration for fine-tuning a finished scene.
 
     Args:
@@ -73,7 +73,7 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
     Args:
         scene: The complete scene, on the CPU.
         dataset: The training views.
-        config: Result of `fine_tuning`.
+        config: Result of `fine_tuning_config`.
 
     Raises:
         InvalidValueError: If this trainer does not support the scene's networks, or positions are not multiples of the

@@ -141,8 +141,8 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
     """
     anchor_index, offset_index = chosen.nonzero().unbind(dim=1)
     parameters = state.parameters
-    sizes = state.scalings(anchor_index)[:, :3]
-    centers = state.positions[anchor_index] + parameters["offsets"][anchor_index, offset_index] * sizes
+    offset_scales = state.scalings(anchor_index)[:, :3]
+    centers = state.positions[anchor_index] + parameters["offsets"][anchor_index, offset_index] * offset_scales
     cells = torch.round(centers.double() / (state.voxel_size * cell))
     possible = torch.isfinite(cells).all(dim=1) & (cells.abs() * cell <= MAX_TRAINED_INDEX).all(dim=1)
     cells, anchor_index = cells[possible].to(torch.int64), anchor_index[possible]

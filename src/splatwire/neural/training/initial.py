@@ -25,7 +25,7 @@ from splatwire.neural.training.state import (
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types import Cameras
-from splatwire.types.causal_coding import NUM_SIZES, CausalConfig
+from splatwire.types.causal_coding import NUM_LOG_SCALINGS, CausalConfig
 from splatwire.types.scene import Scene
 
 INITIAL_STEPS = (0.5, 0.05, 0.1, 0.2)
@@ -279,7 +279,7 @@ def parameter_shapes(config: TrainConfig, num_anchors: int) -> dict[str, tuple[i
             shapes[f"{prefix}.{layer}.weight"] = (fan_out, fan_in)
             shapes[f"{prefix}.{layer}.bias"] = (fan_out,)
     if isinstance(model, CausalConfig):
-        return {**shapes, "log_steps": (model.num_steps,), "zero_points": (NUM_SIZES,)}
+        return {**shapes, "log_steps": (model.num_steps,), "zero_points": (NUM_LOG_SCALINGS,)}
     depth = model.grid.features_per_level
     shapes["grid.volume"] = (sum(model.grid.rows(3)), depth)
     shapes["grid.planes"] = (3, sum(model.grid.rows(2)), depth)
@@ -289,7 +289,7 @@ def parameter_shapes(config: TrainConfig, num_anchors: int) -> dict[str, tuple[i
 def log_scalings_dim(config: TrainConfig) -> int:
     """Returns the number of scalings per anchor: 6 with the HAC++ model, 4 with the causal model."""
     # The causal model has one scale for all offset axes, and three sizes of Gaussians.
-    return NUM_SIZES if isinstance(config.model, CausalConfig) else 6
+    return NUM_LOG_SCALINGS if isinstance(config.model, CausalConfig) else 6
 
 
 def _network_widths(config: TrainConfig) -> dict[str, tuple[int, int, int]]:

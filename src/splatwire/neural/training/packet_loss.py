@@ -25,7 +25,7 @@ from splatwire.neural.training.models import TrainableContextModel
 from splatwire.neural.training.state import TrainState, keep_anchors
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.knn import NeighborTree, nearest_others
-from splatwire.types import Cameras
+from splatwire.types import Cameras, ModelConfig
 from splatwire.types.anchors import mean_log_size
 
 _GROW = Grow()
@@ -36,7 +36,7 @@ _SORT_INTERVAL = 3 * _REMOVAL_INTERVAL
 
 With a single sorting, lego is 0.6 dB worse with half of the bytes received, and 0.5 dB worse with a quarter."""
 _MASK_BYTES = 0.8
-"""Approximate bytes of an anchor's offset mask, which the rate estimate does not include."""
+"""Approximate bytes of an anchor's offset mask, which the rate estimate of the HAC++ model does not include."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,9 @@ class PacketLossSimulator:
         seed = int(torch.randint(1 << 62, (), generator=state.generator))
         if isinstance(choice, float):
             return self.receive_first(state, choice)
-        return self.lose_packets(state, packetization, choice, seed, _anchors_per_packet(packetization, estimated_bits))
+        mask_bytes = _MASK_BYTES if isinstance(self._config.model, ModelConfig) else 0.0
+        packet_anchors = _anchors_per_packet(packetization, estimated_bits, mask_bytes)
+        return self.lose_packets(state, packetization, choice, seed, packet_anchors)
 
     @torch.no_grad()
     def receive_first(self, state: TrainState, share: float) -> ReceivedAnchors | None:
@@ -184,40 +186,41 @@ class PacketLossSimulator:
         """
         self._update_order(state)
         packet = packet_of_rank(packetization, state.num_anchors, packet_anchors)
-        received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
-        return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
+        is_packet_received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
+        return self._concealed(state, torch.from_numpy(is_packet_received[packet]).to(state.device))
 
     def _concealed(
-        self, state: TrainState, fully_received: Bool[Tensor, "N"], *, cut_off: bool = False
+        self, state: TrainState, received_by_rank: Bool[Tensor, "N"], *, cut_off: bool = False
     ) -> ReceivedAnchors | None:
         """Computes by how much the concealer `grow` enlarges the Gaussians of each received anchor.
 
         Args:
             state: State of the training.
-            fully_received: True for received anchors, in coding order.
-            cut_off: True if reception ended after the first quality tier (most important anchors).
+            received_by_rank: True for received anchors, in coding order.
+            cut_off: True if reception ended after the first importance tier (most important anchors).
 
         Returns:
             The received anchors and the factors on their sizes; None if all or no anchors are received.
         """
-        if bool(fully_received.all()) or not bool(fully_received.any()):
+        if bool(received_by_rank.all()) or not bool(received_by_rank.any()):
             return None
-        arrived = torch.empty_like(fully_received)
-        arrived[self._order] = fully_received
-        gain = torch.ones(state.num_anchors, device=state.device)
+        received = torch.empty_like(received_by_rank)
+        received[self._order] = received_by_rank
+        gain_by_rank = torch.ones(state.num_anchors, device=state.device)
         if self._neighbors.shape[1]:
-            received = to_numpy(fully_received)
-            tier_sizes = self._tier_sizes(state, fully_received) if cut_off else None
+            is_received = to_numpy(received_by_rank)
+            tier_sizes = self._tier_sizes(state, received_by_rank) if cut_off else None
             size = tier_sizes
             if size is None:
                 size = np.exp(mean_log_size(self._model.expected_scalings(state, self._order)).astype(np.float64))
-            share = lost_share_among(self._neighbors[received], size * ~received, size).astype(np.float32)
-            gain[fully_received] = torch.from_numpy(_GROW.gain(1 - share, received, tier_sizes)).to(gain)
-        gain_of = torch.empty_like(gain)
-        gain_of[self._order] = gain
-        return ReceivedAnchors(arrived, gain_of)
+            lost_share = lost_share_among(self._neighbors[is_received], size * ~is_received, size).astype(np.float32)
+            gain = torch.from_numpy(_GROW.gain(1 - lost_share, is_received, tier_sizes))
+            gain_by_rank[received_by_rank] = gain.to(gain_by_rank)
+        size_gain = torch.empty_like(gain_by_rank)
+        size_gain[self._order] = gain_by_rank
+        return ReceivedAnchors(received, size_gain)
 
-    def _tier_sizes(self, state: TrainState, fully_received: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
+    def _tier_sizes(self, state: TrainState, received_by_rank: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
         """Returns the typical size of the received anchors, or of the lost anchors, for each anchor of this kind.
 
         A receiver does not know the size of a single lost anchor, only the typical size of each importance tier. Here,
@@ -225,15 +228,15 @@ class PacketLossSimulator:
 
         Args:
             state: State of the training.
-            fully_received: True for received anchors, in coding order.
+            received_by_rank: True for received anchors, in coding order.
 
         Returns:
             One size for each anchor in coding order, relative to the larger of the two, above 0 and at most 1.
         """
-        tiers = (~fully_received).long().cpu().numpy()
-        sizes = state.scalings()[self._order, 3:6].cpu().numpy()
+        tiers = (~received_by_rank).long().cpu().numpy()
+        base_sizes = state.scalings()[self._order, 3:6].cpu().numpy()
         gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
-        return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
+        return relative_sizes(base_sizes, gaussians, tiers, 2)[tiers]
 
     def _update_order(self, state: TrainState) -> None:
         """Recomputes coding order and nearest neighbours after anchors were added or removed."""
@@ -273,13 +276,18 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
     return np.unique(key, return_inverse=True)[1]
 
 
-def _anchors_per_packet(packetization: Packetization, estimated_bits: SampleBits | None) -> int:
+def _anchors_per_packet(packetization: Packetization, estimated_bits: SampleBits | None, mask_bytes: float) -> int:
     """Estimates how many anchors a packet contains, from the estimated bits per anchor.
 
     The result is 1 if there is no estimate of the bits. It is also 1 without hashed grouping, because only hashed
     grouping, which fills packets up to a size in bytes, needs the number.
+
+    Args:
+        packetization: Rule by which anchors are split into packets.
+        estimated_bits: Estimated bits of a sample of anchors.
+        mask_bytes: Bytes of an anchor's offset mask, if `estimated_bits` excludes the masks; otherwise 0.
     """
     if estimated_bits is None or not packetization.hashed:
         return 1
-    anchor_bytes = float(estimated_bits.bits.detach()) / 8 / max(estimated_bits.num_anchors, 1) + _MASK_BYTES
+    anchor_bytes = float(estimated_bits.bits.detach()) / 8 / max(estimated_bits.num_anchors, 1) + mask_bytes
     return max(1, round((packetization.packet_bytes - HEADER_BYTES) / anchor_bytes))

@@ -25,15 +25,20 @@ HACPP, CAUSAL = "hacpp", "causal"
 MODELS = (HACPP, CAUSAL)
 DEFAULT_MODEL = CAUSAL
 """Default context model for coding the scene: the causal model (stream format 2), not that of HAC++ (format 1)."""
-CAUSAL_RATE = 0.008
+CAUSAL_LAMBDA = 0.008
+"""Default lambda of the causal model (`LossWeights.rate`), for all presets."""
 CAUSAL_HIDDEN = (50, 32, 32)
+"""Hidden units of the networks with the causal model (`TrainConfig.hidden`)."""
 CAUSAL_MASK_RATE = LearningRate(0.005, 0.005)
+"""Learning rate of the offset masks with the causal model."""
 CAUSAL_MASK_THRESHOLD = 0.1
+"""`TrainConfig.mask_threshold` with the causal model."""
 CAUSAL_SAMPLE_SHARE = 0.1
-CAUSAL_GRADIENT = 0.0003
-"""Settings of the causal model for all benchmarks: lambda, network widths, masks, sample, gradient threshold of growth.
+"""`LossWeights.sample_share` with the causal model."""
+CAUSAL_GRADIENT_THRESHOLD = 0.0003
+"""`GrowthRules.gradient_threshold` with the causal model.
 
-The gradient threshold is larger than the published threshold. It reduces the number of anchors to two thirds on lego
+It is larger than the published threshold, which is the default. It reduces the number of anchors to two thirds on lego
 (nine tenths on snowmiku_small), so each anchor may use more bits. The gain is 0.6 dB on lego at 211 kB, of which up to
 0.15 dB is due to averaging (`TrainConfig.averaging_iterations`). On snowmiku_small at 520 kB there is no gain. With a
 threshold of 0.0004 and more, both scenes are worse."""
@@ -63,7 +68,7 @@ class Preset:
     """Settings for one benchmark data set.
 
     Attributes:
-        rate: Default lambda, the weight of the bit rate in the loss.
+        lmbda: Default lambda of the HAC++ model, the weight of the bit rate in the loss.
         voxel_size: Spacing of anchor positions in world units; 0 to derive it from the points.
         coarsest_cell: Cell size of the coarsest grid for adding anchors (`GrowthRules.levels`), in voxels.
         mask_rate_per_lambda: Final learning rate of the masks, divided by lambda.
@@ -72,7 +77,7 @@ class Preset:
         test_views: Rule that selects the test views.
     """
 
-    rate: float
+    lmbda: float
     voxel_size: float
     coarsest_cell: int
     mask_rate_per_lambda: float
@@ -119,7 +124,7 @@ def create_config(
         growth_interval: Number of iterations between two changes of the set of anchors; None for the default.
         refine_steps: Number of Adam steps of the final refinement of the context model; None for the default.
         losses: Packet losses to train for, in the syntax of `packet_loss_config`; empty for no packet loss.
-        loss_share: Share of the iterations with packet loss in the last phase of the training.
+        loss_share: Share of the iterations with packet loss, once packet loss is simulated.
         background: RGB of the background.
         seed: Seed of all random numbers.
 
@@ -134,19 +139,19 @@ def create_config(
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, PRESETS)
     chosen = PRESETS[preset]
-    rate_weight = (chosen.rate if model == HACPP else CAUSAL_RATE) if lmbda is None else lmbda
+    lmbda = (chosen.lmbda if model == HACPP else CAUSAL_LAMBDA) if lmbda is None else lmbda
     voxel = chosen.voxel_size if voxel_size is None else voxel_size
-    _check(rate_weight, voxel, iterations)
+    _check(lmbda, voxel, iterations)
     milestones = _milestones(iterations, growth_interval)
     steps = min(RefineConfig().steps, iterations // 4) if refine_steps is None else refine_steps
-    mask_rate = max(min(chosen.mask_rate_per_lambda * rate_weight, chosen.mask_rate_cap), 1e-6)
+    mask_rate = max(min(chosen.mask_rate_per_lambda * lmbda, chosen.mask_rate_cap), 1e-6)
     config = TrainConfig(
         preset=preset,
         voxel_size=voxel,
         milestones=milestones,
         rates=for_length(LearningRates(mask_logits=LearningRate(0.01, mask_rate)), iterations),
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
-        weights=LossWeights(rate=rate_weight, target_bytes=size),
+        weights=LossWeights(rate=lmbda, target_bytes=size),
         refine=RefineConfig(steps=steps, seed=seed),
         packet_loss=packet_loss_config(losses, loss_share),
         background=background,
@@ -202,7 +207,7 @@ def _causal(config: TrainConfig) -> TrainConfig:
             dataclasses.replace(config.rates, mask_logits=CAUSAL_MASK_RATE), config.milestones.iterations
         ),
         weights=dataclasses.replace(config.weights, sample_share=CAUSAL_SAMPLE_SHARE),
-        growth=dataclasses.replace(config.growth, gradient_threshold=CAUSAL_GRADIENT),
+        growth=dataclasses.replace(config.growth, gradient_threshold=CAUSAL_GRADIENT_THRESHOLD),
         mask_threshold=CAUSAL_MASK_THRESHOLD,
     )
 
@@ -219,9 +224,9 @@ def _with_fine_tuning(config: TrainConfig) -> TrainConfig:
     return dataclasses.replace(config, milestones=milestones)
 
 
-def _check(rate_weight: float, voxel: float, iterations: int) -> None:
-    if not (math.isfinite(rate_weight) and rate_weight >= 0):
-        raise InvalidValueError(f"lambda must be 0 or more, not {rate_weight}")
+def _check(lmbda: float, voxel: float, iterations: int) -> None:
+    if not (math.isfinite(lmbda) and lmbda >= 0):
+        raise InvalidValueError(f"lambda must be 0 or more, not {lmbda}")
     if not (math.isfinite(voxel) and voxel >= 0):
         raise InvalidValueError(f"the voxel size must be 0 (derive it from the points) or more, not {voxel}")
     if iterations < MIN_ITERATIONS:
@@ -243,7 +248,7 @@ def packet_loss_config(losses: tuple[str, ...], lossy_share: float = PacketLossC
     Args:
         losses: Loss models in the syntax of `splatwire.channel.parse_loss`; `first:SHARE` if only the most important
             anchors arrive; `none` or an empty tuple for no packet loss.
-        lossy_share: Share of the iterations with packet loss in the last phase of the training.
+        lossy_share: Share of the iterations with packet loss, once packet loss is simulated.
 
     Raises:
         UnknownNameError: If no loss model has that name.

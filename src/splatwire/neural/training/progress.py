@@ -64,14 +64,15 @@ class Listener(CheckedFields):
         progress: Called after every iteration with the progress.
         tested: Called after every test with the quality of the test views.
         should_stop: Called after every iteration; True ends the training with a checkpoint.
-        last_phase: Called during the refinement at the end with the completed share, 0 to 1.
+        final_task: Called during the task after the last iteration with the completed share, 0 to 1. The task is the
+            refinement of the context model or, for explicit Gaussians, the fine-tuning with rounding.
         iterated: Called after every iteration with a function that returns the present scene, on the CPU.
     """
 
     progress: Callable[[Progress], None] = lambda progress: None
     tested: Callable[[QualityReport], None] = lambda report: None
     should_stop: Callable[[], bool] = lambda: False
-    last_phase: Callable[[float], None] = lambda share: None
+    final_task: Callable[[float], None] = lambda share: None
     iterated: Callable[[Callable[[], Any]], None] = lambda scene: None
 
 

@@ -90,7 +90,7 @@ def train_scene(
     scene = export_scene(state, config)
     if not stopped:
         started = time.perf_counter()
-        scene = refine_context(scene, config.refine, progress=listener.last_phase)
+        scene = refine_context(scene, config.refine, progress=listener.final_task)
         loop.seconds += time.perf_counter() - started
     return TrainResult(scene, state, report, stopped, loop.seconds)
 

@@ -24,7 +24,7 @@ from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.types import AnchorLayout
-from splatwire.types.causal_coding import NUM_SIZES, CausalConfig
+from splatwire.types.causal_coding import NUM_LOG_SCALINGS, CausalConfig
 
 VERSION = 2
 LOG_BITS = 24
@@ -139,15 +139,15 @@ def _read_header(data: bytes, positions: CoarsePositions) -> SideInfo:
     steps = np.array([reader.f64() for _ in range(num_groups + 1)])
     voxel_size = reader.f64()
     unsigned = np.array([min(reader.unsigned(), MAX_COORD + 1) for _ in range(5)], dtype=np.int64)
-    signed = np.array([_clipped(reader.signed()) for _ in range(NUM_SIZES + 3)], dtype=np.int64)
+    signed = np.array([_clipped(reader.signed()) for _ in range(NUM_LOG_SCALINGS + 3)], dtype=np.int64)
     reader.finish()
     try:
         config = CausalConfig(AnchorLayout(sum(groups), num_offsets, groups), context_dim)
     except ValueError as error:
         raise BitstreamError(f"side information: {error}") from None
     info = SideInfo(
-        config, voxel_size, positions, signed[NUM_SIZES:], unsigned[2:], steps, unsigned[:2],
-        signed[:NUM_SIZES], {}, (),
+        config, voxel_size, positions, signed[NUM_LOG_SCALINGS:], unsigned[2:], steps, unsigned[:2],
+        signed[:NUM_LOG_SCALINGS], {}, (),
     )  # fmt: skip
     if wrong := _problem(info):
         raise BitstreamError(f"side information: {wrong}")

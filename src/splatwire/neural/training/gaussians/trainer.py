@@ -117,7 +117,7 @@ def _fine_tuned(scene: SplatScene, train: Dataset, config: GaussianConfig, liste
     )
 
     def progress(now: TuningProgress) -> None:
-        listener.last_phase(now.iteration / now.iterations)
+        listener.final_task(now.iteration / now.iterations)
         if now.iteration < now.iterations and listener.should_stop():
             raise _StoppedError
 
