@@ -76,7 +76,7 @@ def measured(path: Path, options: argparse.Namespace) -> dict[str, object]:
         raise SystemExit(f"{path} holds no explicit Gaussians")
     packetization = PRESETS["datagram" if options.loss else "paper"]
     loss = parse_loss(options.loss, "datagram") if options.loss else None
-    tuning = Tuning(options.iterations, options.views, loss=loss, seed=options.seed)
+    tuning = Tuning(options.iterations, options.views, packet_loss=loss, seed=options.seed)
 
     def encode(some: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
         return encode_scene(some, packetization, class_offsets=classes, quality=quality)

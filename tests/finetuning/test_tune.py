@@ -54,7 +54,7 @@ def test_fine_tuning_with_packet_loss_helps_a_receiver_with_losses() -> None:
     pictures = own_pictures(source, fitting_cameras(source, 24, 80))
     found = []
     for loss in (None, parse_loss("bernoulli:0.3")):
-        tuned = fine_tune(source, pictures, FineTuning(Quality(level=7.0), iterations=240, rate=1.0, loss=loss))
+        tuned = fine_tune(source, pictures, FineTuning(Quality(level=7.0), iterations=240, rate=1.0, packet_loss=loss))
         stream = encode_scene(tuned)
         received = [decode_stream(transmit(stream, "bernoulli:0.3", seed=seed)[0]) for seed in range(3)]
         found.append(np.mean([_psnr(conceal(received_scene, "grow"), source) for received_scene in received]))
@@ -65,7 +65,7 @@ def test_fine_tuning_with_packet_loss_helps_a_receiver_with_losses() -> None:
 def test_equal_arguments_give_equal_scenes_and_another_seed_another() -> None:
     scene = shell(200)
     pictures = own_pictures(scene, fitting_cameras(scene, 4, 32))
-    options = FineTuning(iterations=12, loss=parse_loss("bernoulli:0.2"), seed=3)
+    options = FineTuning(iterations=12, packet_loss=parse_loss("bernoulli:0.2"), seed=3)
     start = _darker(scene)
     first, again = fine_tune(start, pictures, options), fine_tune(start, pictures, options)
     other = fine_tune(start, pictures, replace(options, seed=4))

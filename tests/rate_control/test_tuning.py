@@ -80,7 +80,7 @@ def test_best_is_closer_to_the_source_than_default_at_equal_bytes():
 @pytest.mark.slow
 def test_equal_seeds_give_equal_streams_and_another_seed_or_loss_another():
     scene, target = shell(200), {"quality": quality_of("small")}
-    many, none = (replace(FEW, loss=parse_loss(f"bernoulli:{rate}")) for rate in ("0.5", "0.000001"))
+    many, none = (replace(FEW, packet_loss=parse_loss(f"bernoulli:{rate}")) for rate in ("0.5", "0.000001"))
     options = FEW, FEW, replace(FEW, seed=1), many, none  # drawing a loss changes the order of views, even without one
     first, again, other, lossy, lossless = (
         encoded(scene, tuning=tuning, packetization=PRESETS["datagram"], **target).stream.packets for tuning in options
@@ -129,7 +129,10 @@ def test_losses_apply_to_the_packets_of_the_stream(monkeypatch):
         return divide_into_packets(scene, packetization)
 
     monkeypatch.setattr("splatwire.finetuning.tune.divide_into_packets", divided)
-    options, packets = replace(FEW, loss=parse_loss("bernoulli:0.5")), replace(PRESETS["datagram"], block_size=50)
+    options, packets = (
+        replace(FEW, packet_loss=parse_loss("bernoulli:0.5")),
+        replace(PRESETS["datagram"], block_size=50),
+    )
     found = encoded(shell(200), tuning=options, packetization=packets, quality=quality_of("small"))
     assert set(seen) == {found.stream.manifest.packetization}
     assert found.stream.manifest.packetization.block_size == 50

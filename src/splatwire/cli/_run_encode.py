@@ -119,7 +119,7 @@ def _tuning(command: Encode) -> "Tuning":
     """
     unit = "datagram" if command.preset == "datagram" else "pak"
     loss = None if command.loss is None else _optional_steps().parse_loss(command.loss, unit)
-    return _optional_steps().Tuning(loss=loss, seed=command.seed or 0)
+    return _optional_steps().Tuning(packet_loss=loss, seed=command.seed or 0)
 
 
 def _effort(command: Encode) -> str:

@@ -155,7 +155,7 @@ def check_same_recipe(
 
 
 @contextmanager
-def training_display(on_test: Any, last_task: str = "fitting the context model again") -> Iterator[Listener]:
+def training_display(on_test: Any, final_task_name: str = "fitting the context model again") -> Iterator[Listener]:
     """Context of a training: shows its progress on standard error, and handles Ctrl-C.
 
     The first Ctrl-C stops the training after the current iteration, with a checkpoint. A second Ctrl-C stops the
@@ -163,7 +163,7 @@ def training_display(on_test: Any, last_task: str = "fitting the context model a
 
     Args:
         on_test: Called with the quality report of each test during the training.
-        last_task: Name of the final task, after the last iteration, for the progress display.
+        final_task_name: Name of the final task, after the last iteration, for the progress display.
 
     Yields:
         Callbacks for the training.
@@ -193,7 +193,7 @@ def training_display(on_test: Any, last_task: str = "fitting the context model a
             on_test(report)
 
         def final_task(share: float) -> None:
-            bars.update(task, description=f"{last_task}, {share:.0%}")
+            bars.update(task, description=f"{final_task_name}, {share:.0%}")
 
         with first_interrupt(interrupted):
             yield Listener(progress, tested, lambda: bool(stop), final_task)

@@ -17,8 +17,8 @@ class FineTuning:
         quality: Quality setting from which the quantisation steps follow.
         iterations: Number of iterations, each with one view, at least 1.
         rounding_interval: Number of iterations between two computations of the rounding errors.
-        loss: Loss model of the channel, used in every second iteration; None for no packet losses.
-        packetization: Rule by which Gaussians are divided into packets, for `loss`.
+        packet_loss: Loss model of the channel, used in every second iteration; None for no packet losses.
+        packetization: Rule by which Gaussians are divided into packets, for `packet_loss`.
         rate: Factor on all learning rates, above 0.
         seed: Random seed of the order of views and of losses, at least 0.
 
@@ -29,7 +29,7 @@ class FineTuning:
     quality: Quality = QUALITIES["default"]
     iterations: int = 1000
     rounding_interval: int = 10
-    loss: LossModel | None = None
+    packet_loss: LossModel | None = None
     packetization: Packetization = PRESETS["paper"]
     rate: float = 0.4
     seed: int = 0

@@ -92,7 +92,7 @@ def simulate_reception(
         The received Gaussians, and the factors by which they are enlarged. None if all Gaussians or no Gaussians are
         received; the iteration then uses all Gaussians.
     """
-    assert options.loss is not None
-    received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))
+    assert options.packet_loss is not None
+    received, _ = draw_in_order(datagrams_of(division.num_bytes), options.packet_loss, int(rng.integers(1 << 62)))
     fully_received = received[division.packet_of_gaussian]
     return None if fully_received.all() or not fully_received.any() else SimulatedReception.from_mask(fully_received)

@@ -179,7 +179,7 @@ def tuned_gaussians(
             rounded = round_splats(exact, coding)
             rounding_errors = RoundingErrors.between(exact, rounded)
             cost_gradient = None if cost is None else cost.gradient(latents.harmonics)
-            if options.loss is not None and step % division_interval == 0:
+            if options.packet_loss is not None and step % division_interval == 0:
                 division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
         view, drawn = next(views), latents.splats(rounding_errors)
         reception = None
@@ -346,7 +346,7 @@ def _sampled_loss(
     # Its random views and packet losses differ from those of the iterations.
     rounded, receptions = round_splats(splats, coding), list[SimulatedReception]()
     rng = np.random.Generator(np.random.PCG64([options.seed, 1]))
-    if options.loss is not None:
+    if options.packet_loss is not None:
         division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
         drawn = [simulate_reception(division, options, rng) for _ in range(_CHECKED_RECEPTIONS)]
         receptions = [reception for reception in drawn if reception is not None]

@@ -156,7 +156,7 @@ def encode_controlled(
     encoded = _Trials(tuned, encode, progress, start.quality.level).closest(target)
     if encoded is not None and target.psnr is not None and encoded.psnr > target.psnr + PSNR_TOLERANCE:
         encoded = tuned.trimmed(encoded, target.psnr, encode)
-    better = plan.better_of(encoded, untuned, target, for_loss=tuning.loss is not None)
+    better = plan.better_of(encoded, untuned, target, for_loss=tuning.packet_loss is not None)
     if better is not encoded:
         _LOG.warning("fine-tuning gains nothing for this target: the scene is encoded as with effort default")
     return better

@@ -38,7 +38,7 @@ class Tuning:
         iterations: Number of iterations of each fine-tuning, each with one view, 1 to 100,000.
         num_views: Number of fitted views, 2 to 10,000.
         size: Maximum width and height of fitted pictures, pixels, 16 to 4096.
-        loss: Loss model of the channel, used in every second iteration; None for no packet losses.
+        packet_loss: Loss model of the channel, used in every second iteration; None for no packet losses.
         seed: Random seed of the order of views, of losses and of moved cameras, 0 to 2^63 - 1.
 
     Raises:
@@ -50,7 +50,7 @@ class Tuning:
     iterations: int = 600
     num_views: int = VIEWS
     size: int = SIZE
-    loss: LossModel | None = None
+    packet_loss: LossModel | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -110,14 +110,16 @@ def tuned_to_pictures(
             negative for coarser ones.
         pictures: Pictures of the complete scene.
         quality: Quality setting, which determines the quantisation steps.
-        packetization: Way to split the stream into packets, for simulating the packet losses of `tuning.loss`.
+        packetization: Way to split the stream into packets, for simulating the packet losses of `tuning.packet_loss`.
         tuning: Options of the fine-tuning.
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Returns:
         The fine-tuned Gaussians, not yet quantised.
     """
-    options = FineTuning(quality, tuning.iterations, loss=tuning.loss, packetization=packetization, seed=tuning.seed)
+    options = FineTuning(
+        quality, tuning.iterations, packet_loss=tuning.packet_loss, packetization=packetization, seed=tuning.seed
+    )
 
     def report(state: Progress) -> None:
         progress("fine-tuning", state.iteration / state.iterations)

@@ -112,7 +112,7 @@ def _fine_tuned(scene: SplatScene, train: Dataset, config: GaussianConfig, liste
     options = FineTuning(
         config.quality,
         config.fine_tuning_iterations,
-        loss=None if config.packet_loss is None else parse_loss(config.packet_loss),
+        packet_loss=None if config.packet_loss is None else parse_loss(config.packet_loss),
         seed=config.seed,
     )
 
