@@ -47,8 +47,8 @@ class CausalConfig(CheckedFields):
     def shapes(self) -> dict[str, tuple[int, int]]:
         """Returns the numbers of inputs and outputs of every network by name, in evaluation order.
 
-        The outputs are means and log2 of standard deviations. The network `MASK_AND_SCALE` has the logits of the offset
-        masks before those of the offset scale.
+        The outputs of `position` are context features. The outputs of the other networks are means, then log2 of
+        standard deviations; with `MASK_AND_SCALE`, the logits of the offset masks come first.
         """
         features, offsets, c = self.layout.feature_dim, self.layout.num_offsets, self.context_dim
         shapes, before = {"position": (3 * (1 + OCTAVES), c)}, 0
