@@ -150,8 +150,8 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     positions = replace(known, codes=morton_encode(voxels - known.origin))
     steps = scene.causal.steps.astype(np.float64)
     logs = anchors.scalings.astype(np.float64)[:, [0, 3, 4, 5]]
-    log_steps = steps[len(layout.feature_groups) :][[0, 1, 1, 1]]
-    log_scalings = (np.log(logs) - scene.causal.zero_points.astype(np.float64)) / log_steps
+    steps_of_logs = steps[len(layout.feature_groups) :][[0, 1, 1, 1]]
+    log_scalings = (np.log(logs) - scene.causal.zero_points.astype(np.float64)) / steps_of_logs
     feature = anchors.features.astype(np.float64) / np.repeat(
         steps[: len(layout.feature_groups)], layout.feature_groups
     )

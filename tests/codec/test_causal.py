@@ -153,7 +153,7 @@ def test_side_information_round_trips(info: SideInfo, stream: SceneStream):
     again = read_side_info(write_side_info(info), len(info.positions.known.codes))
     assert again.config == info.config
     assert np.array_equal(again.positions.known.voxels, info.positions.known.voxels)
-    for name in ("middle", "spread", "steps", "log_steps", "zero_points"):
+    for name in ("middle", "spread", "linear_steps", "steps_of_logs", "zero_points"):
         assert np.array_equal(getattr(again, name), getattr(info, name)), name
     assert write_side_info(again) == stream.side_info
 
@@ -161,7 +161,7 @@ def test_side_information_round_trips(info: SideInfo, stream: SceneStream):
 def test_damaged_side_information_is_refused(stream: SceneStream, info: SideInfo):
     for wrong in (
         replace(info, steps=np.zeros(5)), replace(info, spread=np.zeros(3, dtype=np.int64)),
-        replace(info, voxel_size=0.0), replace(info, log_steps=np.array([0, 5])),
+        replace(info, voxel_size=0.0), replace(info, steps_of_logs=np.array([0, 5])),
         replace(info, zero_points=np.full(4, 1 << 40)), replace(info, middle=np.array([1 << 39, 0, 0])),
     ):  # fmt: skip
         with pytest.raises(InvalidValueError, match="side information"):

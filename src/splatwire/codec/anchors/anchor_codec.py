@@ -36,7 +36,7 @@ from splatwire.types import AnchorScene, TierSizes
 
 
 @runtime_checkable
-class AnchorCoder(Protocol):
+class AnchorEncoder(Protocol):
     """Interface of an encoder of one scene's anchors. The anchors are numbered in coding order."""
 
     def encode(self, ranks: np.ndarray, counts: np.ndarray, max_payload_bytes: int | None) -> CodedPackets:
@@ -50,8 +50,8 @@ class AnchorCoder(Protocol):
         """
 
 
-EncoderFactory = Callable[[AnchorScene, Packetization, dict[str, bytes], float | None], tuple[AnchorCoder, bytes]]
-RepackEncoderFactory = Callable[[AnchorScene, Packetization, bytes], tuple[AnchorCoder, bytes]]
+EncoderFactory = Callable[[AnchorScene, Packetization, dict[str, bytes], float | None], tuple[AnchorEncoder, bytes]]
+RepackEncoderFactory = Callable[[AnchorScene, Packetization, bytes], tuple[AnchorEncoder, bytes]]
 
 
 def prepare_anchors(
@@ -84,7 +84,7 @@ def prepare_anchors(
         sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
         sections[TIER_SIZES] = encode_tier_sizes(scene.anchors, tier_of, len(plan.tiers))
     encoder, side_info = create_encoder(scene, packetization, sections, options.network_tolerance)
-    return Prepared(AnchorEncoder(encoder, plan, tier_of), side_info, plan, manifest_fields)
+    return Prepared(PlanEncoder(encoder, plan, tier_of), side_info, plan, manifest_fields)
 
 
 def prepare_anchor_repack(
@@ -116,7 +116,7 @@ def prepare_anchor_repack(
         scene = scene_in_order(scene, packetization.order)
     plan = _plan(scene, packetization, tier_of)
     encoder, side_info = create_encoder(scene, packetization, stream.side_info)
-    return Prepared(AnchorEncoder(encoder, plan, tier_of), side_info, plan, manifest_fields)
+    return Prepared(PlanEncoder(encoder, plan, tier_of), side_info, plan, manifest_fields)
 
 
 @checked
@@ -158,8 +158,8 @@ def _plan(scene: AnchorScene, packetization: Packetization, tier_of: np.ndarray)
     return PacketPlan(packetization, scene.anchors.num_anchors, count_tiers(tier_of, packetization), groups)
 
 
-class AnchorEncoder:
-    """Encodes the anchors of a scene, many packets at once.
+class PlanEncoder:
+    """Encodes the packets of a packet plan, many packets at once.
 
     Args:
         encoder: Encoder of groups of anchors.
@@ -167,7 +167,7 @@ class AnchorEncoder:
         tier_of: Importance tier of each anchor in coding order, uint8 (N).
     """
 
-    def __init__(self, encoder: AnchorCoder, plan: PacketPlan, tier_of: np.ndarray) -> None:
+    def __init__(self, encoder: AnchorEncoder, plan: PacketPlan, tier_of: np.ndarray) -> None:
         members, p = plan.all_members(), plan.packetization
         self._encoder, self._starts, self._rank_at = encoder, members.starts, tier_order(tier_of)[members.indices]
         self._max_payload_bytes = p.packet_bytes - HEADER_BYTES if p.hashed else None

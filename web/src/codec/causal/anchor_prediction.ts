@@ -8,7 +8,7 @@ import { CONCEALMENT_BYTES } from "../memory.ts";
 import { exponential, featureSteps, worldPositions } from "./anchors.ts";
 import type { PacketDecoder } from "./packet.ts";
 import { predictedPosition } from "./positions.ts";
-import { LOG_BITS, NUM_LOG_SIZES } from "./side_info.ts";
+import { LOG_BITS, NUM_LOG_SCALINGS } from "./side_info.ts";
 import { exactPower } from "./tables.ts";
 
 const BATCH = 256,
@@ -51,11 +51,11 @@ export class AnchorPrediction {
 
   /** Returns the memory per anchor of this prediction and a concealer, bytes. */
   get bytes(): number {
-    return CONCEALMENT_BYTES + 4 * 3 + 8 * NUM_LOG_SIZES + 4 * this.#width;
+    return CONCEALMENT_BYTES + 4 * 3 + 8 * NUM_LOG_SCALINGS + 4 * this.#width;
   }
 
   get #width(): number {
-    return this.packetDecoder.info.features + NUM_LOG_SIZES;
+    return this.packetDecoder.info.features + NUM_LOG_SCALINGS;
   }
 
   /**
@@ -81,7 +81,7 @@ export class AnchorPrediction {
   }
 
   #anchorProperties(received: readonly ReceivedAnchors[], ranks: Int32Array): AnchorProperties {
-    const logs = new Float64Array(NUM_LOG_SIZES * ranks.length),
+    const logs = new Float64Array(NUM_LOG_SCALINGS * ranks.length),
       numGaussians = new Uint8Array(ranks.length),
       expectedErrors = new Float64Array(2 * ranks.length);
     let at = 0;
@@ -89,8 +89,8 @@ export class AnchorPrediction {
       anchors: { count, numOffsets, scales, sizes, masks },
     } of received) {
       for (let n = 0; n < count; n++, at++) {
-        logs[NUM_LOG_SIZES * at] = Math.log(scales[n]);
-        for (let a = 0; a < 3; a++) logs[NUM_LOG_SIZES * at + 1 + a] = Math.log(sizes[3 * n + a]);
+        logs[NUM_LOG_SCALINGS * at] = Math.log(scales[n]);
+        for (let a = 0; a < 3; a++) logs[NUM_LOG_SCALINGS * at + 1 + a] = Math.log(sizes[3 * n + a]);
         for (let k = n * numOffsets; k < (n + 1) * numOffsets; k++) numGaussians[at] += masks[k];
       }
     }
@@ -129,10 +129,10 @@ export class AnchorPrediction {
     const { info } = this.packetDecoder;
     let error = 0,
       total = 0;
-    for (let a = 0; a < NUM_LOG_SIZES; a++) {
-      const length = exponential(this.#logs[NUM_LOG_SIZES * rank + a]) * (a ? 1 : 3);
+    for (let a = 0; a < NUM_LOG_SCALINGS; a++) {
+      const length = exponential(this.#logs[NUM_LOG_SCALINGS * rank + a]) * (a ? 1 : 3);
       error +=
-        length * this.#expectedError(rank, info.features + a) * info.logSteps[a ? 1 : 0] * Math.LN2 * 2 ** -LOG_BITS;
+        length * this.#expectedError(rank, info.features + a) * info.stepsOfLogs[a ? 1 : 0] * Math.LN2 * 2 ** -LOG_BITS;
       total += length;
     }
     return error / Math.max(total, 6 * MIN_LENGTH);
@@ -158,9 +158,9 @@ export class AnchorPrediction {
 
   /** Returns the geometric means of the predicted sizes of all anchors, by rank. Computes them once, in batches. */
   async #predictSizes(pause: Pause): Promise<Float32Array | null> {
-    if (this.#logs.length < NUM_LOG_SIZES * this.count) {
+    if (this.#logs.length < NUM_LOG_SCALINGS * this.count) {
       this.#voxels = new Int32Array(3 * this.count);
-      this.#logs = new Float64Array(NUM_LOG_SIZES * this.count);
+      this.#logs = new Float64Array(NUM_LOG_SCALINGS * this.count);
       this.#logDeviations = new Int32Array(this.#width * this.count);
     }
     while (this.#numPredicted < this.count) {
@@ -174,7 +174,7 @@ export class AnchorPrediction {
     for (let rank = first; rank < end; rank++)
       this.#voxels.set(predictedPosition(this.packetDecoder.info.positions, rank), 3 * rank);
     const { logs, logDeviations } = this.packetDecoder.predicted(this.#voxels.subarray(3 * first, 3 * end));
-    this.#logs.set(logs, NUM_LOG_SIZES * first);
+    this.#logs.set(logs, NUM_LOG_SCALINGS * first);
     this.#logDeviations.set(logDeviations, this.#width * first);
     this.#numPredicted = end;
   }
@@ -185,8 +185,8 @@ export class AnchorPrediction {
  * median.
  */
 function meanSizes(logs: Float64Array): Float32Array {
-  const sizes = new Float32Array((3 * logs.length) / NUM_LOG_SIZES).map(
-    (_, n) => 2 ** (logs[NUM_LOG_SIZES * Math.floor(n / 3) + 1 + (n % 3)] / 2 ** LOG_BITS),
+  const sizes = new Float32Array((3 * logs.length) / NUM_LOG_SCALINGS).map(
+    (_, n) => 2 ** (logs[NUM_LOG_SCALINGS * Math.floor(n / 3) + 1 + (n % 3)] / 2 ** LOG_BITS),
   );
   const typical = sizes.slice().sort()[(sizes.length - 1) >> 1] ?? 0,
     least = Math.max(MIN_SHARE * typical, MIN_LENGTH);

@@ -7,7 +7,7 @@ import type { Mlp } from "../../model/heads.ts";
 import { BIAS_BITS, WEIGHT_BITS } from "../integer_network.ts";
 import type { QuantisedLinear, QuantisedMlp } from "../weight_bytes.ts";
 import { type Decoded, logOf } from "./packet.ts";
-import { LOG_BITS, NUM_LOG_SIZES, type SideInfo } from "./side_info.ts";
+import { LOG_BITS, NUM_LOG_SCALINGS, type SideInfo } from "./side_info.ts";
 
 const VALUE_ONE = 2 ** 16,
   LOG = 2 ** LOG_BITS,
@@ -19,10 +19,10 @@ export function toAnchors(
   { count, voxels, masks, values }: Decoded,
   info: SideInfo,
 ): { anchors: Anchors; features: Float32Array } {
-  const { features: size, offsets: numOffsets, groups, steps } = info,
-    width = size + NUM_LOG_SIZES + 3 * numOffsets;
+  const { features: size, offsets: numOffsets, groups, linearSteps } = info,
+    width = size + NUM_LOG_SCALINGS + 3 * numOffsets;
   const units = featureSteps(info).map((step) => step / VALUE_ONE),
-    step = steps[groups.length] / VALUE_ONE;
+    step = linearSteps[groups.length] / VALUE_ONE;
   const scales = new Float32Array(count),
     sizes = new Float32Array(3 * count);
   const features = new Float32Array(size * count),
@@ -33,7 +33,8 @@ export function toAnchors(
     for (let c = 0; c < size; c++) features[n * size + c] = values[row + c] * units[c];
     scales[n] = exponential(logOf(info, values[first], 0));
     for (let a = 0; a < 3; a++) sizes[3 * n + a] = exponential(logOf(info, values[first + 1 + a], 1 + a));
-    for (let c = 0; c < 3 * numOffsets; c++) offsets[3 * numOffsets * n + c] = values[first + NUM_LOG_SIZES + c] * step;
+    for (let c = 0; c < 3 * numOffsets; c++)
+      offsets[3 * numOffsets * n + c] = values[first + NUM_LOG_SCALINGS + c] * step;
   }
   return {
     anchors: { count, numOffsets, positions: worldPositions(voxels, info), scales, sizes, masks, offsets },
@@ -42,8 +43,8 @@ export function toAnchors(
 }
 
 /** Returns the quantisation step of each feature channel. */
-export function featureSteps({ groups, steps }: SideInfo): number[] {
-  return groups.flatMap((channels, g) => Array.from({ length: channels }, () => steps[g]));
+export function featureSteps({ groups, linearSteps }: SideInfo): number[] {
+  return groups.flatMap((channels, g) => Array.from({ length: channels }, () => linearSteps[g]));
 }
 
 /** Converts voxel indices relative to the origin to world coordinates, shape (count, 3). */

@@ -65,7 +65,7 @@ export class CausalDecoder implements ElementDecoder<CausalBatch> {
 
   /** Size of the scene, world units. About half of the anchors are within this distance of the centre. */
   get size(): number {
-    return Math.max(...this.info.extent) * this.info.voxelSize;
+    return Math.max(...this.info.spread) * this.info.voxelSize;
   }
 
   get middle(): number[] {

@@ -6,7 +6,7 @@ import { zeroMeanNormal } from "../../entropy/mixture.ts";
 import { ROWS } from "../../model/affine.ts";
 import { ACTIVATION_BITS, ACTIVATION_LIMIT, IntegerMlp } from "../integer_network.ts";
 import { decodePositions } from "./positions.ts";
-import { NUM_LOG_SIZES, OCTAVES, type SideInfo, type Stage } from "./side_info.ts";
+import { NUM_LOG_SCALINGS, OCTAVES, type SideInfo, type Stage } from "./side_info.ts";
 import { existsOf, scaleOf } from "./tables.ts";
 
 const ONE = 2 ** ACTIVATION_BITS,
@@ -78,8 +78,8 @@ export class PacketDecoder {
     const { info } = this,
       count = voxels.length / 3,
       values = new Int32Array(count * this.width),
-      logs = new Float64Array(NUM_LOG_SIZES * count);
-    const known = info.features + NUM_LOG_SIZES,
+      logs = new Float64Array(NUM_LOG_SCALINGS * count);
+    const known = info.features + NUM_LOG_SCALINGS,
       logDeviations = new Int32Array(known * count);
     this.#computeContext(voxels, count);
     for (const [s, stage] of info.stages.slice(0, -1).entries()) {
@@ -95,8 +95,8 @@ export class PacketDecoder {
       this.#appendInputs(stage, values, count);
     }
     for (let n = 0; n < count; n++)
-      for (let a = 0; a < NUM_LOG_SIZES; a++)
-        logs[NUM_LOG_SIZES * n + a] = logOf(info, values[n * this.width + info.features + a], a);
+      for (let a = 0; a < NUM_LOG_SCALINGS; a++)
+        logs[NUM_LOG_SCALINGS * n + a] = logOf(info, values[n * this.width + info.features + a], a);
     return { logs, logDeviations };
   }
 
@@ -107,7 +107,7 @@ export class PacketDecoder {
       {
         context,
         middle,
-        extent,
+        spread,
         positions: { origin },
       } = this.info;
     const widest = Math.max(this.#position.outputs, ...this.#networks.map((network) => network.outputs));
@@ -116,7 +116,7 @@ export class PacketDecoder {
     if (this.#outputs.length < rows * widest) this.#outputs = new Float64Array(rows * widest);
     for (let n = 0; n < count; n++) {
       for (let a = 0; a < 3; a++) {
-        const u = contracted(voxels[3 * n + a] + origin[a] - middle[a], extent[a]),
+        const u = contracted(voxels[3 * n + a] + origin[a] - middle[a], spread[a]),
           at = n * inputs + a;
         this.#positionInputs[at] = u;
         for (let octave = 1; octave <= OCTAVES; octave++) {
@@ -170,8 +170,8 @@ export class PacketDecoder {
 }
 
 /** Returns the binary logarithm of a scale (index 0) or size (indices 1 to 3), 24 fractional bits. */
-export function logOf({ logSteps, zeroPoints }: SideInfo, number: number, index: number): number {
-  return Math.floor((number * logSteps[index ? 1 : 0]) / FULL) + zeroPoints[index];
+export function logOf({ stepsOfLogs, zeroPoints }: SideInfo, number: number, index: number): number {
+  return Math.floor((number * stepsOfLogs[index ? 1 : 0]) / FULL) + zeroPoints[index];
 }
 
 function readMasks(
@@ -191,9 +191,9 @@ function readMasks(
   }
 }
 
-/** Maps a distance, in units of `extent`, to (-1, 1). The result has 14 fractional bits. */
-function contracted(away: number, extent: number): number {
-  const relative = quotient(away, extent);
+/** Maps a distance, in units of `spread`, to (-1, 1). The result has 14 fractional bits. */
+function contracted(away: number, spread: number): number {
+  const relative = quotient(away, spread);
   return quotient(relative, ONE + Math.abs(relative));
 }
 

@@ -17,7 +17,7 @@ import { type Positions, readPositions } from "./positions.ts";
 
 export const LOG_BITS = 24,
   OCTAVES = 4,
-  NUM_LOG_SIZES = 4;
+  NUM_LOG_SCALINGS = 4;
 const VERSION = 2;
 const HEADS = ["opacity", "covariance", "color"];
 
@@ -29,14 +29,14 @@ export interface Header {
   /** Numbers of the context derived from an anchor's position. */
   readonly context: number;
   /** Quantisation steps of the feature groups, then of the offsets. */
-  readonly steps: readonly number[];
+  readonly linearSteps: readonly number[];
   readonly voxelSize: number;
-  /** Steps of log scale and log size, and the zero points of the four logarithms; 24 fractional bits. */
-  readonly logSteps: readonly number[];
+  /** Steps of the binary logarithms of offset scale and size, and zero points of the four logarithms; 24 fractional bits. */
+  readonly stepsOfLogs: readonly number[];
   readonly zeroPoints: readonly number[];
-  /** Centre and extent of the scene, voxels. */
+  /** Centre of the scene, and distance from it along each axis within which half of the anchors lie, voxels. */
   readonly middle: readonly number[];
-  readonly extent: readonly number[];
+  readonly spread: readonly number[];
 }
 
 /**
@@ -84,8 +84,8 @@ export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
 }
 
 /** Throws if anchors are too far from the centre, where relative positions would no longer be exact in doubles. */
-function checkFar({ middle, extent }: Header, { origin }: Positions): void {
-  const far = middle.some((value, a) => Math.abs(origin[a] - value) > MAX_FAR * extent[a]);
+function checkFar({ middle, spread }: Header, { origin }: Positions): void {
+  const far = middle.some((value, a) => Math.abs(origin[a] - value) > MAX_FAR * spread[a]);
   if (far) throw new BitstreamError("side information: its anchors are too far away from the scene's middle");
 }
 
@@ -101,7 +101,7 @@ function stagesOf({ groups, features, offsets }: Header): Stage[] {
     ...stages,
     { name: "form", first: features, size: 1, numMaskLogits: offsets },
     { name: "size", first: features + 1, size: 3, numMaskLogits: 0 },
-    { name: "offset", first: features + NUM_LOG_SIZES, size: 3 * offsets, numMaskLogits: 0 },
+    { name: "offset", first: features + NUM_LOG_SCALINGS, size: 3 * offsets, numMaskLogits: 0 },
   ];
 }
 
@@ -117,11 +117,11 @@ function readHeader(bytes: Uint8Array): Header {
     throw new BitstreamError(`side information: ${numGroups} feature groups`);
   const take = (count: number, next: () => number): number[] => Array.from({ length: count }, next);
   const groups = take(numGroups, () => reader.unsigned()),
-    steps = take(numGroups + 1, () => reader.f64()),
+    linearSteps = take(numGroups + 1, () => reader.f64()),
     voxelSize = reader.f64();
-  const logSteps = take(2, () => reader.unsigned()),
-    extent = take(3, () => reader.unsigned());
-  const zeroPoints = take(NUM_LOG_SIZES, () => reader.signed()),
+  const stepsOfLogs = take(2, () => reader.unsigned()),
+    spread = take(3, () => reader.unsigned());
+  const zeroPoints = take(NUM_LOG_SCALINGS, () => reader.signed()),
     middle = take(3, () => reader.signed());
   reader.finish();
   const features = groups.reduce((sum, size) => sum + size, 0);
@@ -132,11 +132,11 @@ function readHeader(bytes: Uint8Array): Header {
     features <= MAX_CAUSAL_FEATURES &&
     within([offsets], 1, MAX_CAUSAL_OFFSETS) &&
     within([context], 1, MAX_CAUSAL_CONTEXT) &&
-    within([...steps, voxelSize], 1e-9, 1e9) &&
-    within(logSteps, 1, MAX_CAUSAL_LOG_STEP) &&
+    within([...linearSteps, voxelSize], 1e-9, 1e9) &&
+    within(stepsOfLogs, 1, MAX_CAUSAL_LOG_STEP) &&
     within(zeroPoints, -MAX_CAUSAL_ZERO_POINT, MAX_CAUSAL_ZERO_POINT) &&
-    within(extent, 1, MAX_COORD) &&
+    within(spread, 1, MAX_COORD) &&
     within(middle, -MAX_COORD, MAX_COORD);
   if (!fine) throw new BitstreamError("side information: a number of the header is out of range");
-  return { groups, features, offsets, context, steps, voxelSize, logSteps, zeroPoints, middle, extent };
+  return { groups, features, offsets, context, linearSteps, voxelSize, stepsOfLogs, zeroPoints, middle, spread };
 }

@@ -45,6 +45,12 @@ NUM_CONTEXTS = NUM_SIZE_CLASSES * NUM_UNSPLIT
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _context(n, unsplit_levels):
+    """Returns the context of the bit that marks a node of the tree whose anchors all lie in one half.
+
+    Args:
+        n: Number of anchors of the node, at least 2.
+        unsplit_levels: Number of levels directly above with all anchors in one half, 0 to `NUM_UNSPLIT - 1`.
+    """
     size_class = 0
     while n >> (size_class + 1) and size_class < NUM_SIZE_CLASSES:
         size_class += 1

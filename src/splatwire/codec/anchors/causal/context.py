@@ -196,8 +196,8 @@ def dequantise_linear(quantised: np.ndarray, step: float | np.ndarray) -> np.nda
     return (quantised.astype(np.float64) * (step * 2.0**-VALUE_BITS)).astype(np.float32)
 
 
-def dequantise_log_sizes(quantised: np.ndarray, info: SideInfo) -> np.ndarray:
-    """Dequantises the logarithms of the sizes of anchors and their Gaussians.
+def dequantise_log_scalings(quantised: np.ndarray, info: SideInfo) -> np.ndarray:
+    """Dequantises the logarithms of the scalings of anchors.
 
     Column 0 is the scale of the offsets; columns 1 to 3 are the base sizes of the Gaussians, one per axis.
 
@@ -208,7 +208,7 @@ def dequantise_log_sizes(quantised: np.ndarray, info: SideInfo) -> np.ndarray:
     Returns:
         Binary logarithms, int64 (n, 4), `LOG_BITS` fractional bits.
     """
-    step = info.log_steps[[0, 1, 1, 1]]
+    step = info.steps_of_logs[[0, 1, 1, 1]]
     return ((quantised.astype(np.int64) * step) >> VALUE_BITS) + info.zero_points
 
 

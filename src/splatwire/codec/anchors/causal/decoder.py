@@ -11,7 +11,7 @@ from splatwire.codec.anchors.causal.context import (
     VALUE_BITS,
     CodingContext,
     dequantise_linear,
-    dequantise_log_sizes,
+    dequantise_log_scalings,
     exponential,
 )
 from splatwire.codec.anchors.causal.packet_coder import anchor_rows, decode_packets, predict_from_positions
@@ -83,7 +83,7 @@ class CausalDecoder(AnchorDecoder):
         layout = info.config.layout
         self._info, self._context = info, CodingContext.of(info)
         self._num_features, self._num_offsets = layout.feature_dim, layout.num_offsets
-        self._feature_steps = np.repeat(info.steps[:-1], layout.feature_groups)
+        self._feature_steps = np.repeat(info.linear_steps[:-1], layout.feature_groups)
         self.row_bytes = 4 * (3 + 4 * self._num_offsets + self._num_features + 4)
         self.scene_bytes = self._num * (
             4 * POSITION_BYTES + 4 * (3 * _num_values(info.config) + info.config.context_dim)
@@ -117,11 +117,11 @@ class CausalDecoder(AnchorDecoder):
         deviations = np.exp2(np.clip(log_deviations * 2.0**-VALUE_BITS, -6, 13))
         for name, values in self._attributes(means).items():
             self._means[name][ranks] = values
-        logs = deviations[:, self._num_features : self._num_features + 4] * self._info.log_steps[[0, 1, 1, 1]]
+        logs = deviations[:, self._num_features : self._num_features + 4] * self._info.steps_of_logs[[0, 1, 1, 1]]
         relative = logs[:, _LOG_OF_SCALING] * (math.log(2) * 2.0**-LOG_BITS)
         self._deviations["feature"][ranks] = deviations[:, : self._num_features] * self._feature_steps
         self._deviations["scaling"][ranks] = self._means["scaling"][ranks] * relative
-        self._deviations["offset"][ranks] = deviations[:, self._num_features + 4 :] * self._info.steps[-1]
+        self._deviations["offset"][ranks] = deviations[:, self._num_features + 4 :] * self._info.linear_steps[-1]
 
     def decode(self, batch: PacketBatch) -> SymbolRows:
         """Decodes packets of anchors to integers.
@@ -155,11 +155,11 @@ class CausalDecoder(AnchorDecoder):
 
     def _attributes(self, quantised: np.ndarray) -> dict[str, np.ndarray]:
         """Dequantises decoded anchors; returns the attribute arrays (feature, scaling, offset) by name."""
-        feature, log_sizes, offset = np.split(quantised, [self._num_features, self._num_features + 4], axis=1)
+        feature, log_scalings, offset = np.split(quantised, [self._num_features, self._num_features + 4], axis=1)
         return {
             "feature": dequantise_linear(feature, self._feature_steps),
-            "scaling": exponential(dequantise_log_sizes(log_sizes, self._info))[:, _LOG_OF_SCALING],
-            "offset": dequantise_linear(offset, self._info.steps[-1]),
+            "scaling": exponential(dequantise_log_scalings(log_scalings, self._info))[:, _LOG_OF_SCALING],
+            "offset": dequantise_linear(offset, self._info.linear_steps[-1]),
         }
 
     def scene(self) -> ReceivedScene[AnchorScene]:
@@ -187,7 +187,7 @@ class CausalDecoder(AnchorDecoder):
 
     def _coding(self) -> CausalCoding:
         info, unit = self._info, math.log(2) * 2.0**-LOG_BITS
-        all_steps = np.concatenate([info.steps[:-1], info.log_steps * unit, info.steps[-1:]])
+        all_steps = np.concatenate([info.linear_steps[:-1], info.steps_of_logs * unit, info.linear_steps[-1:]])
         networks = {name: network_of(network) for name, network in info.networks.items()}
         steps, zero_points, middle, spread = (
             np.asarray(values, np.float32) for values in (all_steps, info.zero_points * unit, info.middle, info.spread)
@@ -201,8 +201,8 @@ class CausalDecoder(AnchorDecoder):
         relative = self._means["scaling"].mean(axis=1, keepdims=True)
         steps = {
             "feature": np.full((num, 1), self._feature_steps.mean(), np.float32),
-            "scaling": relative * float(info.log_steps[1] * math.log(2) * 2.0**-LOG_BITS),
-            "offset": np.full((num, 1), info.steps[-1], np.float32),
+            "scaling": relative * float(info.steps_of_logs[1] * math.log(2) * 2.0**-LOG_BITS),
+            "offset": np.full((num, 1), info.linear_steps[-1], np.float32),
         }
         parts = {name: AttributePrior(self._means[name], self._deviations[name], step) for name, step in steps.items()}
         return Prior(**parts, context_features=self._position_outputs)

@@ -142,15 +142,15 @@ class CausalEncoder:
     def __init__(self, scene: AnchorScene, info: SideInfo, voxels: np.ndarray) -> None:
         anchors, groups, positions = scene.anchors, info.config.layout.feature_groups, info.positions.known
         self._context = CodingContext.of(info)
-        self._known_positions = replace(positions, codes=morton_encode(voxels - positions.origin))
-        self._offset_scale_step = float(info.log_steps[0]) * 2.0**-LOG_BITS
+        self._positions = replace(positions, codes=morton_encode(voxels - positions.origin))
+        self._offset_scale_step = float(info.steps_of_logs[0]) * 2.0**-LOG_BITS
         self._masks = anchors.mask.astype(np.uint8)
         logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOG_SCALINGS]) * 2.0**LOG_BITS - info.zero_points
         offsets = anchors.present_offsets.reshape(len(anchors.mask), -1).astype(np.float64)
         parts = (
-            anchors.features.astype(np.float64) / np.repeat(info.steps[:-1], groups),
-            logs / info.log_steps[[0, 1, 1, 1]],
-            offsets / info.steps[-1],
+            anchors.features.astype(np.float64) / np.repeat(info.linear_steps[:-1], groups),
+            logs / info.steps_of_logs[[0, 1, 1, 1]],
+            offsets / info.linear_steps[-1],
         )
         for part in parts:
             if np.abs(part).max(initial=0) > MAX_QUANTISED:
@@ -177,5 +177,5 @@ class CausalEncoder:
         return CodedPackets(counts, encode_packets(self._context, quantised, counts), (quantised.rows(),))
 
     def _quantised(self, ranks: np.ndarray) -> Quantised:
-        positions = self._known_positions.select(ranks)
+        positions = self._positions.select(ranks)
         return quantise(self._context, positions, self._masks[ranks], self._values[ranks], self._offset_scale_step)

@@ -53,7 +53,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: 
     sample = scene.anchors.select(index)
     steps, groups = coding.steps.astype(np.float64), coding.config.layout.feature_groups
     unit = 2.0**LOG_BITS / math.log(2)
-    logs = np.maximum(np.rint(steps[len(groups) : -1] * unit), 1).astype(np.int64)
+    steps_of_logs = np.maximum(np.rint(steps[len(groups) : -1] * unit), 1).astype(np.int64)
     zero_points = np.rint(coding.zero_points.astype(np.float64) * unit).astype(np.int64)
     inputs, outputs = _evaluate_networks(coding, voxels[index], sample.features, sample.scalings)
     networks = {
@@ -63,7 +63,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: 
     middle, spread = coding.middle.astype(np.int64), coding.spread.astype(np.int64)
     return SideInfo(
         coding.config, coding.voxel_size, encode_coarse_positions(voxels, 1), middle, spread,
-        np.concatenate([steps[: len(groups)], steps[-1:]]), logs, zero_points,
+        np.concatenate([steps[: len(groups)], steps[-1:]]), steps_of_logs, zero_points,
         networks, fit_heads(scene.heads, sample, HEAD_TOLERANCE),
     )  # fmt: skip
 
@@ -93,14 +93,14 @@ def _evaluate_networks(
 
     groups = coding.config.layout.feature_groups
     step = np.repeat(coding.steps[: len(groups)], groups)
-    log_sizes = (np.log(scalings[:, [0, 3, 4, 5]]) - coding.zero_points) / coding.steps[len(groups) :][[0, 1, 1, 1]]
+    log_scalings = (np.log(scalings[:, [0, 3, 4, 5]]) - coding.zero_points) / coding.steps[len(groups) :][[0, 1, 1, 1]]
     position_features = position_inputs(((voxels - coding.middle) / coding.spread).astype(np.float32))
     predict_causal(
         {name: recording(name) for name in coding.networks},
         coding.config,
         position_features,
         features / step,
-        log_sizes,
+        log_scalings,
     )
     return inputs, outputs
 

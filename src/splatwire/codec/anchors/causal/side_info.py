@@ -41,9 +41,9 @@ class SideInfo:
         positions: The high bits of all anchors' positions. The packets contain the low bits.
         middle: int64 (3), centre of the scene, voxels.
         spread: int64 (3), distance from `middle` along each axis within which half of the anchors lie, voxels.
-        steps: Quantisation steps of each feature group, then of the offsets, float64 (groups + 1).
-        log_steps: Quantisation steps of the logarithms of offset scale and base size, int64 (2), `LOG_BITS` fractional
-            bits.
+        linear_steps: Quantisation steps of each feature group, then of the offsets, float64 (groups + 1).
+        steps_of_logs: Quantisation steps of the binary logarithms of offset scale and base size, int64 (2), `LOG_BITS`
+            fractional bits.
         zero_points: int64 (4), zero points of an anchor's four logarithms (offset scale and three base sizes),
             `LOG_BITS` fractional bits.
         networks: Networks of `CausalConfig.shapes`, by name.
@@ -56,8 +56,8 @@ class SideInfo:
     positions: CoarsePositions
     middle: np.ndarray
     spread: np.ndarray
-    steps: np.ndarray
-    log_steps: np.ndarray
+    linear_steps: np.ndarray
+    steps_of_logs: np.ndarray
     zero_points: np.ndarray
     networks: Mapping[str, QuantisedMlp]
     heads: tuple[QuantisedMlp, ...]
@@ -112,9 +112,9 @@ def _header(info: SideInfo) -> bytes:
     writer.u8(VERSION)
     for value in (layout.num_offsets, info.config.context_dim, len(layout.feature_groups), *layout.feature_groups):
         writer.unsigned(value)
-    for step in (*info.steps, info.voxel_size):
+    for step in (*info.linear_steps, info.voxel_size):
         writer.f64(float(step))
-    for value in (*info.log_steps, *info.spread):
+    for value in (*info.steps_of_logs, *info.spread):
         writer.unsigned(int(value))
     for value in (*info.zero_points, *info.middle):
         writer.signed(int(value))
@@ -136,7 +136,7 @@ def _read_header(data: bytes, positions: CoarsePositions) -> SideInfo:
     if not 0 < num_groups <= MAX_CAUSAL_GROUPS:
         raise BitstreamError(f"side information: {num_groups} feature groups")
     groups = tuple(reader.unsigned() for _ in range(num_groups))
-    steps = np.array([reader.f64() for _ in range(num_groups + 1)])
+    linear_steps = np.array([reader.f64() for _ in range(num_groups + 1)])
     voxel_size = reader.f64()
     unsigned = np.array([min(reader.unsigned(), MAX_COORD + 1) for _ in range(5)], dtype=np.int64)
     signed = np.array([_clipped(reader.signed()) for _ in range(NUM_LOG_SCALINGS + 3)], dtype=np.int64)
@@ -146,7 +146,7 @@ def _read_header(data: bytes, positions: CoarsePositions) -> SideInfo:
     except ValueError as error:
         raise BitstreamError(f"side information: {error}") from None
     info = SideInfo(
-        config, voxel_size, positions, signed[NUM_LOG_SCALINGS:], unsigned[2:], steps, unsigned[:2],
+        config, voxel_size, positions, signed[NUM_LOG_SCALINGS:], unsigned[2:], linear_steps, unsigned[:2],
         signed[:NUM_LOG_SCALINGS], {}, (),
     )  # fmt: skip
     if wrong := _problem(info):
@@ -165,12 +165,14 @@ def _problem(info: SideInfo) -> str | None:
         return f"anchors of {layout.feature_dim} features and {layout.num_offsets} offsets"
     if not (0 < info.config.context_dim <= MAX_CAUSAL_CONTEXT and len(layout.feature_groups) <= MAX_CAUSAL_GROUPS):
         return f"{info.config.context_dim} numbers of context, {len(layout.feature_groups)} groups"
-    if not (np.isfinite(info.steps).all() and (info.steps > 1e-9).all() and (info.steps < 1e9).all()):
-        return f"steps {info.steps.tolist()}"
+    if not (
+        np.isfinite(info.linear_steps).all() and (info.linear_steps > 1e-9).all() and (info.linear_steps < 1e9).all()
+    ):
+        return f"steps {info.linear_steps.tolist()}"
     if not 1e-9 < info.voxel_size < 1e9:
         return f"voxel size {info.voxel_size}"
-    if not ((info.log_steps > 0).all() and (info.log_steps <= MAX_CAUSAL_LOG_STEP).all()):
-        return f"logarithmic steps {info.log_steps.tolist()}"
+    if not ((info.steps_of_logs > 0).all() and (info.steps_of_logs <= MAX_CAUSAL_LOG_STEP).all()):
+        return f"steps of logarithms {info.steps_of_logs.tolist()}"
     if np.abs(info.zero_points).max() > MAX_CAUSAL_ZERO_POINT:
         return f"sizes around {info.zero_points.tolist()}"
     if not ((info.spread > 0).all() and (info.spread <= MAX_COORD).all() and np.abs(info.middle).max() <= MAX_COORD):
