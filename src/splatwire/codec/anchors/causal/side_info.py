@@ -165,9 +165,7 @@ def _problem(info: SideInfo) -> str | None:
         return f"anchors of {layout.feature_dim} features and {layout.num_offsets} offsets"
     if not (0 < info.config.context_dim <= MAX_CAUSAL_CONTEXT and len(layout.feature_groups) <= MAX_CAUSAL_GROUPS):
         return f"{info.config.context_dim} numbers of context, {len(layout.feature_groups)} groups"
-    if not (
-        np.isfinite(info.linear_steps).all() and (info.linear_steps > 1e-9).all() and (info.linear_steps < 1e9).all()
-    ):
+    if not all(1e-9 < step < 1e9 for step in info.linear_steps):
         return f"steps {info.linear_steps.tolist()}"
     if not 1e-9 < info.voxel_size < 1e9:
         return f"voxel size {info.voxel_size}"
