@@ -30,7 +30,7 @@ from splatwire.planning.sequence.distortion import measure_sequence_distortion, 
 from splatwire.planning.sequence.planner import SequenceVariant, plan_sequence
 from splatwire.planning.sequence.variants import frames_of
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import precision_classes
+from splatwire.render.precision import measure_class_offsets
 from splatwire.sequence import frame_files, read_frames
 from splatwire.sequence.group_builder import group_of
 from splatwire.sequence.importance import stream_importance
@@ -52,7 +52,7 @@ def encoded(files: list[Path], levels: list[float]) -> dict[float, SceneStream]:
     named = [tracker.add(frame) for frame in read_frames(files)]
     groups = [group_of(named[begin : begin + GROUP]) for begin in range(0, len(named), GROUP)]
     everyone = np.arange(len(groups[0].keys))
-    classes, found = precision_classes(groups[0].keyframe_gaussians(everyone)), {}
+    classes, found = measure_class_offsets(groups[0].keyframe_gaussians(everyone)), {}
     for level in levels:
         writer = TracksEncoder(RATE, GROUP, Quality(level=level))
         for number, group in enumerate(groups):

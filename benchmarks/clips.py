@@ -27,7 +27,7 @@ from splatwire.evaluation.sequence.evaluation import SequenceRow, frame_psnr, sc
 from splatwire.evaluation.sequence.report import score_rows
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.sequence import Frame, SequenceOptions, encode_sequence, frame_files, read_frames
 from splatwire.types import Cameras, SplatScene
 
@@ -56,7 +56,7 @@ def frame_by_frame(files: list[Path], cameras: Cameras) -> list[tuple[float, flo
             scene = drawn(frame)
             packets = packetization_named("datagram", "gaussians", scene.num_elements)
             stream = encode_scene(
-                scene, packets, quality=quality, class_offsets=scene_precision_classes(scene, None, recompute=True)
+                scene, packets, quality=quality, class_offsets=scene_class_offsets(scene, None, recompute=True)
             )
             shown = pictures(decode_stream(stream).scene, cameras)
             points.append((frame_psnr(shown, pictures(scene, cameras)), stream.num_bytes))

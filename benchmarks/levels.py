@@ -33,7 +33,7 @@ from splatwire.lod import encode_levels, tiles_of
 from splatwire.metrics import psnr
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import RenderHints, SplatScene
 from splatwire.types.lod_scene import Levels
 
@@ -47,7 +47,7 @@ def measured(path: str, rates: list[float]) -> dict[str, object]:
     """Measures a scene."""
     scene = open_scene(path)
     scene = scene.select(scene.drawable)
-    cameras, classes = surrounding_cameras(scene, VIEWS), scene_precision_classes(scene, None)
+    cameras, classes = surrounding_cameras(scene, VIEWS), scene_class_offsets(scene, None)
     truth = render_scene(scene, cameras)
     began = time.perf_counter()
     plain = encode_scene(scene, class_offsets=classes)
@@ -102,7 +102,7 @@ def lossy(stream: SceneStream, rate: float, quality: Callable[[Scene], float]) -
 def against_sog(path: str) -> dict[str, object]:
     """Compares the bytes of all levels with streamed SOG at equal or higher PSNR of the finest level."""
     flat = SplatScene(read_splats(Path(path)).at_most_degree(0))
-    cameras, classes = surrounding_cameras(flat, VIEWS), scene_precision_classes(flat, None)
+    cameras, classes = surrounding_cameras(flat, VIEWS), scene_class_offsets(flat, None)
     truth = render_scene(flat, cameras)
     sog = streamed_sog(flat.splats)
 

@@ -34,7 +34,7 @@ from splatwire.io import open_scene
 from splatwire.rate_control.partial_updates import SHARE
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.transport import Protection, Receiver, ReceiverOptions, make_served_stream
 from splatwire.transport.protocol.sender import Server
 from splatwire.types import Cameras, SplatScene
@@ -110,7 +110,7 @@ def curve(seconds: list[float], before: float, after: float) -> list[float]:
 
 def edits(scene: SplatScene) -> list[dict[str, object]]:
     """Rows of all edits."""
-    stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_precision_classes(scene))
+    stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_class_offsets(scene))
     base, rows = decode_stream(stream).scene, []
     precision = base.coding.precision_classes.astype(np.int64) - int(base.coding.precision_classes.max())
     centre = int(np.random.default_rng(0).integers(scene.num_elements))

@@ -35,7 +35,7 @@ from splatwire.neural.importers.hacpp import import_hacpp
 from splatwire.ops.threads import use_single_thread
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.scene import Scene
 
@@ -172,7 +172,7 @@ def explicit(source: Path, options: argparse.Namespace) -> dict[str, object]:
             gauge = Gauge(SplatScene(read_splats(path)), cameras)
             formats[kind] = lost_file(path, kind, gauge, options.seeds, folder)
         packets = packetization_named("datagram", "gaussians", splats.num_gaussians)
-        stream = encode_scene(scene, packets, class_offsets=scene_precision_classes(scene))
+        stream = encode_scene(scene, packets, class_offsets=scene_class_offsets(scene))
         gauge = Gauge(decode_stream(stream).scene, cameras)
         formats["swz"] = lost_stream(stream, gauge, options.seeds, folder)
     return {"gaussians": splats.num_gaussians, "nothing": round(gauge.nothing, 2), "formats": formats}

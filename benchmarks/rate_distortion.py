@@ -41,7 +41,7 @@ from splatwire.planning.planner import HEAD_TRIALS, draw_transfer_losses, plan_p
 from splatwire.planning.transfer_model import StreamLoad, draw_losses, model_transfer
 from splatwire.render import iterate_views
 from splatwire.render.importance import footprint_importance, surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.transport.protocol.preview import stream_preview
 from splatwire.transport.protocol.protection import Protection
 from splatwire.types import Cameras
@@ -134,7 +134,7 @@ class Bench:
 
     def streams(self) -> list[SceneStream]:
         """The scene as a stream without tiers, and with tiers and a preview."""
-        classes = scene_precision_classes(self.scene)
+        classes = scene_class_offsets(self.scene)
         both = [
             encode_scene(self.scene, PRESETS["datagram"], tiers=t, class_offsets=classes) for t in (None, self.tiers)
         ]

@@ -38,7 +38,7 @@ from splatwire.metrics import psnr
 from splatwire.neural.importers.hacpp import import_hacpp
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 
 RATES = (0.2, 0.1, 0.3)
 FLOOR = 1e-5
@@ -131,7 +131,7 @@ def train_gaussians(options: argparse.Namespace) -> dict[str, object]:
     started, streams = time.perf_counter(), []
     for path in options.scenes:
         scene = open_scene(path)
-        stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_precision_classes(scene))
+        stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_class_offsets(scene))
         streams.append(LossyStream(stream, surrounding_cameras(scene, options.views, options.width)))
         print(f"{path.name}: {stream.manifest.num_elements} Gaussians", file=sys.stderr, flush=True)
     config = SceneFreeConfig(steps=options.steps, drop_rates=RATES, floor=FLOOR, seed=options.seed)
@@ -145,7 +145,7 @@ def score_gaussians(options: argparse.Namespace) -> dict[str, object]:
     names = {name: create_concealer(name, **(given if name == "scene_free" else {})) for name in options.conceal}
     for path in options.scenes:
         scene = open_scene(path)
-        stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_precision_classes(scene))
+        stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_class_offsets(scene))
         cameras = surrounding_cameras(scene, options.views, options.width)
         truth = list(iterate_views(scene, cameras))
 

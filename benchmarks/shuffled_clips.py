@@ -28,7 +28,7 @@ from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.evaluation.sequence.evaluation import SequenceRow, frame_psnr, score_sequence
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.sequence import Frame, SequenceOptions, encode_sequence, frame_files, read_frames
 from splatwire.sequence.description import describe_sequence
 from splatwire.types import SplatScene
@@ -229,7 +229,7 @@ def frame_by_frame(frames: list[Frame], cameras, quality: str) -> tuple[float, f
         scene = SplatScene(frame.splats.select(frame.drawn))
         packets = packetization_named("datagram", "gaussians", scene.num_elements)
         stream = encode_scene(
-            scene, packets, quality=quality, class_offsets=scene_precision_classes(scene, None, recompute=True)
+            scene, packets, quality=quality, class_offsets=scene_class_offsets(scene, None, recompute=True)
         )
         shown = np.stack(list(iterate_views(decode_stream(stream).scene, cameras)))
         points.append((frame_psnr(shown, np.stack(list(iterate_views(scene, cameras)))), stream.num_bytes))

@@ -40,7 +40,7 @@ from splatwire.io.formats import read_splats, write_splats
 from splatwire.ops.threads import use_single_thread
 from splatwire.render import iterate_views
 from splatwire.render.importance import cameras_around
-from splatwire.render.precision import precision_classes
+from splatwire.render.precision import measure_class_offsets
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
 
@@ -114,7 +114,7 @@ def measure_scene(path: Path, others: Path | None, cameras_file: Path | None) ->
     cameras = all_cameras.select(measured)
     reference = list(iterate_views(SplatScene(splats), cameras))
     started = time.process_time()
-    classes = precision_classes(splats, all_cameras.select(unmeasured) if unmeasured else None)
+    classes = measure_class_offsets(splats, all_cameras.select(unmeasured) if unmeasured else None)
     microseconds = (time.process_time() - started) / splats.num_gaussians * 1e6
     rows = []
     levels = {str(level): dataclasses.replace(QUALITIES["default"], level=level) for level in LEVELS}
@@ -135,7 +135,7 @@ def measure_scene(path: Path, others: Path | None, cameras_file: Path | None) ->
         "loss": losses(default, cameras, reference),
     }
     if unmeasured:
-        row = coded(splats, precision_classes(splats), QUALITIES["near-lossless"])[1]
+        row = coded(splats, measure_class_offsets(splats), QUALITIES["near-lossless"])[1]
         psnr = mean_psnr(row["decoded"], cameras, reference)
         result["near_lossless_without_cameras"] = {"bytes": row["bytes"], "psnr": psnr}
     if others is None:
@@ -190,7 +190,7 @@ def peak_mib() -> float:
 def scale(path: Path, counts: list[int], threads: int) -> dict:
     """Time and memory of a codec call by the number of Gaussians."""
     splats, rows = read_splats(path), []
-    classes = (precision_classes(splats) if splats.degree else np.zeros(splats.num_gaussians)).astype(np.int8)
+    classes = (measure_class_offsets(splats) if splats.degree else np.zeros(splats.num_gaussians)).astype(np.int8)
     coded(splats, classes, QUALITIES["default"])
     for count in counts:
         many, classes_of_many = tiled(splats, count), np.resize(classes, count)

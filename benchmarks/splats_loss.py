@@ -41,7 +41,7 @@ from splatwire.ops.compiled import njit
 from splatwire.ops.threads import use_single_thread
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import SplatScene
 
 CONFIG = SketchConfig(views=12, scored_views=4, num_losses=1, num_held_out_losses=1)
@@ -50,7 +50,7 @@ WHOLE = Packetization(block_size=(1 << 16) - 1, lanes=1, grouping="contiguous")
 
 def conceal_scene(path: Path, options: argparse.Namespace) -> dict[str, object]:
     scene = open_scene(path)
-    stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_precision_classes(scene))
+    stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_class_offsets(scene))
     cameras = surrounding_cameras(scene, options.views, options.width)
     truth, loss = list(iterate_views(scene, cameras)), parse_loss("bernoulli:0.2", "datagram")
 
@@ -86,7 +86,7 @@ def quick_row(scene: Scene, psnr_of: Callable[[SceneStream], float]) -> dict[str
     """
     for _ in range(2):
         marks = [time.process_time()]
-        stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_precision_classes(scene), threads=1)
+        stream = encode_scene(scene, PRESETS["datagram"], class_offsets=scene_class_offsets(scene), threads=1)
         marks.append(time.process_time())
         richer = with_quick_sketch(stream, None, lambda task, share: None)
         marks.append(time.process_time())
@@ -134,7 +134,7 @@ def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) ->
 
 def packets_of(path: Path, _: argparse.Namespace) -> dict[str, object]:
     scene = open_scene(path)
-    classes = scene_precision_classes(scene)
+    classes = scene_class_offsets(scene)
     whole = encode_scene(scene, WHOLE, class_offsets=classes)
     near = whole.num_bytes - HEADER_BYTES * len(whole.packets)
     found: dict[str, object] = {"gaussians": scene.num_elements, "one stream of neighbours": near}

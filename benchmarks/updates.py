@@ -30,7 +30,7 @@ from splatwire.codec.gaussians.source_scene import BlockSource
 from splatwire.codec.update.apply import describe_update
 from splatwire.io import open_scene
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import SplatScene
 
 SHARE, CENTRES = 0.02, 5
@@ -114,7 +114,7 @@ def main() -> None:
     for path in parser.parse_args().scenes:
         scene = open_scene(path)
         scene = scene.select(scene.drawable)
-        classes = scene_precision_classes(scene)
+        classes = scene_class_offsets(scene)
         centres = np.random.default_rng(0).integers(scene.num_elements, size=CENTRES)
         for name, packetization in PACKETIZATIONS.items():
             stream = encode_scene(scene, packetization, class_offsets=classes)

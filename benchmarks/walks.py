@@ -33,7 +33,7 @@ from splatwire.io.formats.sog_writer import write_sog
 from splatwire.lod import Viewpoint, encode_levels
 from splatwire.lod.merging import reduce_gaussians
 from splatwire.ops.kd_order import kd_order
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
 
@@ -225,7 +225,7 @@ def walk_result(moments: list[QualitySample]) -> dict[str, object]:
 def measured(path: str, side: int) -> dict[str, object]:
     """Measures all walks through a scene."""
     one = SplatScene(read_splats(Path(path)))
-    classes = scene_precision_classes(one, None)
+    classes = scene_class_offsets(one, None)
     scene = SplatScene(copied(one.splats, side))
     stream = encode_levels(scene, class_offsets=None if classes is None else np.tile(classes, side * side))
     datagrams = repack(stream, PRESETS["datagram"])  # as servers send it over UDP and QUIC

@@ -35,7 +35,7 @@ from splatwire.io.formats import read_splats, write_splats
 from splatwire.metrics import psnr
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import SplatScene
 
 LINK = Path(__file__).with_name("emulated_link.py")
@@ -113,7 +113,7 @@ def written(source: Path, folder: Path) -> dict[str, Path]:
             write_splats([splats], files[kind])
     scene, files["swz"] = SplatScene(splats), folder / f"{source.stem}.swz"
     packets = packetization_named("datagram", "gaussians", splats.num_gaussians)
-    write_stream(encode_scene(scene, packets, class_offsets=scene_precision_classes(scene)), files["swz"])
+    write_stream(encode_scene(scene, packets, class_offsets=scene_class_offsets(scene)), files["swz"])
     return files
 
 

@@ -22,7 +22,7 @@ from splatwire.finetuning.tune import picture_gradients
 from splatwire.render import render_scene
 from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.importance import footprint_importance
-from splatwire.render.precision import measure_further_removal, measure_gaussians, scene_precision_classes
+from splatwire.render.precision import measure_further_removal, measure_gaussians, scene_class_offsets
 from splatwire.render.pruning import removal_errors
 from splatwire.render.quick_sensitivity import quick_sensitivity
 from splatwire.render.sensitivity import render_sensitivity
@@ -63,7 +63,7 @@ FUNCTIONS: dict[str, Callable[[Cameras], Any]] = {
     "footprint_importance": lambda cameras: footprint_importance(GAUSSIANS, cameras),
     "measure_gaussians": lambda cameras: measure_gaussians(GAUSSIANS, cameras, framing=cameras, closeups=cameras),
     "measure_further_removal": lambda cameras: measure_further_removal(GAUSSIANS, cameras, np.stack([BLACK] * 4)),
-    "scene_precision_classes": lambda cameras: scene_precision_classes(GAUSSIANS, cameras),
+    "scene_class_offsets": lambda cameras: scene_class_offsets(GAUSSIANS, cameras),
     "picture_gradients": lambda cameras: picture_gradients(GAUSSIANS, cameras, 1, BLACK),
     "render_scene": lambda cameras: render_scene(GAUSSIANS, cameras),
     "references": lambda cameras: References.of(ANCHORS, CalibrationViews(cameras)).cameras.viewmats,

@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 
 from close import unit
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -42,7 +42,7 @@ def decoded(splats: Splats, quality: str) -> Splats:
     """Decoded Gaussians in the order of `splats`."""
     scene = SplatScene(splats)
     found = decode_stream(
-        encode_scene(scene, quality=quality, class_offsets=scene_precision_classes(scene, recompute=True))
+        encode_scene(scene, quality=quality, class_offsets=scene_class_offsets(scene, recompute=True))
     ).scene.splats
     return found.select(cdist(splats.means, found.means).argmin(axis=1))
 
@@ -64,9 +64,9 @@ def test_flat_gaussians_of_the_smallest_quality_are_thin() -> None:
 @pytest.mark.parametrize("axes", [(2,), (1, 2)], ids=["disks", "needles"])
 def test_a_missing_axis_makes_no_gaussian_less_precise(axes: tuple[int, ...]) -> None:
     splats, chosen = flattened(ball(), 0.1, axes)
-    classes = scene_precision_classes(SplatScene(splats))
+    classes = scene_class_offsets(SplatScene(splats))
     assert classes is not None
-    before = scene_precision_classes(SplatScene(ball()))
+    before = scene_class_offsets(SplatScene(ball()))
     assert before is not None
     change = (classes.astype(int) - before)[chosen]
     assert np.median(change) >= -2

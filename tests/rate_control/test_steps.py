@@ -23,7 +23,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.rate_control.steps import measured_colour_precision, measured_precision
 from splatwire.rate_control.views import SourcePictures
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import precision_classes
+from splatwire.render.precision import measure_class_offsets
 from splatwire.types import Cameras, SplatScene
 
 AT = Quality(7.5)
@@ -38,12 +38,12 @@ def views(scene: SplatScene) -> Cameras:
 
 
 def measured(scene: SplatScene) -> np.ndarray:
-    return np.array(measured_precision(scene, precision_classes(scene.splats), AT, views(scene), encode_plainly))
+    return np.array(measured_precision(scene, measure_class_offsets(scene.splats), AT, views(scene), encode_plainly))
 
 
 def outcome(scene: SplatScene, quality: Quality) -> tuple[int, float]:
     """Bytes of a scene at a quality setting, and PSNR after rounding in decibels."""
-    classes = precision_classes(scene.splats)
+    classes = measure_class_offsets(scene.splats)
     rounded = replace(scene, splats=round_splats(scene.splats, coding_for(scene.splats, quality, classes)))
     return encode_plainly(scene, classes, quality).num_bytes, SourcePictures(scene, views(scene)).mean_psnr(rounded)
 
@@ -72,7 +72,7 @@ def test_rotations_of_round_gaussians_become_coarse_and_a_single_colour_becomes_
 
 
 def colour_precision(scene: SplatScene) -> np.ndarray:
-    classes = precision_classes(scene.splats)
+    classes = measure_class_offsets(scene.splats)
     return np.array(measured_colour_precision(scene, classes, AT, views(scene), encode_plainly))
 
 

@@ -16,9 +16,9 @@ from splatwire.render.precision import (
     MEASURED_VIEWS,
     VIEW_SIZE,
     VIEWS_OF_PART,
+    measure_class_offsets,
     measure_further_removal,
     measure_gaussians,
-    precision_classes,
 )
 from splatwire.types import Cameras, Gaussians, SplatScene
 from splatwire.types.splats import Splats
@@ -37,7 +37,7 @@ def two_shells() -> Splats:
 
 def test_hidden_gaussians_get_coarser_classes() -> None:
     splats = two_shells()
-    classes = precision_classes(splats, cameras_around(splats.means[:200], 4, 48))
+    classes = measure_class_offsets(splats, cameras_around(splats.means[:200], 4, 48))
     assert classes.shape == (240,)
     assert classes[:200].mean() > classes[200:].mean() + 3
     assert (classes <= 0).mean() > 0.9
@@ -46,7 +46,7 @@ def test_hidden_gaussians_get_coarser_classes() -> None:
 def test_precision_classes_are_repeatable() -> None:
     splats = two_shells()
     cameras = cameras_around(splats.means, 2, 32)
-    assert (precision_classes(splats, cameras) == precision_classes(splats, cameras)).all()
+    assert (measure_class_offsets(splats, cameras) == measure_class_offsets(splats, cameras)).all()
 
 
 def _gradients_of_torch(
@@ -87,10 +87,10 @@ def test_large_scenes_are_processed_in_parts() -> None:
     near = two_shells()
     far = replace(near, means=near.means + np.array([1000.0, 0.0, 0.0], np.float32))
     both = Splats(**{name: np.concatenate([getattr(one, name) for one in (near, far)]) for name in vars(near)})
-    classes = precision_classes(both, part=240)
-    alone = precision_classes(near, cameras_around(near.means, VIEWS_OF_PART, VIEW_SIZE))
+    classes = measure_class_offsets(both, part=240)
+    alone = measure_class_offsets(near, cameras_around(near.means, VIEWS_OF_PART, VIEW_SIZE))
     assert (classes[:240] == alone).all()
-    assert (precision_classes(near, part=240) == precision_classes(near)).all()
+    assert (measure_class_offsets(near, part=240) == measure_class_offsets(near)).all()
 
 
 def test_squared_gradients_equal_the_plain_sum() -> None:
@@ -119,9 +119,10 @@ def _resized(splats: Splats, factor: float) -> Splats:
 def test_classes_do_not_depend_on_the_unit_of_length(factor: float) -> None:
     """From 0.5 units away, a scene of a millimetre is smaller than a pixel and has the classes of a scene unseen."""
     splats = two_shells()
-    wanted = precision_classes(splats)[:200]  # the classes of the others, which no camera sees, are those of rounding
+    # The class offsets of the others, which no camera sees, are due to rounding.
+    wanted = measure_class_offsets(splats)[:200]
     assert len(np.unique(wanted)) > 2
-    assert np.array_equal(precision_classes(_resized(splats, factor))[:200], wanted)
+    assert np.array_equal(measure_class_offsets(_resized(splats, factor))[:200], wanted)
     measured, expected = (measure_gaussians(SplatScene(some)) for some in (_resized(splats, factor), splats))
     assert np.array_equal(measured.class_offsets[:200], expected.class_offsets[:200])
     np.testing.assert_allclose(measured.removal, expected.removal, rtol=1e-4, atol=1e-12)

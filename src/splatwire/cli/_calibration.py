@@ -18,7 +18,7 @@ from splatwire.data import load_cameras, open_dataset
 from splatwire.errors import InvalidValueError
 from splatwire.io import open_scene
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 
@@ -97,9 +97,7 @@ def complete_stream(source: Path, show: Reporter) -> SceneStream:
     if is_stream(source):
         return read_stream(source)[0].require_static(source)
     scene = open_scene(source)
-    return encode_scene(
-        scene, class_offsets=scene_precision_classes(scene), progress=lambda share: show("encoding", share)
-    )
+    return encode_scene(scene, class_offsets=scene_class_offsets(scene), progress=lambda share: show("encoding", share))
 
 
 def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Reporter) -> SceneStream:

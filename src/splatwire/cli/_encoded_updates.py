@@ -10,7 +10,7 @@ from splatwire.cli.encode import Encode
 from splatwire.codec import encode_update
 from splatwire.codec.update.apply import check_base, describe_update
 from splatwire.errors import InvalidValueError
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import Cameras
 
 
@@ -33,7 +33,7 @@ def encode_update_of(command: Encode, scene: Any, cameras: Cameras | None) -> No
     with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
         started = time.perf_counter()
         report("choosing precision", 0.0)
-        classes = scene_precision_classes(scene, cameras, recompute=True)
+        classes = scene_class_offsets(scene, cameras, recompute=True)
         report("choosing precision", 1.0)
         report("encoding", 0.0)
         stream = encode_update(base, scene, class_offsets=classes)

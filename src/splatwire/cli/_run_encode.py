@@ -28,7 +28,7 @@ from splatwire.io import open_scene
 from splatwire.lod import encode_levels
 from splatwire.rate_control.targets import Target, parse_size
 from splatwire.render.importance import footprint_importance, surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.render.up import estimate_up_axis
 from splatwire.sequence.frames import is_sequence
 from splatwire.types import Cameras
@@ -209,9 +209,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
             stream = reached.stream
         else:
             report("choosing precision", 0.0)
-            choose_class_offsets = partial(
-                scene_precision_classes, scene, cameras, recompute=command.quality is not None
-            )
+            choose_class_offsets = partial(scene_class_offsets, scene, cameras, recompute=command.quality is not None)
             # The encoder of levels calls the function while it builds them.
             chosen = choose_class_offsets if with_levels else choose_class_offsets()
             report("choosing precision", 1.0)

@@ -21,7 +21,7 @@ from splatwire.ops.adam import update_run
 from splatwire.ops.threads import one_blas_thread
 from splatwire.render.antialiasing import compensated
 from splatwire.render.cpu import ViewRasterizer, float_arrays, keep_freed_memory
-from splatwire.render.precision import MEASURED_VIEWS, precision_classes
+from splatwire.render.precision import MEASURED_VIEWS, measure_class_offsets
 from splatwire.render.precision import VIEW_SIZE as MEASURED_SIZE
 from splatwire.types import Cameras, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
@@ -127,8 +127,8 @@ def tuned_gaussians(
         pictures: The pictures and their cameras, relative to the origin of the scene.
         options: The options.
         progress: Called after each iteration.
-        class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest steps,
-            negative for coarser ones; None to measure the classes.
+        class_offsets: Precision class of each Gaussian relative to the finest class: 0 for the finest quantisation
+            steps, negative for coarser ones; None to measure the class offsets.
 
     Returns:
         The Gaussians before rounding, and their quantisation steps.
@@ -148,7 +148,7 @@ def tuned_gaussians(
     keep_freed_memory()
     rng = np.random.Generator(np.random.PCG64(options.seed))
     if class_offsets is None:
-        class_offsets = precision_classes(scene.splats, _sample_cameras(pictures.cameras, options.seed))
+        class_offsets = measure_class_offsets(scene.splats, _sample_cameras(pictures.cameras, options.seed))
     latents, views = Latents.of(scene.splats), _shuffled(pictures.cameras.num_views, rng)
     coding, rounding_errors, division = coding_for(latents.splats(), options.quality, class_offsets), None, None
     optimizer = _Adam(_rate_factors(coding))
@@ -313,15 +313,15 @@ def _add(values: Float[np.ndarray, "N K 3"], more: Float[np.ndarray, "N K 3"]) -
 
 def _rate_factors(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
     """Returns a factor on each Gaussian's optimiser steps, larger for Gaussians with coarser quantisation."""
-    # Pictures are about equally sensitive to a quantisation step of any Gaussian. Steps that are equal for all
-    # Gaussians would be too large for the sensitive ones, and too small for the others. The geometric mean of the
-    # factors is 1.
+    # Class 0 is the coarsest. Pictures are about equally sensitive to a quantisation step of any Gaussian. Optimiser
+    # steps that are equal for all Gaussians would be too large for the sensitive ones, and too small for the others.
+    # The geometric mean of the factors is 1.
     classes = coding.precision_classes.astype(np.float64)
     return np.exp2(classes.mean() - classes).astype(np.float32)
 
 
 def _sample_cameras(cameras: Cameras, seed: int) -> Cameras:
-    """Selects cameras at random, and reduces their image size, to measure the precision class of each Gaussian."""
+    """Selects cameras at random, and reduces their image size, to measure the class offset of each Gaussian."""
     # The default views for this measurement only look inwards. They would give the surroundings of a scene the
     # coarsest quantisation.
     views = np.random.Generator(np.random.PCG64([seed, 2])).permutation(cameras.num_views)[:MEASURED_VIEWS]

@@ -22,7 +22,7 @@ from splatwire.rate_control.steps import measured_colour_precision, measured_pre
 from splatwire.rate_control.targets import Target
 from splatwire.rate_control.tuning import Tuning, check_tunable, fitted_pictures, tuned_to_pictures
 from splatwire.rate_control.views import SourcePictures, ViewSets
-from splatwire.render.precision import precision_classes
+from splatwire.render.precision import measure_class_offsets
 from splatwire.types import Cameras, SplatScene
 
 Effort = Literal["fast", "default", "best"]
@@ -284,7 +284,7 @@ class _Plan:
         search, held_out = SourcePictures(source, views.search), SourcePictures(source, views.held_out)
         progress("measuring Gaussians", 0.0)
         if effort == "fast":
-            class_offsets = precision_classes(source.splats, views.measured)
+            class_offsets = measure_class_offsets(source.splats, views.measured)
             return cls(source, RemovalViews(()), search, held_out, class_offsets, None, source, quality.precision)
         removals = RemovalViews.of(source, views.measured)
         measured = removals.measure_complete(source)

@@ -1,6 +1,7 @@
 """Precision class of each Gaussian: a number that selects the quantisation steps of all of its attributes.
 
-A Gaussian to which images are more sensitive gets finer steps.
+A Gaussian to which images are more sensitive gets finer steps. The functions return class offsets: the precision class
+relative to the finest one, 0 or negative.
 """
 
 # The sensitivity to an attribute is the squared gradient of the image with respect to it. It varies by orders of
@@ -47,7 +48,7 @@ _HIDDEN_CONTRAST = 0.1
 Gaussians that are visible but have the colour of what is behind them. Without it, kept halves of `playbot` lose 2.4 dB.
 """
 FINEST_SHARE = 0.98
-"""Quantile of the sensitivities that defines class 0; coarser classes have negative numbers."""
+"""Quantile of the sensitivities that has the class offset 0; coarser classes have negative offsets."""
 BRIGHTEST = 4.0
 """Upper limit of colours when gradients are computed, the maximum in views of five real files. Without it, one extreme
 colour would determine the precision of all Gaussians in front of it."""
@@ -84,10 +85,8 @@ _WEIGHTS = {
 colour: 3, or 12 with spherical harmonics."""
 
 
-def scene_precision_classes(
-    scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False
-) -> np.ndarray | None:
-    """Returns the precision class (set of quantisation steps) of each Gaussian.
+def scene_class_offsets(scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False) -> np.ndarray | None:
+    """Returns the class offset of each Gaussian (`measure_class_offsets`), unless it already has quantisation steps.
 
     Args:
         scene: The scene.
@@ -95,21 +94,21 @@ def scene_precision_classes(
         recompute: True to ignore quantisation steps that the Gaussians already have.
 
     Returns:
-        Classes, int8 (N). None for a scene without explicit Gaussians. Also None if the Gaussians already have
+        Class offsets, int8 (N). None for a scene without explicit Gaussians. Also None if the Gaussians already have
         quantisation steps and `recompute` is False.
     """
     splats = explicit_gaussians(scene)
     return (
         None
         if splats is None or (getattr(scene, "coding", None) is not None and not recompute)
-        else precision_classes(splats, None if cameras is None else cameras.relative_to(origin_of(scene)))
+        else measure_class_offsets(splats, None if cameras is None else cameras.relative_to(origin_of(scene)))
     )
 
 
-def precision_classes(
+def measure_class_offsets(
     splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, part: int = PART_GAUSSIANS,
 ) -> np.ndarray:  # fmt: skip
-    """Computes the precision class (set of quantisation steps) of each Gaussian from its effect on images.
+    """Computes the class offset of each Gaussian from its effect on images.
 
     Args:
         splats: The Gaussians.
@@ -121,26 +120,26 @@ def precision_classes(
             this size. Ignored if `cameras` is given.
 
     Returns:
-        Class of each Gaussian, int8 (N). The quantisation steps of class c - 1 are twice as large as those of class c.
-        Nearly all classes are 0 or negative; encoders treat a class above 0 as 0.
+        Precision class of each Gaussian relative to the finest class, int8 (N): 0, or negative for coarser classes. The
+        quantisation steps double with each class. Few values are above 0; encoders treat them as 0.
     """
     # The sensitivity is estimated from gradients of sums of pixels with random signs (see
     # `splatwire.render.pruning`). Without cameras there are 12 views around the Gaussians or, with several parts, 6
-    # around each part. At most the 2 % most sensitive Gaussians have classes above 0.
-    classes = np.empty(splats.num_gaussians, np.int8)
+    # around each part. At most the 2 % most sensitive Gaussians have class offsets above 0.
+    class_offsets = np.empty(splats.num_gaussians, np.int8)
 
     def measure(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = VIEWS if whole else VIEWS_OF_PART
         around = cameras_around_splats(splats, count, VIEW_SIZE) if cameras is None else cameras
-        classes[members] = _classes(splats, _sensitivities(splats, around, probes, seed))
+        class_offsets[members] = _class_offsets(splats, _sensitivities(splats, around, probes, seed))
 
     _each_part(splats, part if cameras is None else splats.num_gaussians, measure)
-    return classes
+    return class_offsets
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredGaussians:
-    """Measurements of Gaussians for an encoder: precision classes, and picture errors after removal.
+    """Measurements of Gaussians for an encoder: class offsets, and picture errors after removal.
 
     Attributes:
         class_offsets: Precision class of each Gaussian, which selects its quantisation steps.
@@ -197,7 +196,7 @@ def measure_gaussians(
         if frame is not None:
             more = _sensitivities(splats, frame, 1, seed)
             sensitivities = {name: sensitivities[name] + FRAMING_WEIGHT * more[name] for name in sensitivities}
-        measured.class_offsets[members] = _classes(splats, sensitivities)
+        measured.class_offsets[members] = _class_offsets(splats, sensitivities)
         measured.removal[members] = _removal(sensitivities)
         if close is not None:
             measured.removal[members] += CLOSEUP_WEIGHT * _removal(_sensitivities(splats, close, 1, seed))
@@ -288,19 +287,19 @@ def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
     parallel_map(measure_part, list(itertools.pairwise(edges.tolist())))
 
 
-def _classes(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
-    """Computes the precision class of each Gaussian from the sensitivity of the images to its attributes.
+def _class_offsets(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
+    """Computes the class offset of each Gaussian from the sensitivity of the images to its attributes.
 
     Args:
         splats: The Gaussians.
         sensitivities: Sensitivity of the images to each attribute of each Gaussian, by attribute name.
 
     Returns:
-        Class of each Gaussian. The quantisation steps of class c + 1 are half as large as those of class c.
+        Precision class of each Gaussian relative to the finest class, as from `measure_class_offsets`.
     """
     # The quantisation steps of the codec already depend on area, shape and opacity. A linear model therefore
-    # removes the effect of these from the logarithms of the sensitivities. The class is the rest, averaged over the
-    # attributes. Class 0 is that of the Gaussian at the quantile `FINEST_SHARE`.
+    # removes the effect of these from the logarithms of the sensitivities. The class offset is the rest, averaged over
+    # the attributes. Offset 0 is that of the Gaussian at the quantile `FINEST_SHARE`.
     low, middle, high = (np.log2(scales.astype(np.float64)) for scales in sort3(splats.scales))
     min_size = np.median(high) - _MAX_SIZE_OCTAVES
     size, width = np.maximum(high, min_size), np.maximum(middle, np.maximum(high, min_size) - _MAX_AXIS_OCTAVES)

@@ -23,7 +23,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.byte_io import ByteWriter
 from splatwire.io.formats.content import coarse_positions
 from splatwire.ops.threads import allowed_threads
-from splatwire.render.precision import precision_classes
+from splatwire.render.precision import measure_class_offsets
 from splatwire.render.up import estimate_up_axis
 from splatwire.sequence.extent import BoundingSphere, bounding_sphere
 from splatwire.sequence.frames import Frame
@@ -56,8 +56,8 @@ class SequenceEncoder:
 
     Args:
         options: Encoder options.
-        choose_class_offsets: Function that returns the precision class (set of quantisation steps) of each new
-            Gaussian. None to choose the classes by rendering the Gaussians.
+        choose_class_offsets: Function that returns the class offset of each new Gaussian, as `measure_class_offsets`
+            does. None for that function.
         live: True to encode with less delay, at a higher total processing cost.
     """
 
@@ -67,7 +67,8 @@ class SequenceEncoder:
         choose_class_offsets: Callable[[Splats], np.ndarray] | None = None, *,
         live: bool = False,
     ) -> None:  # fmt: skip
-        self._options, self._choose_class_offsets, self._live = options, choose_class_offsets or precision_classes, live
+        self._options, self._live = options, live
+        self._choose_class_offsets = choose_class_offsets or measure_class_offsets
         self._tracker, self._group_builder = Tracker(options.order), GroupBuilder(options.group_frames)
         self._first_and_last_frame: tuple[TrackedFrame, TrackedFrame] | None = None
         self._last_splats: Splats | None = None

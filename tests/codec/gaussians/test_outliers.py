@@ -13,7 +13,7 @@ from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.gaussians.attributes import log2_scene_size
 from splatwire.codec.gaussians.outliers import MAX_DISTANCE_OCTAVES, pull_in_outliers
 from splatwire.ops.quaternions import rotation_matrices
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -38,7 +38,7 @@ def cloud() -> Splats:
 def errors(splats: Splats) -> tuple[dict[str, float], int]:
     """Root mean squared error of all Gaussians except one, by attribute; and bytes of the stream."""
     scene = SplatScene(splats)
-    stream = encode_scene(scene, PRESETS["paper"], class_offsets=scene_precision_classes(scene))
+    stream = encode_scene(scene, PRESETS["paper"], class_offsets=scene_class_offsets(scene))
     found = decode_stream(stream).scene.splats
     there = splats.select(np.arange(COUNT) != ODD)
     nearest = cdist(there.means.astype(np.float64), found.means.astype(np.float64)).argmin(axis=1)

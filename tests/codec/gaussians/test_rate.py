@@ -8,7 +8,7 @@ from splatwire.bitstream import PRESETS
 from splatwire.io.formats import read_splats
 from splatwire.render import iterate_views
 from splatwire.render.importance import cameras_around
-from splatwire.render.precision import precision_classes
+from splatwire.render.precision import measure_class_offsets
 from splatwire.types import SplatScene
 
 
@@ -16,7 +16,7 @@ from splatwire.types import SplatScene
 def test_tiger_takes_less_than_half_of_its_spz(data_dir: Path) -> None:
     """SPZ 4 of this file has 154,791 bytes (50.5 dB), SOG 146,493 (56.5 dB)."""
     splats = read_splats(data_dir / "splats/tiger_4d/tiger_4d_model_0.ply")
-    stream = encode_splats(splats, PRESETS["datagram"], class_offsets=precision_classes(splats))
+    stream = encode_splats(splats, PRESETS["datagram"], class_offsets=measure_class_offsets(splats))
     decoded = decode_splats(stream)[0]
     cameras = cameras_around(splats.means, 4, 128)
     errors = [

@@ -44,7 +44,7 @@ from splatwire.io.formats import find_format
 from splatwire.io.importing import import_model
 from splatwire.io.opening import complete_scene, decode_complete
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import scene_precision_classes
+from splatwire.render.precision import scene_class_offsets
 from splatwire.types import Anchors
 from splatwire.types.background import Background
 
@@ -390,7 +390,7 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
     else:
         scene = source.scene
         started = time.perf_counter()
-        classes = scene_precision_classes(scene)
+        classes = scene_class_offsets(scene)
         stream = encode_scene(
             scene, row.packetization, class_offsets=classes, progress=lambda share: progress(label, share)
         )
