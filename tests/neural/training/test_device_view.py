@@ -87,9 +87,9 @@ def test_sampled_bits_equal_those_of_separate_networks() -> None:
 @pytest.mark.parametrize("config", [SMALL_CAUSAL, CausalConfig()])
 def test_column_steps_equal_channel_steps(config: CausalConfig) -> None:
     logs = torch.randn(config.num_steps, generator=torch.Generator().manual_seed(0))
-    feature, form, offset = attribute_steps(logs, config)
+    feature, log_scaling, offset = attribute_steps(logs, config)
     found = value_steps(logs, config)
-    expected = torch.cat([feature, form, offset.expand(3 * config.layout.num_offsets)])
+    expected = torch.cat([feature, log_scaling, offset.expand(3 * config.layout.num_offsets)])
     assert torch.equal(found, expected)
 
 

@@ -131,22 +131,22 @@ def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
     return position_inputs((state.voxels - middle) / spread, torch.cat)
 
 
-def attribute_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
+def attribute_steps(log_steps: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
     """Returns the quantisation step of each attribute value of an anchor.
 
     An anchor has features, four logarithms (of one offset scale and three sizes), and offsets of the Gaussians'
     centres.
 
     Args:
-        logs: Logarithms of the trained quantisation steps: one for each feature group, one for the offset scale, one
-            for all three sizes, and one for the offsets.
+        log_steps: Natural logarithms of the trained quantisation steps: one for each feature group, one for the offset
+            scale, one for all three sizes, and one for the offsets.
         config: Shapes of anchors and networks.
 
     Returns:
         Steps of the F feature channels, (F); of the four logarithms, (4); and of the offsets, a single number.
     """
-    steps, groups = logs.exp(), config.layout.feature_groups
-    repeats = torch.tensor(groups, device=logs.device)
+    steps, groups = log_steps.exp(), config.layout.feature_groups
+    repeats = torch.tensor(groups, device=log_steps.device)
     feature = steps[: len(groups)].repeat_interleave(repeats)
     scale, size, offset = steps[len(groups) :]
     return feature, torch.stack([scale, size, size, size]), offset
@@ -247,9 +247,10 @@ def anchor_and_offset_bits(
     anchor_value_bits = value_bits(
         torch.cat([feature, log_scalings], dim=1), *joined(predicted.feature, predicted.log_scalings)
     ).sum(dim=1)
-    each = value_bits(offset, *predicted.offset).view(len(position_inputs), -1, 3).sum(dim=2)
-    one, zero = mask_bits(predicted)
-    return anchor_value_bits, offset_mask * (each + one) + (1 - offset_mask) * zero
+    offset_value_bits = value_bits(offset, *predicted.offset).view(len(position_inputs), -1, 3).sum(dim=2)
+    present_mask_bits, absent_mask_bits = mask_bits(predicted)
+    present_bits = offset_value_bits + present_mask_bits
+    return anchor_value_bits, offset_mask * present_bits + (1 - offset_mask) * absent_mask_bits
 
 
 def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:

@@ -72,10 +72,15 @@ class DeviceCausal(TrainableCausal):
         if phase is Phase.PLAIN:
             return ((features, expanded_scalings(logs.exp()), offsets), masks.detach()), None
         steps = value_steps(state.parameters["log_steps"], self._model)
-        moved = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
-        scale_moved, _ = moved.split([layout.feature_dim, 1, NUM_LOG_SCALINGS - 1 + 3 * layout.num_offsets], dim=1)[1:]
-        parts = moved.split(list(widths), dim=1)
-        noisy = features + parts[0], logs + parts[1], torch.addcmul(parts[2], offsets, (-scale_moved).exp())
+        noise = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
+        offset_scale_noise, _ = noise.split(
+            [layout.feature_dim, 1, NUM_LOG_SCALINGS - 1 + 3 * layout.num_offsets], dim=1
+        )[1:]
+        feature_noise, log_noise, offset_noise = noise.split(list(widths), dim=1)
+        noisy = (
+            features + feature_noise, logs + log_noise,
+            torch.addcmul(offset_noise, offsets, (-offset_scale_noise).exp()),
+        )  # fmt: skip
         if phase is Phase.NOISE:
             return ((noisy[0], expanded_scalings(noisy[1].exp()), noisy[2]), masks.detach()), None
         counts = [len(visible), len(sample)]
@@ -119,11 +124,11 @@ class DeviceCausal(TrainableCausal):
         steps, total = value_steps(parameters["log_steps"], self._model), list[Tensor]()
         widths = (self._model.layout.feature_dim, NUM_LOG_SCALINGS, 3 * self._model.layout.num_offsets)
         for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
-            moved = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
-            feature, logs, offsets = moved.split(list(widths), dim=1)
+            noise = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
+            feature_noise, log_noise, offset_noise = noise.split(list(widths), dim=1)
             noisy = (
-                parameters["features"][index] + feature, parameters["log_scalings"][index] + logs,
-                parameters["offsets"][index].flatten(1) * (-logs[:, :1]).exp() + offsets,
+                parameters["features"][index] + feature_noise, parameters["log_scalings"][index] + log_noise,
+                parameters["offsets"][index].flatten(1) * (-log_noise[:, :1]).exp() + offset_noise,
             )  # fmt: skip
             masks = straight_through(parameters["mask_logits"][index], config.mask_threshold)
             total.append(self._bits(state, index, noisy, steps, masks))
@@ -135,14 +140,14 @@ class DeviceCausal(TrainableCausal):
         return estimated_bits.bits * (state.current_lambda(self._config.weights) * share / RATE_UNIT)
 
 
-def value_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
+def value_steps(log_steps: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
     """Returns the quantisation step of each attribute value of an anchor: features, logarithms of sizes, offsets.
 
     Args:
-        logs: Logarithms of the trained quantisation steps.
+        log_steps: Natural logarithms of the trained quantisation steps.
         config: Shapes of anchors and networks.
     """
-    return logs.exp().index_select(0, _step_of_column(config, logs.device))
+    return log_steps.exp().index_select(0, _step_of_column(config, log_steps.device))
 
 
 @lru_cache(maxsize=8)
@@ -171,18 +176,19 @@ def packed_anchor_bits(
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
     layout, order = config.layout, _output_order(config)
-    num_own = layout.feature_dim + NUM_LOG_SCALINGS
+    num_anchor_values = layout.feature_dim + NUM_LOG_SCALINGS
     position, *others = (networks[name] for name in config.shapes())
     packed = pack_networks(others, order.outputs)
-    inputs, _ = values.split([num_own, 3 * layout.num_offsets], dim=1)
+    inputs, _ = values.split([num_anchor_values, 3 * layout.num_offsets], dim=1)
     hidden = torch.cat([run_network(position, position_inputs), inputs * INPUT_UNIT], dim=1)
     outputs = packed(hidden, CHANNEL_SLOPE)
     mean, log_deviation, exists = outputs.split([order.num_values, order.num_values, layout.num_offsets], dim=1)
-    first, offsets = _ValueBits.apply(values, mean, log_deviation).split([num_own, 3 * layout.num_offsets], dim=1)
+    all_bits = _ValueBits.apply(values, mean, log_deviation)
+    anchor_value_bits, offset_value_bits = all_bits.split([num_anchor_values, 3 * layout.num_offsets], dim=1)
     # the mask bit costs softplus(-x) if the offset exists, otherwise softplus(x); the difference is x
-    mask_bits = torch.nn.functional.softplus(exists).mul(1 / math.log(2))
-    each = offsets.view(len(position_inputs), -1, 3).sum(dim=2).add(exists, alpha=-1 / math.log(2))
-    return first.sum(dim=1) + (offset_mask * each + mask_bits).sum(dim=1) + POSITION_BITS
+    absent_bits = torch.nn.functional.softplus(exists).mul(1 / math.log(2))
+    extra_bits = offset_value_bits.view(len(position_inputs), -1, 3).sum(dim=2).add(exists, alpha=-1 / math.log(2))
+    return anchor_value_bits.sum(dim=1) + (offset_mask * extra_bits + absent_bits).sum(dim=1) + POSITION_BITS
 
 
 class _ValueBits(torch.autograd.Function):

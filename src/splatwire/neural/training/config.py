@@ -57,7 +57,7 @@ class LearningRates:
         prior: Prior network.
         channel: Channel networks.
         causal: Networks of the causal model.
-        log_steps: Logarithms of the causal model's quantisation steps.
+        log_steps: Natural logarithms of the causal model's quantisation steps.
     """
 
     offsets: LearningRate = LearningRate(0.01, 0.0001)

@@ -66,10 +66,12 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
         Inputs of the position network, attributes of the anchors in quantisation steps, and offset masks, 0 or 1.
     """
     anchors = scene.anchors.select(alive)
-    feature, log_size, offset = attribute_steps(coding.steps.log(), coding.config)
+    feature_step, log_scaling_step, offset_step = attribute_steps(coding.steps.log(), coding.config)
     voxels = torch.round(anchors.positions.double() / coding.voxel_size)
-    logs = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.zero_points
-    values = [anchors.features / feature, logs / log_size, anchors.offsets.flatten(1) / offset]
+    log_scalings = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.zero_points
+    values = [
+        anchors.features / feature_step, log_scalings / log_scaling_step, anchors.offsets.flatten(1) / offset_step,
+    ]  # fmt: skip
     return position_inputs(((voxels - coding.middle) / coding.spread).float(), torch.cat), values, anchors.mask.float()
 
 
