@@ -160,7 +160,7 @@ def test_side_information_round_trips(info: SideInfo, stream: SceneStream):
 
 def test_damaged_side_information_is_refused(stream: SceneStream, info: SideInfo):
     for wrong in (
-        replace(info, steps=np.zeros(5)), replace(info, spread=np.zeros(3, dtype=np.int64)),
+        replace(info, linear_steps=np.zeros(5)), replace(info, spread=np.zeros(3, dtype=np.int64)),
         replace(info, voxel_size=0.0), replace(info, steps_of_logs=np.array([0, 5])),
         replace(info, zero_points=np.full(4, 1 << 40)), replace(info, middle=np.array([1 << 39, 0, 0])),
     ):  # fmt: skip
