@@ -31,7 +31,7 @@ export interface Header {
   /** Quantisation steps of the feature groups, then of the offsets. */
   readonly linearSteps: readonly number[];
   readonly voxelSize: number;
-  /** Steps of the binary logarithms of offset scale and sizes, and zero points of the logarithms; 24 fractional bits. */
+  /** Steps of the binary logarithms of offset scale and sizes, and their zero points; 24 fractional bits. */
   readonly stepsOfLogs: readonly number[];
   readonly zeroPoints: readonly number[];
   /** Centre of the scene, and distance from it along each axis within which half of the anchors lie, voxels. */
