@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from splatwire.data.photos import is_turned, limited_size, load_photo, photo_size
+from splatwire.data.photos import has_exif_rotation, limited_size, load_photo, photo_size
 from splatwire.errors import DatasetError
 
 
@@ -84,7 +84,11 @@ def test_damaged_metadata_of_a_photo_gives_no_warning_of_pillow(tmp_path):
     data[data.index(b"A long") - 26 :] = b""  # cut within the table of tags
     Image.fromarray(np.full((10, 15, 3), 128, np.uint8)).save(tmp_path / "a.jpg", exif=bytes(data))
     assert sorted(photo_size(tmp_path / "a.jpg", upright=True)) == [10, 15]
-    assert not is_turned(tmp_path / "a.jpg") or load_photo(tmp_path / "a.jpg", upright=True).shape == (15, 10, 3)
+    assert not has_exif_rotation(tmp_path / "a.jpg") or load_photo(tmp_path / "a.jpg", upright=True).shape == (
+        15,
+        10,
+        3,
+    )
 
 
 @pytest.mark.parametrize("brand", ["heic", "mif1", "avif"])

@@ -30,7 +30,7 @@ const INTERNAL = `
   groupFrames growth hasAnswered hasCopies hasEnded hasHead hasManifestOf hasNew hasSentView hasUnknownBirth headBytes
   heads headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment initSegmentBytes initSegmentMs inputs
   intake integers isComplete isCut isEmpty isFree isKept isKeyframe isLinear isLive isNew isOnlySource isReady
-  isReceived isReordered isRetry isRetryable isSame isSameStream isSequence isShown isSorting isTryingWhole isVerified
+  isReceived isReordered isRetry isRetryable isSame isSameStream isSequence isSorting isTryingWhole isVerified
   isVisible isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo kinds known laneCounter lastOffsets
   latticeBits latticeShift leafIndex leafSize leaky leaveOut leftOut lengths linearSteps log2MotionUnits logDeviations
   logScales logStepRatios lookUpSession lostSequences manifest manifestBytes maxExcess maxPositionShift maxTiers

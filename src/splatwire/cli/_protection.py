@@ -24,7 +24,8 @@ def protection_of(init_repair: float, texts: Sequence[str]) -> Protection:
 
     Args:
         init_repair: Repair symbols per source symbol of the side information.
-        texts: `motion=SHARE` for the motion of clips, or `tierN=SHARE` for importance tier N.
+        texts: `motion=REPAIR` for the motion of clips, or `tierN=REPAIR` for importance tier N: repair
+            symbols per packet.
 
     Raises:
         InvalidValueError: If the text has another form, or a number is out of range.

@@ -11,7 +11,7 @@ from splatwire.cli._scenes import chosen_background
 from splatwire.cli._trained_gaussians import GAUSSIAN_MODEL, check_gaussian_options, run_gaussians
 from splatwire.cli._training import (
     ANCHOR_RECIPE,
-    CPU_ITERATIONS,
+    DEFAULT_ITERATIONS,
     changed_options,
     check_same_recipe,
     checked_size,
@@ -158,7 +158,7 @@ def _config(command: Train) -> TrainConfig:
         model=command.model or DEFAULT_MODEL,
         lmbda=command.lmbda,
         size=0 if command.size is None else parsed_size(command.size),
-        iterations=CPU_ITERATIONS if command.iterations is None else command.iterations,
+        iterations=DEFAULT_ITERATIONS if command.iterations is None else command.iterations,
         voxel_size=command.voxel_size,
         growth_interval=command.growth_interval,
         refine_steps=command.refine,

@@ -13,7 +13,7 @@ from splatwire.cli._output import print_json, print_summary, refuse_options
 from splatwire.cli._scenes import chosen_background
 from splatwire.cli._served_training import check_serving, served_training
 from splatwire.cli._training import (
-    CPU_ITERATIONS,
+    DEFAULT_ITERATIONS,
     GAUSSIAN_RECIPE,
     changed_options,
     check_same_recipe,
@@ -157,7 +157,7 @@ def _config(command: Train) -> GaussianConfig:
     preset = preset_of(command)
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, PRESETS)
-    iterations = CPU_ITERATIONS if command.iterations is None else command.iterations
+    iterations = DEFAULT_ITERATIONS if command.iterations is None else command.iterations
     chosen: dict[str, Any] = {
         name: value for name in ("gaussians", "degree") if (value := getattr(command, name)) is not None
     }

@@ -38,8 +38,8 @@ _PLAIN_INTERVAL_S = 30.0
 """Interval of progress lines without a terminal, seconds."""
 
 _PRESET_OF_LAYOUT = {"blender": "synthetic_nerf", "bungeenerf": "bungeenerf"}
-CPU_ITERATIONS = 2400
-"""Default number of iterations on a CPU: training then takes minutes instead of days."""
+DEFAULT_ITERATIONS = 2400
+"""Default number of iterations, on every device: on a CPU, training then takes minutes instead of days."""
 
 
 def preset_of(command: Train) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from splatwire.data.colmap import ColmapView
-from splatwire.data.photos import is_turned, photo_size
+from splatwire.data.photos import has_exif_rotation, photo_size
 from splatwire.data.transforms_json import TransformsView
 from splatwire.errors import DatasetError
 
@@ -36,7 +36,7 @@ def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths:
         DatasetError: If photos have an EXIF rotation, and their aspect ratios do not show which case applies. Either
             the photos fit both cases, or some photos fit one case and other photos the other case.
     """
-    turned = [(view, file) for view, file in zip(views, image_paths, strict=True) if is_turned(file)]
+    turned = [(view, file) for view, file in zip(views, image_paths, strict=True) if has_exif_rotation(file)]
     if not turned:
         return False
     votes = set()

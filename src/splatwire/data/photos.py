@@ -21,7 +21,7 @@ _FREE_PIXELS, _FREE_MASK_PIXELS = 16 << 20, 64 << 20
 _ORIENTATION_TAG = 0x112
 _ORIENTATIONS = range(2, 9)
 """EXIF orientations that rotate or mirror."""
-_TURNS = range(5, 9)
+_SIDES_SWAPPED = range(5, 9)
 """EXIF orientations that swap width and height."""
 _PIXELS_PER_BYTE = 32
 """Maximum pixels per byte of file for larger images; photos have at most 10."""
@@ -38,10 +38,10 @@ def photo_size(path: Path, *, upright: bool = False) -> tuple[int, int]:
         DatasetError: If the file is missing or not an image.
     """
     with _open(path) as image:
-        return image.size[::-1] if upright and _orientation(image) in _TURNS else image.size
+        return image.size[::-1] if upright and _orientation(image) in _SIDES_SWAPPED else image.size
 
 
-def is_turned(path: Path) -> bool:
+def has_exif_rotation(path: Path) -> bool:
     """True if an image has an EXIF orientation that rotates or mirrors it.
 
     Raises:

@@ -48,7 +48,7 @@ def encode_levels(
         scene: Gaussians; invisible and invalid ones are removed, which is logged.
         packetization: Division of the Gaussians of a tile into packets; None for the preset `paper`.
         quality: Quantisation quality, see `splatwire.codec.encode_scene`; None for a default.
-        class_offsets: Precision classes of the scene's Gaussians (see `encode_scene`), or a function that returns them.
+        class_offsets: Class offsets of the scene's Gaussians (see `encode_scene`), or a function that returns them.
         threads: Number of threads; None for one per processor.
         progress: Called with the completed fraction, 0 to 1.
 
@@ -88,7 +88,7 @@ def _class_offsets(
 
     Args:
         built: The levels of detail.
-        class_offsets: Precision classes of the original Gaussians; None for class 0, the finest.
+        class_offsets: Class offsets of the original Gaussians; None for offset 0, the finest class.
         quality: Quantisation quality; None for the default.
     """
     chosen = quality_of("default" if quality is None else quality).num_classes(built.scene.splats.degree)

@@ -57,7 +57,7 @@ def measured_precision(
 
     Args:
         scene: The Gaussians.
-        class_offsets: Precision class of each Gaussian.
+        class_offsets: Class offset of each Gaussian: 0 for the finest quantisation steps, negative for coarser ones.
         quality: Quality setting at which attributes are measured.
         cameras: Views for measuring errors.
         encode: Function that encodes a scene.

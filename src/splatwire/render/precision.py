@@ -81,8 +81,8 @@ colour."""
 _WEIGHTS = {
     "position": 3.0, "scale0": 1.0, "scale1": 1.0, "scale2": 1.0, "direction": 2.0, "spin": 0.7, "opacity": 1.0
 }  # fmt: skip
-"""Weight of each attribute in the mean of the logarithms, about the number of its scalars. `_classes` adds that of
-colour: 3, or 12 with spherical harmonics."""
+"""Weight of each attribute in the mean of the logarithms, about the number of its scalars. `_class_offsets` adds
+that of colour: 3, or 12 with spherical harmonics."""
 
 
 def scene_class_offsets(scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False) -> np.ndarray | None:
@@ -142,7 +142,7 @@ class MeasuredGaussians:
     """Measurements of Gaussians for an encoder: class offsets, and picture errors after removal.
 
     Attributes:
-        class_offsets: Precision class of each Gaussian, which selects its quantisation steps.
+        class_offsets: Class offset of each Gaussian, see `measure_class_offsets`.
         removal: Estimated mean squared error of the pictures if the Gaussian is removed.
     """
 

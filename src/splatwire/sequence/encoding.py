@@ -281,7 +281,8 @@ class SequenceEncoder:
             group: Tracks (one Gaussian over time each) of the first frames.
             frames: The first frames of the sequence, which would otherwise be encoded as one group of pictures.
             cuts: Indices of the frames that begin a new scene.
-            class_offsets: Precision class of each track (its set of quantisation steps), (n).
+            class_offsets: Class offset of each track, (n): 0 for the finest quantisation steps, negative for coarser
+                ones.
 
         Returns:
             Packets of the first frames.
@@ -313,7 +314,8 @@ class SequenceEncoder:
             new: Mask of tracks that are new in this group, bool (n).
 
         Returns:
-            Precision class of each track, (n). None if the group has no scene cut, or if it is a later group of a live
+            Class offset of each track, (n): 0 for the finest quantisation steps, negative for coarser ones. None if the
+            group has no scene cut, or if it is a later group of a live
             sequence.
         """
         if not cuts or (self._live and self._num_groups):  # too slow for a live sequence
@@ -342,13 +344,13 @@ class SequenceEncoder:
         return class_offsets
 
     def _default_class_offsets(self, count: int) -> np.ndarray:
-        """Returns a default precision class (set of quantisation steps) for tracks: the median of the known classes.
+        """Returns a default class offset for tracks: the median of the known offsets.
 
         Args:
             count: Number of tracks (one Gaussian over time each).
 
         Returns:
-            The same class for each track, int8 (count); 0 if no class is known yet.
+            The same class offset for each track, int8 (count); 0, the finest quantisation steps, if none is known yet.
         """
         return np.full(count, int(np.median(self._known_class_offsets[1])) if self._known_class_offsets else 0, np.int8)
 

@@ -20,7 +20,7 @@ MIN_DIFFERENCE = 0.03
 differences are noise.
 """
 SCORE_NEIGHBOR = 8
-"""Index of the nearest Gaussian whose distance is the unit of distance in the score of a match."""
+"""Distances in the score of a match are divided by the distance to this nearest Gaussian, counted from 0."""
 MAX_SCORE = 0.06
 """Score from which a match is rejected as implausible: distance from the predicted position, times the difference in
 appearance relative to that of random pairs. A new track then takes fewer bytes and has a better picture. Measured on

@@ -17,7 +17,7 @@ FRAME_ORDERS = ("auto", "tracked", "shuffled")
 SECTION = "tracking"
 """Name of the side information section with the tracking statistics."""
 _SHARE_UNITS = 1_000_000
-"""Number of units of a stored share that are 1."""
+"""Stored integer of a share of 1."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ class CausalCoding(CheckedFields):
         zero_points: Values subtracted from the logarithms of the offset scale (1 value) and the base size (3 values)
             before quantisation.
         middle: Median position of the anchors, voxels.
-        spread: Distance from `middle` along each axis, voxels. About half of the anchors lie within this distance.
+        spread: Twice the median distance of the anchors from `middle` along each axis, voxels.
         voxel_size: Spacing of anchor positions, world units.
         config: Configuration that determines the layer sizes of the networks.
     """

@@ -17,7 +17,7 @@ from PIL import Image
 from rich.console import Console
 from rich.progress import Progress as Bars
 
-from splatwire.cli._run_train import CPU_ITERATIONS, _config, check_device
+from splatwire.cli._run_train import DEFAULT_ITERATIONS, _config, check_device
 from splatwire.cli._training import columns, line, time_left
 from splatwire.cli.main import main
 from splatwire.cli.train import Train
@@ -53,7 +53,7 @@ def test_training_preset_follows_the_dataset_layout(file: str, preset: str, tmp_
     (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / file).write_text("{}")
     config = _config(Train(str(tmp_path), "scene"))
-    assert (config.preset, config.milestones.iterations) == (preset, CPU_ITERATIONS)
+    assert (config.preset, config.milestones.iterations) == (preset, DEFAULT_ITERATIONS)
     chosen = _config(Train(str(tmp_path), "scene", preset="deep_blending", iterations=300))
     assert (chosen.preset, chosen.milestones.iterations) == ("deep_blending", 300)
 

@@ -15,7 +15,7 @@ from splatwire.neural.training.device_view import ViewConstants, on_image, spawn
 from splatwire.neural.training.growth import on_image as on_image_reference
 from splatwire.neural.training.kernels import sample_from_host, sample_on_device
 from splatwire.neural.training.packed import pack_networks
-from splatwire.neural.training.state import CHANNEL_SLOPE
+from splatwire.neural.training.state import CONTEXT_NEGATIVE_SLOPE
 from splatwire.types import Gaussians, Linear, Mlp
 from splatwire.types.cameras import NEAR_DEPTH
 from splatwire.types.causal_coding import CausalConfig
@@ -26,7 +26,7 @@ def _mlp(inputs: int, hidden: int, outputs: int, rng: torch.Generator) -> Mlp:
         weight, bias = torch.randn(rows, columns, generator=rng), torch.randn(rows, generator=rng)
         return Linear(weight.requires_grad_(), bias.requires_grad_())
 
-    return Mlp(layer(hidden, inputs), layer(outputs, hidden), CHANNEL_SLOPE)
+    return Mlp(layer(hidden, inputs), layer(outputs, hidden), CONTEXT_NEGATIVE_SLOPE)
 
 
 def _gradients(networks: list[Mlp]) -> list[torch.Tensor]:
@@ -48,7 +48,7 @@ def test_packed_networks_equal_the_networks() -> None:
     ]
     (expected * weight).sum().backward()
     gradients = _gradients(networks)
-    found = pack_networks(networks, order)(inputs, CHANNEL_SLOPE)
+    found = pack_networks(networks, order)(inputs, CONTEXT_NEGATIVE_SLOPE)
     (found * weight).sum().backward()
     torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(_gradients(networks), gradients, atol=1e-3, rtol=1e-4)

@@ -27,7 +27,7 @@ export interface SequenceDecoder {
   readonly packets: readonly Packet[];
   /** Number of the first frame; not 0 if the clip continues an earlier one. */
   readonly firstFrame: number;
-  /** End of the playable frames. A group is playable once it is complete or a packet of a later group arrived. */
+  /** End of the playable frames. A group is playable once it is complete or the head announces a later one. */
   readonly playableEnd: number;
   /** Number of motion packets that arrived after their group was shown. */
   readonly numLatePackets: number;

@@ -505,7 +505,7 @@ export class WebGLRenderer {
     });
   }
 
-  /** Resolves once the Gaussians added last are drawn. */
+  /** Resolves once the Gaussians that replaced others are sorted, at the latest after `SORT_MS`. */
   replacementSorted(): Promise<void> {
     if (!this.#replaced) return Promise.resolve();
     this.touch();

@@ -132,7 +132,7 @@ class SourceScene:
         Args:
             splats: The Gaussians.
             plan: Packet plan with the number of Gaussians in each block.
-            class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest,
+            class_offsets: Class offset of each Gaussian, which selects its quantisation steps: 0 for the finest,
                 negative for coarser ones. None for the finest for all. Ignored if `coding` is given.
             tiers: Importance tier of each Gaussian, 0 for the most important; None to treat all as equally important.
             quality: Quality setting; ignored if `coding` is given.
@@ -343,7 +343,7 @@ def to_precision_classes(class_offsets: np.ndarray | None, count: int, finest_cl
     """Converts precision classes from the numbering of encoder options to that of the bitstream.
 
     Args:
-        class_offsets: Precision class of each Gaussian, which selects its quantisation steps, (N): 0 for the finest,
+        class_offsets: Class offset of each Gaussian, which selects its quantisation steps, (N): 0 for the finest,
             negative for coarser ones. None for the finest steps for all Gaussians.
         count: Number of Gaussians, N.
         finest_class: Number of the finest precision class in the bitstream, where 0 is the coarsest.

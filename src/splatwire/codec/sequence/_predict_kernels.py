@@ -34,7 +34,7 @@ _TILT_BITS = 20
 """Number of fractional bits of the correction of a neighbour's weight for the slope of the fitted plane (tilt)."""
 _STEP_RANGE_BITS = 1
 """Octave range of quantisation steps, as log2: tracks are sorted by the product of their steps of position and
-rotation, and tracks with products within `2 ** _OCTAVES` octaves are predicted together.
+rotation, and tracks with products within `2 ** _STEP_RANGE_BITS` octaves are predicted together.
 """
 _MAX_VALUE = 1.0 * MAX_COEFFICIENT
 ONE = np.int64(1)

@@ -117,7 +117,7 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group.
-            class_offsets: Precision class of each track, which selects its quantisation steps: 0 for the finest steps,
+            class_offsets: Class offset of each track, which selects its quantisation steps: 0 for the finest steps,
                 negative for coarser ones; None for a default.
             cut: True if another scene begins in the group.
 
@@ -329,7 +329,7 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group of frames.
-            class_offsets: Precision class of each track of the group; None for the default class.
+            class_offsets: Class offset of each track of the group; None for the default class.
             keyframe_rows: Indices, among the tracks of the group, of those that need a new keyframe Gaussian.
             track_indices: Index in the stream of each track of the group; changed in place for new tracks.
             cut: True if another scene begins in the group.

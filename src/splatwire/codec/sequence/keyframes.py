@@ -173,7 +173,7 @@ class KeyframeEncoder:
 
         Args:
             splats: The Gaussians, at least one; each must have a visible effect.
-            class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest
+            class_offsets: Class offset of each Gaussian, which selects its quantisation steps: 0 for the finest
                 steps, negative for coarser ones; None for a default.
             group: Index of the group of frames.
             cut: True if another scene begins in the group.
@@ -248,7 +248,7 @@ class KeyframeEncoder:
 
         Args:
             splats: The Gaussians.
-            class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest
+            class_offsets: Class offset of each Gaussian, which selects its quantisation steps: 0 for the finest
                 steps, negative for coarser ones; None for the finest steps.
             plan: Packet plan of the Gaussians.
             coding: Quantisation parameters; None to choose them.
@@ -270,7 +270,7 @@ class KeyframeEncoder:
 
         Args:
             splats: The Gaussians to encode.
-            class_offsets: Precision class of each Gaussian, which selects its quantisation steps: 0 for the finest
+            class_offsets: Class offset of each Gaussian, which selects its quantisation steps: 0 for the finest
                 steps, negative for coarser ones; None to use `median_class` for all.
             info: Side information of the shot.
             median_class: Median precision class of the shot's first Gaussians, in the numbering of the bitstream (0 is

@@ -77,7 +77,7 @@ class UpdateChain:
         Args:
             scene: The changed scene.
             finest: Finest precision class (set of quantisation steps), as numbered in streams: 0 is the coarsest.
-            class_offsets: Precision class of each Gaussian relative to `finest`, integers (M): 0, or negative for
+            class_offsets: Class offset of each Gaussian relative to `finest`, integers (M): 0, or negative for
                 coarser classes. None for `finest` for all. An unchanged Gaussian is encoded again if its class in the
                 stream is coarser than requested here.
 

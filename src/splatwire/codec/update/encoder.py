@@ -51,7 +51,7 @@ def encode_update(
     Args:
         base: The stream of the scene before the change, complete.
         scene: The changed scene, in the same units and coordinates.
-        class_offsets: Precision class of each Gaussian of `scene` (its set of quantisation steps), integers (M). The
+        class_offsets: Class offset of each Gaussian of `scene`, integers (M). The
             finest class that `base` contains is 0; coarser classes are negative. None for the finest.
         threads: Number of threads; None for one per processor.
 
@@ -109,7 +109,7 @@ def encode_change(
     Args:
         base: The complete stream of the scene before the changes.
         scene: The changed scene.
-        class_offsets: Precision class of each Gaussian (its set of quantisation steps), as for `encode_update`.
+        class_offsets: Class offset of each Gaussian, as for `encode_update`.
         threads: Number of threads, as for `encode_update`.
         finest: Precision class for a 0 in `class_offsets`, as numbered in streams: 0 (the coarsest) to `MAX_CLASSES -
             1`. An unchanged Gaussian is encoded again if its class in the stream is coarser than requested. None for
@@ -173,7 +173,7 @@ def _encode_new(
         info: Side information of the old stream.
         coding: Quantisation steps of the old stream.
         new: The new Gaussians.
-        class_offsets: Precision class of each new Gaussian relative to `finest_class`: 0, or negative for coarser ones.
+        class_offsets: Class offset of each new Gaussian relative to `finest_class`: 0, or negative for coarser ones.
             None for `finest_class` for all.
         finest_class: Finest precision class (set of quantisation steps), as numbered in streams: 0 is the coarsest.
         threads: Number of threads; None for one per processor.

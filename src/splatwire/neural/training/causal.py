@@ -16,7 +16,7 @@ from splatwire.neural.training.initial import position_bounds
 from splatwire.neural.training.kernels import Kernels, Uniform
 from splatwire.neural.training.rate import bits
 from splatwire.neural.training.schedule import Phase, phase_of
-from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
+from splatwire.neural.training.state import CONTEXT_NEGATIVE_SLOPE, TrainState, expanded_scalings
 from splatwire.types import Linear, Mlp
 from splatwire.types.causal_coding import MASK_AND_SCALE, NUM_LOG_SCALINGS, CausalConfig
 
@@ -26,7 +26,7 @@ POSITION_BITS = 16.0
 """Approximate bits of an anchor's position. Part of the rate, so that anchors that contribute little are removed."""
 LOG_DEVIATION_RANGE = (-6.0, 13.0)
 """Limits of the binary logarithm of a predicted standard deviation in quantisation steps."""
-NARROW = 0.5
+MIN_INITIAL_DEVIATION = 0.5
 """Minimum of the initially predicted standard deviations, in quantisation steps."""
 
 
@@ -187,7 +187,9 @@ def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict
     def layer(name: str) -> Linear:
         return Linear(parameters[f"causal.{name}.weight"], parameters[f"causal.{name}.bias"])
 
-    return {name: Mlp(layer(f"{name}.hidden"), layer(f"{name}.output"), CHANNEL_SLOPE) for name in config.shapes()}
+    return {
+        name: Mlp(layer(f"{name}.hidden"), layer(f"{name}.output"), CONTEXT_NEGATIVE_SLOPE) for name in config.shapes()
+    }
 
 
 def _functions(networks: dict[str, Mlp]) -> dict[str, Callable[[Tensor], Tensor]]:
@@ -313,7 +315,7 @@ def initialise_causal(state: TrainState, config: TrainConfig, position_inputs: F
     for values, step in zip(columns, steps, strict=True):
         values = values[alive] / step
         means.append(values.mean(dim=0))
-        log_deviations.append(values.std(dim=0).clamp(min=NARROW).log2())
+        log_deviations.append(values.std(dim=0).clamp(min=MIN_INITIAL_DEVIATION).log2())
     groups, before = model.layout.feature_groups, 0
     start = {}
     for group, size in enumerate(groups):

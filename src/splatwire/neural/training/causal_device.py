@@ -22,7 +22,7 @@ from splatwire.neural.training.context import MaskedAttributes, SampleBits, stra
 from splatwire.neural.training.packed import pack_networks
 from splatwire.neural.training.rate import MIN_LIKELIHOOD
 from splatwire.neural.training.schedule import Phase, phase_of
-from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
+from splatwire.neural.training.state import CONTEXT_NEGATIVE_SLOPE, TrainState, expanded_scalings
 from splatwire.types import Mlp
 from splatwire.types.causal_coding import INPUT_UNIT, MASK_AND_SCALE, NUM_LOG_SCALINGS, CausalConfig
 
@@ -181,7 +181,7 @@ def packed_anchor_bits(
     packed = pack_networks(others, order.outputs)
     inputs, _ = values.split([num_anchor_values, 3 * layout.num_offsets], dim=1)
     hidden = torch.cat([run_network(position, position_inputs), inputs * INPUT_UNIT], dim=1)
-    outputs = packed(hidden, CHANNEL_SLOPE)
+    outputs = packed(hidden, CONTEXT_NEGATIVE_SLOPE)
     mean, log_deviation, exists = outputs.split([order.num_values, order.num_values, layout.num_offsets], dim=1)
     all_bits = _ValueBits.apply(values, mean, log_deviation)
     anchor_value_bits, offset_value_bits = all_bits.split([num_anchor_values, 3 * layout.num_offsets], dim=1)

@@ -14,7 +14,7 @@ from splatwire.neural.training.fine_tuning_phase import MASK_LOGITS
 from splatwire.neural.training.initial import camera_extent, parameter_shapes
 from splatwire.neural.training.presets import CAUSAL, HACPP
 from splatwire.neural.training.schedule import fine_tuning_rates
-from splatwire.neural.training.state import CHANNEL_SLOPE, GrowthStatistics, TrainState
+from splatwire.neural.training.state import CONTEXT_NEGATIVE_SLOPE, GrowthStatistics, TrainState
 from splatwire.types import AnchorScene, CausalCoding, HacppCoding, Mlp
 from splatwire.types.scene import Scene
 
@@ -138,7 +138,7 @@ def _tensors(parameters: dict[str, Tensor | Mlp]) -> dict[str, Tensor]:
         if isinstance(value, Tensor):
             tensors[name] = value
             continue
-        if value.negative_slope != (CHANNEL_SLOPE if name.startswith(("channel.", "causal.")) else 0.0):
+        if value.negative_slope != (CONTEXT_NEGATIVE_SLOPE if name.startswith(("channel.", "causal.")) else 0.0):
             raise InvalidValueError(f"network '{name}' of the scene has another activation than this trainer's")
         for layer in ("hidden", "output"):
             linear = getattr(value, layer)

@@ -29,7 +29,9 @@ from splatwire.types.causal_coding import NUM_LOG_SCALINGS, CausalConfig
 from splatwire.types.scene import Scene
 
 INITIAL_STEPS = (0.5, 0.05, 0.1, 0.2)
-"""Initial quantisation steps of the causal model: features, logarithms of scales, logarithms of sizes, offsets."""
+"""Initial quantisation steps of the causal model: features, logarithms of the offset scale, logarithms of base
+sizes, offsets.
+"""
 _BOX_SHARE = 1.3 / 4.03
 """Half side of the box of random initial points, divided by the distance of the cameras from the scene.
 

@@ -53,7 +53,7 @@ class TrainableContextModel(Protocol):
 
 
 def new_context_model(config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> TrainableContextModel:
-    """Creates the context model that is to be trained, with random weights.
+    """Creates the trainer of the context model. The weights are in the state of the training.
 
     Args:
         config: Configuration of the training, which selects the kind of context model.

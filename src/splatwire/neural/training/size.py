@@ -117,7 +117,8 @@ def next_controller_state(before: SizeController, log_error: float) -> SizeContr
 
     Args:
         before: State of the size controller before the measurement.
-        log_error: Natural logarithm of the ratio of measured size to target size.
+        log_error: Natural logarithm of the ratio of measured size to allowed size, which is the target size and the
+            excess that is allowed so far.
     """
     change = INTEGRAL * log_error + PROPORTIONAL * (
         log_error - (log_error if before.log_error is None else before.log_error)

@@ -16,7 +16,8 @@ ANCHOR_PARAMETERS = ("features", "log_scalings", "offsets", "mask_logits")
 """Names of the trained tensors that have one row per anchor."""
 HEADS = ("opacity", "covariance", "color")
 GRID_PARAMETERS = ("grid.volume", "grid.planes")
-CHANNEL_SLOPE = 0.01
+CONTEXT_NEGATIVE_SLOPE = 0.01
+"""Slope of the activation function (leaky ReLU) of context networks for negative inputs."""
 MAX_TRAINED_INDEX = (1 << 20) - 1
 """Maximum absolute voxel index of an anchor, so that three indices fit one 64-bit key."""
 
@@ -93,7 +94,7 @@ class Networks:
             return Mlp(hidden, output, negative_slope)
 
         num_groups = len({name.split(".")[1] for name in parameters if name.startswith("channel.")})
-        channel = tuple(mlp(f"channel.{group}", CHANNEL_SLOPE) for group in range(num_groups))
+        channel = tuple(mlp(f"channel.{group}", CONTEXT_NEGATIVE_SLOPE) for group in range(num_groups))
         prior = mlp("prior") if "prior.hidden.weight" in parameters else None
         return Networks(GaussianHeads(*(mlp(f"heads.{name}") for name in HEADS)), prior, channel)
 
@@ -104,8 +105,8 @@ class SizeController:
 
     Attributes:
         log_lambda_factor: Natural logarithm of the factor by which lambda is multiplied.
-        log_error: Natural logarithm of the ratio of measured size to target size at the last measurement; None before
-            the first measurement.
+        log_error: Natural logarithm of the ratio of measured size to allowed size (the target size and the excess that
+            is allowed so far) at the last measurement; None before the first measurement.
         ratio: Ratio of encoded size to estimated size at the last encoding; None if sizes are not estimated.
     """
 

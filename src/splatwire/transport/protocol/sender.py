@@ -63,7 +63,9 @@ MAX_UPDATE_STARTS_FACTOR = 150
 twice."""
 
 Key = tuple[Hashable, int]
-"""Key of a transfer: address of the client, and random number (nonce) of its connection attempt."""
+"""Key of a transfer: address of the client (with QUIC, the object of its session), and random number (nonce) of its
+connection attempt.
+"""
 
 
 class Server:

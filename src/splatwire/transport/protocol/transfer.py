@@ -258,7 +258,7 @@ class ServerTransfer:
             self._probed_at, self._num_probes = now, self._num_probes + 1
             if self._num_probes >= MIN_PROBES:
                 self._problems.add("nothing arrives")
-            return self._record_sent(self.welcome(preview=False), now, counted=False)
+            return self._record_sent(self.welcome(preview=False), now, sequenced=False)
         if self._retransmissions:
             item = self._retransmissions.popleft()
             self._on_retransmitted(item, now)
@@ -274,9 +274,9 @@ class ServerTransfer:
             item = WELCOME_ITEM
         kind, group, index = item
         if kind == WELCOME:
-            return self._record_sent(self.welcome(), now, counted=False)
+            return self._record_sent(self.welcome(), now, sequenced=False)
         is_on_stream = self._reliable_init_segment and kind == INIT_SYMBOL
-        return self._record_sent(self._datagram(kind, group, index), now, counted=not is_on_stream)
+        return self._record_sent(self._datagram(kind, group, index), now, sequenced=not is_on_stream)
 
     def on_view_update(self, message: ViewUpdate, budget: ViewUpdateBudget, now: float) -> None:
         """Schedules the processing of a client's viewpoint; an older viewpoint that is still waiting is dropped.
@@ -394,8 +394,15 @@ class ServerTransfer:
         symbols = self.stream.init_symbols if kind == INIT_SYMBOL else self.stream.parity
         return encode_symbol(kind, self.session, sequence, group, index, symbols[group][index])
 
-    def _record_sent(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
-        if counted:
+    def _record_sent(self, data: bytes, now: float, *, sequenced: bool = True) -> bytes:
+        """Records a datagram that is sent, and returns it.
+
+        Args:
+            data: The datagram.
+            now: Time, seconds.
+            sequenced: True if the datagram has a sequence number, on which the client gives feedback.
+        """
+        if sequenced:
             if not self._feedback_tracker.has_unreported:
                 self.control.on_send(now)
             self._feedback_tracker.on_sent(len(data), now)

@@ -34,7 +34,7 @@ export interface Header {
   /** Steps of the binary logarithms of offset scale and sizes, and their zero points; 24 fractional bits. */
   readonly stepsOfLogs: readonly number[];
   readonly zeroPoints: readonly number[];
-  /** Centre of the scene, and distance from it along each axis within which half of the anchors lie, voxels. */
+  /** Centre of the scene, and twice the median distance of the anchors from it along each axis, voxels. */
   readonly middle: readonly number[];
   readonly spread: readonly number[];
 }

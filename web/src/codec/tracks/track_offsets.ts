@@ -12,8 +12,9 @@ export interface TrackOffsets {
   readonly offsets: Float32Array;
 }
 
-/** State of the tracks before a group, by keyframe index. */
+/** Properties of the tracks that decoding a group needs, by keyframe index. */
 export interface PreviousState {
+  /** Keyframe Gaussians of all tracks, without offsets, with those born in this group. */
   readonly splats: Splats;
   /** Offset from the keyframe Gaussian in the last frame, shape (keyframes, channels). */
   readonly lastOffsets: Float32Array;

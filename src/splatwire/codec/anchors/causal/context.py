@@ -72,7 +72,7 @@ class CodingContext:
     Attributes:
         config: Sizes of the model's networks and tables.
         middle: int64 (3), centre of the scene, voxels.
-        spread: int64 (3), distance from `middle` along each axis within which half of the anchors lie, voxels.
+        spread: int64 (3), twice the median distance of the anchors from `middle` along each axis, voxels.
         networks: Networks by name.
         low_bit_probabilities: Probabilities of position bits, int64, see `CoarsePositions`.
     """
@@ -153,7 +153,7 @@ def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndar
     Args:
         voxels: Positions of the anchors, voxels, int64 (n, 3).
         middle: Centre of the scene, voxels, int64 (3).
-        spread: Distance from `middle` along each axis within which half of the anchors lie, voxels, above 0, int64 (3).
+        spread: Twice the median distance of the anchors from `middle` along each axis, voxels, above 0, int64 (3).
 
     Returns:
         Network inputs in fixed point: whole numbers in units of `2**-ACTIVATION_BITS`, float64 (n, 3 (1 + octaves)),

@@ -29,7 +29,7 @@ HEAD_TOLERANCE = 0.008
 """Tolerated error of a rendering network's output. With 0.004 side information grows by 1.2 kB; this gains 0.02 dB for
 lego (at 0.4 % of its bytes) and nothing for snowmiku.
 """
-POSITION_NOISE_FACTOR = 2.0
+POSITION_TOLERANCE_FACTOR = 2.0
 """Tolerated error of the outputs of the position network relative to their standard deviation, as a multiple of the
 tolerated error of a mean.
 """
@@ -117,7 +117,7 @@ def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarr
     """
     # Errors of these sizes cost about the same number of bits in every output.
     if name == "position":
-        return POSITION_NOISE_FACTOR * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)
+        return POSITION_TOLERANCE_FACTOR * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)
     masks = coding.config.layout.num_offsets if name == MASK_AND_SCALE else 0
     log_deviations = outputs[:, masks + (outputs.shape[1] - masks) // 2 :].astype(np.float64)
     typical = lower_median(2.0 ** log_deviations.clip(-3, 13))
