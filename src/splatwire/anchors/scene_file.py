@@ -90,7 +90,7 @@ def load_scene_file(path: Path) -> tuple[AnchorScene | ReceivedScene[AnchorScene
     """
     with open_scene_file(path, FORMAT, VERSION, None) as reader:
         if reader.header["kind"] == SCENE:
-            return _read_concealed(reader)
+            return _read_complete(reader)
         if reader.header["kind"] != PARTIAL:
             raise reader.error(f"holds a {str(reader.header['kind'])[:40]!r}, which this release does not know")
         received = _read_partial(reader)
@@ -146,7 +146,7 @@ def _read_partial(reader: SceneReader) -> ReceivedScene[AnchorScene]:
             step=reader.tensor(f"prior.{name}.step", (count, 1)),
         )
     context = reader.tensor("prior.context", (count, scene.coding.config.context_dim))
-    concealment = _read_concealment(reader)
+    concealment = _read_concealment_sections(reader)
     records: list[Any] = [Prior(**attributes, context_features=context), layout]
     if reader.has("anchors.guessed"):
         records.append(PredictedPositions(reader.tensor("anchors.guessed", (count, 3))))
@@ -165,7 +165,7 @@ def _read_tier_sizes(reader: SceneReader, count: int) -> list[TierSizes]:
     return [TierSizes(sizes)]
 
 
-def _read_concealment(reader: SceneReader) -> dict[str, bytes]:
+def _read_concealment_sections(reader: SceneReader) -> dict[str, bytes]:
     names = reader.header.get("concealment", [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise reader.error("the header's list of what was left for concealers is damaged")
@@ -206,7 +206,7 @@ def _scene_tensors(scene: AnchorScene) -> dict[str, Any]:
     return tensors
 
 
-def _read_concealed(reader: SceneReader) -> tuple[AnchorScene, LossMask | None]:
+def _read_complete(reader: SceneReader) -> tuple[AnchorScene, LossMask | None]:
     scene, loss_mask = _read_scene(reader), None
     if reader.header.get("erasures"):
         shape = (scene.anchors.num_anchors, len(Attribute))

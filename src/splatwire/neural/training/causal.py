@@ -44,7 +44,7 @@ class TrainableCausal:
 
     def __init__(self, config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> None:
         self._config, self._random, self._cache = config, kernels.random, cache
-        self._model = config.causal
+        self._causal_config = config.causal
         self._key: Tensor | None = None
         self._inputs: Tensor | None = None
 
@@ -84,7 +84,7 @@ class TrainableCausal:
         masks = straight_through_masks(state, config, visible)[0]
         if phase is Phase.PLAIN:
             return (state.attributes(visible), masks.detach()), None
-        steps = attribute_steps(state.parameters["log_steps"], self._model)
+        steps = attribute_steps(state.parameters["log_steps"], self._causal_config)
         if phase is Phase.NOISE:
             steps = (steps[0].detach(), steps[1].detach(), steps[2].detach())
         feature, logs, offsets = noisy_causal_attributes(state, visible, steps, self._random.uniform)
@@ -104,13 +104,13 @@ class TrainableCausal:
             state: State of the training.
             index: Indices of the M anchors in the training state.
         """
-        inputs, layout = self._position_inputs(state)[index], self._model.layout
-        networks, nothing = causal_networks(state.parameters, self._model), inputs.new_zeros(len(inputs), 1)
+        inputs, layout = self._position_inputs(state)[index], self._causal_config.layout
+        networks, nothing = causal_networks(state.parameters, self._causal_config), inputs.new_zeros(len(inputs), 1)
         predicted = predict_causal(
-            _functions(networks), self._model, inputs, nothing.expand(-1, layout.feature_dim),
+            _functions(networks), self._causal_config, inputs, nothing.expand(-1, layout.feature_dim),
             nothing.expand(-1, NUM_LOG_SCALINGS), quantised=lambda name, mean, values: mean, join=torch.cat,
         )  # fmt: skip
-        steps = attribute_steps(state.parameters["log_steps"], self._model)[1]
+        steps = attribute_steps(state.parameters["log_steps"], self._causal_config)[1]
         return expanded_scalings((predicted.log_scalings[0] * steps + state.parameters["zero_points"]).exp())
 
     def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
@@ -121,7 +121,7 @@ class TrainableCausal:
     def _rate(self, state: TrainState, sample: Int64[Tensor, "M"], steps: tuple[Tensor, Tensor, Tensor]) -> SampleBits:
         masks = straight_through_masks(state, self._config, sample)
         values = noisy_causal_attributes(state, sample, steps, self._random.uniform)
-        total = anchor_bits(state, self._model, self._position_inputs(state)[sample], values, steps, masks)
+        total = anchor_bits(state, self._causal_config, self._position_inputs(state)[sample], values, steps, masks)
         return SampleBits(total.sum(), len(sample))
 
 

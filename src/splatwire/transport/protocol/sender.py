@@ -173,7 +173,7 @@ class Server:
             case Hello() if not reliable:
                 return encode(Challenge(message.nonce, self._mint.token(address, message.nonce, message.name, now)))
             case Request():
-                return self._requested(
+                return self._on_request(
                     address, message, now, reliable, network_of(address) if network is None else network
                 )
             case Have() if (address, message.nonce) in self._transfers:
@@ -282,7 +282,7 @@ class Server:
         for key in [key for key in self._transfers if key[0] == address]:
             self._end_transfer(key, reason)
 
-    def _requested(
+    def _on_request(
         self, address: Hashable, message: Request, now: float, reliable: bool, network: Network
     ) -> bytes | None:
         age = None if reliable else self._mint.age(message.token, address, message.nonce, message.name, now)

@@ -430,7 +430,7 @@ class ServerTransfer:
             - self._retransmitted_bytes
             - INIT_RESERVE_FACTOR * missing * symbol_bytes
         )
-        for index, sequence in self._requested(message):
+        for index, sequence in self._nacked_packets(message):
             item = (DATA, 0, index)
             if index < 0 or not self.stream.may_retransmit(index):
                 continue
@@ -448,7 +448,7 @@ class ServerTransfer:
             self._retransmissions.append(item)
             self._sent_log.discard(sequence)
 
-    def _requested(self, message: Feedback) -> Iterator[tuple[int, int | None]]:
+    def _nacked_packets(self, message: Feedback) -> Iterator[tuple[int, int | None]]:
         """Yields the packets that the client requests again in a feedback report (NACKs).
 
         Args:
