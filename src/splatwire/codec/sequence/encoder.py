@@ -343,7 +343,7 @@ class TracksEncoder:
             cut=cut,
         )
         track_rows = keyframe_rows[coded.order]
-        keyframes = group.trajectories.at(track_rows, np.zeros_like(coded_rows))
+        keyframes = group.trajectories.at(track_rows, np.zeros_like(track_rows))
         shifts = self._keyframe_encoder.shifts_of(coded.rows, LOG_STEP_RATIOS)
         first_new = len(self._known.keys)
         self._known = self._known.with_births(

@@ -52,7 +52,11 @@ class DeviceCausal(TrainableCausal):
             Attributes of the visible anchors with noise in place of rounding; their offset masks; and the estimated
             bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
-        config, phase, layout = self._config, phase_of(self._config.milestones, state.iteration), self._model.layout
+        config, phase, layout = (
+            self._config,
+            phase_of(self._config.milestones, state.iteration),
+            self._causal_config.layout,
+        )
         widths = (layout.feature_dim, NUM_LOG_SCALINGS, 3 * layout.num_offsets)
         index = visible
         if phase is Phase.CONTEXT:
@@ -71,7 +75,7 @@ class DeviceCausal(TrainableCausal):
         masks, any_mask = straight_through(logits, config.mask_threshold)
         if phase is Phase.PLAIN:
             return ((features, expanded_scalings(logs.exp()), offsets), masks.detach()), None
-        steps = value_steps(state.parameters["log_steps"], self._model)
+        steps = value_steps(state.parameters["log_steps"], self._causal_config)
         noise = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
         offset_scale_noise, _ = noise.split(
             [layout.feature_dim, 1, NUM_LOG_SCALINGS - 1 + 3 * layout.num_offsets], dim=1
@@ -113,16 +117,16 @@ class DeviceCausal(TrainableCausal):
         (feature, logs, offsets), (offset_mask, anchor_mask) = noisy, masks
         values = torch.cat([feature, logs - state.parameters["zero_points"].detach(), offsets], dim=1) / steps
         inputs = self._position_inputs(state).index_select(0, index)
-        networks = causal_networks(state.parameters, self._model)
-        return (packed_anchor_bits(networks, self._model, inputs, values, offset_mask) * anchor_mask).sum()
+        networks = causal_networks(state.parameters, self._causal_config)
+        return (packed_anchor_bits(networks, self._causal_config, inputs, values, offset_mask) * anchor_mask).sum()
 
     @torch.no_grad()
     def estimate_bytes(self, state: TrainState) -> float:
         """Estimates the bytes of all anchors in the stream."""
         # Noise in place of rounding, with a fixed seed.
         generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
-        steps, total = value_steps(parameters["log_steps"], self._model), list[Tensor]()
-        widths = (self._model.layout.feature_dim, NUM_LOG_SCALINGS, 3 * self._model.layout.num_offsets)
+        steps, total = value_steps(parameters["log_steps"], self._causal_config), list[Tensor]()
+        widths = (self._causal_config.layout.feature_dim, NUM_LOG_SCALINGS, 3 * self._model.layout.num_offsets)
         for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
             noise = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
             feature_noise, log_noise, offset_noise = noise.split(list(widths), dim=1)
