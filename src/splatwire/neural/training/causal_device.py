@@ -126,7 +126,7 @@ class DeviceCausal(TrainableCausal):
         # Noise in place of rounding, with a fixed seed.
         generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
         steps, total = value_steps(parameters["log_steps"], self._causal_config), list[Tensor]()
-        widths = (self._causal_config.layout.feature_dim, NUM_LOG_SCALINGS, 3 * self._model.layout.num_offsets)
+        widths = (self._causal_config.layout.feature_dim, NUM_LOG_SCALINGS, 3 * self._causal_config.layout.num_offsets)
         for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
             noise = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
             feature_noise, log_noise, offset_noise = noise.split(list(widths), dim=1)
