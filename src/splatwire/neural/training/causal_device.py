@@ -52,11 +52,8 @@ class DeviceCausal(TrainableCausal):
             Attributes of the visible anchors with noise in place of rounding; their offset masks; and the estimated
             bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
-        config, phase, layout = (
-            self._config,
-            phase_of(self._config.milestones, state.iteration),
-            self._causal_config.layout,
-        )
+        config, layout = self._config, self._causal_config.layout
+        phase = phase_of(config.milestones, state.iteration)
         widths = (layout.feature_dim, NUM_LOG_SCALINGS, 3 * layout.num_offsets)
         index = visible
         if phase is Phase.CONTEXT:
