@@ -30,8 +30,8 @@ const COUNT_INTERVAL_MS = 200;
 const FROM_CACHE = "kept by this browser",
   VIEW_COMPLETE = "All that this view needs is there.";
 /**
- * Number of packets of a live clip that wait for decoding, from which on groups of frames are dropped: about a minute
- * at 10 Mbit/s.
+ * Groups of frames of a live clip are dropped while this number of packets waits for decoding: about a minute at
+ * 10 Mbit/s.
  */
 const MAX_WAITING = 65_536;
 /** Memory for integers that are compared with the digest later, bytes. */

@@ -108,7 +108,7 @@ class TensorFile:
         """
         fields: dict[str, Any] = {}
         for name, value in pairs:
-            if name in fields:  # readers differ in which of the two they use
+            if name in fields:  # some readers would use the first, others the second
                 raise self._error(f"its header has {name[:80]!r} twice")
             fields[name] = value
         return fields

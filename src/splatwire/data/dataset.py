@@ -160,9 +160,9 @@ def open_dataset(
     views: Sequence[ColmapView | TransformsView]
     if (folder := find_reconstruction(path)) is not None:
         warn_of_other_reconstructions(path, folder)
-        has_photos_beside = path in (folder, folder.parent) and images is None and not (path / "images").is_dir()
+        expects_photos_beside = path in (folder, folder.parent) and images is None and not (path / "images").is_dir()
         views, image_paths = _colmap_views(
-            folder, path if has_photos_beside else path / (images or "images"), split, chosen
+            folder, path if expects_photos_beside else path / (images or "images"), split, chosen
         )
         cloud, source = None, folder
     else:
@@ -322,8 +322,8 @@ def _dataset_nearby(path: Path) -> str:
 def _has_photos(folder: Path) -> bool:
     """True if a dataset folder contains photos in the folder that its layout prescribes."""
     layout = dataset_layout(folder)
-    has_photos_beside = layout == "colmap" and find_reconstruction(folder) in (folder, *folder.glob("[0-9]*"))
-    if has_photos_beside and contains_photos(folder):
+    expects_photos_beside = layout == "colmap" and find_reconstruction(folder) in (folder, *folder.glob("[0-9]*"))
+    if expects_photos_beside and contains_photos(folder):
         return True
     return layout is not None and ((folder / "images").is_dir() or layout in ("blender", "nerfstudio"))
 

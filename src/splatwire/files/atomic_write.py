@@ -52,7 +52,7 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
     if parents:
         goal.parent.mkdir(parents=True, exist_ok=True)
     check_parent(goal)
-    if goal.is_dir():  # after a kill, a temporary folder is left in a folder that is otherwise empty
+    if goal.is_dir():  # a killed writer may have left its workspace in a folder that is otherwise empty
         _tidy_once(goal)
     keeps = goal.is_dir() and not any(goal.iterdir())
     parent = goal if keeps else goal.parent
@@ -121,7 +121,7 @@ def check_writable(path: Path, *, inside: bool = False) -> None:
         if not inside:
             check_parent(goal)
         with _workspace(into) as space:
-            (space / _NEW).mkdir()  # the content of other folders is not removed after a kill
+            (space / _NEW).mkdir()  # in `_NEW`, because after a kill only the content of that folder is removed
             (space / _NEW / goal.name).touch()
         replaceable = inside or not goal.exists() or _replaceable(goal)
     except OSError as error:

@@ -6,6 +6,7 @@ from pathlib import Path
 SUFFIXES = ("bin", "txt")
 """Suffixes of the files of a reconstruction, the preferred one first."""
 _MAX_DIGITS = 20
+"""Number of digits of a folder's name that determine its place in the order; a name may have hundreds."""
 
 
 def has_table(folder: Path, table: str) -> bool:

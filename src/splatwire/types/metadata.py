@@ -188,7 +188,7 @@ def _coordinates(values: object, count: int, expected: str) -> list[float]:
 
     Args:
         values: The list.
-        count: Number of numbers.
+        count: Length of the list.
         expected: Description of the list for the message.
 
     Raises:

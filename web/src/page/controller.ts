@@ -260,7 +260,8 @@ export class Controller {
         this.#playback.setVisible(stage.isVisible);
         this.#rotation.setVisible(stage.isVisible);
       });
-    // only once the controls are used: Chromium keeps no page that has used WebXR for the back button
+    // only once the controls are used or the scene is touched: Chromium keeps no page that has used WebXR for the back
+    // button
     this.panel.onUse(() => this.#offerHeadset());
     host.addEventListener(
       "pointerdown",

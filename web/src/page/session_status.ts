@@ -45,7 +45,10 @@ export class SessionStatus {
     this.dispatch("lost", { reason, retryMs });
   }
 
-  /** Reports progress. `droppedGroups` is the number of groups of a live clip that this device was too slow for. */
+  /**
+   * Reports progress. `droppedGroups` is the number of groups of frames of a live clip's current period that this
+   * device was too slow for.
+   */
   progress(live: boolean, droppedGroups = 0): void {
     const { status, panel } = this,
       { packets, expected } = status;

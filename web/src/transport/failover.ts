@@ -14,7 +14,7 @@ import { lookUpSession, receiveDatagrams, type SessionAddress, TOO_SLOW } from "
 const MAX_REFUSALS = 4;
 /** Largest number of sessions that end as complete although packets are missing. */
 const MAX_INCOMPLETE = 3;
-/** Number of sessions in a row without a packet after which the file of a live clip is requested, too. */
+/** Number of sessions in a row without a packet, or too slow, after which the file of a live clip is requested, too. */
 const MAX_EMPTY_SESSIONS = 2;
 
 /**
@@ -78,7 +78,7 @@ class Failover {
   #address: SessionAddress | null;
   #numIncomplete = 0;
   #numSessions = 0;
-  /** Number of sessions in a row without a packet. */
+  /** Number of sessions in a row without a packet, or too slow (`TOO_SLOW`). */
   #numEmpty = 0;
   /** True once the server has refused the file, as for live clips. */
   #isWithoutFile = false;
@@ -123,13 +123,13 @@ class Failover {
       receiver.note(`${store.hasHead ? "The rest comes" : "The stream comes"} by HTTP: ${broken.message}.`);
     }
     const due = new AbortController(),
-      isHanging = (): boolean => receiver.live || !(this.#file.hasAnswered || isHopeless(broken!)),
-      timer = setTimeout(() => broken && isHanging() && due.abort(), receiver.live ? nextMs : ANSWER_DELAYS * nextMs);
+      isDue = (): boolean => receiver.live || !(this.#file.hasAnswered || isHopeless(broken!)),
+      timer = setTimeout(() => broken && isDue() && due.abort(), receiver.live ? nextMs : ANSWER_DELAYS * nextMs);
     this.#file.signal = due.signal;
     try {
       return await receiveFile(this.#file, receiver, store);
     } catch (error) {
-      // the session of a live clip may return at any time
+      // the session of a live clip may return at any time; the file of another scene did not answer in time
       if (broken && (receiver.live || due.signal.aborted)) {
         const waited = due.signal.aborted,
           reason = waited ? "the file did not arrive in time" : (error as Error).message;

@@ -87,7 +87,7 @@ export type FromWorker =
     }
   /** Playable frames of a live clip. `late` is the number of packets that arrived after their group was shown. */
   | { kind: "playable"; begin: number; end: number; late: number }
-  /** `droppedGroups` is the number of groups of frames that a device too slow for a live clip has dropped. */
+  /** `droppedGroups` is the number of groups of a live clip's current period that a device too slow for it dropped. */
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number; droppedGroups: number }
   /**
    * Update of the scene: indices of the Gaussians to hide, new ones to append, and the number of Gaussians afterwards.

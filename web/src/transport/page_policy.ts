@@ -14,15 +14,16 @@ listen?.("securitypolicyviolation", (event) => {
 });
 
 /**
- * Awaits a request of `url`. If it failed because the page's policy forbids the address, throws an error that names
- * both and is final (`isFinal`).
+ * Awaits a request of `url`. If it failed because the page's policy forbids it, throws a final error (`isFinal`) that
+ * names the directive and the address.
  */
 export async function permitted<T>(url: string, request: Promise<T>): Promise<T> {
   try {
     return await request;
   } catch (error) {
     if (listen) await delay(REPORT_MS);
-    if (!last || !url.startsWith(last.blockedURI)) throw error; // which has no fragment
+    // `blockedURI` has no fragment, unlike `url`
+    if (!last || !url.startsWith(last.blockedURI)) throw error;
     const { blockedURI, effectiveDirective } = last,
       directive = effectiveDirective.replace("-elem", ""),
       text = `the page's policy (CSP) forbids ${withoutQuery(blockedURI)}: allow it in ${directive}`;

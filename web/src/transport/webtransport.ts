@@ -12,12 +12,10 @@ import { MessageReader } from "./wire_messages.ts";
 const SESSION_TIMEOUT_MS = 4000;
 /** Time without anything new from the server after which a session ends, milliseconds. */
 const SILENCE_TIMEOUT_MS = 10_000;
-/**
- * Minimum number of symbols and packets in each interval of this length, milliseconds. A server that sends fewer ends
- * the session, unless it may have nothing to send.
- */
-const MIN_NEW = 8,
-  PACE_MS = 30_000;
+/** Interval in which a server must send `MIN_NEW` symbols and packets, unless it may have nothing to send; milliseconds. */
+const PACE_MS = 30_000;
+/** Minimum number of new symbols and packets in `PACE_MS`. A server that sends fewer ends the session. */
+const MIN_NEW = 8;
 /** How a session with a slower server ends. */
 export const TOO_SLOW = "the server sends too slowly";
 /** Minimum interval between view updates, milliseconds. */

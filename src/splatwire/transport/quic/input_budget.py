@@ -3,9 +3,11 @@
 from collections.abc import Hashable
 
 MAX_SHARE = 0.1
-"""Maximum share of a processor core for the datagrams of one connection, besides what it earns."""
+"""Share of a processor core that the datagrams of one connection may always take; sending to it earns more, see
+`EARNED_FACTOR`.
+"""
 MAX_NETWORK_SHARE = 0.3
-"""Maximum share of a processor core for the datagrams of all connections of one network, besides what they earn."""
+"""Like `MAX_SHARE`, for all connections of one network together."""
 EARNED_FACTOR = 2.0
 """Processor time for a client's datagrams relative to that for sending data to it. A fast transfer needs about half of
 the sending time for acknowledgements and reports.

@@ -151,8 +151,8 @@ class QuicServer(SocketServer):
             self._pump_soon.cancel()
             self._pump_soon = None
 
-    def drop_excess(self, now: float) -> None:
-        """Counts a dropped datagram of a connection whose datagrams take too much processor time.
+    def count_excess(self, now: float) -> None:
+        """Counts a datagram that was dropped because those of its connection take too much processor time.
 
         Args:
             now: Time, seconds.
@@ -448,7 +448,7 @@ class _Connection(QuicConnectionProtocol):
         """
         now = self._loop.time()
         if self._has_spent(now):
-            self.owner.drop_excess(now)
+            self.owner.count_excess(now)
             return
         began, self._sending_s = time.thread_time(), 0.0
         self.guarded(super().datagram_received, data, addr)
