@@ -19,7 +19,7 @@ FLAGS = (
     "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--remote-debugging-pipe",
     "--hide-scrollbars", "--force-device-scale-factor=1", "--window-size=800,600",
-    # processes for windows and pages that no test opens take a second of each start
+    # windows and pages that no test opens would have processes of their own
     "--disable-features=PreloadTopChromeWebUI,SpareRendererForSitePerProcess",
 )  # fmt: skip
 

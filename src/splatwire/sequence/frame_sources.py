@@ -20,7 +20,7 @@ COMPLETE_AGE_S = 1.0
 UNCHANGED_S = 0.5
 """Time without change after which a file counts as complete if its format does not reveal truncation, seconds."""
 MAX_CHECK_INTERVAL_S = 1.0
-"""Part of the time between two checks of the folder that counts as waiting time, at most, seconds."""
+"""Maximum time between two checks of the folder that counts as waiting, seconds; the rest of a pause does not."""
 GROWING_TIMEOUT_S = 10.0
 """Maximum time that later frames wait for a frame whose file still grows, seconds."""
 UNREADABLE_TIMEOUT_S = 3.0

@@ -89,7 +89,7 @@ class _ServerCollector(Collector):
             yield _counter("quic_connections_malformed", "QUIC connections with invalid input.", server.num_malformed)
             dropped = "QUIC connection attempts that were dropped before the handshake."
             yield _counter("quic_connections_dropped", dropped, server.num_dropped)
-            excess = "Datagrams of QUIC connections that were dropped, because the client's took too much time."
+            excess = "Datagrams of QUIC connections that were dropped because they took too much time."
             yield _counter("quic_excess_datagrams", excess, server.num_excess)
             end = "End of the validity of the certificate, seconds since 1970."
             yield _gauge("certificate_expiry_timestamp_seconds", end, server.certificate_end)

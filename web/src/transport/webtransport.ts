@@ -12,7 +12,7 @@ import { MessageReader } from "./wire_messages.ts";
 const SESSION_TIMEOUT_MS = 4000;
 /** Time without anything new from the server after which a session ends, milliseconds. */
 const SILENCE_TIMEOUT_MS = 10_000;
-/** Interval in which a server must send `MIN_NEW` symbols and packets, unless it may have nothing to send; milliseconds. */
+/** Interval in which a server must send `MIN_NEW` symbols and packets, unless it may have nothing to send; ms. */
 const PACE_MS = 30_000;
 /** Minimum number of new symbols and packets in `PACE_MS`. A server that sends fewer ends the session. */
 const MIN_NEW = 8;

@@ -146,7 +146,7 @@ class ServedStream:
         """Builds a schedule from datagrams in sending order.
 
         Args:
-            datagrams: Three integers for each datagram.
+            datagrams: The datagrams.
         """
         init_segment_end = opening_end = 0
         for number, item in enumerate(datagrams):

@@ -31,8 +31,8 @@ MAX_UNREAD_BYTES = 1 << 16
 missing.
 """
 MAX_UNACKNOWLEDGED = 1 << 13
-"""Maximum number of sent QUIC packets per connection that wait for an acknowledgement. Twice as many as `WINDOW_BYTES`
-has room for.
+"""Maximum number of sent QUIC packets per connection that wait for an acknowledgement: more than twice as many
+packets of full size as fit into `WINDOW_BYTES`.
 """
 MAX_OUTSIDE_BYTES = 1 << 13
 """Maximum number of bytes that an HTTP/3 client may send during a connection outside the stream of its WebTransport

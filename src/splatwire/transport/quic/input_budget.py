@@ -9,8 +9,8 @@ MAX_SHARE = 0.1
 MAX_NETWORK_SHARE = 0.3
 """Like `MAX_SHARE`, for all connections of one network together."""
 EARNED_FACTOR = 2.0
-"""Processor time for a client's datagrams relative to that for sending data to it. A fast transfer needs about half of
-the sending time for acknowledgements and reports.
+"""Processor time for a client's datagrams relative to that for sending data to it. Acknowledgements
+and reports of a transfer need time, too.
 """
 START_CREDIT_S, MAX_CREDIT_S = 0.05, 0.25
 """Unused processor time of a connection: after its handshake, and the maximum, seconds."""
