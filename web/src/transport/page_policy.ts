@@ -6,27 +6,29 @@ import { withoutQuery } from "./http_error.ts";
 /** Time that a browser may take to report a violation after a request has failed, milliseconds. */
 const REPORT_MS = 50;
 
-const { addEventListener: listen } = globalThis as Partial<typeof globalThis>; // not available in node
-let last: SecurityPolicyViolationEvent | null = null;
-listen?.("securitypolicyviolation", (event) => {
-  const violation = event as SecurityPolicyViolationEvent;
-  if (violation.disposition === "enforce") last = violation; // others are only reported
-});
-
 /**
- * Awaits a request of `url`. If it failed because the page's policy forbids it, throws a final error (`isFinal`) that
- * names the directive and the address.
+ * Awaits a request of `url` that this task has started. If it failed because the page's policy forbids it, throws a
+ * final error (`isFinal`) that names the directive and the address.
  */
 export async function permitted<T>(url: string, request: Promise<T>): Promise<T> {
+  const page: Partial<typeof globalThis> = globalThis, // node has no events
+    { href, origin } = new URL(url),
+    addresses = [href.split("#")[0], origin]; // browsers report the origin alone where the rest is a secret
+  let violation: SecurityPolicyViolationEvent | null = null;
+  const note = (event: SecurityPolicyViolationEvent): void => {
+    if (event.disposition === "enforce" && addresses.includes(event.blockedURI)) violation = event;
+  };
+  page.addEventListener?.("securitypolicyviolation", note);
   try {
     return await request;
   } catch (error) {
-    if (listen) await delay(REPORT_MS);
-    // `blockedURI` has no fragment, unlike `url`
-    if (!last || !url.startsWith(last.blockedURI)) throw error;
-    const { blockedURI, effectiveDirective } = last,
+    if (page.addEventListener) await delay(REPORT_MS);
+    if (!violation) throw error;
+    const { blockedURI, effectiveDirective } = violation as SecurityPolicyViolationEvent,
       directive = effectiveDirective.replace("-elem", ""),
       text = `the page's policy (CSP) forbids ${withoutQuery(blockedURI)}: allow it in ${directive}`;
     throw Object.assign(new Error(text), { final: true });
+  } finally {
+    page.removeEventListener?.("securitypolicyviolation", note);
   }
 }
