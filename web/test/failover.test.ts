@@ -15,7 +15,7 @@ import {
   type SessionOptions,
 } from "../src/transport/webtransport.ts";
 import type { WorkerReceiver } from "../src/worker_receiver.ts";
-import { type Asked, Caches, LIMITS, otherStream, part, Server, visit } from "./fake_web.ts";
+import { type Asked, Caches, LIMITS, otherStream, part, Server, stopClock, visit } from "./fake_web.ts";
 import { fileOf, readStream } from "./vectors.ts";
 import { welcome } from "./wire_messages.ts";
 
@@ -58,10 +58,16 @@ test("joining a live clip is retried while its server is full", async () => {
   assert.match(lost[0], /the server is full/);
 });
 
-test("joining a live clip opens the next session although the file of its name hangs", {
-  timeout: 20_000,
-}, async () => {
-  const server = new Server(() => new Promise<Response>(() => undefined)),
+/** Returns a server that never answers. Its clock runs while a request waits. */
+function hangingServer({ advance }: ReturnType<typeof stopClock>): Server {
+  return new Server(async ({ signal }) => {
+    await advance(60_000, signal);
+    return new Promise<Response>(() => undefined);
+  });
+}
+
+test("joining a live clip opens the next session although the file of its name hangs", async (context) => {
+  const server = hangingServer(stopClock(context)),
     { ways, opened } = sessions(down(), "complete"),
     openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, idleMs: 120_000 }),
     { text, lost } = await visit(null, { session: SESSION }, { ...ways, openFile });
@@ -70,17 +76,18 @@ test("joining a live clip opens the next session although the file of its name h
   assert.ok(server.asked[0].signal.aborted);
 });
 
-test("a file that answers late is received if no session can be opened, or if the answer has begun", async () => {
+test("a file that answers late is received if no session can be opened, or if the answer has begun", async (context) => {
+  const { advance } = stopClock(context);
   for (const [end, afterMs] of [
     [new NoWebTransport("no WebTransport"), 4500],
     [down(), 1],
   ] as const) {
     const late = async (asked: Asked): Promise<Response> => {
-      await new Promise((done) => setTimeout(done, afterMs));
+      await advance(afterMs);
       const { body, headers, status } = part(STILL, asked),
         slow = new TransformStream<Uint8Array, Uint8Array>({
           transform: async (piece, out) => {
-            if (afterMs < 4500) await new Promise((done) => setTimeout(done, 4500));
+            if (afterMs < 4500) await advance(4500);
             out.enqueue(piece);
           },
         });
@@ -94,9 +101,10 @@ test("a file that answers late is received if no session can be opened, or if th
   }
 });
 
-test("after each failed session there is more time for the first answer of the file", async () => {
+test("after each failed session there is more time for the first answer of the file", async (context) => {
+  const { advance } = stopClock(context);
   new Server(async (asked) => {
-    await new Promise((done) => setTimeout(done, 5000));
+    await advance(5000, asked.signal);
     return part(STILL, asked);
   });
   const { ways, opened } = sessions(down(), down()),
@@ -308,10 +316,8 @@ test("a live clip without a file waits for its session, and names both reasons",
   }
 });
 
-test("the next session of a live clip is due at its own time, although its file hangs", {
-  timeout: 20_000,
-}, async () => {
-  const server = new Server(() => new Promise<Response>(() => undefined)),
+test("the next session of a live clip is due at its own time, although its file hangs", async (context) => {
+  const server = hangingServer(stopClock(context)),
     { opened, ...ways } = liveSessions([[0], null, null, [1]]),
     openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, idleMs: 120_000 }),
     { text, lost, said } = await visit(null, { session: SESSION }, { ...ways, openFile }),
@@ -322,11 +328,12 @@ test("the next session of a live clip is due at its own time, although its file 
   assert.ok(server.asked.length === 1 && server.asked[0].signal.aborted);
 });
 
-test("the file in place of a live clip may take longer than the delay, once it has begun", async () => {
+test("the file in place of a live clip may take longer than the delay, once it has begun", async (context) => {
+  const { advance } = stopClock(context);
   const slow = (): Response => {
     let sent = 0;
     const pull = async (controller: ReadableStreamDefaultController<Uint8Array>): Promise<void> => {
-      await new Promise((done) => setTimeout(done, sent ? 250 : 0));
+      await advance(sent ? 250 : 0);
       controller.enqueue(STILL.slice(sent, (sent += Math.ceil(STILL.length / 12))));
       if (sent >= STILL.length) controller.close();
     };

@@ -1,6 +1,8 @@
 // Fake server, browser cache and page. Each test decides every answer.
 
 import assert from "node:assert/strict";
+import type { TestContext } from "node:test";
+
 import type { Camera } from "../src/model/camera.ts";
 import { ContainerReader, fileHead } from "../src/packets/container.ts";
 import { crc32 } from "../src/packets/crc32.ts";
@@ -17,6 +19,7 @@ import { WorkerReceiver } from "../src/worker_receiver.ts";
 export const URL_ = "https://scenes.example/a.swz";
 /** Small limits, so that even the smallest streams arrive in several parts. */
 export const LIMITS = { idleMs: 200, repeatMs: 1, firstBytes: 4000, tilesBytes: 2000, changeMs: 60_000 };
+const CLOCK_STEP_MS = 50;
 /** Camera so close that every tile of a scene with levels is selected. */
 const NEAR: Camera = {
   viewmat: [
@@ -69,6 +72,18 @@ function aborted(signal: AbortSignal): Promise<never> {
   return new Promise((_, reject) =>
     signal.addEventListener("abort", () => reject(new DOMException("aborted", "AbortError"))),
   );
+}
+
+/** Replaces `setTimeout` by a clock that only `advance` moves, until the end of a test. */
+export function stopClock({ mock }: TestContext): { advance(ms: number, signal?: AbortSignal): Promise<void> } {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  const advance = async (ms: number, signal?: AbortSignal): Promise<void> => {
+    for (let passed = 0; passed < ms && !signal?.aborted; passed += CLOCK_STEP_MS) {
+      await new Promise((resolve) => setImmediate(resolve)); // what was due has its effect
+      mock.timers.tick(CLOCK_STEP_MS);
+    }
+  };
+  return { advance };
 }
 
 /** Answers as a correct file server does. */
