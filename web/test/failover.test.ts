@@ -76,7 +76,7 @@ test("joining a live clip opens the next session although the file of its name h
   assert.ok(server.asked[0].signal.aborted);
 });
 
-test("a file that answers late is received if no session can be opened, or if the answer has begun", async (context) => {
+test("a file that answers late is received if no session can be opened, or once the answer begins", async (context) => {
   const { advance } = stopClock(context);
   for (const [end, afterMs] of [
     [new NoWebTransport("no WebTransport"), 4500],

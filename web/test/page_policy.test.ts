@@ -43,7 +43,7 @@ test("a file that the page's policy forbids is a final error with the directive 
   assert.deepEqual([server.asked.length, lost.length], [1, 0]);
 });
 
-test("a violation belongs to the request of exactly its address, or of its origin if browsers report no more", async () => {
+test("a violation belongs to the request of exactly its address, or of its origin if no more is reported", async () => {
   const url = "https://scenes.example/a.swz?token=1#part",
     forbids = (address: string): string => `the page's policy (CSP) forbids ${address}: allow it in connect-src`;
   assert.equal(await errorOf(url, "https://scenes.example/a.swz?token=1"), forbids("https://scenes.example/a.swz"));
