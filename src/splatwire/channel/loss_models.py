@@ -14,6 +14,8 @@ UNITS = (UNIT, "datagram")
 """Units of loss: `pak` loses whole packets of the stream, `datagram` loses UDP datagrams. A packet may fill several
 datagrams and is lost with any of them. The same share of lost packets thus needs a much lower loss rate per datagram.
 """
+UNIT_NAMES = {"pak": "packet", "datagram": "datagram"}
+"""Names of the units of loss in reports."""
 
 
 def _check_share(name: str, value: float | int) -> None:

@@ -234,7 +234,7 @@ def test_saved_pictures_show_the_worst_loss(edited, tmp_path):
     mild, store = '[[loss]]\nmodel = "bernoulli:0.05"\n\n', Store(tmp_path)
     result = run_study(load_study(edited(("[[loss]]", mild + "[[loss]]"))), store, InProcess(), silent)
     assert result.report_images["made up"].loss.model == "bernoulli:0.3"
-    assert {view.loss for view in take_pictures(result, store)} == {"bernoulli:0.3 per pak, seed 0"}
+    assert {view.loss for view in take_pictures(result, store)} == {"bernoulli:0.3 per packet, seed 0"}
 
 
 def test_missing_pictures_are_rendered_again(done, tmp_path):

@@ -9,6 +9,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss
+from splatwire.channel.loss_models import UNIT_NAMES
 from splatwire.evaluation.study.curves import Curve
 from splatwire.evaluation.study.definition import Loss, common_word
 from splatwire.evaluation.study.summary import Summary
@@ -114,7 +115,7 @@ def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None
             axes.errorbar([p for p, _ in points], means, yerr=halves, fmt="o-", ms=3, lw=1.2, capsize=2,
                           color=PALETTE[i % len(PALETTE)], label=label)  # fmt: skip
         axes.set_xticks(ticks, labels, rotation=60 if len(own) > 5 else 0, fontsize=7)
-        axes.set_xlabel(f"loss per {unit}")
+        axes.set_xlabel(f"loss per {UNIT_NAMES[unit]}")
         axes.grid(alpha=0.25)
     panels[0].set_ylabel("PSNR (dB)")
     _legend_above(panels[0])

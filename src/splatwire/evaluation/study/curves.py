@@ -18,7 +18,7 @@ class Curve:
     Attributes:
         name: Name of the codec or setting.
         scene: Name of the scene, or description of the mean over scenes.
-        loss: Label of the loss model (packets or datagrams lost in transfer), such as `bernoulli:0.1 per pak`; empty
+        loss: Label of the loss model (packets or datagrams lost in transfer), such as `bernoulli:0.1 per packet`; empty
             for results without loss.
         rows: Result at each rate, ascending by bytes.
     """

@@ -9,6 +9,7 @@ from typing import Any
 
 from splatwire.bitstream import PRESETS, SEND_ORDERS, Packetization
 from splatwire.channel import LossModel, parse_loss
+from splatwire.channel.loss_models import UNIT_NAMES
 from splatwire.concealment import create_concealer
 from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.data.dataset import SPLITS, TEST_VIEWS
@@ -184,11 +185,11 @@ class Loss:
 
     @property
     def label(self) -> str:
-        """One-line description of the loss model for reports, such as `bernoulli:0.1 per pak`."""
+        """One-line description of the loss model for reports, such as `bernoulli:0.1 per packet`."""
         if self.model == "none":
             return "no loss"
         order = "" if self.send_order == "interleaved" else f", {self.send_order} order"
-        return f"{self.model} per {self.unit}{order}"
+        return f"{self.model} per {UNIT_NAMES[self.unit]}{order}"
 
 
 @dataclass(frozen=True)

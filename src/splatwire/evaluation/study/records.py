@@ -8,7 +8,7 @@ from typing import Any
 from splatwire.errors import BackendUnavailableError, BitstreamError
 from splatwire.version import __version__
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 """Version of the computation, increased if equal inputs give other scores; results of other versions are not reused."""
 CODE = f"{__version__}/{PROTOCOL_VERSION}"
 

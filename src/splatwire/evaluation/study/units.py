@@ -97,7 +97,8 @@ class Unit:
             view: Index of the view.
         """
         digests = (self.stream.digest, self.references.digest, self.mask_digest)
-        return f"pictures/map_{'_'.join(digest[:16] for digest in digests)}_{view}.png"
+        version = CODE.replace("/", "-")
+        return f"pictures/map_{version}_{'_'.join(digest[:16] for digest in digests)}_{view}.png"
 
     def is_done(self, store: Store) -> bool:
         """Returns True if the store contains the records and images of the task."""
