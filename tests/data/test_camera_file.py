@@ -300,3 +300,26 @@ def test_principal_points_of_3dgs_cameras_are_read(key, cameras, tmp_path):
         path.write_text(json.dumps([content[0] | fields, *content[1:]]))
         with pytest.raises(DatasetError, match=message):
             load_cameras(path)
+
+
+@pytest.mark.parametrize("form", ["own", "hacpp", "3dgs"])
+def test_repeated_names_of_views_get_numbers_and_a_warning(form, cameras, tmp_path, caplog):
+    save_cameras(cameras, tmp_path / "c.json")
+    content = json.loads((tmp_path / "c.json").read_text()) if form == "own" else official(cameras)
+    views = content["cameras"]
+    for view in views[1:4]:
+        view["name"] = "view_00"
+    views[4]["name"] = "view_00_2"
+    if form == "3dgs":
+        content = [
+            {"img_name": view["name"], "width": 40, "height": 24, "fx": 33, "fy": 35, "position": [0, 0, 1]}
+            | {"rotation": np.eye(3).tolist()}
+            for view in views
+        ]
+    (tmp_path / "c.json").write_text(json.dumps(content))
+    names = load_cameras(tmp_path / "c.json").names
+    assert names[:5] == ("view_00", "view_00_3", "view_00_4", "view_00_5", "view_00_2")
+    assert names[5:] == cameras.names[5:]
+    assert (
+        "3 of 12 views have the name of an earlier view and get a number, first 'view_00': 'view_00_3'" in caplog.text
+    )

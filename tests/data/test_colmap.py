@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from splatwire.data import dataset_layout, open_dataset
+from splatwire.data import _colmap_binary, _colmap_text, dataset_layout, open_dataset
 from splatwire.data._checks import child
 from splatwire.data.colmap import find_reconstruction, read_points, read_views
 from splatwire.errors import DatasetError
@@ -413,3 +413,19 @@ def test_text_files_that_disagree_with_binary_ones_give_a_warning(file, change, 
     (folder / file).write_text("damaged")
     read_views(folder)
     assert "its .txt files are damaged" in caplog.text
+
+
+@pytest.mark.parametrize("form", ["binary", "text"])
+def test_the_images_of_other_reconstructions_are_counted_without_reading_them(capture, caplog, monkeypatch, form):
+    capture.write_images()
+    folder = getattr(capture, f"write_{form}")()
+    if form == "text":
+        rows = (folder / "images.txt").read_text()
+        (folder / "images.txt").write_text(f"# Number of images: 12, mean observations per image: 1\n{rows}")
+    shutil.copytree(folder, folder.parent / "1")
+    module, read = {"binary": _colmap_binary, "text": _colmap_text}[form], []
+    original = module.read_images
+    monkeypatch.setattr(module, "read_images", lambda path: read.append(path) or original(path))
+    open_dataset(capture.root)
+    assert "sparse/0 (12 images) is read; the others are not: sparse/1 (12 images)" in caplog.text
+    assert [path.parent for path in read] == [folder]

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import struct
 
 import numpy as np
@@ -24,6 +25,27 @@ def test_dataset_layouts_are_detected(capture, tmp_path):
     assert dataset_layout(capture.root) == "colmap"
     capture.write_bungee()
     assert dataset_layout(capture.root) == "bungeenerf"
+
+
+@pytest.mark.parametrize("layout", ["blender", "nerfstudio"])
+def test_transforms_beside_a_reconstruction_give_a_warning_and_are_read_if_their_file_is_named(capture, caplog, layout):
+    capture.write_images()
+    getattr(capture, f"write_{layout}")()
+    capture.write_binary()
+    name = {"blender": "transforms_train.json", "nerfstudio": "transforms.json"}[layout]
+    assert open_dataset(capture.root, split="all").cameras.Ks[0, 1, 1] == 35  # the vertical one of the reconstruction
+    assert "the poses of its COLMAP reconstruction in sparse/0 are read, those of transforms" in caplog.text
+    assert f"name the file {capture.root / name} in place of the folder" in caplog.text
+    caplog.clear()
+    chosen = open_dataset(capture.root / name, split="train")
+    assert dataset_layout(capture.root / name) == layout
+    shutil.rmtree(capture.root / "sparse")
+    alone = open_dataset(capture.root, split="train")
+    assert np.array_equal(chosen.cameras.viewmats, alone.cameras.viewmats)
+    assert np.array_equal(chosen.cameras.Ks, alone.cameras.Ks)
+    assert chosen.image_paths == alone.image_paths
+    assert chosen.points is None
+    assert not caplog.messages
 
 
 def test_bungeenerf_has_poses_in_the_order_of_the_photos(capture):

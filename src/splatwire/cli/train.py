@@ -14,7 +14,7 @@ class Train:
     """Train a scene from a folder of posed photos (COLMAP, BungeeNeRF, Blender or nerfstudio layout)."""
 
     data: tyro.conf.Positional[str]
-    """Dataset folder."""
+    """Dataset folder; or a transforms.json in it, which is then read instead of a COLMAP reconstruction beside it."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Scene file to write; checkpoints are written to the same name with .checkpoint added. With --model gaussians: a
     PLY or another file of explicit Gaussians, or a stream (.swz)."""

@@ -123,7 +123,40 @@ def view_names(paths: Sequence[str]) -> tuple[str, ...]:
     pure = [PurePosixPath(path) for path in paths]
     if len({path.stem for path in pure}) == len(pure):
         return tuple(path.stem for path in pure)
-    return tuple("_".join(path.with_suffix("").parts) for path in pure)
+    return tuple(_numbered(["_".join(path.with_suffix("").parts) for path in pure]))
+
+
+def without_repetitions(source: Path, names: Sequence[str]) -> list[str]:
+    """Returns the names of views with numbers added to repeated ones, and logs a warning about them.
+
+    Args:
+        source: Source file, for messages.
+        names: Name of each view.
+    """
+    distinct = _numbered(names)
+    changed = [(old, new) for old, new in zip(names, distinct, strict=True) if old != new]
+    if changed:
+        LOG.warning(
+            "%s: %d of %d views have the name of an earlier view and get a number, first %.120r: %.120r",
+            source, len(changed), len(names), *changed[0],
+        )  # fmt: skip
+    return distinct
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Returns names that all differ: a number is added to each repeated one."""
+    taken, seen = set(names), set[str]()
+    numbers: dict[str, int] = {}
+    distinct = []
+    for name in names:
+        chosen = name
+        while name in seen and chosen in taken:
+            numbers[name] = numbers.get(name, 1) + 1
+            chosen = f"{name}_{numbers[name]}"
+        seen.add(name)
+        taken.add(chosen)
+        distinct.append(chosen)
+    return distinct
 
 
 def matrix(source: Path, name: str, value: Any, shape: tuple[int, int]) -> np.ndarray:

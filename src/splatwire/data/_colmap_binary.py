@@ -13,6 +13,7 @@ from splatwire.errors import DatasetError
 from splatwire.files.read_limited import open_regular
 
 _MAX_NAME_BYTES = 4096
+_MIN_IMAGE_BYTES = 73
 _MIN_CAMERA_BYTES = 24 + 8 * min(count for _, count in MODELS)
 
 
@@ -86,12 +87,18 @@ def read_images(path: Path) -> list[RawImage]:
     """Reads `images.bin`; the 2D points are skipped."""
     images = []
     with _opened(path) as cursor:
-        for _ in range(cursor.count(73)):
+        for _ in range(cursor.count(_MIN_IMAGE_BYTES)):
             _, *pose, camera_id = cursor.take("I7dI")
             name = cursor.name()
             cursor.skip(24 * cursor.count(24))
             images.append(RawImage(name, camera_id, tuple(pose[:4]), tuple(pose[4:])))
     return images
+
+
+def count_images(path: Path) -> int:
+    """Returns the number of images that the header of `images.bin` states; the images are not read."""
+    with open_regular(path, DatasetError) as file:
+        return _Cursor(path, file).count(_MIN_IMAGE_BYTES)
 
 
 def read_points3d(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -48,15 +48,18 @@ def _warn_of_missing_entries(path: Path, count: int) -> None:
         path: The file.
         count: Number of entries that were read.
     """
+    stated = _stated_count(path)
+    if stated not in (None, count):
+        LOG.warning(
+            "%s: has %s entries, and its header states %s: the file may be cut", path, f"{count:,}", f"{stated:,}"
+        )
+
+
+def _stated_count(path: Path) -> int | None:
+    """Returns the number of entries that the header of a text file states; None if it states none."""
     with open_regular(path, DatasetError) as file:
         stated = _COUNT.search(file.read(_HEAD_BYTES))
-    if stated is not None and int(stated[1]) != count:
-        LOG.warning(
-            "%s: has %s entries, and its header states %s: the file may be cut",
-            path,
-            f"{count:,}",
-            f"{int(stated[1]):,}",
-        )
+    return None if stated is None else int(stated[1])
 
 
 def read_cameras(path: Path) -> list[RawCamera]:
@@ -95,6 +98,12 @@ def read_images(path: Path) -> list[RawImage]:
             points_may_follow = True
     _warn_of_missing_entries(path, len(images))
     return images
+
+
+def count_images(path: Path) -> int:
+    """Returns the number of images that the header of `images.txt` states; reads the images if it states none."""
+    stated = _stated_count(path)
+    return len(read_images(path)) if stated is None else stated
 
 
 def _image(path: Path, number: int, line: str) -> RawImage:

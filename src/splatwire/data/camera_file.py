@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.arguments import checked, checked_except
-from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole
+from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole, without_repetitions
 from splatwire.data._lens_fields import contradicting_angle, states_axes, unread_lens_fields
 from splatwire.errors import DatasetError, check_kind
 from splatwire.files.atomic_write import atomic_write
@@ -90,7 +90,7 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
         raise DatasetError(f"{path}: has no views")
     if not all(isinstance(view, dict) and isinstance(view.get("name"), str) for view in views):
         raise DatasetError(f"{path}: a camera has no name")
-    names = [view["name"] for view in views]
+    names = without_repetitions(path, [view["name"] for view in views])
     _warn_of_lenses(path, views)
     # files of HAC++ have `w2c`, `K`, `width` and `height` in every camera
     pose_key = "viewmat" if is_own_format else "w2c"
@@ -124,7 +124,7 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
         raise DatasetError(
             format_error(path, "a cameras file", "a list must hold cameras with position, rotation, fx, fy")
         )
-    names = [_name_in_3dgs(path, number, view) for number, view in enumerate(views)]
+    names = without_repetitions(path, [_name_in_3dgs(path, number, view) for number, view in enumerate(views)])
     _warn_of_lenses(path, views)
     width, height = _size(path, views)
     poses = np.tile(np.eye(4), (len(views), 1, 1))

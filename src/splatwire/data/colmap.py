@@ -107,7 +107,7 @@ def _relative_name(folder: Path, root: Path) -> str:
 def _count_images(folder: Path) -> str:
     """Returns the number of images of a reconstruction for a message, or "cannot be read"."""
     try:
-        return f"{len(_read(folder, 'images')):,} images"
+        return f"{_read(folder, 'images', prefix='count_'):,} images"
     except DatasetError:
         return "cannot be read"
 
@@ -200,13 +200,13 @@ def read_points(folder: Path, origin: Origin = NO_ORIGIN) -> SparsePoints | None
     return SparsePoints(positions, colors.astype(np.float32) / 255, origin)
 
 
-def _read(folder: Path, table: str, suffixes: tuple[str, ...] = SUFFIXES):  # type: ignore[no-untyped-def]  # the return type depends on `table`
+def _read(folder: Path, table: str, suffixes: tuple[str, ...] = SUFFIXES, *, prefix: str = "read_"):  # type: ignore[no-untyped-def]  # the return type depends on `table`
     for suffix in suffixes:
         module = _colmap_binary if suffix == "bin" else _colmap_text
         path = folder / f"{table}.{suffix}"
         if path.is_file():
             try:
-                return getattr(module, f"read_{table.lower()}")(path)
+                return getattr(module, f"{prefix}{table.lower()}")(path)
             except OSError as error:
                 raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
     raise DatasetError(f"{folder}: has neither {table}.bin nor {table}.txt")

@@ -38,6 +38,12 @@ SPLITS = ("test", "train", "all")
 TEST_VIEWS = ("every_8th", "first_31")
 LAYOUTS = ("colmap", "bungeenerf", "blender", "nerfstudio")
 DEFAULT_MAX_WIDTH = 1600
+_POSE_FILES = {
+    "bungeenerf": (bungee.FILE,),
+    "blender": ("transforms_train.json", "transforms_test.json"),
+    "nerfstudio": ("transforms.json",),
+}
+"""Names of the JSON files with the poses, by layout."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +139,14 @@ def open_dataset(
     * Blender: `transforms_train.json` and `transforms_test.json`.
     * nerfstudio: one `transforms.json`, optionally with masks, points and splits.
 
+    If a folder has several layouts, COLMAP is preferred, with a warning if a `transforms.json` is not read. The path of
+    such a JSON file in place of the folder chooses the layout of the file.
+
     Lens distortion is removed. Photos are rotated by their EXIF orientation if the cameras have the aspect ratio of the
     rotated photos.
 
     Args:
-        path: The folder.
+        path: The folder; or the JSON file in it with the poses, such as `transforms.json`.
         split: Split to read, one of `SPLITS`.
         images: Folder of photos to read instead of the folder `images`, such as `images_4`. Intrinsics are scaled to
             the size of the photos in this folder. None to read the photos that the dataset names.
@@ -154,19 +163,23 @@ def open_dataset(
         InvalidValueError: If `max_width` is not positive.
     """
     path = _checked_path(path, split, max_width, test_views)
+    layout = _layout_of_file(path)
+    path = path if layout is None else path.parent
     if not path.is_dir():
         raise DatasetError(format_error(path, "a dataset folder") + _dataset_nearby(path))
     chosen = test_views or ("first_31" if (path / bungee.FILE).is_file() else "every_8th")
     views: Sequence[ColmapView | TransformsView]
-    if (folder := find_reconstruction(path)) is not None:
+    folder = find_reconstruction(path) if layout is None else None
+    if folder is not None:
         warn_of_other_reconstructions(path, folder)
+        _warn_of_unread_transforms(path, folder)
         expects_photos_beside = path in (folder, folder.parent) and images is None and not (path / "images").is_dir()
         views, image_paths = _colmap_views(
             folder, path if expects_photos_beside else path / (images or "images"), split, chosen
         )
         cloud, source = None, folder
     else:
-        views, source, cloud = _transforms_views(path, split, images, test_views)
+        views, source, cloud = _transforms_views(path, split, images, test_views, layout or dataset_layout(path))
         image_paths = [view.image_path for view in views]
     if not views:
         raise NoViewsError(f"{source}: has no views in the split '{split}': there are too few in all")
@@ -179,11 +192,33 @@ def open_dataset(
         points = read_point_cloud(cloud, cameras.origin)
     masks = _masks(views, image_paths, upright)
     if not masks:
-        _warn_of_unread_masks(path)
+        _warn_of_unread_masks(path, layout or dataset_layout(path))
     return Dataset(cameras, tuple(image_paths), points, background, masks, undistortions, upright)
 
 
-def _warn_of_unread_masks(path: Path) -> None:
+def _layout_of_file(path: Path) -> str | None:
+    """Returns the layout of a dataset whose JSON file with the poses is at `path`; None for any other path."""
+    layout = next((name for name, files in _POSE_FILES.items() if path.name in files), None)
+    return layout if layout is not None and path.is_file() else None
+
+
+def _warn_of_unread_transforms(path: Path, folder: Path) -> None:
+    """Logs a warning if a dataset has a COLMAP reconstruction, which is read, and a transforms file, which is not.
+
+    Args:
+        path: Folder of the dataset.
+        folder: Folder of the reconstruction.
+    """
+    names = [name for layout in ("blender", "nerfstudio") for name in _POSE_FILES[layout] if (path / name).is_file()]
+    if names:
+        LOG.warning(
+            "%s: the poses of its COLMAP reconstruction in %s are read, those of %s are not: to read these, name the "
+            "file %s in place of the folder (--data)",
+            path, folder.relative_to(path).as_posix(), " and ".join(names), path / names[0],
+        )  # fmt: skip
+
+
+def _warn_of_unread_masks(path: Path, layout: str | None) -> None:
     """Logs a warning if a dataset has a folder of masks, but no view of any split names a mask."""
     try:
         folders = [name for name in ("masks", "mask") if (path / name).is_dir() and any((path / name).iterdir())]
@@ -191,8 +226,8 @@ def _warn_of_unread_masks(path: Path) -> None:
         LOG.warning("%s: its folder of masks cannot be listed: %s", path, error.strerror)
         return
     # The views of another split may name masks of the folder.
-    files = {"blender": ("transforms_train.json", "transforms_test.json"), "nerfstudio": ("transforms.json",)}
-    views = [path / name for name in files.get(dataset_layout(path) or "", ()) if (path / name).is_file()]
+    files = _POSE_FILES[layout] if layout in ("blender", "nerfstudio") else ()
+    views = [path / name for name in files if (path / name).is_file()]
     if folders and not any(map(names_masks, views)):
         LOG.warning(
             "%s: its folder %s is not read: masks are those that a transforms.json names as mask_path; whole photos "
@@ -212,7 +247,13 @@ def _checked_path(path: str | os.PathLike[str], split: str, max_width: int | Non
 
 @checked
 def dataset_layout(path: Path) -> str | None:
-    """Returns the layout of a dataset folder, one of `LAYOUTS`; None for a folder without any of these layouts."""
+    """Returns the layout of a dataset folder, one of `LAYOUTS`; None for a folder without any of these layouts.
+
+    Args:
+        path: The folder; or the JSON file in it with the poses, which chooses the layout.
+    """
+    if (layout := _layout_of_file(path)) is not None:
+        return layout
     if (path / bungee.FILE).is_file():
         return "bungeenerf"
     if find_reconstruction(path) is not None:
@@ -254,7 +295,7 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
 
 
 def _transforms_views(
-    path: Path, split: str, images: str | None, test_views: str | None
+    path: Path, split: str, images: str | None, test_views: str | None, layout: str | None
 ) -> tuple[list[TransformsView], Path, Path | None]:
     """Reads the views (photos with cameras) of one split of a dataset with BungeeNeRF, Blender or nerfstudio layout.
 
@@ -263,6 +304,7 @@ def _transforms_views(
         split: Split to read: `train`, `test`, or `all` for both.
         images: Folder that replaces `images` in the paths of the photos, such as `images_4`; None to keep the paths.
         test_views: Rule that selects the test views, one of `TEST_VIEWS`; None for the default rule of the layout.
+        layout: Layout of the dataset; None if it has none.
 
     Returns:
         Three items:
@@ -271,13 +313,13 @@ def _transforms_views(
         * Path of the JSON file that lists the views. If two files list the views, path of the first file.
         * Path of the point cloud that the JSON files name; None if they name none.
     """
-    if (path / bungee.FILE).is_file():
+    if layout == "bungeenerf":
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"
         photos, tests = [view.image_path for view in views], _split_indices(len(views), "test", rule)
         _warn_of_copies(path / bungee.FILE, views, photos, split, [views[i] for i in tests])
         return [views[i] for i in _split_indices(len(views), split, rule)], path / bungee.FILE, None
     halves = {half: path / f"transforms_{half}.json" for half in ("train", "test")}
-    if any(file.is_file() for file in halves.values()):
+    if layout == "blender":
         if split != "all" and not halves[split].is_file():
             raise NoViewsError(f"{halves[split]}: no such file, so the split '{split}' has no views")
         wanted = [half for half in ("train", "test") if split in (half, "all")]
@@ -286,7 +328,7 @@ def _transforms_views(
         cloud = next((part.points for part in parts if part.points is not None), None)
         return [view for part in parts for view in part.views], halves[wanted[0]], cloud
     transforms_path = path / "transforms.json"
-    if transforms_path.is_file():
+    if layout == "nerfstudio":
         transforms = read_transforms(transforms_path, images)
         views = sorted(transforms.views, key=lambda view: (Path(view.name).stem, view.name))
         uses_splits = test_views is None and bool(transforms.splits)
