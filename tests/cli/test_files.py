@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from scenes import tiny_cameras
+from splatwire.cli import _run_render
 from splatwire.cli._files import refuse_own_input
 from splatwire.cli._parsing import settings_of
 from splatwire.cli._verbs import VERBS
@@ -80,14 +81,36 @@ def test_errors_name_the_kind_of_a_wrong_file(run, journey, tmp_path):
     assert_complains(run("render", journey / "tiny.scene", "--data", journey, "-o", tmp_path / "p"), "not a dataset")
 
 
+def test_pictures_appear_together_and_an_interrupted_render_keeps_the_earlier_ones(run, journey, tmp_path, monkeypatch):
+    def interrupted(scene, cameras, **options):
+        yield next(iterate_views(scene, cameras, **options))
+        raise KeyboardInterrupt
+
+    out, iterate_views = tmp_path / "out", _run_render.iterate_views
+    words = ("render", journey / "tiny.scene", "--cameras", journey / "cameras.json", "-o", out)
+    for there in (False, True):
+        if there:
+            run(*words)
+            (out / "notes.txt").write_text("mine")
+            (out / "view_00.png").write_bytes(b"earlier")
+        before = {path.name: path.read_bytes() for path in out.iterdir()} if there else {}
+        with monkeypatch.context() as patched:
+            patched.setattr(_run_render, "iterate_views", interrupted)
+            assert run(*words).status == 130
+        assert ({path.name: path.read_bytes() for path in out.iterdir()} if out.exists() else {}) == before
+    run(*words)
+    assert sorted(path.name for path in out.iterdir()) == ["cameras.json", "notes.txt", "view_00.png", "view_01.png"]
+    assert (out / "view_00.png").read_bytes() != b"earlier"
+
+
 def test_full_disk_leaves_no_partial_picture(run, journey, tmp_path, monkeypatch):
     def full(descriptor):
         raise OSError(28, os.strerror(28))
 
     monkeypatch.setattr(os, "fsync", full)
     outcome = run("render", journey / "tiny.scene", "--cameras", journey / "cameras.json", "-o", tmp_path / "out")
-    assert_complains(outcome, "No space left", tmp_path / "out" / "view_00.png")
-    assert not list((tmp_path / "out").iterdir())
+    assert_complains(outcome, "No space left", tmp_path / "out")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])

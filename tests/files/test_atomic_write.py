@@ -12,9 +12,18 @@ from pathlib import Path
 
 import pytest
 
-from splatwire.errors import InvalidValueError
+from splatwire.bitstream import read_stream
+from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.files import atomic_write as whole
-from splatwire.files.atomic_write import atomic_output, atomic_write, check_writable, remove_unfinished
+from splatwire.files.atomic_write import (
+    atomic_files,
+    atomic_output,
+    atomic_write,
+    check_writable,
+    is_unfinished,
+    remove_unfinished,
+)
+from splatwire.files.kinds import UNFINISHED, file_kind
 
 WAIT = (
     "import sys, time\n"
@@ -149,24 +158,32 @@ def test_ctrl_c_while_a_temporary_folder_is_made_leaves_none(tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
 
 
-def test_an_empty_folder_is_kept_and_filled(tmp_path):
+def test_an_empty_folder_is_replaced_in_one_step_with_its_owner_and_permissions(tmp_path, monkeypatch):
     target = tmp_path / "a"
-    target.mkdir(mode=0o750)
-    number = target.stat().st_ino
+    target.mkdir()
+    target.chmod(0o2750)
     with suppress(ZeroDivisionError), atomic_output(target) as new:
         (new / "x").mkdir(parents=True)
         _ = 1 / 0
     assert not list(target.iterdir())
+    rename, renamed = Path.rename, []
+    monkeypatch.setattr(Path, "rename", lambda path, to: renamed.append(to) or rename(path, to))
     with atomic_output(target) as new:
         (new / "b").mkdir(parents=True)
         (new / "b" / "x").touch()
         (new / "y").touch()
         assert not (target / "y").exists()
+    assert renamed == [target]
     assert sorted(str(path.relative_to(target)) for path in target.rglob("*")) == ["b", "b/x", "y"]
-    assert (target.stat().st_ino, target.stat().st_mode & 0o777) == (number, 0o750)
+    assert target.stat().st_mode & 0o7777 == 0o2750
 
 
-def test_a_folder_with_only_the_leftovers_of_a_killed_writer_is_kept_and_filled(tmp_path):
+def keep_folders(monkeypatch):
+    monkeypatch.setattr(whole, "_must_be_kept", lambda _: True)
+
+
+def test_a_folder_with_only_the_leftovers_of_a_killed_writer_is_kept_and_filled(tmp_path, monkeypatch):
+    keep_folders(monkeypatch)
     target = tmp_path / "a"
     target.mkdir()
     number = target.stat().st_ino
@@ -176,6 +193,96 @@ def test_a_folder_with_only_the_leftovers_of_a_killed_writer_is_kept_and_filled(
         (new / "x").touch()
     assert os.listdir(target) == ["x"]
     assert target.stat().st_ino == number
+
+
+def test_a_folder_that_cannot_be_replaced_is_filled(tmp_path, monkeypatch):
+    """Such as a bind mount, which looks like an ordinary folder."""
+    target, rename = tmp_path / "a", Path.rename
+    target.mkdir()
+
+    def refuse(path, to):
+        if to == target:
+            raise OSError(errno.EBUSY, "busy")
+        return rename(path, to)
+
+    monkeypatch.setattr(Path, "rename", refuse)
+    with atomic_output(target) as new:
+        (new / "b").mkdir(parents=True)
+        (new / "x").touch()
+    assert sorted(os.listdir(target)) == ["b", "x"]
+    assert os.listdir(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_ctrl_c_while_a_folder_is_filled_leaves_all_or_nothing(number, tmp_path, monkeypatch):
+    keep_folders(monkeypatch)
+    target, rename, count = tmp_path / "a", Path.rename, itertools.count()
+    target.mkdir()
+
+    def interrupted(path, to):
+        if next(count) == number:
+            raise KeyboardInterrupt
+        return rename(path, to)
+
+    with monkeypatch.context() as patched, suppress(KeyboardInterrupt), atomic_output(target) as new:
+        for name in ("b", "c"):
+            (new / name / "d").mkdir(parents=True)
+        patched.setattr(Path, "rename", interrupted)
+    assert sorted(os.listdir(target)) == ([] if number < 3 else ["b", "c"])
+
+
+@pytest.fixture
+def half_filled(tmp_path, monkeypatch):
+    """Folder whose writer was killed after it had moved one of two files into it."""
+    keep_folders(monkeypatch)
+    target = tmp_path / "a"
+    target.mkdir()
+    (workspace(target) / "moving" / "a").mkdir(parents=True)
+    (target / "x").write_bytes(b"first")
+    (target / ".splatwire-0123456789ab.part" / "moving" / "a" / "y").write_bytes(b"second")
+    return target
+
+
+def test_a_partly_filled_folder_is_recognised_and_refused_by_readers(half_filled):
+    assert is_unfinished(half_filled)
+    assert file_kind(half_filled) == UNFINISHED
+    with pytest.raises(BitstreamError, match="it is an output folder whose writer was killed"):
+        read_stream(half_filled)
+
+
+def test_the_next_writer_finishes_a_partly_filled_folder(half_filled):
+    (half_filled / ".splatwire-0123456789ab.part" / "moving" / "a" / ".bashrc").touch()
+    (half_filled / ".splatwire-0123456789ab.part" / "moving" / "a" / "z").symlink_to("/")
+    (half_filled / ".splatwire-0123456789ab.part" / "moving" / "a" / "x").write_bytes(b"other")
+    remove_unfinished(half_filled)
+    assert {path.name: path.read_bytes() for path in half_filled.iterdir()} == {"x": b"first", "y": b"second"}
+    assert not is_unfinished(half_filled)
+
+
+def test_files_of_a_folder_are_replaced_together_and_the_last_one_marks_them_as_complete(tmp_path, monkeypatch):
+    replace, moved, folder = os.replace, [], tmp_path / "a"
+
+    def write(text):
+        with atomic_files(folder, last="index") as new:
+            for name in ("index", "z", "b"):
+                (new / name).write_text(text)
+
+    write("old")
+    (folder / "mine").touch()
+    with suppress(ZeroDivisionError), atomic_files(folder, last="index") as new:
+        (new / "b").write_text("half")
+        _ = 1 / 0
+    assert (folder / "b").read_text() == "old"
+
+    def recorded(path, to):
+        moved.append((Path(to).name, (folder / "index").exists()))
+        replace(path, to)
+
+    monkeypatch.setattr(os, "replace", recorded)
+    write("new")
+    assert moved == [("b", False), ("z", False), ("index", False)]
+    assert sorted(os.listdir(folder)) == ["b", "index", "mine", "z"]
+    assert {(folder / name).read_text() for name in ("b", "index", "z")} == {"new"}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not remove the working directory")

@@ -26,7 +26,7 @@ from splatwire.bitstream.manifest import manifest_from_bytes, manifest_to_bytes
 from splatwire.bitstream.packet_id import PacketId
 from splatwire.bitstream.scene_stream import FILE_MAGIC, SceneStream
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, check_kind
-from splatwire.files.atomic_write import atomic_output
+from splatwire.files.atomic_write import atomic_output, is_unfinished
 from splatwire.files.kinds import NOTHING, STREAM, STREAM_GLB, STREAMS, file_kind, format_error, opened
 from splatwire.files.names import path_of, real_path
 from splatwire.files.read_limited import open_regular, read_at_most, read_limited
@@ -154,6 +154,8 @@ def _read_directory(folder: Path) -> tuple[SceneStream, ReadReport]:
         names = sorted(os.listdir(folder))
     except OSError as error:
         raise BitstreamError(f"{folder} cannot be read: {error.strerror}") from error
+    if is_unfinished(folder):
+        raise BitstreamError(format_error(folder, "a splatwire stream"))
     packet_names = [name for name in names if name.endswith(PACKET_SUFFIX)]
     if MANIFEST_NAME not in names:
         if packet_names or SIDE_INFO_NAME in names:

@@ -13,7 +13,7 @@ from splatwire.data import load_cameras, open_dataset, save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import png_bytes, to_pixels
 from splatwire.evaluation.sequence.moving_picture import draw_sequence
-from splatwire.files.atomic_write import atomic_write
+from splatwire.files.atomic_write import atomic_files
 from splatwire.files.names import distinct_names
 from splatwire.io import drawable_scene
 from splatwire.render import iterate_views
@@ -26,6 +26,8 @@ _NUM_VIEWS = 12
 """Number of views around a scene without cameras."""
 _VIEW_SIZE = 512
 """Width and height of these views, pixels."""
+_CAMERAS_NAME = "cameras.json"
+"""Name of the cameras file beside the pictures."""
 
 
 def run(options: Render) -> None:
@@ -68,11 +70,13 @@ def _draw_scene(options: Render, source: Path, cameras: Cameras | None, backgrou
     cameras = cameras if options.scale == 1 else cameras.scaled(options.scale)
     started, files = time.perf_counter(), [f"{name}.png" for name in distinct_names(cameras.names, "view")]
     with progress_bars() as show:
-        for view, image in enumerate(iterate_views(scene, cameras, renderer=options.renderer, background=background)):
-            atomic_write(options.output / files[view], png_bytes(to_pixels(image)), parents=True)
-            show("drawing", (view + 1) / cameras.num_views)
+        images = iterate_views(scene, cameras, renderer=options.renderer, background=background)
+        with atomic_files(options.output, last=_CAMERAS_NAME) as folder:
+            for view, image in enumerate(images):
+                (folder / files[view]).write_bytes(png_bytes(to_pixels(image)))
+                show("drawing", (view + 1) / cameras.num_views)
+            save_cameras(cameras, folder / _CAMERAS_NAME)
     seconds = time.perf_counter() - started
-    save_cameras(cameras, options.output / "cameras.json")
     if options.json:
         print_json(
             {

@@ -26,8 +26,9 @@ except ImportError:  # Windows: writing is atomic too, but leftovers of killed w
 _START, _END = ".splatwire-", ".part"
 _WORKSPACE = re.compile(r"\.splatwire-[0-9a-f]{12}\.part")
 """Name pattern of hidden folders created by `_workspace`."""
-_NEW, _OLD = "new", "old"
-_UNFINISHED = re.compile(rf"{_WORKSPACE.pattern}[/\\]{_NEW}[/\\]")
+_NEW, _OLD, _MOVING = "new", "old", "moving"
+"""Folders of a workspace: unfinished output, replaced output, and complete output while it is moved into a folder."""
+_UNFINISHED = re.compile(rf"{_WORKSPACE.pattern}[/\\](?:{_NEW}|{_MOVING})[/\\]")
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -36,8 +37,9 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
     """Yields a temporary path for a file or folder, which replaces the target atomically on success.
 
     A folder cannot be replaced in a single step. The old folder is therefore renamed first, and the path does not exist
-    for a moment. An empty folder is kept, and gets the content of the new folder: it may be the working directory or a
-    mounted disk, and have an owner and permissions of its own.
+    for a moment. An empty folder is replaced in a single step, by a folder with the same owner and permissions. If it
+    is the working directory or a mounted disk, or its parent folder is read-only, it is kept and gets the content of
+    the new folder; `is_unfinished` recognises it after a kill, and the next writer in it finishes it.
 
     Args:
         target: Path of the output. For a symbolic link, the file it refers to is replaced.
@@ -54,7 +56,8 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
     check_parent(goal)
     if goal.is_dir():  # a killed writer may have left its workspace in a folder that is otherwise empty
         _tidy_once(goal)
-    keeps = goal.is_dir() and not any(goal.iterdir())
+    is_empty = goal.is_dir() and not any(goal.iterdir())
+    keeps = is_empty and _must_be_kept(goal)
     parent = goal if keeps else goal.parent
     _tidy_once(parent)
     try:
@@ -62,18 +65,67 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
             (space / _NEW).mkdir()
             new = space / _NEW / goal.name
             yield new
-            if not keeps:
-                _take_name(new, goal, space / _OLD)
-            elif not new.is_dir():
+            if is_empty and not new.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+            if keeps:
+                _move_into(space, goal)
+            elif is_empty:
+                _replace_empty(new, goal)
             else:
-                for entry in sorted(new.iterdir()):
-                    entry.rename(goal / entry.name)
+                _take_name(new, goal, space / _OLD)
     except OSError as error:
         hidden = _START in str(error.filename or "")
         if hidden or error.errno in _FULL:
             raise OSError(error.errno, error.strerror, str(target)) from error
         raise
+
+
+@contextmanager
+def atomic_files(folder: str | os.PathLike[str], last: str) -> Iterator[Path]:
+    """Yields a temporary folder; on success, its files replace those of the same names in a folder.
+
+    Other files of the folder are kept. The folder is complete if it has the file `last`: an older one is removed before
+    the first file is replaced, and the new one is moved into the folder after all others. A new or empty folder gets
+    all files at once, as by `atomic_output`.
+
+    Args:
+        folder: The folder.
+        last: Name of one of the files.
+
+    Raises:
+        InvalidValueError: As for `atomic_output`.
+        OSError: If the system call fails.
+    """
+    goal = _resolved_target(path_of(folder))
+    if goal.is_dir():
+        _tidy_once(goal)
+    if not goal.is_dir() or not any(goal.iterdir()):
+        with atomic_output(folder, parents=True) as new:
+            new.mkdir()
+            yield new
+        return
+    try:
+        with _workspace(goal) as space:
+            new = space / _NEW / goal.name
+            new.mkdir(parents=True)
+            yield new
+            names = sorted((entry.name for entry in new.iterdir()), key=lambda name: (name == last, name))
+            (goal / last).unlink(missing_ok=True)
+            for name in names:
+                os.replace(new / name, goal / name)
+    except OSError as error:
+        if _START in str(error.filename or "") or error.errno in _FULL:
+            raise OSError(error.errno, error.strerror, str(folder)) from error
+        raise
+
+
+def is_unfinished(folder: Path) -> bool:
+    """True if a program was killed while it moved its output into a folder (see `atomic_output`).
+
+    Raises:
+        OSError: If the folder cannot be listed.
+    """
+    return any(_WORKSPACE.fullmatch(entry.name) and (entry / _MOVING).is_dir() for entry in folder.iterdir())
 
 
 def atomic_write(target: str | os.PathLike[str], data: bytes, *, parents: bool = False) -> Path:
@@ -156,7 +208,8 @@ def _replaceable(path: Path) -> bool:
 def remove_unfinished(folder: Path) -> None:
     """Cleans up after programs that were killed while writing outputs.
 
-    Deletes the temporary folders of these programs, and restores renamed output folders.
+    Deletes the temporary folders of these programs, restores renamed output folders, and moves the rest of an output
+    into `folder` that had been complete and was only partly moved.
 
     Args:
         folder: Folder of the outputs.
@@ -170,6 +223,7 @@ def remove_unfinished(folder: Path) -> None:
                 # folders of running writers are locked
                 if _is_workspace(space) and _lock(space):
                     _restore(space, parent)
+                    _finish_moving(space, parent)
                     shutil.rmtree(name, ignore_errors=True, dir_fd=parent)
 
 
@@ -207,7 +261,7 @@ def _is_workspace(space: int) -> bool:
     Args:
         space: File descriptor of the folder.
     """
-    if os.fstat(space).st_mode & 0o077 or not set(os.listdir(space)) <= {_NEW, _OLD}:
+    if os.fstat(space).st_mode & 0o077 or not set(os.listdir(space)) <= {_NEW, _OLD, _MOVING}:
         return False
     for part in os.listdir(space):
         with _opened_folder(part, space) as inside:
@@ -230,6 +284,22 @@ def _restore(space: int, parent: int) -> None:
             with suppress(OSError), _opened_folder(name, aside):
                 if not _exists(name, parent):
                     os.rename(name, name, src_dir_fd=aside, dst_dir_fd=parent)
+
+
+def _finish_moving(space: int, parent: int) -> None:
+    """Moves the rest of a complete output into its folder, after a program was killed while it moved the output.
+
+    Args:
+        space: File descriptor of the temporary folder.
+        parent: File descriptor of the folder that contains the temporary folder and is the output.
+    """
+    with suppress(OSError), _opened_folder(_MOVING, space) as moving:
+        for folder in os.listdir(moving):
+            with suppress(OSError), _opened_folder(folder, moving) as rest:
+                for entry in os.scandir(rest):
+                    # outputs have neither hidden files nor links, unlike imitations in untrusted archives
+                    if not (entry.name.startswith(".") or entry.is_symlink() or _exists(entry.name, parent)):
+                        os.rename(entry.name, entry.name, src_dir_fd=rest, dst_dir_fd=parent)
 
 
 def _exists(name: str, parent: int) -> bool:
@@ -310,4 +380,45 @@ def _take_name(new: Path, target: Path, moved_aside: Path) -> None:
     except BaseException:  # also Ctrl-C between the two
         if old.exists() and not target.exists():
             old.rename(target)
+        raise
+
+
+def _must_be_kept(folder: Path) -> bool:
+    """True if an empty output folder cannot be replaced by another one, or is the working directory."""
+    with suppress(OSError):  # the working directory may have been removed
+        if folder.samefile(os.curdir):
+            return True
+    return os.path.ismount(folder) or not os.access(folder.parent, os.W_OK | os.X_OK) or not _replaceable(folder)
+
+
+def _replace_empty(new: Path, target: Path) -> None:
+    """Replaces an empty folder by a new one with the same owner and permissions, in a single step if possible."""
+    status = target.stat()
+    try:
+        shutil.copystat(target, new)
+        os.utime(new)
+        if hasattr(os, "chown"):
+            os.chown(new, status.st_uid, status.st_gid)
+        new.rename(target)
+    except OSError:  # such as a bind mount, or a folder that is no longer empty
+        with _workspace(target) as space:
+            shutil.copytree(new, space / _NEW / target.name)
+            _move_into(space, target)
+
+
+def _move_into(space: Path, target: Path) -> None:
+    """Moves the entries of a complete new folder into an existing folder.
+
+    Args:
+        space: Temporary folder with the new folder, inside `target`.
+        target: The existing folder.
+    """
+    (space / _NEW).rename(space / _MOVING)  # marks the new folder as complete
+    entries = sorted((space / _MOVING / target.name).iterdir())
+    try:
+        for entry in entries:
+            entry.rename(target / entry.name)
+    except BaseException:  # also Ctrl-C between two of them
+        for moved in (target / entry.name for entry in entries if not entry.exists()):
+            shutil.rmtree(moved) if moved.is_dir() else moved.unlink()
         raise

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from splatwire.errors import ACCESS_ADVICE
+from splatwire.files.atomic_write import is_unfinished
 from splatwire.files.colmap_folders import reconstructions
 from splatwire.files.opened import OpenedFile
 from splatwire.files.scene_formats import FORMATS, FileFormat
@@ -56,6 +57,11 @@ class Kind:
 _EXPLICIT = (
     "`encode` makes a stream of it; `inspect`, `render`, `export`, `evaluate`, `import splats` and `train --init` read "
     "it, in Python `open_scene`"
+)
+UNFINISHED = Kind(
+    "unfinished",
+    "an output folder whose writer was killed",
+    "it is completed when a program of splatwire writes into it; or remove it and write it again",
 )
 NOTHING = Kind("nothing", "no such file or folder")
 EMPTY = Kind("empty", "an empty file")
@@ -144,7 +150,7 @@ PHOTOS = Kind(
 FRAMES = Kind("frames", "a folder of files of Gaussians", "name one of them, or `encode` makes a clip of them")
 EMPTY_FOLDER = Kind("empty folder", "an empty folder")
 FOLDER = Kind("folder", "a folder without stream, model or dataset")
-_CERTAIN = (EMPTY, DEVICE, UNREADABLE, UNKNOWN, EMPTY_FOLDER, FOLDER)
+_CERTAIN = (EMPTY, DEVICE, UNREADABLE, UNKNOWN, EMPTY_FOLDER, FOLDER, UNFINISHED)
 """Kinds that are no guess from the content, for the wording of messages."""
 _GAUSSIANS = (SPLATS_PLY, COMPRESSED_PLY, SPZ, SOG, SOG_FOLDER, SPLAT, KSPLAT, GLB, USD)
 STREAMS = (STREAM, STREAM_GLB, STREAM_FOLDER)
@@ -575,6 +581,8 @@ def _folder_kind(folder: Path) -> Kind:
         return UNREADABLE
     if not names:
         return EMPTY_FOLDER
+    if is_unfinished(folder):
+        return UNFINISHED
     if SOG_META_NAME in names:
         return SOG_FOLDER
     if SOG_LEVELS_NAME in names:
