@@ -393,6 +393,17 @@ def test_colours_of_transparent_pixels_are_no_gaussians(tmp_path: Path, caplog: 
     assert not caplog.messages
 
 
+def test_images_of_different_widths_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Players use the columns and rows of one image for all of them."""
+    files, changed = _files(tmp_path / "a.sog", some_splats(300, 1)), io.BytesIO()
+    pixels = np.array(Image.open(io.BytesIO(files["scales.webp"])).convert("RGBA"))
+    Image.fromarray(np.pad(pixels, ((0, 0), (0, 4), (0, 0)))).save(changed, "WEBP", lossless=True, exact=True)
+    read_splats(_archive(tmp_path / "b.sog", files))
+    assert not caplog.messages
+    read_splats(_archive(tmp_path / "c.sog", files | {"scales.webp": changed.getvalue()}))
+    assert "its images have different widths" in caplog.text
+
+
 def test_an_animation_is_no_image_of_a_sog(tmp_path: Path) -> None:
     files = _files(tmp_path / "a.sog", some_splats(300, 1))
     still = Image.open(io.BytesIO(files["scales.webp"])).convert("RGBA")

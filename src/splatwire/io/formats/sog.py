@@ -222,6 +222,7 @@ class _Sog:
         if version not in (1, 2) or type(version) is not int:
             raise DatasetError(f"{path}: SOG of version {version!r:.20}; versions 1 and 2 are read")
         self._is_version_1 = version == 1
+        self._widths: dict[str, int] = {}
         count = self._version1_count() if self._is_version_1 else self.meta.get("count")
         if type(count) is not int:  # bool is a subclass of int
             raise DatasetError(f"{path}: {SOG_META_NAME}: count is {count!r:.40}, not a number of Gaussians")
@@ -316,14 +317,25 @@ class _Sog:
         share = (low[:, :3] + np.float32(256) * high[:, :3]) / np.float32(65535)
         logs = bounds[0] + (bounds[1] - bounds[0]) * share
         colors, opacities = self._version1_colors() if self._is_version_1 else self._colors()
+        quats, log_scales, sh = self._rotations(), self._log_scales(), self._harmonics(colors)
+        self._warn_of_different_widths()
         return build_splats(
             self._path,
             means=np.sign(logs) * np.expm1(np.abs(logs)),
-            quats=self._rotations(),
-            log_scales=self._log_scales(),
+            quats=quats,
+            log_scales=log_scales,
             opacities=opacities,
-            sh=self._harmonics(colors),
+            sh=sh,
         )
+
+    def _warn_of_different_widths(self) -> None:
+        """Logs a warning if the images with one pixel for each Gaussian have different widths."""
+        if len(set(self._widths.values())) > 1:
+            LOG.warning(
+                "%s: its images have different widths (%s pixels), so programs may assign their pixels to other "
+                "Gaussians: pixels are counted row by row in each image",
+                self._path, ", ".join(f"{name[:60]}: {width}" for name, width in self._widths.items()),
+            )  # fmt: skip
 
     def _log_scales(self) -> np.ndarray:
         pixels = self._pixels("scales")[:, :3]
@@ -500,6 +512,8 @@ class _Sog:
                 if not pixels <= num_pixels <= _max_pixels(pixels) or width not in (None, image.width):
                     size = f"{image.width} x {image.height}"
                     raise DatasetError(f"{self._path}: {name[:80]} is {size} pixels, {pixels} are needed")
+                if width is None:
+                    self._widths[name] = image.width
                 if getattr(image, "n_frames", 1) > 1:
                     raise DatasetError(f"{self._path}: {name[:80]} is an animation; images of SOG are stills")
                 self._warn_if_lossy(name, data.getbuffer())
