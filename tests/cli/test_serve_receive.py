@@ -80,7 +80,7 @@ def test_received_stream_equals_the_served_stream(
 
 
 def test_receive_reports_when_only_the_preview_arrived(
-    stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ):
     """The server is too slow for any packet, so the preview is written as a scene."""
     frame = PreviewQuantisation.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
@@ -95,8 +95,11 @@ def test_receive_reports_when_only_the_preview_arrived(
         file = tmp_path / "seen.preview.ply"
         assert f"packets arrived); its preview did: 20 Gaussians before 0.000 0.200 0.400 (RGB) -> {file}" in error
         assert "no scene arrived (deadline: of the side information at least " in error
+        assert "if the scene is in map coordinates, relative to its origin, which did not arrive" in error
         assert not (tmp_path / "seen.swz").exists()
         expected, there = preview_scene(preview).splats, read_splats(file)
+        assert "positions are relative to the origin of the scene" in caplog.text
+        assert "may state a shift" in caplog.text
         assert np.allclose(there.means, expected.means)
         assert np.allclose(there.scales, expected.scales)
         assert np.allclose(there.sh, expected.sh, atol=1e-6)

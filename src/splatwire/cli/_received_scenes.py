@@ -26,6 +26,9 @@ from splatwire.transport.address import without_token
 
 __all__ = ["follow", "keep_preview", "viewpoint_of_options", "write_scene"]
 
+_RELATIVE = "offset: positions are relative to the origin of the scene, which a preview does not have"
+"""Comment of PLY files with a preview. Readers warn of a possible shift of the positions."""
+
 
 def viewpoint_of_options(command: Receive) -> Viewpoint | None:
     """Returns the viewpoint of the first camera in the file of the option `--camera`; None without this option."""
@@ -52,9 +55,12 @@ def keep_preview(command: Receive, preview: bytes) -> str:
     if command.output == STANDARD:
         return "; its preview did, but standard output is for the scene: name a file with -o to keep it"
     path = prepared_output(real_path(Path(command.output)).with_suffix(".preview.ply"))
-    write_ply([shown.splats], path)
+    write_ply([shown.splats], path, remark=_RELATIVE)
     behind = " ".join(f"{value:.3f}" for value in shown.background)
-    return f"; its preview did: {shown.num_elements} Gaussians before {behind} (RGB) -> {path}"
+    return (
+        f"; its preview did: {shown.num_elements} Gaussians before {behind} (RGB) -> {path} (if the scene is in map "
+        "coordinates, relative to its origin, which did not arrive)"
+    )
 
 
 def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporter) -> None:
