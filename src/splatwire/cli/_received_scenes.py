@@ -26,8 +26,8 @@ from splatwire.transport.address import without_token
 
 __all__ = ["follow", "keep_preview", "viewpoint_of_options", "write_scene"]
 
-_RELATIVE = "offset: positions are relative to the origin of the scene, which a preview does not have"
-"""Comment of PLY files with a preview. Readers warn of a possible shift of the positions."""
+_RELATIVE = "positions of georeferenced scenes are relative to their origin, which a preview does not have"
+"""Comment of PLY files with a preview; `open_scene` gives a warning about it."""
 
 
 def viewpoint_of_options(command: Receive) -> Viewpoint | None:
