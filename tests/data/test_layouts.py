@@ -34,7 +34,8 @@ def test_transforms_beside_a_reconstruction_give_a_warning_and_are_read_if_their
     capture.write_binary()
     name = {"blender": "transforms_train.json", "nerfstudio": "transforms.json"}[layout]
     assert open_dataset(capture.root, split="all").cameras.Ks[0, 1, 1] == 35  # the vertical one of the reconstruction
-    assert "the poses of its COLMAP reconstruction in sparse/0 are read, those of transforms" in caplog.text
+    folder = capture.root / "sparse" / "0"
+    assert f"the poses of the COLMAP reconstruction {folder} are read, those of transforms" in caplog.text
     assert f"name the file {capture.root / name} in place of the folder" in caplog.text
     caplog.clear()
     chosen = open_dataset(capture.root / name, split="train")

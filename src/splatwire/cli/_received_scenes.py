@@ -26,9 +26,6 @@ from splatwire.transport.address import without_token
 
 __all__ = ["follow", "keep_preview", "viewpoint_of_options", "write_scene"]
 
-_RELATIVE = "positions of georeferenced scenes are relative to their origin, which a preview does not have"
-"""Comment of PLY files with a preview; `open_scene` gives a warning about it."""
-
 
 def viewpoint_of_options(command: Receive) -> Viewpoint | None:
     """Returns the viewpoint of the first camera in the file of the option `--camera`; None without this option."""
@@ -55,7 +52,7 @@ def keep_preview(command: Receive, preview: bytes) -> str:
     if command.output == STANDARD:
         return "; its preview did, but standard output is for the scene: name a file with -o to keep it"
     path = prepared_output(real_path(Path(command.output)).with_suffix(".preview.ply"))
-    write_ply([shown.splats], path, remark=_RELATIVE)
+    write_ply([shown.splats], path)
     behind = " ".join(f"{value:.3f}" for value in shown.background)
     return (
         f"; its preview did: {shown.num_elements} Gaussians before {behind} (RGB) -> {path} (if the scene is in map "

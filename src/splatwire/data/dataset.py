@@ -212,9 +212,9 @@ def _warn_of_unread_transforms(path: Path, folder: Path) -> None:
     names = [name for layout in ("blender", "nerfstudio") for name in _POSE_FILES[layout] if (path / name).is_file()]
     if names:
         LOG.warning(
-            "%s: the poses of its COLMAP reconstruction in %s are read, those of %s are not: to read these, name the "
-            "file %s in place of the folder (--data)",
-            path, folder.relative_to(path).as_posix(), " and ".join(names), path / names[0],
+            "%s: the poses of the COLMAP reconstruction %s are read, those of %s are not: to read these, name the file "
+            "%s in place of the folder (--data)",
+            path, folder, " and ".join(names), path / names[0],
         )  # fmt: skip
 
 

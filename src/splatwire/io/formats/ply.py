@@ -220,16 +220,11 @@ def write_ply(
     antialiased: bool = False,
     origin: Origin = NO_ORIGIN,
     metadata: SceneMetadata = NO_METADATA,
-    remark: str = "",
 ) -> int:
-    """Writes a PLY batch by batch (arguments as for `write_splats`); returns the number of Gaussians.
-
-    `remark` is the text of one more header comment, without line breaks; empty for none.
-    """
+    """Writes a PLY batch by batch (arguments as for `write_splats`); returns the number of Gaussians."""
     count, degree, digest = 0, 0, hashlib.sha256()
     remarks = antialiasing_comments(antialiased) + origin_comments(ORIGIN, origin)
     remarks += metadata_comments(metadata.moved_origin(origin, NO_ORIGIN))
-    remarks += [remark] if remark else []
     with atomic_output(path) as unfinished, unfinished.open("wb") as file:
         for part in checked_batches(path, parts):
             if not count:
