@@ -8,6 +8,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 
+class NavigatedError(RuntimeError):
+    """An expression has no result because another document replaced the one in which it was evaluated."""
+
+
 class Page(ABC):
     """A page of a browser."""
 
@@ -16,11 +20,12 @@ class Page(ABC):
         """Result of an expression."""
 
     def wait_for(self, expression: str, seconds: float = 600.0) -> Any:
-        """Evaluates a JavaScript expression again and again until its result is true."""
+        """Evaluates a JavaScript expression again and again until its result is true, also across navigations."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            if value := self.evaluate(expression):
-                return value
+            with contextlib.suppress(NavigatedError):
+                if value := self.evaluate(expression):
+                    return value
             time.sleep(0.05)
         raise TimeoutError(f"{expression} did not come true: {self.evaluate('document.body.innerText')}")
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from browser_driver import Page, running
+from browser_driver import NavigatedError, Page, running
 
 FLAGS = (
     "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run",
@@ -23,6 +23,12 @@ FLAGS = (
     "--disable-features=PreloadTopChromeWebUI,SpareRendererForSitePerProcess",
 )  # fmt: skip
 
+NAVIGATED = {
+    "Cannot find context with specified id",
+    "Execution context was destroyed.",
+    "Inspected target navigated or closed",
+}
+"""Messages of calls in a document that another one replaced."""
 COUNTED = (
     "Nodes", "JSEventListeners", "WorkerGlobalScopes", "ContextLifecycleStateObservers", "ArrayBufferContents",
     "JSHeapUsedSize",
@@ -243,8 +249,9 @@ class Browser(Page):
         while True:
             answer = self._message()
             if answer.get("id") == self._connection.count:
-                if "error" in answer:
-                    raise RuntimeError(f"{method}: {answer['error']}")
+                if error := answer.get("error"):
+                    navigated = error["message"] in NAVIGATED
+                    raise (NavigatedError if navigated else RuntimeError)(f"{method}: {error['message']}")
                 return answer["result"]
 
     def _message(self) -> dict[str, Any]:
