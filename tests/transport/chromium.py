@@ -18,7 +18,7 @@ from browser_driver import NavigatedError, Page, running
 FLAGS = (
     "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--remote-debugging-pipe",
-    "--hide-scrollbars", "--force-device-scale-factor=1", "--window-size=800,600",
+    "--hide-scrollbars", "--force-device-scale-factor=1", "--window-size=400,300",
     # windows and pages that no test opens would have processes of their own
     "--disable-features=PreloadTopChromeWebUI,SpareRendererForSitePerProcess",
 )  # fmt: skip

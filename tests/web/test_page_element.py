@@ -261,6 +261,7 @@ def test_many_elements_share_few_webgl_contexts(stream: SceneStream) -> None:
     views = f"{DRAWN}.length"
 
     def work(host: Host, page: Browser) -> None:
+        page.emulate(800, 600)  # all elements are visible
         page.open(f"{host.url}none")
         page.wait_for("customElements.get('splat-wire')")
         page.evaluate("document.body.insertAdjacentHTML('beforeend', '<style>#a {display: grid; "

@@ -283,6 +283,7 @@ def test_picking_works_in_a_transformed_element(streams: dict[str, bytes], name:
     }})()"""
 
     def work(host: Host, page: Browser) -> None:
+        page.emulate(800, 600)
         opened(page, f"{host.url}{name}")
         page.evaluate(SPIED)
         page.double_click(*page.evaluate(mark))

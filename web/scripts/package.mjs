@@ -27,8 +27,8 @@ const reach = (name) => {
   const path = join(out, "types", name),
     text = readFileSync(path, "utf8");
   for (const [, , target] of text.matchAll(IMPORT)) reach(join(dirname(name), `${target}.d.ts`));
-  // Before TypeScript 5.7, Uint8Array has no type parameter.
-  writeFileSync(path, text.replace(IMPORT, '$1$2.js"').replaceAll("Uint8Array<ArrayBuffer>", "Uint8Array"));
+  // Before TypeScript 5.7, typed arrays have no type parameter.
+  writeFileSync(path, text.replace(IMPORT, '$1$2.js"').replace(/Array<ArrayBuffer(Like)?>/g, "Array"));
 };
 // Handwritten types for frameworks. They refer to packages that are not installed here.
 for (const name of ["frameworks.d.ts", "react.d.ts"]) copyFileSync(join(root, "types", name), join(out, "types", name));
