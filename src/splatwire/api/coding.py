@@ -1,4 +1,4 @@
-"""Encoding of any scene with the options of its kind, and decoding of any stream."""
+"""Encoding of any scene, with options that depend on the kind of scene, and decoding of any stream."""
 
 import os
 from collections.abc import Callable, Iterable

@@ -123,7 +123,7 @@ def num_candidates(max_bytes: int) -> int:
 
 
 def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivity, max_bytes: int) -> SketchMaterial:
-    """Prepares the data for choosing the anchors that get a coarse copy.
+    """Prepares the data for choosing the anchors of the sketch, which get a coarse copy.
 
     Args:
         complete: The complete scene.

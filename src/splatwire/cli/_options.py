@@ -96,7 +96,7 @@ class TrustOptions:
 
 @dataclass(frozen=True)
 class RelayTrustOptions(TrustOptions):
-    """With --moq only: checks of the relay's certificate. Default: a signature by a trusted authority."""
+    """With --moq only: how the relay's certificate is checked. By default, a trusted authority must have signed it."""
 
     fingerprint: str | None = None
     """With --moq: SHA-256 of the relay's certificate; replaces all other checks."""

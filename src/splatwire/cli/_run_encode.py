@@ -231,7 +231,7 @@ def _optional_steps() -> ModuleType:
 
 
 def _target(command: Encode) -> Target:
-    """Returns the target of the encoder: the size, PSNR or quality of the options, or the default quality."""
+    """Returns the target of the encoder: the requested size, PSNR or quality, or else the default quality."""
     if command.size is not None:
         return Target(size=parse_size(command.size))
     if command.psnr is not None:

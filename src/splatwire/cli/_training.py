@@ -1,4 +1,4 @@
-"""Display of a training run: progress bar or lines, and a stop with checkpoint on Ctrl-C."""
+"""Progress of a training run, as a bar or as lines. Ctrl-C ends the run after a checkpoint."""
 
 import re
 import sys

@@ -72,7 +72,7 @@ class ColmapView:
 
 
 def find_reconstruction(root: Path) -> Path | None:
-    """Returns the folder below `root` with the COLMAP reconstruction that is read; None if there is none."""
+    """Returns the folder below `root` from which a COLMAP reconstruction is read; None if there is none."""
     return next(reconstructions(root), None)
 
 

@@ -10,7 +10,9 @@ from splatwire.data.lens import LensModel
 
 @dataclass(frozen=True)
 class FisheyeLens(LensModel):
-    """Fisheye lens: equidistant projection with a polynomial, as COLMAP's OPENCV_FISHEYE and models with fewer terms.
+    """Fisheye lens: equidistant projection with a polynomial.
+
+    COLMAP's OPENCV_FISHEYE, and its models with fewer terms, are special cases.
 
     A ray at angle t to the axis hits the image at distance t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) from the centre,
     plus the tangential and thin-prism terms of THIN_PRISM_FISHEYE.

@@ -1,4 +1,4 @@
-"""Position and size of scenes, to notice files that contain different scenes."""
+"""Position and size of scenes. Comparing them reveals that two files contain different scenes."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -81,9 +81,9 @@ class TunedGaussians:
 
     @property
     def rounded(self) -> SplatScene:
-        """Scene with the Gaussians rounded as by a decoder, and with the quantisation steps of this rounding.
+        """Scene whose Gaussians have the values that a decoder would return, and the steps that quantise to them.
 
-        An encoder that uses these steps does not change the Gaussians.
+        Encoding with these steps keeps all values.
         """
         return replace(self.scene, splats=round_splats(self.scene.splats, self.coding), coding=self.coding)
 

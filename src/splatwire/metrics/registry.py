@@ -82,7 +82,7 @@ def measure_view(name: str, image: np.ndarray, reference: np.ndarray, mask: np.n
 
     Raises:
         UnknownNameError: If no metric has that name.
-        InvalidValueError: If the metric returns anything but one number, or NaN.
+        InvalidValueError: If the metric returns NaN, or not exactly one number.
     """
     measure = METRICS[name].measure
     assert measure is not None

@@ -347,7 +347,7 @@ class SequenceEncoder:
         """Returns a default class offset for tracks: the median of the known offsets.
 
         Args:
-            count: Number of tracks (one Gaussian over time each).
+            count: Number of tracks. A track is one Gaussian over time.
 
         Returns:
             The same class offset for each track, int8 (count); 0, the finest quantisation steps, if none is known yet.

@@ -253,7 +253,7 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighb
 
 
 def _is_coherent(means: np.ndarray, full_length: np.ndarray, sample: NeighborSet | None) -> bool:
-    """True if most tracks (one Gaussian over time each) move like their neighbours, tested with a sample.
+    """True if most tracks move like their neighbours. A track is one Gaussian over time; a sample of tracks is tested.
 
     Args:
         means: Positions of all tracks in all frames, float32 (n, F, 3).

@@ -1,4 +1,4 @@
-"""Interface of all scenes, of Gaussians or anchors, for codec, concealers and renderers."""
+"""Interface that scenes of Gaussians and scenes of anchors share. The codec, concealers and renderers use it."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable

@@ -34,11 +34,11 @@ _SHAPES: dict[str, Shape] = {
 
 @dataclass(frozen=True, eq=False)
 class Splats:
-    """Attributes of G anisotropic Gaussians; their colour depends on the view by spherical harmonics.
+    """Attributes of G anisotropic Gaussians. Spherical harmonics describe how the colour depends on the view.
 
     Attributes:
         means: World coordinates of the centres.
-        quats: Unit quaternions, (w, x, y, z). Functions that take a scene normalise other lengths.
+        quats: Unit quaternions, (w, x, y, z). Functions that take a scene normalise quaternions of other lengths.
         scales: Standard deviations along the principal axes, world units (linear, not logarithms).
         opacities: Opacity at the centre, in (0, 1) (not logits).
         sh: Coefficients of red, green and blue, ordered as in `splatwire.ops.spherical_harmonics`; the colour is 0.5

@@ -121,7 +121,7 @@ def _validity_of_masks(drawable: list[np.ndarray], valid_or_invisible: list[np.n
 
     Args:
         drawable: Mask of drawable elements of each chunk, bool.
-        valid_or_invisible: Mask of elements of each chunk that are not invalid, bool.
+        valid_or_invisible: Mask of the elements of each chunk that are valid or invisible, bool.
     """
     kept = np.concatenate(drawable) if drawable else np.zeros(0, np.bool_)
     bad = ~np.concatenate(valid_or_invisible) if valid_or_invisible else kept

@@ -352,7 +352,7 @@ def _luma_chroma(harmonic, factors):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def write_harmonics(sh, luma_chroma, harmonics):
-    """Converts spherical harmonics above degree 0 to Y Co Cg in fixed point, not rounded.
+    """Converts spherical harmonics above degree 0 to Y Co Cg, scaled for fixed point but not rounded to integers.
 
     Args:
         sh: Spherical harmonics, float32 (n, K + 1, 3).

@@ -170,7 +170,7 @@ def check_codes(used_bits: int, bits: int) -> None:
     """Raises ValueError if a position has no Morton code: a coordinate is negative or has too many bits.
 
     Args:
-        used_bits: Bitwise or of all coordinates, after the low bits that Morton codes omit were shifted out.
+        used_bits: Bitwise OR of all coordinates, without the low bits that Morton codes omit.
         bits: Number of bits of a coordinate within the bounding box, for the error message.
     """
     if used_bits >> MAX_CELL_BITS:

@@ -92,7 +92,7 @@ class SideInfo:
 
     @property
     def num_harmonic_columns(self) -> int:
-        """Number of integers of the harmonics of a Gaussian: 3 K, for K harmonics above degree 0."""
+        """Number of quantised harmonic coefficients per Gaussian: 3 K, for K harmonics above degree 0."""
         return 3 * ((self.degree + 1) ** 2 - 1)
 
     @property

@@ -38,7 +38,7 @@ class CodedMotion:
     bit_counts: np.ndarray
 
     def packets(self, block: int) -> list[Packet]:
-        """Returns the coded motion as packets of the block with the given index."""
+        """Returns the packets with the coded motion of a block."""
         starts = (np.cumsum(self.counts) - self.counts).tolist()
         parts = zip(starts, self.counts.tolist(), self.payloads, strict=True)
         return [make_packet(PacketId(block, start), count, payload) for start, count, payload in parts]

@@ -100,7 +100,7 @@ class SequenceInfo:
 
     @property
     def log2_motion_units(self) -> np.ndarray:
-        """log2 of each group's unit for changes of position, relative to that of the first group, int64 (groups)."""
+        """Log2 of the ratio of each group's unit for changes of position to the first group's, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.log2_motion_unit for shot in self.shots], np.int64), counts)

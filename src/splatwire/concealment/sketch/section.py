@@ -2,19 +2,21 @@
 
 If an anchor is lost, a receiver draws its copy instead.
 
-**Content.** Each copy has a precision level, from 1 (coarsest). Its D channels are the features of the anchor, and the
-logarithms of the scalings relative to those that the context model predicts. C integers per copy are decoded to the
-channels as `mean + basis @ integers`. The columns of `basis` are the vectors of a decorrelating transform, scaled so
-that an error of 1 in any integer changes the rendered pictures equally. Offsets are `offset_step * integers`. The mask
-of a copy selects the offsets that it contains. From each level to the next, `basis` and `offset_step` are halved.
+**Content.** Each copy has a precision level, from 1 (coarsest). Two kinds of numbers, its D channels, are coded
+together: the features of the anchor, and the logarithms of its scalings divided by those that the context model
+predicts. C integers per copy represent them: the channels are `mean + basis @ integers`. The columns of `basis` are the
+vectors of a decorrelating transform, scaled so that an error of 1 in any integer changes the rendered pictures equally.
+Offsets are `offset_step * integers`. The mask of a copy selects the offsets that it contains. From each level to the
+next, `basis` and `offset_step` are halved.
 
 **Head.** The fields in order:
 
 * version, number of levels, C, and number of offsets per anchor, `u8` each;
 * number of anchors, and number of copies, `u32` each;
-* `offset_step`, and three parameters of the enlargement of received anchors, `f32` each: its exponent; its upper limit,
-  as a multiple of the enlargement for the average loss of the scene; and the weight of its correction by the network of
-  the concealer `scene_free`;
+* `offset_step`, `f32`;
+* three parameters, `f32` each, of the enlargement of received anchors, which fills gaps of lost ones: the exponent; the
+  upper limit, as a multiple of the enlargement that fits the average loss of the scene; and the weight of a correction
+  that the network of the concealer `scene_free` predicts;
 * the mean of the D channels, `f16`;
 * a factor for each column of the basis, `f16`;
 * for each column of the basis, the index of the standard deviation with which its integers are coded;
@@ -22,8 +24,9 @@ of a copy selects the offsets that it contains. From each level to the next, `ba
 
 **Body** (output of the range coder). First, for each anchor in coding order: a bit that is 1 if the anchor has a copy,
 then the level in unary. The context is the size class of the anchor and the number of copies among the four anchors
-before, at most 3. Anchors are sorted by the product of the last three scalings, as predicted from the hash grid. The
-size classes are the largest 1 %, then up to 3, 10, 25, 50 %, and the rest.
+before, at most 3. Anchors are sorted by the product of the last three scalings, as predicted from the hash grid,
+largest first. The first size class ends at 1 % of the anchors, the next ones at 3, 10, 25 and 50 %; the rest is the
+last one.
 
 Then, for each copy: the bits of its mask (context: offset, and number of 1 bits before, at most 3), its C integers, and
 three integers per existing offset. An integer consists of a bit that is 0 for the integer 0, the sign, and the

@@ -30,7 +30,7 @@ class PlayerPictures:
         self.pictures: list[list[str]] = [[] for _ in range(num_rows + 1)]
 
     def add(self, row: int, frame: int, pixels: np.ndarray) -> None:
-        """Adds the picture of the next frame, of an experiment or of the reference.
+        """Adds the next frame's picture, either of an experiment or of the reference.
 
         Args:
             row: Index of the experiment, from 0; -1 for the reference.

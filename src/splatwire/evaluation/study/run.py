@@ -51,7 +51,7 @@ class StudyResult:
         study: The definition.
         scenes: The prepared scenes, by name.
         cells: All combinations of row, loss model and seed, with their tasks.
-        records: Scores of every task by its key, views in order.
+        records: Scores of each view of every task, by the key of the task. Views are in their original order.
         report_images: Selection of the images that the report shows (loss model, seed and views), by name of the scene.
         skipped: Sentences for the report, each with a method or metric that was not evaluated and the reason.
         skipped_rows: Keys of the rows that were not evaluated, by name of the scene.

@@ -23,7 +23,7 @@ class Unit:
     Attributes:
         scene: Name of the scene.
         label: Label of the method.
-        stream: The stream that is sent, or the scene file that is evaluated unsent.
+        stream: The stream that is sent, or the scene file that is evaluated without transmission.
         references: The reference images.
         mask: Loss mask; None if nothing is sent.
         loss: The loss model; None without loss.

@@ -362,7 +362,7 @@ def _with_values(splats: Splats, attribute: str, rows: np.ndarray, values: np.nd
 
 
 def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
-    """Returns the largest range (maximum minus minimum) of a component of the values within a chunk.
+    """Returns the largest range in any of the chunks: maximum minus minimum of one component.
 
     Args:
         values: Values in the order of the file, (N, C); NaN is ignored.

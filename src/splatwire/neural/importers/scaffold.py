@@ -111,8 +111,8 @@ def _head(
 ) -> Mlp:
     """Converts the opacity, covariance or colour network of a Scaffold-GS model to a network of this package.
 
-    The result has the inputs of this package: the anchor's feature, the viewing direction and the distance. An
-    appearance embedding becomes a constant.
+    The inputs of the result are those of all networks in this package: the anchor's feature, the viewing direction
+    and the distance. An appearance embedding becomes a constant.
 
     Args:
         iteration: Folder of the model's iteration, for messages.

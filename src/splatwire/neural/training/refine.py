@@ -88,7 +88,7 @@ class _ScaledMlp:
         self.parameters = [tensor.detach().clone().requires_grad_() for tensor in start]
 
     def mlp(self) -> Mlp:
-        """Returns the trained network with its outputs multiplied by `unit`, as in the initial network.
+        """Returns the trained network. Its outputs are multiplied by `unit`, as those of the initial network are.
 
         The result is differentiable with respect to the trained parameters.
         """

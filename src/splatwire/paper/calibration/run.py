@@ -79,7 +79,7 @@ class CalibrationRun:
     Args:
         data: The complete scene and its packets.
         config: The configuration.
-        graphs: Graphs of the pseudo-losses, from `pseudo_graphs`; None to build them.
+        graphs: One graph of neighbours for each simulated packet loss, from `pseudo_graphs`; None to build them.
         device: Torch device for the training steps.
     """
 

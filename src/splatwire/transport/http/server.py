@@ -297,7 +297,7 @@ async def _read_head(reader: asyncio.StreamReader) -> bytes | None:
     """Returns the head of a request, with its final empty line; None if the head is too long.
 
     Raises:
-        asyncio.IncompleteReadError: If the connection ends before.
+        asyncio.IncompleteReadError: If the connection ends before the head does.
         OSError: If the connection fails.
     """
     try:

@@ -313,7 +313,8 @@ class Server:
             now: Time, seconds.
 
         Returns:
-            Index into `messages.REFUSALS`, which is another one after many refusals of a network; 0 for no response.
+            Index into `messages.REFUSALS`, or 0 for no response. After many refusals of a network, the result is
+            another index than `refusal`.
         """
         if not refusal or (refusal == NOT_YET and request.name in self._updates):
             return refusal  # followers request the next update several times a second

@@ -152,7 +152,7 @@ class QuicServer(SocketServer):
             self._pump_soon = None
 
     def count_excess(self, now: float) -> None:
-        """Counts a datagram that was dropped because those of its connection take too much processor time.
+        """Counts a datagram that was dropped because its connection takes too much processor time.
 
         Args:
             now: Time, seconds.

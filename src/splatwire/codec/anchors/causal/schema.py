@@ -1,4 +1,4 @@
-"""Defines the codec `causal` of neural anchors (stream format 2) from its encoder, its decoder and its repacketization.
+"""Definition of the codec `causal` of neural anchors (stream format 2): its encoder, decoder and repacketization.
 
 The causal model predicts the attributes of an anchor from those of the same anchor that were decoded before.
 """
