@@ -71,6 +71,22 @@ test("properties set attributes as templates of frameworks mean them", async () 
     }
 });
 
+test("properties that a page set before the element was defined become attributes once it is connected", async () => {
+  Object.assign(globalThis, { HTMLElement: FakeElement });
+  const { SplatWire } = await import("../src/page/element.ts"),
+    element = new SplatWire(),
+    start = (): ShadowRoot => {
+      throw new Error("started");
+    };
+  for (const [name, value] of Object.entries({ src: "a.swz", cameraLimits: "1 2 3 4", updates: true, other: 1 }))
+    Object.defineProperty(element, name, { value, configurable: true, enumerable: true, writable: true });
+  assert.throws(() => Object.assign(element, { attachShadow: start }).connectedCallback(), /started/);
+  const { attributes } = element as unknown as FakeElement;
+  assert.deepEqual(Object.fromEntries(attributes), { src: "a.swz", "camera-limits": "1 2 3 4", updates: "" });
+  element.src = "b.swz";
+  assert.equal(attributes.get("src"), "b.swz");
+});
+
 test("frameworks can set every attribute: React assigns to a property of its name if there is one", async () => {
   Object.assign(globalThis, { HTMLElement: FakeElement });
   const { SplatWire } = await import("../src/page/element.ts");
