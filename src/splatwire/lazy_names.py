@@ -1,4 +1,4 @@
-"""Public names of packages, which are imported on first use, and deprecated names of attributes."""
+"""Import of a package's public names on first use, and support for deprecated attribute names."""
 
 import importlib
 import re
@@ -45,7 +45,7 @@ def lazy_names(
 
 
 def renamed_attributes(owner: str, renamed: Mapping[str, str]) -> Callable[[Any, str], Any]:
-    """Returns the `__getattr__` of a class whose deprecated attributes give the current ones, with a warning.
+    """Returns a `__getattr__` for a class; for a deprecated attribute, it warns and returns the current attribute.
 
     Args:
         owner: Name of the class, for messages.

@@ -37,9 +37,10 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
     """Yields a temporary path for a file or folder, which replaces the target atomically on success.
 
     A folder cannot be replaced in a single step. The old folder is therefore renamed first, and the path does not exist
-    for a moment. An empty folder is replaced in a single step, by a folder with the same owner and permissions. If it
-    is the working directory or a mounted disk, or its parent folder is read-only, it is kept and gets the content of
-    the new folder; `is_unfinished` recognises it after a kill, and the next writer in it finishes it.
+    for a moment. An empty folder is replaced in a single step, by a folder with the same owner and permissions. An
+    empty folder that is the working directory or a mounted disk, or whose parent folder is read-only, is kept, and the
+    new content is moved into it. If the program is killed during this move, `is_unfinished` returns True for the
+    folder, and the next writer in the folder finishes the move.
 
     Args:
         target: Path of the output. For a symbolic link, the file it refers to is replaced.
@@ -84,13 +85,13 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
 def atomic_files(folder: str | os.PathLike[str], last: str) -> Iterator[Path]:
     """Yields a temporary folder; on success, its files replace those of the same names in a folder.
 
-    Other files of the folder are kept. The folder is complete if it has the file `last`: an older one is removed before
-    the first file is replaced, and the new one is moved into the folder after all others. A new or empty folder gets
-    all files at once, as by `atomic_output`.
+    Other files of the folder are kept. The file `last` marks the folder as complete. An older file `last` is removed
+    before the first file is replaced, and the new one is moved into the folder after all other files. A new or empty
+    folder gets all files at once (see `atomic_output`).
 
     Args:
         folder: The folder.
-        last: Name of one of the files.
+        last: Name of the file that is moved last.
 
     Raises:
         InvalidValueError: As for `atomic_output`.
@@ -208,8 +209,8 @@ def _replaceable(path: Path) -> bool:
 def remove_unfinished(folder: Path) -> None:
     """Cleans up after programs that were killed while writing outputs.
 
-    Deletes the temporary folders of these programs, restores renamed output folders, and moves the rest of an output
-    into `folder` that had been complete and was only partly moved.
+    Deletes the temporary folders of these programs, restores renamed output folders, and finishes moving a complete
+    output into `folder` if only a part of it was moved.
 
     Args:
         folder: Folder of the outputs.
@@ -291,7 +292,7 @@ def _finish_moving(space: int, parent: int) -> None:
 
     Args:
         space: File descriptor of the temporary folder.
-        parent: File descriptor of the folder that contains the temporary folder and is the output.
+        parent: File descriptor of the output folder, which contains the temporary folder.
     """
     with suppress(OSError), _opened_folder(_MOVING, space) as moving:
         for folder in os.listdir(moving):

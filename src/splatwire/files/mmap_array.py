@@ -13,7 +13,7 @@ LARGE_BYTES = 32 << 20
 def large_empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
     """Allocates an array with undefined content; large arrays may exceed the main memory.
 
-    From `LARGE_BYTES` on, the array is backed by a temporary file in `TMPDIR`.
+    An array of at least `LARGE_BYTES` is backed by a temporary file in `TMPDIR`.
 
     Args:
         shape: Shape of the array.

@@ -262,7 +262,7 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
 
 
 def _storage(word: str, kind: _Name, key: str, device: str, count: int, *views: Any) -> _Storage:
-    """Parses the reference of a pickled tensor to the tensor's data in a PyTorch file.
+    """Parses the reference to a tensor's data in the pickle of a PyTorch file.
 
     The arguments are the items of the reference, in order.
 

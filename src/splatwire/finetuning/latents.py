@@ -126,7 +126,7 @@ class Latents:
         return Splats(means, quats, np.exp(logs), opacities, sh)
 
     def select(self, index: np.ndarray | slice) -> "Latents":
-        """Returns the parameters of only the Gaussians with the indices `index`."""
+        """Returns the parameters of some of the Gaussians, given by their indices."""
         return Latents(**{name: values[index] for name, values in vars(self).items()})
 
 
@@ -191,7 +191,7 @@ class RoundingErrors:
         )
 
     def select(self, index: slice) -> "RoundingErrors":
-        """Returns the rounding errors of only the Gaussians in the range `index`."""
+        """Returns the rounding errors of the Gaussians in a range."""
         return RoundingErrors(**{name: values[index] for name, values in vars(self).items()})
 
 
@@ -251,7 +251,7 @@ def gradients_of(
 
 
 def map_slices(count: int, work: Callable[[slice], Result]) -> list[Result]:
-    """Divides Gaussians into ranges of consecutive ones, and applies a function to all ranges in parallel threads.
+    """Divides Gaussians into consecutive ranges, and applies a function to all ranges in parallel threads.
 
     Args:
         count: Number of Gaussians, at least 1.

@@ -14,13 +14,13 @@ class FineTuning:
     """Options of fine-tuning explicit Gaussians.
 
     Attributes:
-        quality: Quality setting from which the quantisation steps follow.
+        quality: Quality setting, which determines the quantisation steps.
         iterations: Number of iterations, each with one view, at least 1.
         rounding_interval: Number of iterations between two computations of the rounding errors.
         packet_loss: Loss model of the channel, used in every second iteration; None for no packet losses.
         packetization: Rule by which Gaussians are divided into packets, for `packet_loss`.
         rate: Factor on all learning rates, above 0.
-        seed: Random seed of the order of views and of losses, at least 0.
+        seed: Random seed for the order of the views and for the packet losses, at least 0.
 
     Raises:
         InvalidValueError: If a value is out of range.

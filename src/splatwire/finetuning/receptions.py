@@ -39,7 +39,7 @@ class SimulatedReception:
 
     @staticmethod
     def from_mask(fully_received: Bool[np.ndarray, "N"]) -> "SimulatedReception":
-        """Creates the simulated packet loss in which only given Gaussians are received.
+        """Creates a simulated packet loss after which only the given Gaussians are received.
 
         All received Gaussians get the same factors, which depend on the received share of the whole scene. The
         concealer `grow` uses the received share of each Gaussian's neighbours instead.

@@ -23,7 +23,7 @@ class SampledLoss:
     The loss of a view is its mean squared error, divided by the error of the same view at the start of the fine-tuning.
 
     Attributes:
-        scene: Scene with the background, the origin and the antialiasing; its Gaussians are not used.
+        scene: Scene that provides the background, the origin and the antialiasing flag; its Gaussians are not used.
         pictures: The sampled views.
         receptions: Simulated packet losses. Each is applied to all views.
         min_divisor: Lower limit of the divisor. It replaces the error at the start if that error is smaller.

@@ -1,4 +1,4 @@
-"""Arguments of the training that programs based on 3DGS write into their model folders (`cfg_args`)."""
+"""Training arguments (`cfg_args`), which programs based on 3DGS write into their model folders."""
 
 import re
 from pathlib import Path

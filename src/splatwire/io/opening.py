@@ -137,7 +137,7 @@ def read_scene_file(path: Path) -> SceneFile:
 
 @checked
 def drawable_scene(path: Path, concealer: Concealer | str) -> tuple[Scene, int]:
-    """Reads a scene for drawing: losses are concealed.
+    """Reads a scene for drawing, and conceals its losses.
 
     Returns:
         The scene, and the number of lost elements.

@@ -37,16 +37,16 @@ def save_scene(
 
     Args:
         scene: The scene. Anchors are written losslessly. Explicit Gaussians are written in the format of the file
-            name's suffix, such as `.ply`, `.compressed.ply`, `.spz` or `.sog`. Changes by loss concealment are applied
-            to them, and lost Gaussians are omitted. A `.ply` of decoded Gaussians can be encoded again without loss.
+            name's suffix, such as `.ply`, `.compressed.ply`, `.spz` or `.sog`. Changes by loss concealment are
+            included, and lost Gaussians are omitted. A `.ply` of decoded Gaussians can be encoded again without loss.
         path: Path of the file.
         loss_mask: Loss mask before concealment, for information; only scene files of anchors store it.
         outliers: Treatment of Gaussians with extreme values, as for `splatwire.io.formats.write_splats`.
 
     Raises:
-        InvalidValueError: If the scene or path has a wrong type, the folder does not exist, the suffix is that of
+        InvalidValueError: If the scene or path has a wrong type, the folder does not exist, the suffix belongs to
             another kind of file, or there is no Gaussian to write.
-        UnknownNameError: If the suffix is not that of a format of explicit Gaussians.
+        UnknownNameError: If no format of explicit Gaussians has the suffix.
         OSError: If the file cannot be written.
     """
     shown: Scene | ReceivedScene = scene if isinstance(scene, ReceivedScene) else as_scene(scene)

@@ -29,8 +29,8 @@ class BuiltLevels:
         scene: Gaussians of all levels of detail, coarsest level first.
         order: For each Gaussian of the finest level, its index in the original scene, int64.
         is_copy: Mask of Gaussians that are unchanged copies; all others are results of merging, bool (N).
-        errors: Error of each tile, coarsest level first, float64: root mean square distance of the original Gaussians
-            from those that replace them, world units.
+        errors: Error of each tile, coarsest level first, float64: root mean square distance between the original
+            Gaussians and their replacements, world units.
     """
 
     scene: LevelScene

@@ -190,7 +190,7 @@ def load_lpips(backbone: str | os.PathLike[str], linear: str | os.PathLike[str],
 
 
 def find_lpips(network: str = "vgg") -> Lpips | None:
-    """Loads LPIPS from the weight files named by environment variables (`find_lpips_files`); None if none are named.
+    """Loads LPIPS from the weight files that environment variables name (`find_lpips_files`); None if no file is named.
 
     Raises:
         DatasetError: If a named file is missing or has other content.

@@ -42,7 +42,7 @@ def psnr(
 
 @checked
 def psnr_by_channel(images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -> Float[np.ndarray, "C"]:
-    """Computes for each of C views the mean of three PSNRs: of red, of green and of blue.
+    """Computes, for each of C views, the mean of the PSNRs of the red, green and blue channels.
 
     The training logs of 3DGS and HAC++ show this number as PSNR. It is up to some tenths of a decibel higher than the
     PSNR in published tables, which `psnr` computes from the error of all three colours together.

@@ -1,4 +1,4 @@
-"""Bytes of files, the folder of a scene, and warnings about bytes that no reader uses."""
+"""Reading of slices of files, a check for files outside the folder of a scene, and warnings about unused bytes."""
 
 import copy
 import io
@@ -22,7 +22,7 @@ class FileBytes:
     """The bytes of a file, or of a part of a file. Only accessed slices are read.
 
     The file is not mapped into memory. If another program truncates a mapped file, the system ends the process that
-    accesses it (SIGBUS). This could happen to a frame of a live clip that is written again.
+    accesses it (SIGBUS). For example, a frame file of a live clip may be overwritten while it is read.
 
     Args:
         path: The file; it stays open as long as this object lives.

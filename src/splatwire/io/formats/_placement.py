@@ -285,7 +285,7 @@ def _number(word: str) -> float | None:
 
 
 def _is_identity(values: list[float]) -> bool:
-    """Returns True if a transform that a comment gives by its numbers leaves all positions unchanged.
+    """Returns True if the transform that the numbers in a comment describe leaves all positions unchanged.
 
     The count of the numbers determines their meaning:
 

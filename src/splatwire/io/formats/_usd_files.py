@@ -1,4 +1,4 @@
-"""Files that an OpenUSD scene is composed of, found and checked before usd-core composes them.
+"""Finds and checks all files of an OpenUSD scene before usd-core composes the scene.
 
 A downloaded scene must not read other files of this machine, so only files in its folder are accepted.
 """

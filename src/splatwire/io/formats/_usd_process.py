@@ -41,7 +41,7 @@ def read_in_process(task: str, path: Path) -> Generator[Any, None, None]:
         * For `FRAMES`: the timeline, then a `FileContent` for each frame.
 
     Raises:
-        DatasetError: If the scene cannot be read, or reading it takes too much memory or time or ends the process.
+        DatasetError: If the scene cannot be read, the process takes too much memory or time, or it crashes.
         OSError: If the file does not exist, or the process cannot be started.
     """
     path.stat()

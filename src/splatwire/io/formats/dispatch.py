@@ -300,9 +300,9 @@ def write_splats(
         Number of Gaussians written.
 
     Raises:
-        UnknownNameError: If the suffix is not that of a supported format.
-        InvalidValueError: If there is no Gaussian, a number is not finite, degrees differ, or the format is for other
-            scenes.
+        UnknownNameError: If no supported format has the suffix.
+        InvalidValueError: If there is no Gaussian, a number is not finite, degrees differ, or the format is for another
+            type of scene.
         OSError: If the file cannot be written.
     """
     form = format_for(path)

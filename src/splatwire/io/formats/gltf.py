@@ -200,7 +200,7 @@ class _Gltf:
         Logs the parts of the document that are ignored, such as animations.
 
         Args:
-            primitives: Primitives with Gaussians by index of the mesh.
+            primitives: For each mesh, its primitives with Gaussians, by index of the mesh.
         """
         shown = [instance for instance in shown_instances(self._path, self._document) if instance.mesh in primitives]
         if not shown:
@@ -282,7 +282,7 @@ class _Gltf:
         return count
 
     def _locate(self, accessor: dict[str, Any]) -> None:
-        """Opens the buffers that contain an accessor, that is, one array of a glTF document."""
+        """Opens the buffers that contain an accessor (one array of a glTF document)."""
         sparse = accessor.get("sparse", {})
         for source in (accessor, sparse.get("indices", {}), sparse.get("values", {})):
             if "bufferView" in source:

@@ -1,8 +1,7 @@
 """Reader of `.ksplat` files of GaussianSplats3D (github.com/mkkellogg/GaussianSplats3D), version 0.1; RDF axes.
 
-A file has a header of 4096 bytes, space for a header of 1024 bytes for each possible section, and the sections. A
-section has the sizes of its partially filled buckets (spatial groups of Gaussians), the centres of all buckets, and the
-Gaussians.
+A file has a header of 4096 bytes, 1024 bytes for the header of each possible section, and the sections. A section has
+the sizes of its partially filled buckets (spatial groups of Gaussians), the centres of all buckets, and the Gaussians.
 
 Colours and opacities have 8 bits. Other values have 32 bits at compression level 0, and 16 bits at levels 1 and 2;
 level 2 has spherical harmonics in 8 bits. Positions of 16 bits are relative to the centre of the bucket.
@@ -54,7 +53,7 @@ class _Section:
         block_size: Edge length of the cube that a bucket covers, world units.
         bucket_bytes: Bytes per bucket centre.
         range: 16-bit position code of the bucket's centre. The codes 0 and `2 * range` are the ends of the bucket along
-            an axis. 0 stands for the default, 32767.
+            an axis. A `range` of 0 stands for the default, 32767.
         num_bytes: Size of the section in bytes; 0 if not stated.
         full: Number of full buckets.
         partial: Number of partially filled buckets.

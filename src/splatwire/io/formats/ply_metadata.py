@@ -93,10 +93,10 @@ def is_metadata(comment: str) -> bool:
 
 
 def invalid_view(comment: str) -> str | None:
-    """Returns the reason why a PLY comment that is meant as the initial view or the orbit limits is invalid.
+    """Returns the reason why a PLY comment with an initial view or orbit limits is invalid.
 
-    The result is None for a valid comment, and for any other comment. Comments of other programs may start with the
-    same words, `view` or `orbit`: sentences, addresses, and the viewpoint of the Point Cloud Library (position and
+    The result is None for a valid comment, and for a comment with another meaning. Comments of other programs may also
+    start with `view` or `orbit`: sentences, addresses, and the viewpoint of the Point Cloud Library (position and
     quaternion).
     """
     for name in ("view", "orbit"):

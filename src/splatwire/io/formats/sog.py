@@ -429,7 +429,7 @@ class _Sog:
         Args:
             section: Name of the section.
             name: Name of the field in the section.
-            count: Required number of numbers; None for a single number instead of a list.
+            count: Required length of the list; None for a single number instead of a list.
             limit: Maximum absolute value.
 
         Returns:

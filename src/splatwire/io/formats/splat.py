@@ -24,7 +24,7 @@ def read_splat(path: Path) -> Splats:
     """Reads a `.splat` file; the harmonics are of degree 0.
 
     Raises:
-        DatasetError: If its size is not a multiple of 32 bytes, or most of its records are no Gaussians.
+        DatasetError: If its size is not a multiple of 32 bytes, or most of its records are not plausible Gaussians.
         OSError: If the file cannot be read.
     """
     size = path.stat().st_size

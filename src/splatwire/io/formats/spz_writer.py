@@ -77,8 +77,8 @@ def write_spz(
     Args:
         parts: Batches of Gaussians, all of one degree of spherical harmonics.
         path: Path of the file.
-        harmonic_bits: Bits of spherical harmonics of degree 1 and of higher degrees, 1 to 8 each; fewer bits make the
-            file smaller.
+        harmonic_bits: Bits per coefficient for spherical harmonics of degree 1, and for those of higher degrees, 1 to 8
+            each; fewer bits make the file smaller.
         antialiased: True if the scene was trained with antialiasing; stored in the header.
         origin: World coordinates of the point that positions are relative to; stored next to the metadata.
         metadata: Metadata of the scene.

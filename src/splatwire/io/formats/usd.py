@@ -1,6 +1,6 @@
-"""Reads and writes OpenUSD scenes with Gaussians (prims of the type `ParticleField3DGaussianSplat`), by usd-core.
+"""Reads and writes OpenUSD scenes with Gaussians (prims of the type `ParticleField3DGaussianSplat`), with usd-core.
 
-Sizes are linear, and opacities from 0 to 1. A stage with y up is rotated to the axes of 3DGS (right, down, forward); a
+Sizes are linear; opacities are from 0 to 1. A stage with y up is rotated to the axes of 3DGS (right, down, forward); a
 stage with z up keeps its axes. A prim with time samples is a sequence, with one frame for each sample.
 """
 

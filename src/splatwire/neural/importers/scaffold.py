@@ -64,13 +64,13 @@ def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> Anchor
 
 
 def _states(iteration: Path) -> dict[str, Mapping[str, Tensor]]:
-    """Reads the trained tensors of a Scaffold-GS model: those of the networks, and the appearance embedding if present.
+    """Reads the trained tensors of a Scaffold-GS model: network weights, and the appearance embedding if present.
 
     Args:
         iteration: Folder of the model's iteration, `point_cloud/iteration_N`.
 
     Returns:
-        For each network by name, its tensors by name.
+        Mapping from the name of each network to its tensors by name.
     """
     if (iteration / "feature_bank_mlp.pt").exists():
         raise DatasetError(f"{iteration}: the model uses the feature bank (--use_feat_bank), which is not supported")

@@ -82,7 +82,7 @@ def spawn_gaussians(
         anchors: All anchors.
         heads: The networks that predict opacity, covariance and colour of Gaussians.
         camera_center: Camera position, world units.
-        visible: Mask of the anchors to use; they must not coincide with the camera centre.
+        visible: Mask of the anchors to use. None of these anchors may coincide with the camera centre.
         size_gain: Factor per anchor on the scales of its Gaussians; None for 1.
         opacity_gain: Factor per anchor on the opacities of its Gaussians; None for 1.
         mask_weight: Factor per offset on opacity and scale; None for 1.

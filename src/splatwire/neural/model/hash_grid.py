@@ -25,8 +25,9 @@ def corner_rows(
         num_rows: Number of table rows of the level.
 
     Returns:
-        Row indices within the level, and weights, of the corners of the grid cell around each position. From one corner
-        to the next, the coordinate along the first axis changes fastest. Outside the box, all weights are 0.
+        Row indices within the level, and interpolation weights, of the corners of the grid cell around each position.
+        Corners are ordered so that the coordinate along the first axis changes fastest. Outside the box, all weights
+        are 0.
     """
     # Points on the border of the level have weight 0, and the other weights add up to 1. Outside the box, all
     # weights are 0.
@@ -57,9 +58,10 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(corners: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Computes, for each neighbouring grid point, the part that each axis contributes to the index of its table row.
+    """Computes the contribution of each axis to the table row indices of the neighbouring grid points.
 
-    Combining the parts of all axes gives the row of a grid point: by addition, or by XOR if grid points are hashed.
+    The row index of a grid point is the sum of the contributions of all axes. If grid points are hashed, it is their
+    XOR, modulo the number of rows.
 
     Args:
         corners: Coordinates of the lower and the upper neighbouring grid point along each axis.
