@@ -23,13 +23,13 @@ _REPORTED: set[str] = set()
 class CacheFile(IndexDataCacheFile):
     """Cache of a kernel's machine code in a folder: an index file, and a data file for each signature.
 
-    Several processes may write to the cache at once, and a process may be killed while it writes. An index file still
-    never refers to the code of another signature or of earlier sources: a data file is named after the hash of its
-    content, and is written before the index file. Code that is absent or damaged counts as not cached.
+    Several processes may write to the cache at once, and a process may be killed while it writes. Nevertheless, an
+    index file never refers to the code of another signature or of earlier sources: each data file is named after the
+    hash of its content, and is written before the index file. Code that is absent or damaged counts as not cached.
 
     Args:
         numba_cache: numba's own cache object for the kernel, which gives the folder and the file names.
-        source_stamp: Identifies the sources of the kernel; code of other sources counts as not cached.
+        source_stamp: Identifier of the kernel's sources; code compiled from other sources counts as not cached.
     """
 
     # numba numbers data files and writes the index first: two processes may then give one number to two signatures, and
@@ -119,7 +119,7 @@ class CacheFile(IndexDataCacheFile):
     def _remove_all_but(self, kept: set[str]) -> None:
         """Removes all files of this kernel's cache except those with the names `kept`.
 
-        Removed files are code of earlier sources, or unfinished files of killed processes.
+        The removed files contain code of earlier sources, or were left unfinished by killed processes.
         """
         # Another process that is about to name such a file in its index compiles its kernel once more.
         for path in self._files():

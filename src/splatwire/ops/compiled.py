@@ -1,6 +1,6 @@
 """Compilation of numba kernels, with a cache of machine code that works in any installation.
 
-Compilations, and waits for the compilation by another process, are logged.
+Each compilation is logged, and each wait for another process that compiles a kernel.
 """
 
 import functools

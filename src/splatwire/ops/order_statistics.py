@@ -12,7 +12,7 @@ Pieces = Callable[[], Iterable[np.ndarray]]
 
 
 def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
-    """Returns the numbers at given positions of a sorted sequence, without sorting it (radix selection).
+    """Returns the numbers that sorting would put at given positions, without sorting (radix selection).
 
     Args:
         pieces: Function that yields the unsorted numbers, one array after another; called several times.

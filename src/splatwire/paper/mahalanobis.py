@@ -86,7 +86,7 @@ class MahalanobisSearch:
 
 
 def _local_order(positions: np.ndarray, extents: np.ndarray) -> np.ndarray:
-    """Returns the indices of points in an order in which consecutive points are close in space and of similar size.
+    """Sorts points so that consecutive points are close in space and of similar size; returns their indices.
 
     Args:
         positions: Positions of the points, (S, 3).

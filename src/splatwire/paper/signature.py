@@ -1,7 +1,7 @@
 """Quantities that CARI (Context-Aware Residual Interpolation) computes for each anchor.
 
 Residuals are differences from the predictions of the hash grid. A signature has the mean residual of each group of
-attribute channels. The uncertainty is that of the hash grid's predictions.
+attribute channels. The uncertainty is the mean standard deviation of the hash grid's predictions for a group.
 """
 
 from dataclasses import dataclass, replace

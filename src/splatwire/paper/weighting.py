@@ -1,4 +1,4 @@
-"""Scores the neighbours of lost anchors, selects the best and computes their weights: joint weighting of CARI.
+"""Joint weighting of CARI: scores the neighbours of lost anchors, selects the best, and computes their weights.
 
 CARI is Context-Aware Residual Interpolation, a concealer of lost anchors (`paper.cari`).
 """

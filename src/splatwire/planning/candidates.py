@@ -167,7 +167,7 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanC
 
 @checked
 def arrival_within(model: TransferModel, traces: np.ndarray, budget_bytes: float | int) -> SimulatedTransfers:
-    """Simulates transfers that stop when a budget of bytes is spent, and returns the data that arrives until then.
+    """Simulates transfers that stop when a budget of bytes is spent, and returns the data that has arrived by then.
 
     Args:
         model: Datagrams of a transfer in sending order.

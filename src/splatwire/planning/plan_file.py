@@ -68,7 +68,7 @@ def read_plan(data: bytes, name: str) -> tuple[Protection, int]:
         name: File name for messages.
 
     Returns:
-        Redundancy to apply, and id of the stream that it is meant for.
+        Redundancy to apply, and id of the stream for which the plan was made.
 
     Raises:
         InvalidValueError: If the data is not a plan, or a value is invalid.

@@ -256,7 +256,8 @@ class _EvaluatedPlan:
     best partly by chance.
 
     Attributes:
-        plan: The plan, with its fields for quality and losses measured in the other transfers.
+        plan: The plan. Its fields for quality and losses were measured in the transfers that were not used for the
+            choice.
         partly: Fraction of the transfers in which the side information arrives, but not all packets do.
         error: Standard error of the PSNR, decibels.
         plain: True if the plan is a simple baseline.

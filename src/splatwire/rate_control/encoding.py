@@ -316,8 +316,8 @@ class _Plan:
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
         """Returns a copy of this plan with a precision of each attribute that suits fine-tuning.
 
-        This precision is the mean of two: that of this plan, which is the best one without fine-tuning, and that of
-        `quality`.
+        It is the mean of two precisions: this plan's precision, which is the best one without fine-tuning, and the
+        precision of `quality`.
 
         Args:
             quality: Quality setting at which the precision of this plan was measured.
@@ -452,7 +452,7 @@ class _Plan:
 
 
 class _Trials:
-    """Encodes a scene at several quantisation levels (`Quality.level`), to find one with a target size or PSNR.
+    """Encodes a scene at several quantisation levels (`Quality.level`), to find a level for a target size or PSNR.
 
     Args:
         plan: The scene and its precision classes.
@@ -557,8 +557,8 @@ class _Trials:
         """Encodes the scene at different quantisation levels, until the stream has a wanted size or PSNR.
 
         If no level gives an accepted value, different shares of the Gaussians are then encoded at a single level. This
-        is the level whose value is closest to the accepted range from above. Shares are not tried if Gaussians must not
-        be pruned, if no value is above the range, or if that level is the coarsest one.
+        is the level with the smallest value above the accepted range. Shares are not tried if Gaussians must not be
+        pruned, if no value is above the range, or if this level is the coarsest one.
 
         Args:
             measure: Function that measures an encoded scene: logarithm of its size in bytes, or its PSNR in decibels.

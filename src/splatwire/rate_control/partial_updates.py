@@ -62,8 +62,8 @@ class PartialUpdates:
 
     Attributes:
         chain: Stream that the receivers got first, and its updates.
-        finest: Number of the finest precision class (set of quantisation steps) in that first stream, which counts its
-            classes from 0, the coarsest.
+        finest: Number of the finest precision class (set of quantisation steps) in the first stream. The coarsest class
+            has the number 0.
         newest: Gaussians of the newest scene.
         held: Values of the Gaussians at the receivers, before quantisation, in the order of `newest`; undefined where
             `known` is False.

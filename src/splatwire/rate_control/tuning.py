@@ -39,10 +39,10 @@ class Tuning:
         num_views: Number of fitted views, 2 to 10,000.
         size: Maximum width and height of fitted pictures, pixels, 16 to 4096.
         packet_loss: Loss model of the channel, used in every second iteration; None for no packet losses.
-        seed: Random seed of the order of views, of losses and of moved cameras, 0 to 2^63 - 1.
+        seed: Random seed for the order of the views, the packet losses and the moved cameras, 0 to 2^63 - 1.
 
     Raises:
-        InvalidValueError: If a value is out of range, or the pictures are too large together.
+        InvalidValueError: If a value is out of range, or the pictures together are too large.
     """
 
     # All pictures together have at most `MAX_PIXELS`.

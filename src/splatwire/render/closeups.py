@@ -1,4 +1,4 @@
-"""Cameras close to the surfaces of a scene, as of a viewer that zooms in."""
+"""Cameras close to the surfaces of a scene, like the views of a user who zooms in."""
 
 from dataclasses import replace
 

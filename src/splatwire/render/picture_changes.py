@@ -1,4 +1,4 @@
-"""Change of pictures that each changed Gaussian causes."""
+"""Estimates of how much each changed Gaussian alters the rendered pictures."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -93,8 +93,9 @@ class _NetworkErrors:
         metric: Matrix M for changes of features and logarithms of scalings. If these values change by the vector d in
             all selected anchors, the error is `d . M d`.
         offset: Error if one coordinate of an offset changes by 1, summed over the offsets.
-        offset_share: Sum, over the Gaussians, of the error if the Gaussian is removed times `_relative_size` of its
-            anchor. The error of a single offset is `offset` times the term of its Gaussian, divided by this sum.
+        offset_share: Sum of a product over the Gaussians: the error if the Gaussian is removed, times `_relative_size`
+            of its anchor. The error of a single offset is `offset` times the product for its Gaussian, divided by this
+            sum.
         removal: Error if one Gaussian is removed, summed over the Gaussians.
     """
 

@@ -57,7 +57,7 @@ class SequenceEncoder:
     Args:
         options: Encoder options.
         choose_class_offsets: Function that returns the class offset of each new Gaussian, as `measure_class_offsets`
-            does. None for that function.
+            does. None for `measure_class_offsets`.
         live: True to encode with less delay, at a higher total processing cost.
     """
 
@@ -177,8 +177,8 @@ class SequenceEncoder:
     def _warn_of_other_frame(self, frame: Frame, *, from_other_origin: bool) -> None:
         """Logs a warning if a frame does not fit the first frame of the sequence.
 
-        There are two such warnings, each logged once per sequence: the Gaussians are too far from the origin of the
-        sequence for precise positions; or the antialiasing of the frame differs from that of the first frame.
+        Two problems are reported, each once per sequence: the Gaussians are too far from the origin of the sequence for
+        precise positions, or the antialiasing of the frame differs from that of the first frame.
 
         Args:
             frame: The frame, relative to the origin of the sequence.
@@ -262,7 +262,7 @@ class SequenceEncoder:
         return self._tracks_encoder.add(group, class_offsets, cut=bool(cuts) and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
-        """Joins the Gaussians of the current group of pictures to tracks, each of which is one Gaussian over time."""
+        """Joins the Gaussians of the current group of pictures to tracks. A track is one Gaussian over time."""
         if len(self._group_builder) < self._options.group_frames:
             return self._group_builder.group()
         # The analysis of the motion runs in parallel with the extrapolation of partial tracks.
@@ -278,7 +278,7 @@ class SequenceEncoder:
         """Switches to groups of one frame, for a sequence with many scene cuts, and encodes the first frames.
 
         Args:
-            group: Tracks (one Gaussian over time each) of the first frames.
+            group: Tracks of the first frames. A track is one Gaussian over time.
             frames: The first frames of the sequence, which would otherwise be encoded as one group of pictures.
             cuts: Indices of the frames that begin a new scene.
             class_offsets: Class offset of each track, (n): 0 for the finest quantisation steps, negative for coarser

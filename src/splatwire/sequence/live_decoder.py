@@ -49,10 +49,10 @@ class LiveDecoder:
         self._num_bytes = 0
 
     def update_header(self, manifest: Manifest, side_info: bytes) -> Iterator[SequenceFrame]:
-        """Updates manifest and side information when the server adds a group of pictures; yields frames now complete.
+        """Updates manifest and side information when the server adds a group of pictures; yields newly complete frames.
 
         Raises:
-            BitstreamError: If the manifest contradicts the previous manifest, or is not that of a sequence.
+            BitstreamError: If the manifest contradicts the previous manifest, or does not belong to a sequence.
         """
         if not manifest.schema.timed:
             raise BitstreamError(f"a stream of {manifest.elements} is a scene, not a clip")

@@ -68,8 +68,8 @@ class LiveEncoder:
         """Ends the live sequence: encodes the remaining frames.
 
         Returns:
-            State of the stream with the remaining frames, if there were any, and the final state. Empty if the sequence
-            has no frames.
+            State of the stream with the remaining frames, if there are any, followed by the final state. Empty if the
+            sequence has no frames.
         """
         if not self.num_frames:
             return []

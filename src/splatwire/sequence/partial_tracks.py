@@ -121,7 +121,7 @@ class NeighborSet:
 
 @dataclass(frozen=True, eq=False)
 class NeighborIndex:
-    """Search tree for the nearest neighbours of tracks (one Gaussian over time each), by their positions in one frame.
+    """Search tree for the nearest neighbours of tracks in one frame. A track is one Gaussian over time.
 
     Attributes:
         frame: Index of the frame.

@@ -167,7 +167,7 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
 def numbered(frames: Iterable[SequenceFrame]) -> Iterator[tuple[SequenceFrame, int]]:
     """Yields each frame with a number for its file name.
 
-    The numbers keep increasing if the server restarts.
+    The numbers keep increasing after a restart of the server.
     """
     # Even if the server restarts and counts its frames from 0 again, no file is overwritten.
     last, offset = -1, 0

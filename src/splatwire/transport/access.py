@@ -13,7 +13,7 @@ class Access:
 
     Attributes:
         private: Names of the scenes that need a token.
-        unlisted: Names of scenes that need no token, but are not in lists of scenes either.
+        unlisted: Names of scenes that need no token, but do not appear in lists of scenes.
         problem: Function that checks a token. It takes the token and the name of a scene, and returns the reason for
             refusing the token, or None for a valid one. Not needed without private scenes.
     """

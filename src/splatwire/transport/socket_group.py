@@ -1,9 +1,9 @@
 """Sockets of one UDP port among which the Linux kernel distributes datagrams.
 
-A single socket loses datagrams of all clients once its receive buffer is full. In a group of sockets, the kernel puts
-datagrams of new and of known clients into different buffers, and those of different addresses, too. A flood from one
-address and port then fills few of the buffers. A flood of first datagrams, also with forged addresses, fills those for
-new clients, but not those for known ones.
+A single socket loses datagrams of all clients once its receive buffer is full. In a group of sockets, the kernel uses
+different buffers for new and for known clients, and distributes client addresses over several buffers. A flood from one
+address and port then fills few of the buffers. A flood of first datagrams, even with forged addresses, fills the
+buffers for new clients, but not the buffers for known clients.
 """
 
 import asyncio
@@ -52,12 +52,13 @@ Instruction = tuple[int, int] | tuple[int, int, str, str] | str
 
 
 class DatagramClass(enum.IntEnum):
-    """Class of datagrams, by what the server must do for them.
+    """Class of a datagram, which determines how the server handles the datagram.
 
     Attributes:
-        NEW: First datagram of a client, which proves nothing. The kernel also puts unreadable ones here.
+        NEW: First datagram of a client, which does not prove the client's address. Unreadable datagrams are also in
+            this class.
         TOKEN: Request with a token for the client's address.
-        KNOWN: Any other datagram, such as one of a connection.
+        KNOWN: Any other datagram, such as a datagram of an existing connection.
     """
 
     NEW = 0
@@ -160,8 +161,9 @@ def _assembled(program: Sequence[Instruction]) -> bytes:
 class SocketGroup:
     """Non-blocking UDP sockets of one address and port, which share its datagrams.
 
-    Linux has `SOCKETS_PER_CLASS` sockets for each `DatagramClass`. Other systems have one socket for all datagrams. So
-    has a Linux without programs for groups of sockets (kernels before 4.5, emulation), with a warning.
+    Linux has `SOCKETS_PER_CLASS` sockets for each `DatagramClass`. Other systems have one socket for all datagrams. If
+    Linux does not support programs for groups of sockets (kernels before 4.5, emulation), there is also one socket, and
+    a warning is logged.
 
     Args:
         host: Address to listen on.

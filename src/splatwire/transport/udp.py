@@ -242,7 +242,7 @@ async def receive_udp(
         options: Options of the receiver.
         on_event: Called with every event of the receiver, such as an arrived packet.
         tap: Called with the source, destination and payload of every datagram sent or received.
-        stop: Future that ends the transfer when it is done; received data are kept.
+        stop: Future whose completion ends the transfer; received data are kept.
 
     Returns:
         The finished receiver; `Receiver.finished` has the reason.

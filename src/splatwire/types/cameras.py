@@ -138,7 +138,7 @@ class Cameras:
 
     @checked
     def scaled(self, factor: float) -> "Cameras":
-        """Returns cameras of images `factor` times as wide and high (both sides rounded to whole pixels).
+        """Returns the cameras for images `factor` times as wide and high; both sides are rounded to whole pixels.
 
         Raises:
             InvalidValueError: If the factor is not a finite number above 0, or the images exceed `MAX_PIXELS`.

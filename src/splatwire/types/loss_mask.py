@@ -58,7 +58,7 @@ class LossMask(CheckedFields):
 
     @staticmethod
     def of_elements(fully_received: Bool[Any, "N"]) -> "LossMask":
-        """Builds the mask for elements of which all attributes were received or all were lost.
+        """Builds the mask of elements whose attributes were either all received or all lost.
 
         Args:
             fully_received: Mask of received elements (Gaussians, anchors or tracks).

@@ -27,12 +27,12 @@ class StartView(CheckedFields):
 
     Attributes:
         eye: Position of the camera, world coordinates relative to the scene's origin.
-        target: The point that the camera looks at, another one than `eye`.
+        target: Point that the camera looks at; must differ from `eye`.
         up: Up direction of the camera, of any length above 1e-6. It may be parallel to the direction of view: viewers
             then tilt the view slightly.
 
     Raises:
-        InvalidValueError: If a field is not three finite numbers, or is not as above.
+        InvalidValueError: If a field is not three finite numbers, or violates a condition above.
     """
 
     eye: Vector
@@ -98,7 +98,7 @@ class SceneMetadata(CheckedFields):
     def moved_origin(self, before: Origin, after: Origin) -> "SceneMetadata":
         """Converts the initial view from coordinates relative to `before` to coordinates relative to `after`.
 
-        If the numbers then are too large, or eye and target coincide, the view is left out with a warning.
+        If the converted numbers are too large, or eye and target coincide, the view is left out with a warning.
         """
         if self.view is None or before == after:
             return self

@@ -171,7 +171,7 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Returns the distance of an origin from the positions, if it is too long for float32; else None.
+    """Returns the distance of an origin from the positions if this distance is too large for float32, else None.
 
     Positions relative to a distant origin are too imprecise in float32.
 

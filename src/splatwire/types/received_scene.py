@@ -40,10 +40,10 @@ class Prediction(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PredictedPositions(CheckedFields):
-    """Predicted positions of Gaussians or anchors, for streams in which packet loss also loses positions.
+    """Predicted positions of Gaussians or anchors, for streams whose packets also contain the positions.
 
     Attributes:
-        positions: Predicted positions of all Gaussians or anchors, world coordinates. Lost ones are placed there.
+        positions: Predicted positions of all Gaussians or anchors, world coordinates. Lost elements are placed there.
     """
 
     positions: Float[Any, "N 3"]
@@ -223,9 +223,9 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the numbers of elements that the records of side information have, without duplicates.
+    """Returns the distinct numbers of elements in the records of side information.
 
-    Records that fit together give a single number.
+    Consistent records give a single number.
     """
     rows = set()
     for record in records:

@@ -164,7 +164,7 @@ class SequenceScene:
 
     @property
     def num_gaussians(self) -> int:
-        """Number of tracks, each of which is one Gaussian over time."""
+        """Number of tracks. A track is one Gaussian over time."""
         return self.tracks.splats.num_gaussians
 
     @property

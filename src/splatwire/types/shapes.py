@@ -31,7 +31,7 @@ def check_arrays(
         record: Dataclass instance with array fields, e.g. `Splats`.
         shapes: Expected shape of each array, by field name.
         boolean: Names of the boolean fields; the others are floating-point.
-        tensors: If True, accepts torch tensors too, for training.
+        tensors: True to accept torch tensors too, for training.
         positions: Field with world coordinates, which float32 must represent precisely enough; None for no check.
 
     Raises:

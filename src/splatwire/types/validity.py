@@ -1,6 +1,6 @@
 """Classification of Gaussians and anchors as drawable, invisible or invalid, shared by readers, importers and encoders.
 
-Invisible ones are removed and counted, invalid ones are removed with a warning.
+Invisible elements are removed and counted. Invalid elements are removed with a warning.
 """
 
 import logging

@@ -140,7 +140,8 @@ class Relay:
     async def _begin_file(self, stream_id: int, head: bytes) -> None:
         """Begins a new `.swz` file, or replaces the start of the present file.
 
-        The start is replaced if the present file belongs to the same stream, because the stream is live and has grown.
+        The start is replaced if the present file belongs to the same stream, which is then a live stream that has
+        grown.
 
         Args:
             stream_id: Id of the stream.

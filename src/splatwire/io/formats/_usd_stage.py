@@ -141,7 +141,7 @@ class Stage:
             )
 
     def warn_of_motion(self) -> None:
-        """Logs a warning if the transform or the visibility of Gaussians changes over time; only the first value is used."""
+        """Logs a warning if the transform or visibility of Gaussians changes over time; the first value is used."""
         if later := sum(not _is_visible(prim, Usd.TimeCode.EarliestTime()) for prim in self._prims):
             LOG.warning("%s: %d prims that are invisible at first and appear later are left out", self._path, later)
         above = [prim for one in self._prims for prim in (one, *_ancestors(one))]

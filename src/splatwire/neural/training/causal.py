@@ -34,7 +34,7 @@ class TrainableCausal:
     """Trainer of the causal context model.
 
     This model predicts the distributions of an anchor's attributes from the anchor's position and from the attributes
-    that are decoded before.
+    that were decoded earlier.
 
     Args:
         config: The configuration.
@@ -182,7 +182,7 @@ def noisy_causal_attributes(
 
 
 def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict[str, Mlp]:
-    """Returns the networks of the causal entropy model, by name, made of trained parameters."""
+    """Builds the networks of the causal entropy model from trained parameters; returns them by name."""
 
     def layer(name: str) -> Linear:
         return Linear(parameters[f"causal.{name}.weight"], parameters[f"causal.{name}.bias"])
@@ -213,7 +213,7 @@ def anchor_bits(
         position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
         values: Features, logarithms of scale and sizes, and offsets, with noise (`noisy_causal_attributes`).
         steps: Quantisation steps of these values (`attribute_steps`).
-        masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
+        masks: Masks of offsets and of anchors, 0 or 1. Gradients pass through the masks to their logits.
     """
     logs = values[1] - state.parameters["zero_points"].detach()
     values_in_steps = [value / step for value, step in zip((values[0], logs, values[2]), steps, strict=True)]

@@ -109,7 +109,7 @@ class DeviceCausal(TrainableCausal):
             index: Indices of the M anchors in the training state.
             noisy: Features, logarithms of offset scale and sizes, and offsets, with noise in place of rounding.
             steps: Quantisation step of each attribute value (`value_steps`).
-            masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
+            masks: Masks of offsets and of anchors, 0 or 1. Gradients pass through the masks to their logits.
         """
         (feature, logs, offsets), (offset_mask, anchor_mask) = noisy, masks
         values = torch.cat([feature, logs - state.parameters["zero_points"].detach(), offsets], dim=1) / steps

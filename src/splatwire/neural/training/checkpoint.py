@@ -143,7 +143,7 @@ def _stored(name: str) -> str:
 
 
 def _by_current_name(values: dict[str, Value]) -> dict[str, Value]:
-    """Returns values by the names of their parameters, given values by the names in checkpoints."""
+    """Converts a mapping with the names in checkpoints as keys to one with the parameter names as keys."""
     current = {stored: name for name, stored in _STORED_PARAMETERS.items()}
     return {current.get(name, name): value for name, value in values.items()}
 

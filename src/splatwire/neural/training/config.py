@@ -196,10 +196,10 @@ class RefineConfig:
         grid_rate: Initial learning rate of the hash grid.
         latent: Initial absolute value of the real numbers that are trained in place of the hash grid's signs.
         step_weight: Penalty on changes of the quantisation steps, bits. The network predicts each step by an output
-            (logit). If this logit differs by d from before the refinement, `step_weight * d ** 2` bits are added to the
-            anchor's cost.
-        grid_weight: Weight in the training loss of a bit of the encoded hash grid; a bit of the encoded anchors has
-            weight 1.
+            (logit). If the refinement changes this logit by d, `step_weight * d ** 2` bits are added to the anchor's
+            cost.
+        grid_weight: Weight of each bit of the encoded hash grid in the training loss. Each bit of the encoded anchors
+            has weight 1.
         seed: Seed of the random choice of anchors.
     """
 
@@ -235,7 +235,7 @@ class PacketLossConfig:
         received_shares: Shares of the anchors, 0 to 1. In an iteration with one of these shares, only this share of the
             anchors is received: the most important ones.
         packetizations: Names of packetizations (`packetization_named`); one of them is chosen at random.
-        lossy_share: Share of the iterations with packet loss, once packet loss is simulated.
+        lossy_share: Share of the iterations with packet loss, after the start of its simulation.
     """
 
     # With fine-tuning, packet loss is simulated only there, otherwise once the set of anchors is fixed.
@@ -267,8 +267,8 @@ class TrainConfig(CheckedFields):
         weights: Weights of the terms of the training loss.
         refine: Settings for the refinement of the context model at the end.
         packet_loss: Settings for simulated packet loss.
-        averaging_iterations: Length of the running mean of the parameters in the last iterations, in iterations
-            (`splatwire.neural.training.averaging`); 0 for no averaging.
+        averaging_iterations: Averaging length of the running mean of the parameters at the end of training, in
+            iterations (`splatwire.neural.training.averaging`); 0 for no averaging.
         mask_threshold: An offset exists if the sigmoid of its mask logit is above this threshold.
         random_points: Maximum number of random initial points if the data has none.
         background: RGB of the background.

@@ -31,7 +31,7 @@ Steps = Sequence[Tensor | float]
 class SampleBits:
     """Estimated bits of a random sample of anchors.
 
-    They include features, scalings and offsets and, with the causal model, also offset masks and positions.
+    The bits are those of features, scalings and offsets and, with the causal model, also of offset masks and positions.
 
     Attributes:
         bits: Total bits of the sampled anchors; differentiable.

@@ -18,8 +18,8 @@ def check_cuda() -> None:
     """Checks that torch finds a CUDA device and that gsplat is installed. Does not run gsplat's kernels.
 
     Raises:
-        BackendUnavailableError: If there is no CUDA device, or gsplat is not installed. The message names the missing
-            one.
+        BackendUnavailableError: If there is no CUDA device, or gsplat is not installed. The message states which of the
+            two is missing.
     """
     if not has_cuda():
         raise BackendUnavailableError("cuda", f"torch finds no CUDA device; install its CUDA build, or {_INSTEAD}")

@@ -36,7 +36,7 @@ def fine_tuning_config(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
 
     Args:
         config: Configuration for a new scene; its length, loss weights and packet losses are kept.
-        scene: The scene; sets shapes and voxel size.
+        scene: The scene, which determines shapes and voxel size.
     """
     # Parameters are averaged over the last iterations only with the causal model.
     # In 240 iterations of fine-tuning, averaging improves lego with the causal model by 0.33 dB without packet loss. It

@@ -121,7 +121,7 @@ class Kernels:
         adam_update: Updates parameters with Adam (`splatwire.neural.training.adam.adam_update`).
         random: Functions that draw random numbers.
         asynchronous: True if the CPU only queues the operations, for a GPU.
-        report_interval: Number of iterations between two reads of the loss from the device by the CPU.
+        report_interval: Number of iterations between two transfers of the loss from the device to the CPU.
     """
 
     # On an asynchronous device few large operations are faster, even if they compute unused values. Reading the

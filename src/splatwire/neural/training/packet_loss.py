@@ -221,7 +221,7 @@ class PacketLossSimulator:
         return ReceivedAnchors(received, size_gain)
 
     def _tier_sizes(self, state: TrainState, received_by_rank: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns the typical size of the received anchors, or of the lost anchors, for each anchor of this kind.
+        """Returns one size per anchor: the typical size of the received anchors, or for lost anchors, that of the lost ones.
 
         A receiver does not know the size of a single lost anchor, only the typical size of each importance tier. Here,
         the received anchors are one tier, and the lost anchors the other.
@@ -231,7 +231,8 @@ class PacketLossSimulator:
             received_by_rank: True for received anchors, in coding order.
 
         Returns:
-            One size for each anchor in coding order, relative to the larger of the two, above 0 and at most 1.
+            One size for each anchor in coding order, relative to the larger of the two typical sizes, above 0 and at
+            most 1.
         """
         tiers = (~received_by_rank).long().cpu().numpy()
         base_sizes = state.scalings()[self._order, 3:6].cpu().numpy()
@@ -251,7 +252,7 @@ class PacketLossSimulator:
 
 
 def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:
-    """Returns which packet contains each anchor.
+    """Returns the index of the packet that contains each anchor.
 
     Args:
         packetization: Rule by which anchors are split into packets.

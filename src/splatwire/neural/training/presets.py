@@ -124,7 +124,7 @@ def create_config(
         growth_interval: Number of iterations between two changes of the set of anchors; None for the default.
         refine_steps: Number of Adam steps of the final refinement of the context model; None for the default.
         losses: Packet losses to train for, in the syntax of `packet_loss_config`; empty for no packet loss.
-        loss_share: Share of the iterations with packet loss, once packet loss is simulated.
+        loss_share: Share of the iterations with packet loss, after the start of its simulation.
         background: RGB of the background.
         seed: Seed of all random numbers.
 
@@ -182,7 +182,7 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """Sets higher learning rates for the time after the last change of the set of anchors, for a short training.
+    """For a short training, raises the learning rates after the last change of the set of anchors.
 
     The rates are multiplied by `LearningRate.late`, which this function sets for a training with the causal model.
 
@@ -248,7 +248,7 @@ def packet_loss_config(losses: tuple[str, ...], lossy_share: float = PacketLossC
     Args:
         losses: Loss models in the syntax of `splatwire.channel.parse_loss`; `first:SHARE` if only the most important
             anchors arrive; `none` or an empty tuple for no packet loss.
-        lossy_share: Share of the iterations with packet loss, once packet loss is simulated.
+        lossy_share: Share of the iterations with packet loss, after the start of its simulation.
 
     Raises:
         UnknownNameError: If no loss model has that name.

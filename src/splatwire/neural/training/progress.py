@@ -64,8 +64,8 @@ class Listener(CheckedFields):
         progress: Called after every iteration with the progress.
         tested: Called after every test with the quality of the test views.
         should_stop: Called after every iteration; True ends the training with a checkpoint.
-        final_task: Called during the task after the last iteration with the completed share, 0 to 1. The task is the
-            refinement of the context model or, for explicit Gaussians, the fine-tuning with rounding.
+        final_task: Called with the completed share, 0 to 1, of the task that follows the last iteration. The task is
+            the refinement of the context model or, for explicit Gaussians, the fine-tuning with rounding.
         iterated: Called after every iteration with a function that returns the present scene, on the CPU.
     """
 

@@ -51,9 +51,9 @@ def half_cosine(share: float) -> float:
 
 
 def fine_tuning_rates(rates: LearningRates) -> LearningRates:
-    """Returns learning rates for fine-tuning: those of the second half of a training with HAC++'s default rates.
+    """Returns learning rates for fine-tuning, taken from the second half of a training with HAC++'s default rates.
 
-    The masks are an exception: their rate is that of the second half of the training before the fine-tuning.
+    The masks are an exception: their rate is taken from the second half of the training before the fine-tuning.
 
     Args:
         rates: Learning rates of the training before the fine-tuning.

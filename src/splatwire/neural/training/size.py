@@ -104,7 +104,7 @@ def _interval(milestones: Milestones) -> int:
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
-    """Returns the allowed excess of the stream over the target size after an iteration, as a share of that size."""
+    """Returns by how much the stream may exceed the target size after an iteration, as a share of the target size."""
     # The share falls linearly during the training, from `INITIAL_EXCESS` to `FINAL_EXCESS`.
     left = (milestones.iterations - iteration) / max(milestones.iterations - measuring_start(milestones), 1)
     return FINAL_EXCESS + (INITIAL_EXCESS - FINAL_EXCESS) * left
@@ -117,8 +117,8 @@ def next_controller_state(before: SizeController, log_error: float) -> SizeContr
 
     Args:
         before: State of the size controller before the measurement.
-        log_error: Natural logarithm of the ratio of measured size to allowed size, which is the target size and the
-            excess that is allowed so far.
+        log_error: Natural logarithm of the ratio of measured size to allowed size. The allowed size is the target size
+            plus the excess that is allowed so far.
     """
     change = INTEGRAL * log_error + PROPORTIONAL * (
         log_error - (log_error if before.log_error is None else before.log_error)

@@ -105,7 +105,7 @@ class SizeController:
 
     Attributes:
         log_lambda_factor: Natural logarithm of the factor by which lambda is multiplied.
-        log_error: Natural logarithm of the ratio of measured size to allowed size (the target size and the excess that
+        log_error: Natural logarithm of the ratio of measured size to allowed size (the target size plus the excess that
             is allowed so far) at the last measurement; None before the first measurement.
         ratio: Ratio of encoded size to estimated size at the last encoding; None if sizes are not estimated.
     """

@@ -143,7 +143,7 @@ class _CrossAttention(nn.Module):
 class InpaintingNetwork(nn.Module):
     """Predicts residuals of lost anchors (queries) from their neighbours in the graph.
 
-    The residuals of an untrained network are 0. Its estimates of the attributes are therefore those of the baseline
+    The residuals of an untrained network are 0. Its estimates are therefore equal to the baseline
     (`GnnSettings.baseline`): the interpolation, or the mean of the prior.
 
     Args:

@@ -151,8 +151,8 @@ def _curves(
 def smoothed(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
     """Smooths the measured distortion models of several encodings of one sequence.
 
-    Errors caused by losses are assumed to grow in the same way with the lost share, up to a factor for each encoding.
-    The common curve is the median of all measurements, which suppresses random errors.
+    All encodings are assumed to have the same curve of error over lost share, except for a constant factor. The common
+    curve is the median of all measurements, which suppresses random errors.
 
     Args:
         distortions: One model for each encoding.

@@ -57,7 +57,7 @@ def sequence_variants(
         progress: Called with the finished share, 0 to 1.
 
     Raises:
-        InvalidValueError: If the number of original frames differs from that of the sequences.
+        InvalidValueError: If the number of original frames differs from the number of frames in the sequences.
     """
     method = temporal_concealer(concealer or DEFAULT)
     finest = decode_stream(max(streams, key=lambda stream: stream.num_bytes)).scene

@@ -160,7 +160,7 @@ class PageContent:
 
         Returns:
             Three texts: name of the stream, file format, and path of the requested file in the format's folder. The
-            third is empty for a format with a single file. None if the path is not that of a download.
+            third is empty for a format with a single file. None if the path is not a download path.
         """
         if target == f"/{TILESET}":
             listed = self._listed()

@@ -329,8 +329,9 @@ async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) ->
 def _release(transport: asyncio.WriteTransport) -> None:
     """Frees the memory of an ended connection.
 
-    A transport of asyncio refers to itself by its bound methods. Its memory, and that of the reader that refers to it,
-    would otherwise wait for the garbage collector, which runs rarely in a process with many objects.
+    A transport of asyncio refers to itself by its bound methods. Without this function, only the garbage collector
+    would free its memory and the memory of its reader. The garbage collector runs rarely in a process with many
+    objects.
     """
     state = getattr(transport, "__dict__", {})  # none in other event loops
     for name in _BOUND_METHODS:

@@ -62,7 +62,7 @@ def _records(data: bytes) -> Iterator[bytes]:
 
 @dataclass(frozen=True)
 class _NoRepairs:
-    """Numbers of damaged and repaired packets, for the same reports as those of other receivers.
+    """Numbers of damaged and repaired packets, so that reports have the same form for all receivers.
 
     Both are always 0: over a relay, packets are sent on reliable QUIC streams without repair symbols.
 
@@ -122,7 +122,8 @@ class RelayReceiver:
     def interrupt(self, now: float) -> bool:
         """Records an interruption, and returns True if the transfer may still be resumed.
 
-        If so, the interruption is also reported as an event, once until the transfer continues.
+        If so, also reports the interruption as an event. Repeated calls report nothing until the transfer has
+        continued.
 
         Args:
             now: Time, seconds.
@@ -284,7 +285,7 @@ async def receive_relayed(
         options: Options of the receiver.
         trust: Accepted certificates of the relay.
         on_event: Called with every event, such as an arrived packet.
-        stop: Future that ends the transfer when it is done; received data are kept.
+        stop: Future whose completion ends the transfer; received data are kept.
 
     Raises:
         InvalidValueError: If no session can be opened.

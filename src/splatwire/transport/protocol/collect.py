@@ -331,7 +331,7 @@ class PacketCollector:
         return False
 
     def _forget(self, index: int) -> None:
-        """Removes a packet, so that another one may have its index."""
+        """Removes a packet, so that another packet can take its index."""
         self._is_received[index] = 0
         self.num_packets -= 1
         if found := self._finder.find(index):

@@ -72,7 +72,7 @@ class HandshakeAttempt:
         self._token = self._token if self._reliable else None
 
     def renew(self, now: float) -> "HandshakeAttempt":
-        """Returns a new attempt for the same stream, with another nonce, a hash of the present one."""
+        """Returns a new attempt for the same stream. Its nonce is a hash of the present nonce."""
         digest = hashlib.sha256(b"again" + self.nonce.to_bytes(8, "little")).digest()
         return HandshakeAttempt(
             int.from_bytes(digest[:8], "little"), now, self._name, reliable=self._reliable,

@@ -80,7 +80,7 @@ class LivePackager:
             manifest: Manifest of the stream, including the new group.
             side_info: Side information of the stream, including the new group.
             packets: Packets of the new group, the most important first; they are sorted again for sending. This method
-                writes the id of the stream into copies of them.
+                writes the id of the stream into copies of the packets.
 
         Raises:
             InvalidValueError: If a packet is too large for a datagram, or the manifest has another packet count.

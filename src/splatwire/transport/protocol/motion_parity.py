@@ -60,7 +60,7 @@ def order_and_protect(
 
     In each group of pictures, keyframe packets come first, then motion packets with parity, then all other motion
     packets. A stream has at most `MAX_SETTINGS` parity settings. If there are more groups of pictures, several
-    consecutive groups are sorted as one, and share a setting.
+    consecutive groups are sorted like a single group, and share a setting.
 
     Args:
         groups: Packet indices of consecutive groups of pictures.

@@ -21,8 +21,8 @@ class Protection:
     Attributes:
         init_repair: Repair symbols per source symbol of the init segment, 0 to 2.
         init_until: End of the interval in which the symbols of the init segment are sent, 0 to 1: 0 is the time of the
-            first packet of the stream, 1 that of the last packet. With 0, the init segment is sent before all packets,
-            so that the first picture appears early. Larger values survive longer bursts of losses.
+            first packet of the stream, 1 is the time of the last packet. With 0, the init segment is sent before all
+            packets, so that the first picture appears early. Larger values survive longer bursts of losses.
         init_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default.
         bundled_share: Share of the packets that are bundled in the init segment, 0 to 1. These are the first packets in
             sending order. The repair symbols of the init segment protect the bundled packets, too.

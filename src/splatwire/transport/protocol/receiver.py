@@ -218,7 +218,7 @@ class Receiver(ReceiveState):
         Has no effect on streams without levels of detail.
 
         Args:
-            viewpoint: Viewpoint, in coordinates relative to its own origin, which may differ from that of the stream.
+            viewpoint: Viewpoint, in coordinates relative to its own origin, which may differ from the stream's origin.
             budget: Maximum number of Gaussians that are rendered.
 
         Raises:
@@ -276,7 +276,7 @@ class Receiver(ReceiveState):
             self._connected, self._connecting_since = True, now
 
     def on_quic_packet(self, num_bytes: int) -> None:
-        """Records that a packet of QUIC arrived, which may contain no message of the server.
+        """Records the arrival of a QUIC packet, even one without a message of the server.
 
         Args:
             num_bytes: Size of the packet, bytes.

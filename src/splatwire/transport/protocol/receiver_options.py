@@ -22,7 +22,7 @@ class ReceiverOptions:
         silence_s: Idle timeout of a connection (QUIC), seconds.
         reconnect_s: Time in which the receiver tries to reconnect to a silent server before the transfer fails,
             seconds.
-        limits: Maximum sizes of a stream that are accepted.
+        limits: Maximum accepted sizes of a stream.
         viewpoint: Initial viewpoint: only packets visible from there are sent; None to receive all packets.
         keep_open: True to wait for further viewpoints after everything visible was received.
     """

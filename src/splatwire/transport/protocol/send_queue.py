@@ -1,4 +1,4 @@
-"""Queue of the datagrams of one transfer, in a fixed order or in one that depends on the viewpoint."""
+"""Queue of the datagrams of one transfer, in a fixed order or in an order that depends on the viewpoint."""
 
 from array import array
 from collections import deque
@@ -171,8 +171,8 @@ class SendQueue:
 
         Args:
             tile: Index of the tile.
-            only_rest: False to queue all packets of the tile. True to queue only the packets that were not yet sent. In
-                the latter case, a tile of which no packet was sent is skipped.
+            only_rest: False to queue all packets of the tile. True to queue only the packets that were not yet sent. A
+                tile is then skipped if none of its packets was sent.
         """
         tiles = self._stream.tiles
         assert tiles is not None

@@ -205,7 +205,7 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def still_useful(self, items: Sequence[ScheduledDatagram]) -> list[ScheduledDatagram]:
-        """Returns those of the datagrams queued in an earlier state of a live stream that are still useful.
+        """Returns the datagrams that were queued in an earlier state of a live stream and are still useful.
 
         Args:
             items: Datagrams. Only packets and repair symbols can be useful.
@@ -221,7 +221,7 @@ class ServedStream:
 
     @functools.cached_property
     def _retransmittable_flags(self) -> bytes:
-        """For each packet 1 if it may be retransmitted, else 0."""
+        """One number per packet: 1 if the packet may be retransmitted, else 0."""
         return bytes(map(self.may_retransmit, range(len(self.packets))))
 
     @functools.cached_property

@@ -470,7 +470,7 @@ class ServerTransfer:
             missing: Number of symbols that the client still needs.
 
         Returns:
-            The symbols; more than are missing, because some will be lost.
+            The symbols. There are more than `missing`, because some will be lost.
         """
         init_symbols = self.stream.init_symbols
         longest = max(map(len, init_symbols))

@@ -82,7 +82,7 @@ def parse_initial(data: bytes) -> Initial | None:
 
 
 def is_unknown_version(data: bytes) -> bool:
-    """True if a datagram starts a connection of a QUIC version that this server does not have.
+    """True if a datagram starts a connection of a QUIC version that this server does not support.
 
     Args:
         data: Payload of a UDP datagram with a long header.
@@ -95,7 +95,8 @@ class RetryTokens:
     """Creates and verifies the tokens of QUIC Retry packets.
 
     A token contains `TOKEN_PREFIX`, a time stamp, a keyed hash, and the destination connection id of the client's first
-    packet. The class replaces aioquic's `QuicRetryTokenHandler` with the same methods, which take a tenth of the time.
+    packet. The class has the same methods as aioquic's `QuicRetryTokenHandler`, which it replaces. They take a tenth of
+    the time.
     """
 
     def __init__(self) -> None:

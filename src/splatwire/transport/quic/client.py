@@ -82,7 +82,7 @@ async def receive_quic(
         trust: Accepted certificates of the server.
         on_event: Called with every event of the receiver, such as an arrived packet.
         tap: Called with the source, destination and payload of every UDP datagram sent or received.
-        stop: Future that ends the transfer when it is done; received data are kept.
+        stop: Future whose completion ends the transfer; received data are kept.
 
     Returns:
         The finished receiver; `Receiver.finished` has the reason.

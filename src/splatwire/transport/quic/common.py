@@ -131,7 +131,7 @@ def send_on_stream(quic: Any, stream: int, data: bytes) -> bool:
 
 
 def limit_backoff(quic: Any) -> None:
-    """Limits the interval of QUIC's probes (`MAX_PROBE_INTERVAL_S`); aioquic has no option for it.
+    """Limits the interval between QUIC's probes to `MAX_PROBE_INTERVAL_S`; aioquic has no option for this.
 
     Args:
         quic: Connection of aioquic.

@@ -181,7 +181,7 @@ class QuicServer(SocketServer):
             self._pump_soon = self._loop.call_soon(self.pump)
 
     def _on_batch(self) -> None:
-        """Sends the datagrams that are due after those of one socket were read, so that a flood does not delay them."""
+        """Sends all due datagrams after one socket was read, so that a flood does not delay them."""
         due_at = self.core.next_at()
         if self._pump_soon is not None or (due_at is not None and due_at <= self._loop.time()):
             self.pump()
