@@ -221,7 +221,7 @@ class PacketLossSimulator:
         return ReceivedAnchors(received, size_gain)
 
     def _tier_sizes(self, state: TrainState, received_by_rank: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns one size per anchor: the typical size of the received anchors, or for lost anchors, that of the lost ones.
+        """Returns a size for each anchor: one typical size for all received anchors, and another for all lost anchors.
 
         A receiver does not know the size of a single lost anchor, only the typical size of each importance tier. Here,
         the received anchors are one tier, and the lost anchors the other.

@@ -313,8 +313,8 @@ class Server:
             now: Time, seconds.
 
         Returns:
-            Index into `messages.REFUSALS`, or 0 for no response. After many refusals of a network, the result is
-            another index than `refusal`.
+            Index into `messages.REFUSALS`, or 0 for no response. After many refusals of a network, the result may be
+            `TOO_MANY`.
         """
         if not refusal or (refusal == NOT_YET and request.name in self._updates):
             return refusal  # followers request the next update several times a second
