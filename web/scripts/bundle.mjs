@@ -25,31 +25,31 @@ const INTERNAL = `
   copies corners covered damagedTiles damages datagramsLost decoder defaultDirection delaySeconds densityRadius
   deviations disconnected dispatch distances drawnChildren drawUnits droppedGroups duplicates elementDecoder
   elementsOf elementsPerByte endState enterHeadset expectedErrors exponent extents failuresAfter featureActivations
-  firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets formatVersion
-  frameMs framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies gaussianDecoder gaussiansFor gopOf
-  groupFrames growth hasAnswered hasCopies hasEnded hasHead hasManifestOf hasNew hasSentView hasUnknownBirth headBytes
-  heads headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment initSegmentBytes initSegmentMs inputs
-  intake integers isComplete isCut isEmpty isFree isKept isKeyframe isLinear isLive isNew isOnlySource isReady
-  isReceived isReordered isRetry isRetryable isSame isSameStream isSequence isSorting isTryingWhole isVerified
-  isVisible isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo kinds known laneCounter lastOffsets
-  latticeBits latticeShift leafIndex leafSize leaky leaveOut leftOut lengths linearSteps log2MotionUnits logDeviations
-  logScales logStepRatios lookUpSession lostSequences manifest manifestBytes maxExcess maxPositionShift maxTiers
-  mayIdle medianRadius members middle models moveBetween nacks nearestFirst nearestOthers newPackets nextView
-  noGaussians noteChange noteFailure noteUseless numBirths numBlocks numBytes numCoefficients numElements
-  numElementsOf numGaussians numHarmonicColumns numHidden numInitSegments numIntact numKept numKeyframes
-  numLatePackets numLowBits numMaskLogits numMotionTracks numNew numOffsets numPackets numReceived numRemoved
-  numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextAvailable onContextLost
-  onLiveHead onUse openFile orderDigest origins owners packetBytes packetDecoder packetsOf paintedCanvas parents
-  pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt polynomials positionStep predictAxis
-  ranges ranks receiveDatagrams recordWhen redraw refusals rejected renderer reordered reorient repeatMs replaceTiles
-  reportCamera reportPlayable requestFrame requestId rescale residuals resultDigest rowSteps scaleIndices sceneInView
-  sections sequence setCamera setConcealers setCooperative setLimits setMessage setRow settled setViewpoint setVisible
-  shifts showNotice showStatistics sideInfo sideInfoBytes sideInfoDigest signed simulation sizeLog spread squares
-  stage stages stalledFrames started startWebGL stateOf stepsOfLogs stopProbabilities storeValues streamId subject
-  surface symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling
-  timed timeline transmittance transports trust unsigned upperBits upRotation useless viewComplete viewDependent
-  viewUpdate visibleParts voxels voxelSize waited waitUntil wanted wasExtrapolated welcome withdraw withoutComparison
-  withRenderer zeroPoints
+  fileHead firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera forgetOffsets
+  formatVersion frameMs framesOf gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies gaussianDecoder
+  gaussiansFor gopOf groupFrames growth hasAnswered hasCopies hasEnded hasHead hasManifestOf hasNew hasSentView
+  hasUnknownBirth headBytes heads headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment
+  initSegmentBytes initSegmentMs inputs intake integers isComplete isCut isEmpty isFree isKept isKeyframe isLinear
+  isLive isNew isOnlySource isReady isReceived isReordered isRetry isRetryable isSame isSameStream isSequence
+  isSorting isTryingWhole isVerified isVisible isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo
+  kinds known laneCounter lastOffsets latticeBits latticeShift leafIndex leafSize leaky leaveOut leftOut lengths
+  linearSteps log2MotionUnits logDeviations logScales logStepRatios lookUpSession lostSequences manifest manifestBytes
+  maxExcess maxPositionShift maxTiers mayIdle medianRadius members middle models moveBetween nacks nearestFirst
+  nearestOthers newPackets nextView noGaussians noteChange noteFailure noteUseless numBirths numBlocks numBytes
+  numCoefficients numConcealed numElements numElementsOf numGaussians numHarmonicColumns numHidden numInitSegments
+  numIntact numKept numKeyframes numLatePackets numLowBits numMaskLogits numMotionTracks numNew numOffsets numPackets
+  numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange
+  onContextAvailable onContextLost onLiveHead onUse openFile orderDigest origins owners packetBytes packetDecoder
+  packetsOf paintedCanvas parents pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt
+  polynomials positionStep predictAxis ranges ranks receiveDatagrams recordWhen redraw refusals rejected renderer
+  reordered reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame requestId rescale residuals
+  resultDigest rowSteps scaleIndices sceneInView sections sequence setCamera setConcealers setCooperative setLimits
+  setMessage setRow settled setViewpoint setVisible shifts showNotice showStatistics sideInfo sideInfoBytes
+  sideInfoDigest signed simulation sizeLog spread squares stage stages stalledFrames started startWebGL stateOf
+  stepsOfLogs stopProbabilities storeValues streamId subject surface symbolBytes symbolsDigest symbolsMissing
+  takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timed timeline trackProperties transmittance
+  transports trust unsigned upperBits upRotation useless viewComplete viewDependent viewUpdate visibleParts voxels
+  voxelSize waited waitUntil wanted wasConcealed welcome withdraw withoutComparison withRenderer zeroPoints
 `
   .trim()
   .split(/\s+/);
@@ -132,11 +132,11 @@ async function receiver() {
  * more, but removes checks that read a property and do not use its value.
  */
 async function smallest(script) {
-  const common = { ecma: 2022, mangle: { toplevel: true }, format: { comments: /^ splatwire/ } },
+  const options = { ecma: 2022, mangle: { toplevel: true }, format: { comments: /^ splatwire/ } },
     compress = { passes: 2, lhs_constants: false, if_return: false, conditionals: false },
-    { code } = await minify(script, { ...common, compress });
+    { code } = await minify(script, { ...options, compress });
   // inlines functions that are called once, but no constant that is used several times
-  return (await minify(code, { ...common, module: true, compress: { ...compress, evaluate: false } })).code;
+  return (await minify(code, { ...options, module: true, compress: { ...compress, evaluate: false } })).code;
 }
 
 /** Module with a function that starts the receiver. All elements of a page share one URL of its text. */

@@ -294,11 +294,11 @@ class Transfer {
 
   preview(): void {}
 
-  head(head: Head, file: Uint8Array, _keep: boolean, live = false): void {
+  head(head: Head, fileHead: Uint8Array, _keep: boolean, live = false): void {
     const before = this.#received?.decoder.head.manifest,
-      known = before?.streamId === head.manifest.streamId && (!this.store.hasHead || this.store.isSame(file)),
+      known = before?.streamId === head.manifest.streamId && (!this.store.hasHead || this.store.isSame(fileHead)),
       received = known ? this.#received : new DecodedStream(head);
-    if (!known || !this.store.hasHead) this.store.begin(file, head);
+    if (!known || !this.store.hasHead) this.store.begin(fileHead, head);
     if (known) return;
     try {
       if (live) throw new Error("the stream is a live clip, which only the element `<splat-wire>` plays");

@@ -16,7 +16,7 @@ export interface HelpedPacket extends DecodedPacket {
 
 /** `help` starts a helper for the stream with this head. `batch` is answered by `decoded` with the same number. */
 export type ToHelper =
-  | { readonly kind: "help"; readonly file: Uint8Array }
+  | { readonly kind: "help"; readonly fileHead: Uint8Array }
   | { readonly kind: "batch"; readonly number: number; readonly packets: readonly PacketBody[] };
 
 /**
@@ -41,7 +41,7 @@ export class PacketHelper {
   receive(message: ToHelper): void {
     if (message.kind === "help") {
       const reader = new HeadReader();
-      reader.feed(message.file);
+      reader.feed(message.fileHead);
       this.#elementDecoder = new StreamDecoder(reader.head!).elementDecoder;
       this.post({ kind: "ready" }, []);
       return;

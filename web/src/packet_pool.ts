@@ -52,22 +52,22 @@ export class PacketPool {
   #helpers: Helper[] = [];
   #number = 0;
 
-  /** Starts `count` helpers for the stream with `file` as the first bytes. Threads that do not start are left out. */
-  constructor(file: Uint8Array, start: () => HelperThread, count: number) {
+  /** Starts `count` helpers for the stream with this head. Threads that do not start are left out. */
+  constructor(fileHead: Uint8Array, start: () => HelperThread, count: number) {
     for (let n = 0; n < count; n++) {
       try {
-        this.#add(start(), file);
+        this.#add(start(), fileHead);
       } catch {
         return; // the page's policy or the engine does not allow it
       }
     }
   }
 
-  #add(thread: HelperThread, file: Uint8Array): void {
+  #add(thread: HelperThread, fileHead: Uint8Array): void {
     const helper: Helper = { thread, batches: new Map(), isReady: false };
     thread.onmessage = ({ data }) => this.#onMessage(helper, data);
     thread.onerror = () => this.#remove(helper);
-    thread.postMessage({ kind: "help", file }, []);
+    thread.postMessage({ kind: "help", fileHead }, []);
     this.#helpers.push(helper);
   }
 

@@ -78,7 +78,7 @@ export class SequenceFrames {
       packed = pack(splats ? [splats] : [], elementDecoder.degree, size),
       frameMs = performance.now() - began;
     this.post(
-      { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, numKept: count, frameMs },
+      { kind: "frame", number, packed, antialiased, numConcealed: frame?.numConcealed ?? 0, numKept: count, frameMs },
       [bufferOf(packed)],
     );
     setTimeout(() => sequence.prefetch(numberInPeriod, PREFETCH_MS));

@@ -132,14 +132,14 @@ export class WorkerReceiver implements Receiver {
   }
 
   /** Processes a head. A second source may repeat it; live clips send longer ones and those of new periods. */
-  head(head: Head, file: Uint8Array, keep: boolean, live = false): void {
-    const isSameStream = this.#isSameStream(head, file, live),
+  head(head: Head, fileHead: Uint8Array, keep: boolean, live = false): void {
+    const isSameStream = this.#isSameStream(head, fileHead, live),
       stream = isSameStream ? this.#stream : new DecodedStream(head, live ? null : VERIFICATION);
     if (!keep) this.cache = null;
     if (live && stream?.decoder.elementDecoder.sequence) return this.#onLiveHead(head, stream, isSameStream);
     if (!isSameStream || !this.store.hasHead) {
-      this.store.begin(file, head);
-      this.cache?.begin(file);
+      this.store.begin(fileHead, head);
+      this.cache?.begin(fileHead);
     }
     if (!stream || isSameStream) return;
     this.#stream = stream;
@@ -148,17 +148,17 @@ export class WorkerReceiver implements Receiver {
     this.#waitingPackets.length = 0; // left over from another stream
     this.#viewRequest = this.#answeredRequest = 0;
     this.#unconfirmed = false;
-    this.#startPool(stream, file);
+    this.#startPool(stream, fileHead);
     this.#reportStreamInfo(stream);
   }
 
-  /** Starts helpers for a stream that several threads can decode. `file` has the bytes of its head. */
-  #startPool({ decoder }: DecodedStream, file: Uint8Array): void {
+  /** Starts helpers for a stream that several threads can decode. */
+  #startPool({ decoder }: DecodedStream, fileHead: Uint8Array): void {
     this.#closePool();
     this.#isVerified = false;
     const { navigator: device = {} } = globalThis as Partial<typeof globalThis>, // node 20 has none
       count = decoder.elementDecoder.decode ? numHelpers(decoder.head.manifest.count, device) : 0;
-    if (count) this.#pool = new PacketPool(file, startHelper, count);
+    if (count) this.#pool = new PacketPool(fileHead, startHelper, count);
   }
 
   #closePool(): void {
@@ -167,10 +167,10 @@ export class WorkerReceiver implements Receiver {
   }
 
   /** Returns true if the head is that of the current stream. A growing stream keeps only its id. */
-  #isSameStream({ manifest }: Head, file: Uint8Array, live: boolean): boolean {
+  #isSameStream({ manifest }: Head, fileHead: Uint8Array, live: boolean): boolean {
     const before = this.#stream?.decoder.head.manifest;
     if (live !== this.live) return false;
-    return before?.streamId === manifest.streamId && (live || !this.store.hasHead || this.store.isSame(file));
+    return before?.streamId === manifest.streamId && (live || !this.store.hasHead || this.store.isSame(fileHead));
   }
 
   /** Shows the cached packets after successful revalidation. */
@@ -277,19 +277,19 @@ export class WorkerReceiver implements Receiver {
     }
   }
 
-  #resume(head: Head, file: Uint8Array, cached: readonly ReceivedPacket[]): void {
+  #resume(head: Head, fileHead: Uint8Array, cached: readonly ReceivedPacket[]): void {
     const expected = head.manifest.numPackets,
       intact = cached.filter(({ bytes }) => isIntact(bytes, head));
     this.#stream = new DecodedStream(head, VERIFICATION);
     this.#unconfirmed = true;
-    this.#startPool(this.#stream, file);
-    this.store.begin(file, head);
+    this.#startPool(this.#stream, fileHead);
+    this.store.begin(fileHead, head);
     this.#enqueue(this.store.add(intact));
     const { count } = this.store;
     this.#counts = { transport: FROM_CACHE, bytes: 0, packets: count, expected, lost: 0, rejected: 0, seconds: 0 };
     if (count === expected) this.#cachedStream = this.#stream;
     if (intact.length === cached.length) return;
-    this.cache?.begin(file); // removes damaged records from the cache
+    this.cache?.begin(fileHead); // removes damaged records from the cache
     this.cache?.add(this.store.packets);
   }
 

@@ -95,11 +95,11 @@ test("clip frames equal those of Python, with any packets missing", { skip }, as
     assert.ok(elementDecoder instanceof TrackDecoder);
     const clip = elementDecoder.sequence;
     if (decoder.intake.complete) assert.equal(await decoder.digest(), head.manifest.symbolsDigest);
-    let concealed = 0;
+    let total = 0;
     for (const [number, rows] of frames.entries()) {
-      const { tracks, splats, concealed: guesses } = clip.frame(number, all),
+      const { tracks, splats, numConcealed } = clip.frame(number, all),
         place = new Map(Array.from(tracks, (track, n) => [track, n]));
-      concealed += guesses;
+      total += numConcealed;
       assert.equal(tracks.length, rows.length, `frame ${number} of ${name}`);
       for (const [track, ...values] of rows) {
         const n = place.get(track)!,
@@ -120,7 +120,7 @@ test("clip frames equal those of Python, with any packets missing", { skip }, as
       }
     }
     const hidesAll = name.includes("repeated"); // its motion is not similar enough to be interpolated
-    assert.equal(concealed > 0 || hidesAll, !decoder.intake.complete);
+    assert.equal(total > 0 || hidesAll, !decoder.intake.complete);
   }
 });
 

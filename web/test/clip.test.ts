@@ -44,7 +44,7 @@ async function workerOf(opening: Promise<Clip>): Promise<FakeWorker> {
 
 /** Sends a frame. */
 const frame = (worker: FakeWorker, number: number, antialiased = false): void =>
-  worker.send({ kind: "frame", number, packed: PACKED, antialiased, concealed: 0, numKept: 0, frameMs: 0 });
+  worker.send({ kind: "frame", number, packed: PACKED, antialiased, numConcealed: 0, numKept: 0, frameMs: 0 });
 
 /** Names of events, in order. */
 function heard(clip: Clip): string[] {

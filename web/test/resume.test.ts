@@ -121,9 +121,9 @@ class Notes implements Listener {
 
   preview(): void {}
 
-  head(head: Head, file: Uint8Array): void {
+  head(head: Head, fileHead: Uint8Array): void {
     this.head_ = head;
-    if (!this.store.hasHead) this.store.begin(file, head);
+    if (!this.store.hasHead) this.store.begin(fileHead, head);
   }
 
   packets(packets: readonly ReceivedPacket[]): void {

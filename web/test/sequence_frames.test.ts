@@ -57,7 +57,7 @@ test("the motion of a clip that replaced one with as many packets is shown", () 
     frames.frame({ kind: "frame", number: 2, simulation }, received, 1);
   }
   assert.deepEqual(
-    said.map((one) => one.kind === "frame" && one.concealed),
+    said.map((one) => one.kind === "frame" && one.numConcealed),
     [0, 0],
   );
 });

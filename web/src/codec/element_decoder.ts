@@ -42,7 +42,7 @@ export interface DecodedFrame {
   readonly number: number;
   readonly splats: Splats;
   /** Number of elements with estimated motion. */
-  readonly concealed: number;
+  readonly numConcealed: number;
   /** True if all packets of its group have arrived. */
   readonly isWhole: boolean;
 }

@@ -61,7 +61,7 @@ export class Controller {
   #poster: HTMLImageElement | null = null;
   #contextLosses = 0;
   #idleTimer = 0;
-  #soughtHeadset = false;
+  #hasCheckedHeadset = false;
   #cameraFrame = 0;
   #reportedViewpoint = "";
   /** Aborts the listeners when the element is released. */
@@ -284,10 +284,10 @@ export class Controller {
     this.#onInput("");
   }
 
-  /** Adds the button for a headset if there is one. Looks for it once. */
+  /** Adds the button for a headset if there is one. Checks this once. */
   #offerHeadset(): void {
-    if (this.#soughtHeadset) return;
-    this.#soughtHeadset = true;
+    if (this.#hasCheckedHeadset) return;
+    this.#hasCheckedHeadset = true;
     navigator.xr?.isSessionSupported("immersive-vr").then(
       (supported) => supported && this.panel.addHeadset(() => this.#enterHeadset()),
       () => undefined, // the page may not use it

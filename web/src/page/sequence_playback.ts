@@ -116,9 +116,9 @@ export class SequencePlayback {
   }
 
   /** Shows a frame's statistics in the panel. */
-  showStatistics({ concealed, numKept, frameMs }: FromWorker & { kind: "frame" }): void {
+  showStatistics({ numConcealed, numKept, frameMs }: FromWorker & { kind: "frame" }): void {
     const panel = this.panel();
-    panel.setRow("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
+    panel.setRow("motion concealed", numConcealed ? `${numConcealed.toLocaleString()} tracks` : "none");
     panel.setRow("motion shown", `${numKept.toLocaleString()} packets`);
     if (this.#player instanceof LivePlayer) {
       const { stalled, buffer } = this.#player.statistics;

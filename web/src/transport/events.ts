@@ -59,10 +59,10 @@ export interface Listener {
   changed?(): void;
   preview(bytes: Uint8Array): void;
   /**
-   * Processes a head. `file` is the stream's file up to its first packet. `keep` is true if the file is final and can
-   * be cached. `live` is true if the stream grows and further periods may follow.
+   * Processes a head. `fileHead` is the stream's file up to its first packet. `keep` is true if the file is final and
+   * can be cached. `live` is true if the stream grows and further periods may follow.
    */
-  head(head: Head, file: Uint8Array, keep: boolean, live?: boolean): void;
+  head(head: Head, fileHead: Uint8Array, keep: boolean, live?: boolean): void;
   packets(packets: readonly ReceivedPacket[]): void;
   counts(counts: Counts): void;
   stopped(): boolean;

@@ -26,7 +26,7 @@ export class InitSegment {
   }
 
   /** Returns the stream's file up to its first packet. Call it only after all symbols arrived. */
-  file(head: Head): Uint8Array {
+  fileHead(head: Head): Uint8Array {
     const size = dataView(this.#bytes).getUint32(0, true);
     return fileHead(this.#bytes.subarray(4, 4 + size), head.sideInfo);
   }

@@ -72,8 +72,8 @@ export type FromWorker =
   /** Tile replacements of a scene with levels. Other fields as in `splats`. */
   | { kind: "tiles"; removed: readonly number[]; added: readonly Tile[]; hasNew: boolean; requestId: number }
   /**
-   * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `numKept` the
-   * number of motion packets that simulated losses leave. `antialiased` is as in `StreamInfo`; it may change in live
+   * A frame, which replaces the one before. `numConcealed` is the number of tracks with estimated motion, `numKept`
+   * the number of motion packets that simulated losses leave. `antialiased` is as in `StreamInfo`; it may change in live
    * clips.
    */
   | {
@@ -81,7 +81,7 @@ export type FromWorker =
       number: number;
       packed: Packed;
       antialiased: boolean;
-      concealed: number;
+      numConcealed: number;
       numKept: number;
       frameMs: number;
     }

@@ -166,13 +166,13 @@ export class PacketReader {
     if (this.#scanner!.broken) throw new Damaged("the rest of the file is damaged");
   }
 
-  #report(head: Head, file: Uint8Array): void {
+  #report(head: Head, fileHead: Uint8Array): void {
     const { store, listener } = this;
-    if (store.hasHead && !store.isSame(file)) {
+    if (store.hasHead && !store.isSame(fileHead)) {
       store.clear();
       listener.changed?.();
     }
-    listener.head(head, file, this.keep);
+    listener.head(head, fileHead, this.keep);
     listener.confirmed?.();
   }
 }

@@ -37,7 +37,7 @@ export function isIntact(packet: Uint8Array, head: Head): boolean {
 export class PacketStore {
   /** Manifest and side information; null before their arrival. */
   head: Head | null = null;
-  #file: Uint8Array = new Uint8Array();
+  #fileHead: Uint8Array = new Uint8Array();
   #intake: Intake | null = null;
   /** Bytes of each received packet by its identity. */
   readonly #packets = new Map<number, ReceivedPacket>();
@@ -58,7 +58,7 @@ export class PacketStore {
 
   /** Bytes of the file before its first packet. */
   get headSize(): number {
-    return this.#file.length;
+    return this.#fileHead.length;
   }
 
   get hasHead(): boolean {
@@ -72,31 +72,31 @@ export class PacketStore {
 
   /** First bytes of the file up to the end of its manifest. They identify the content. */
   get manifestBytes(): Uint8Array {
-    return this.#file.subarray(0, this.#file.length - (this.head?.sideInfo.length ?? 0));
+    return this.#fileHead.subarray(0, this.#fileHead.length - (this.head?.sideInfo.length ?? 0));
   }
 
   /** Init segment without bundled packets: manifest and side information. */
   get initSegment(): Uint8Array {
-    return this.#file.subarray(PREFIX_BYTES - SIZE_BYTES);
+    return this.#fileHead.subarray(PREFIX_BYTES - SIZE_BYTES);
   }
 
   /** Returns true if a file that begins with these bytes, at least up to its first packet, is the stored one. */
-  isSame(file: Uint8Array): boolean {
+  isSame(firstBytes: Uint8Array): boolean {
     const stored = this.manifestBytes;
-    return stored.length > PREFIX_BYTES && isEqual(stored, file.subarray(0, stored.length));
+    return stored.length > PREFIX_BYTES && isEqual(stored, firstBytes.subarray(0, stored.length));
   }
 
   /** Starts again with a file up to its first packet. */
-  begin(file: Uint8Array, head: Head): void {
+  begin(fileHead: Uint8Array, head: Head): void {
     this.clear();
     this.head = head;
-    this.#file = file;
+    this.#fileHead = fileHead;
     this.#intake = new Intake(planOf(head.manifest));
   }
 
   clear(): void {
     this.head = this.#intake = null;
-    this.#file = new Uint8Array();
+    this.#fileHead = new Uint8Array();
     this.#packets.clear();
     this.#orders.clear();
     this.#map = new FileMap();

@@ -163,7 +163,7 @@ export class Transfer {
 
   /** Stream's file up to its first packet. Valid once the head arrived. */
   get fileHead(): Uint8Array {
-    return this.#initSegment!.file(this.head!);
+    return this.#initSegment!.fileHead(this.head!);
   }
 
   receive(bytes: Uint8Array, now: number): void {

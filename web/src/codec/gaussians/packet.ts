@@ -226,9 +226,9 @@ export class PacketDecoder implements GaussianPacketDecoder {
   #decodeValue(kind: number, deviationContext: number, mean: number, shift: number): number {
     this.#shift = shift;
     if (!this.#absolute) return mean + this.#decodeResidual(kind, deviationContext, shift, 0) * (1 << shift);
-    const meanEighths = (8 * mean + ((1 << shift) >> 1)) >> shift,
-      near = (meanEighths + 4) >> 3;
-    return (near + this.#decodeResidual(kind, deviationContext, shift, meanEighths - 8 * near)) * (1 << shift);
+    const eighths = (8 * mean + ((1 << shift) >> 1)) >> shift,
+      meanSteps = (eighths + 4) >> 3;
+    return (meanSteps + this.#decodeResidual(kind, deviationContext, shift, eighths - 8 * meanSteps)) * (1 << shift);
   }
 
   /**

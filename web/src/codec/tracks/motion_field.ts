@@ -5,7 +5,7 @@ import { DC } from "../splats.ts";
 import { NUM_CHANNELS } from "./layout.ts";
 import { COLOUR, changedKinds, FIRST_SHAPE, type NeighbourSet, NeighbourSums, POSE, SHAPE } from "./neighbours.ts";
 import { proximityWeights, Quadratic } from "./quadratic.ts";
-import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
+import type { TrackProperties, TrackOffsets } from "./track_offsets.ts";
 
 export const NEIGHBOURS = 40;
 /** Squared colour contrast at which the correction by contrast is halved. */
@@ -42,11 +42,11 @@ export class MotionField {
     readonly arrived: TrackOffsets,
     readonly observedRows: Int32Array,
     readonly origins: Float32Array | null,
-    readonly past: PreviousState,
+    readonly trackProperties: TrackProperties,
     readonly frames: number,
   ) {
     const points = new Float32Array(3 * observedRows.length),
-      { means } = past.splats,
+      { means } = trackProperties.splats,
       count = Math.min(NEIGHBOURS, observedRows.length);
     for (let n = 0; n < observedRows.length; n++)
       for (let a = 0; a < 3; a++)
@@ -55,7 +55,7 @@ export class MotionField {
     this.#tree = new KdTree(points, count);
     this.#fit = new Quadratic(count);
     this.#currentSums = new NeighbourSums(frames, count, arrived.offsets, origins);
-    this.#previousSums = new NeighbourSums(1, count, past.lastOffsets, null);
+    this.#previousSums = new NeighbourSums(1, count, trackProperties.lastOffsets, null);
     this.#changedKinds = new Uint8Array(observedRows.length).fill(UNKNOWN);
     this.#previousKinds = new Uint8Array(observedRows.length);
     this.#neighbours = emptyNeighbours(count);
@@ -72,13 +72,13 @@ export class MotionField {
   /** Determines the kinds of an observed row when it is a neighbour for the first time. */
   #findKinds(n: number): void {
     if (this.#changedKinds[n] !== UNKNOWN) return;
-    const { arrived, origins, past, frames } = this,
+    const { arrived, origins, trackProperties, frames } = this,
       row = this.observedRows[n],
       size = frames * NUM_CHANNELS,
       last = arrived.keyframeIndices[row] * NUM_CHANNELS,
       kindsOfOrigin = origins ? changedKinds(origins, n * NUM_CHANNELS, (n + 1) * NUM_CHANNELS) : 0;
     this.#changedKinds[n] = changedKinds(arrived.offsets, row * size, (row + 1) * size) | kindsOfOrigin;
-    this.#previousKinds[n] = changedKinds(past.lastOffsets, last, last + NUM_CHANNELS);
+    this.#previousKinds[n] = changedKinds(trackProperties.lastOffsets, last, last + NUM_CHANNELS);
   }
 
   /**
@@ -86,13 +86,13 @@ export class MotionField {
    * less if it is small compared with its quantisation step.
    */
   predict(keyframeIndex: number, out: Float32Array): void {
-    const { lastOffsets, wasExtrapolated, positionStep } = this.past,
+    const { lastOffsets, wasConcealed, positionStep } = this.trackProperties,
       deviation = this.#deviation,
       changed = this.#queryNeighbours(keyframeIndex, 0),
       previous = unionOf(this.#previousNeighbours.kinds) & POSE;
     this.#computeWeights(keyframeIndex, changed | previous);
     this.#currentSums.of(this.#neighbours, changed, this.#contrast, out);
-    if (wasExtrapolated?.[keyframeIndex]) return;
+    if (wasConcealed?.[keyframeIndex]) return;
     this.#previousSums.of(this.#previousNeighbours, previous, this.#contrast, deviation);
     let square = 0;
     for (let c = 0; c < FIRST_SHAPE; c++) deviation[c] = lastOffsets[keyframeIndex * NUM_CHANNELS + c] - deviation[c];
@@ -117,15 +117,16 @@ export class MotionField {
    * channels that change.
    */
   #queryNeighbours(keyframeIndex: number, moved: number): number {
-    const { observedRows, arrived, past } = this,
+    const { observedRows, arrived } = this,
       { points } = this.#tree,
-      { means } = past.splats,
+      { splats, lastOffsets } = this.trackProperties,
+      { means } = splats,
       position = this.#position,
       offsets = this.#offsets,
       { rows, origins, kinds } = this.#neighbours,
       previous = this.#previousNeighbours;
     for (let a = 0; a < 3; a++)
-      position[a] = means[3 * keyframeIndex + a] + moved * past.lastOffsets[keyframeIndex * NUM_CHANNELS + a];
+      position[a] = means[3 * keyframeIndex + a] + moved * lastOffsets[keyframeIndex * NUM_CHANNELS + a];
     const near = this.#tree.nearest(position[0], position[1], position[2]);
     for (let i = 0; i < near.length; i++) {
       const n = near[i],
@@ -152,7 +153,7 @@ export class MotionField {
 
   /** Computes the colour contrasts of the neighbours and of the track to the neighbours' mean. */
   #computeContrasts(keyframeIndex: number): void {
-    const { colours } = this.past.splats,
+    const { colours } = this.trackProperties.splats,
       { closeness, contrasts } = this.#neighbours,
       keyframeIndices = this.#previousNeighbours.rows,
       mean = this.#contrast.fill(0);

@@ -3,7 +3,7 @@
 
 import { NUM_CHANNELS } from "./layout.ts";
 import { MotionField, NEIGHBOURS } from "./motion_field.ts";
-import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
+import type { TrackProperties, TrackOffsets } from "./track_offsets.ts";
 
 const OPACITY = 9,
   /** Least factor of opacity for tracks that may not exist yet. */
@@ -22,7 +22,7 @@ export class Extrapolation {
     readonly arrived: TrackOffsets,
     readonly completeRows: Int32Array,
     readonly birthGroups: Int32Array,
-    readonly past: PreviousState,
+    readonly trackProperties: TrackProperties,
     readonly frames: number,
   ) {}
 
@@ -32,7 +32,7 @@ export class Extrapolation {
    * offsets of others refer to another time.
    */
   estimate(leftOut: Uint8Array, queryKeyframes: Int32Array): Float32Array {
-    const { arrived, past, frames, birthGroups } = this,
+    const { arrived, trackProperties, frames, birthGroups } = this,
       { keyframeIndices } = arrived,
       out = new Float32Array(frames * NUM_CHANNELS * queryKeyframes.length),
       observedRows = this.completeRows.filter((row) => !leftOut[row]),
@@ -40,10 +40,10 @@ export class Extrapolation {
       peers = observedRows.filter((row) => birthGroups[keyframeIndices[row]] === birth),
       enough = peers.length >= NEIGHBOURS,
       caseOf = (keyframeIndex: number) =>
-        enough && birthGroups[keyframeIndex] === birth ? "peers" : past.isNew(keyframeIndex) ? "new" : "old";
+        enough && birthGroups[keyframeIndex] === birth ? "peers" : trackProperties.isNew(keyframeIndex) ? "new" : "old";
     queryKeyframes.forEach((keyframeIndex, n) => {
       if (!observedRows.length || caseOf(keyframeIndex) !== "peers")
-        repeatLastOffset(past.lastOffsets, keyframeIndex, out, n * frames, frames);
+        repeatLastOffset(trackProperties.lastOffsets, keyframeIndex, out, n * frames, frames);
     });
     for (const kind of ["peers", "new", "old"]) {
       const sources = kind === "peers" ? peers : observedRows,
@@ -56,7 +56,7 @@ export class Extrapolation {
         else field.addChanges(queryKeyframes[n], own);
       }
     }
-    if (observedRows.length) fadeIn(arrived, queryKeyframes, past, frames, out);
+    if (observedRows.length) fadeIn(arrived, queryKeyframes, trackProperties, frames, out);
     return out;
   }
 
@@ -65,9 +65,11 @@ export class Extrapolation {
    * `leftOut`.
    */
   #field(kind: string, sources: Int32Array, birth: number, leftOut: Uint8Array): MotionField {
-    const { arrived, past, frames } = this,
-      make = (rows: Int32Array) =>
-        new MotionField(arrived, rows, motionOrigins(kind, arrived, rows, past, frames), past, frames);
+    const { arrived, trackProperties, frames } = this,
+      make = (rows: Int32Array) => {
+        const origins = motionOrigins(kind, arrived, rows, trackProperties, frames);
+        return new MotionField(arrived, rows, origins, trackProperties, frames);
+      };
     if (sources.length < NEIGHBOURS) return make(sources);
     const name = `${kind} ${birth}`,
       all = this.completeRows.filter(
@@ -107,14 +109,14 @@ function motionOrigins(
   kind: string,
   arrived: TrackOffsets,
   observedRows: Int32Array,
-  past: PreviousState,
+  trackProperties: TrackProperties,
   frames: number,
 ): Float32Array | null {
   if (kind === "peers") return null;
   const found = new Float32Array(observedRows.length * NUM_CHANNELS);
   observedRows.forEach((row, n) => {
     const [values, at] =
-      kind === "new" ? [arrived.offsets, row * frames] : [past.lastOffsets, arrived.keyframeIndices[row]];
+      kind === "new" ? [arrived.offsets, row * frames] : [trackProperties.lastOffsets, arrived.keyframeIndices[row]];
     found.set(values.subarray(at * NUM_CHANNELS, (at + 1) * NUM_CHANNELS), n * NUM_CHANNELS);
   });
   return found;
@@ -127,7 +129,7 @@ function motionOrigins(
 function fadeIn(
   arrived: TrackOffsets,
   queryKeyframes: Int32Array,
-  { hasUnknownBirth }: PreviousState,
+  { hasUnknownBirth }: TrackProperties,
   frames: number,
   out: Float32Array,
 ): void {

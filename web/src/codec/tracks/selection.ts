@@ -4,7 +4,7 @@
 import { KdTree } from "../../conceal/kd_tree.ts";
 import type { Splats } from "../splats.ts";
 import { NUM_CHANNELS } from "./layout.ts";
-import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
+import type { TrackProperties, TrackOffsets } from "./track_offsets.ts";
 
 /** Coordinates x, y, z. */
 type Point = Float32Array;
@@ -44,15 +44,16 @@ export function select(
   order: Int32Array,
   queryKeyframes: Int32Array,
   frames: number,
-  past: PreviousState,
+  trackProperties: TrackProperties,
   interpolate: Interpolate,
   lifetime: Lifetime,
 ): Uint8Array {
   const found = new Uint8Array(queryKeyframes.length),
     stride = Math.max(Math.ceil(order.length / MAX_TESTS), 1),
     tested = order.filter((_, n) => n % stride === 0);
-  const errors = testErrors(arrived, order, tested, Math.ceil(MAX_SHARE / stride), frames, past, interpolate, lifetime),
-    { isNew, lastOffsets, splats } = past,
+  const folds = Math.ceil(MAX_SHARE / stride),
+    errors = testErrors(arrived, order, tested, folds, frames, trackProperties, interpolate, lifetime),
+    { isNew, lastOffsets, splats } = trackProperties,
     lastPlace = (keyframeIndex: number) => moved(splats, keyframeIndex, lastOffsets, keyframeIndex);
   // the first frame of a new track is known, so that its motion is estimated better
   for (const isNewTrack of [true, false]) {
@@ -84,12 +85,12 @@ function testErrors(
   tested: Int32Array,
   folds: number,
   frames: number,
-  past: PreviousState,
+  trackProperties: TrackProperties,
   interpolate: Interpolate,
   lifetime: Lifetime,
 ): Float64Array {
   const { keyframeIndices, begins, ends, offsets } = arrived,
-    { splats, lastOffsets } = past,
+    { splats, lastOffsets } = trackProperties,
     errors = new Float64Array(NUM_METHODS * tested.length),
     foldOf = new Int8Array(keyframeIndices.length).fill(-1);
   tested.forEach((row, n) => (foldOf[row] = n % folds));

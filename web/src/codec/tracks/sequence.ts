@@ -14,7 +14,7 @@ import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
 import { HELD, HIDDEN, INTERPOLATED, positionsOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
-import type { PreviousState, TrackOffsets } from "./track_offsets.ts";
+import type { TrackProperties, TrackOffsets } from "./track_offsets.ts";
 import { moveRows } from "./trajectories.ts";
 
 /** A decoded frame. */
@@ -32,7 +32,7 @@ const CONCEALERS = ["motion", "hold", "drop"];
 interface ConcealmentState {
   readonly group: number;
   readonly alive: Uint8Array;
-  readonly wasExtrapolated: Uint8Array;
+  readonly wasConcealed: Uint8Array;
   readonly offsets: Float32Array;
 }
 
@@ -183,7 +183,7 @@ export class Sequence implements SequenceDecoder {
     if (reuse) this.#room = room;
     let first = 0,
       to = 0,
-      extrapolated = 0;
+      numConcealed = 0;
     for (const batch of batches) {
       const begin = to,
         end = first + batch.count;
@@ -202,9 +202,9 @@ export class Sequence implements SequenceDecoder {
     for (let i = 0; i < here.length; i++) {
       const n = here[i];
       if (gains) enlarge(splats, i, gains[2 * n], gains[2 * n + 1]);
-      extrapolated += concealed[n];
+      numConcealed += concealed[n];
     }
-    return { number, splats, tracks, concealed: extrapolated, isWhole: this.#isWhole(group) };
+    return { number, splats, tracks, numConcealed, isWhole: this.#isWhole(group) };
   }
 
   /** Decodes motion of the next group in advance, for up to `ms` milliseconds. */
@@ -330,16 +330,17 @@ export class Sequence implements SequenceDecoder {
     });
     let gains: Float32Array | null = null;
     if (numMotionTracks && lostKeyframes.length) {
-      const past = this.#pastState(before, group),
+      const trackProperties = this.#trackProperties(before, group),
+        { lastOffsets } = trackProperties,
         offsets = byTrack(batches, numReceived, lostKeyframes.length, frames),
         out = offsets.subarray(numReceived * frames * NUM_CHANNELS),
         arrived = { ...received, offsets: offsets.subarray(0, numReceived * frames * NUM_CHANNELS) },
         methods =
           concealer === "motion"
-            ? this.#interpolate(arrived, Int32Array.from(lostKeyframes), past, group, out)
+            ? this.#interpolate(arrived, Int32Array.from(lostKeyframes), trackProperties, group, out)
             : new Uint8Array(lostKeyframes.length).fill(concealer === "drop" ? HIDDEN : HELD);
       methods.forEach((method, n) => {
-        if (method !== INTERPOLATED) repeatLastOffset(past.lastOffsets, lostKeyframes[n], out, n * frames, frames);
+        if (method !== INTERPOLATED) repeatLastOffset(lastOffsets, lostKeyframes[n], out, n * frames, frames);
         hidden[numReceived + n] = Number(method === HIDDEN);
       });
       batches.push({ count: lostKeyframes.length, offsets: transposed(out, lostKeyframes.length, frames) });
@@ -374,7 +375,7 @@ export class Sequence implements SequenceDecoder {
   #interpolate(
     received: TrackOffsets,
     lostKeyframes: Int32Array,
-    past: PreviousState,
+    trackProperties: TrackProperties,
     group: number,
     out: Float32Array,
   ): Uint8Array {
@@ -383,10 +384,10 @@ export class Sequence implements SequenceDecoder {
       { begins, ends, keyframeIndices } = received,
       order = this.#rowsByTrack(keyframeIndices),
       complete = order.filter((n) => begins[n] === 0 && ends[n] === frames),
-      estimates = new Extrapolation(received, complete, this.#keyframes.birthGroups, past, frames),
+      estimates = new Extrapolation(received, complete, this.#keyframes.birthGroups, trackProperties, frames),
       interpolate = estimates.estimate.bind(estimates),
       lifetime = (keyframeIndex: number) => this.#lifetime(keyframeIndex, group),
-      methods = select(received, order, lostKeyframes, frames, past, interpolate, lifetime),
+      methods = select(received, order, lostKeyframes, frames, trackProperties, interpolate, lifetime),
       moving = rowsWhere(lostKeyframes.length, (n) => methods[n] === INTERPOLATED),
       found = interpolate(
         new Uint8Array(keyframeIndices.length),
@@ -430,7 +431,7 @@ export class Sequence implements SequenceDecoder {
     return gains;
   }
 
-  #pastState(before: ConcealmentState | null, group: number): PreviousState {
+  #trackProperties(before: ConcealmentState | null, group: number): TrackProperties {
     const { info } = this,
       keyframes = this.#keyframes,
       room = keyframes.count * NUM_CHANNELS,
@@ -438,7 +439,7 @@ export class Sequence implements SequenceDecoder {
     return {
       splats: keyframes.splats,
       lastOffsets: before ? resized(before.offsets, room) : new Float32Array(room),
-      wasExtrapolated: before?.wasExtrapolated ?? null,
+      wasConcealed: before?.wasConcealed ?? null,
       isNew: (keyframeIndex) => keyframes.birthGroups[keyframeIndex] === group,
       hasUnknownBirth: (keyframeIndex) =>
         keyframes.birthGroups[keyframeIndex] === group && !info.lifetimes.begins.get(keyframes.tracks[keyframeIndex]),
@@ -459,7 +460,7 @@ export class Sequence implements SequenceDecoder {
     const count = this.#keyframes.count,
       last = before ? resized(before.offsets, count * NUM_CHANNELS) : new Float32Array(count * NUM_CHANNELS),
       alive = new Uint8Array(count),
-      wasExtrapolated = new Uint8Array(count);
+      wasConcealed = new Uint8Array(count);
     let n = 0;
     for (const batch of batches) {
       const offsets = offsetsIn(batch, frames - 1);
@@ -468,11 +469,11 @@ export class Sequence implements SequenceDecoder {
           to = keyframeIndex * NUM_CHANNELS;
         if (ends[n] !== frames) continue;
         alive[keyframeIndex] = 1;
-        wasExtrapolated[keyframeIndex] = concealed[n];
+        wasConcealed[keyframeIndex] = concealed[n];
         for (let c = 0; c < NUM_CHANNELS; c++) last[to + c] = offsets[from + c];
       }
     }
-    return { group, alive, wasExtrapolated, offsets: last };
+    return { group, alive, wasConcealed, offsets: last };
   }
 }
 

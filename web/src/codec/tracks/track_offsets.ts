@@ -1,4 +1,4 @@
-// Offsets of tracks from their keyframe Gaussians, and their state before a group.
+// Offsets of tracks from their keyframe Gaussians, and what concealment needs to know of each track.
 
 import type { Splats } from "../splats.ts";
 
@@ -12,14 +12,14 @@ export interface TrackOffsets {
   readonly offsets: Float32Array;
 }
 
-/** Properties of the tracks that decoding a group needs, by keyframe index. */
-export interface PreviousState {
+/** Properties of the tracks that the concealment of a group needs, by keyframe index. */
+export interface TrackProperties {
   /** Keyframe Gaussians of all tracks, without offsets, with those born in this group. */
   readonly splats: Splats;
-  /** Offset from the keyframe Gaussian in the last frame, shape (keyframes, channels). */
+  /** Offset from the keyframe Gaussian in the last frame of the group before, shape (keyframes, channels). */
   readonly lastOffsets: Float32Array;
-  /** Tracks with an estimated last offset (1); null if none. */
-  readonly wasExtrapolated: Uint8Array | null;
+  /** Tracks whose last offset was estimated, because their motion was lost (1); null if none. */
+  readonly wasConcealed: Uint8Array | null;
   /** Returns true if the track is born in this group. */
   readonly isNew: (keyframeIndex: number) => boolean;
   /** Returns true if the track is born in this group and its first frame is unknown. */
