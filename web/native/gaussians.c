@@ -21,7 +21,6 @@
 #define COLUMNS 17
 #define WINDOW 64
 #define NUM_NEIGHBOURS 6
-#define LANES 8
 #define PREDICTED 8
 #define PAIRS (PREDICTED / 2)
 #define MAX_KEY 0x7fffffff
@@ -31,8 +30,8 @@
 #define TOTAL (1 << 24)
 #define ESCAPE 16
 #define MAX_GUESS_BITS 8
-#define MAX_BOUNDS 512    // of a distribution that are stored
-#define PADDING_BYTES 16  // bytes behind a payload that may be read
+#define MAX_STORED_INTERVALS 512  // of a distribution; wider distributions store every second, fourth, ... bound
+#define PADDING_BYTES 16          // bytes behind a payload that may be read
 #define FIRST_CLASS 32
 #define FIRST_HARMONIC (FIRST_CLASS + 18 * 8)
 #define FIRST_MAGNITUDE (FIRST_HARMONIC + 8 + 64)
@@ -56,7 +55,8 @@
 #define R3 1.7320508075688772
 #define R6 2.449489742783178
 
-enum { POSITION = 0, CLASS = 3, OPACITY = 4, SCALE0 = 5, AXIS = 8, PRIMARY = 11, SPIN_BITS = 12, SPIN = 13, LUMA = 14 };
+enum { POSITION = 0, CLASS = 3, OPACITY = 4, SCALE0 = 5, ELONGATION = 6, FLATNESS = 7, AXIS = 8 };
+enum { PRIMARY = 11, SPIN_BITS = 12, SPIN = 13, LUMA = 14 };
 enum { STEP_POSITION = 4, STEP_DIRECTION = 5, STEP_SPIN = 6, STEP_COLOUR = 7, STEP_HARMONICS = 8, STEPS = 9 };
 
 // Tables that the caller fills: of the range coder, of the codec, of the stream, and the block's means.
@@ -497,16 +497,16 @@ static int32_t decode_value(int32_t kind, int32_t deviation_context, int32_t mea
   int32_t magnitude_context = smaller(bits_of((uint32_t)residual_magnitude), NUM_MAGNITUDE_CONTEXTS - 1);
   if (kind < 2) magnitude_context = shift;
   int32_t context = (kind * NUM_DEVIATION_CONTEXTS + deviation_context) * NUM_MAGNITUDE_CONTEXTS + magnitude_context;
-  int32_t near = 0, mean_eighths = 0;
+  int32_t mean_steps = 0, mean_fraction = 0;  // whole steps, and eighths of a step
   if (absolute) {
-    mean_eighths = (8 * mean + ((1 << shift) >> 1)) >> shift;
-    near = (mean_eighths + 4) >> 3;
-    mean_eighths -= 8 * near;
+    int32_t eighths = (8 * mean + ((1 << shift) >> 1)) >> shift;
+    mean_steps = (eighths + 4) >> 3;
+    mean_fraction = eighths - 8 * mean_steps;
   }
-  int32_t steps = decode_residual(distributions + scale_indices[context], mean_eighths);
+  int32_t steps = decode_residual(distributions + scale_indices[context], mean_fraction);
   residual_magnitude = (residual_magnitude + 16 * smaller(steps < 0 ? -steps : steps, 1 << 14)) >> 1;
   // at most 2^24 steps of at most 2^14: more than 32 bits, but all values are clipped to fewer
-  int64_t value = ((int64_t)(near + steps) << shift) + (absolute ? 0 : mean);
+  int64_t value = ((int64_t)(mean_steps + steps) << shift) + (absolute ? 0 : mean);
   return value > MAX_KEY ? MAX_KEY : value < -MAX_KEY ? -MAX_KEY : (int32_t)value;
 }
 
@@ -733,10 +733,10 @@ EXPORT(convert) uint32_t convert(uint32_t num_gaussians, uint32_t num_columns, d
   const int64_t *row = decoded_rows;
   for (uint32_t i = 0; i < num_gaussians; i++, row += COLUMNS) {
     for (int32_t a = 0; a < 3; a++) centres[3 * i + a] = (float)((2 * corner[a] + row[POSITION + a]) * half_spacing);
-    int32_t s0 = (int32_t)row[SCALE0], s1 = s0 - (int32_t)row[SCALE0 + 1];
+    int32_t s0 = (int32_t)row[SCALE0], s1 = s0 - (int32_t)row[ELONGATION];
     standard_deviations[3 * i] = (float)(scene_size * power_of_two(s0));
     standard_deviations[3 * i + 1] = (float)(scene_size * power_of_two(s1));
-    standard_deviations[3 * i + 2] = (float)(scene_size * power_of_two(s1 - flatness_table[(int32_t)row[SCALE0 + 2]]));
+    standard_deviations[3 * i + 2] = (float)(scene_size * power_of_two(s1 - flatness_table[(int32_t)row[FLATNESS]]));
     opacities[i] = (float)power_of_two((int32_t)row[OPACITY]);
     const double unit = 1 << BITS;
     write_rgb(colours + 3 * i, wasm_f64x2_splat(row[LUMA] / unit), wasm_f64x2_splat(row[LUMA + 1] / unit),
@@ -767,7 +767,7 @@ EXPORT(prepare) void prepare(void) {
     if (distribution->stride) continue;
     distribution->scale_index = scale_indices[c], distribution->max_magnitude = max_magnitude_of(scale_indices[c]);
     distribution->shift = 0;
-    while ((2 * distribution->max_magnitude >> distribution->shift) >= MAX_BOUNDS) distribution->shift++;
+    while ((2 * distribution->max_magnitude >> distribution->shift) >= MAX_STORED_INTERVALS) distribution->shift++;
     distribution->guess_bits = smaller(bits_of((uint32_t)distribution->max_magnitude) + 1, MAX_GUESS_BITS);
     distribution->stride = (2 * distribution->max_magnitude >> distribution->shift) + 2;
     uint32_t num_guesses = NUM_MEANS << distribution->guess_bits;
@@ -998,11 +998,12 @@ EXPORT(readMotion) uint32_t read_motion(uint32_t bytes, uint32_t num_tracks, int
 
 static double *positions, *rows_of;
 static float *known;  // coordinates of the known tracks in their sequence, one axis after another
+static int32_t *known_tracks;  // their rows in the packet
 static uint32_t num_known, padded_tracks;
 
 static void add_known(uint32_t i) {
   for (int32_t a = 0; a < 3; a++) known[a * padded_tracks + num_known] = (float)positions[3 * i + a];
-  axes[num_known++] = (int32_t)i;
+  known_tracks[num_known++] = (int32_t)i;
 }
 
 // Positions of the nearest tracks in the sequence of known tracks, nearest first, and their squared distances.
@@ -1059,7 +1060,7 @@ static void fit_plane(uint32_t i, int32_t num_found) {
   double o[3 * NUM_NEAREST], proximities[NUM_NEAREST], radius = 1, total = 0, sums[3] = {0}, m[6] = {0};
   for (int32_t n = 0; n < num_found; n++) {
     for (int32_t a = 0; a < 3; a++) {
-      o[3 * n + a] = positions[3 * axes[nearest[n]] + a] - positions[3 * i + a];
+      o[3 * n + a] = positions[3 * known_tracks[nearest[n]] + a] - positions[3 * i + a];
       if (magnitude(o[3 * n + a]) > radius) radius = magnitude(o[3 * n + a]);
     }
   }
@@ -1110,7 +1111,7 @@ static void predict_track(uint32_t i, const int32_t *shifts) {
   const double *rows[NUM_NEAREST];
   v128_t weights_of[NUM_NEAREST];
   for (int32_t m = 0; m < num_found; m++) {
-    int32_t j = axes[nearest[m]];
+    int32_t j = known_tracks[nearest[m]];
     if (headers[HEADER_FIELDS * j + STATE] != MOVING) continue;
     rows[num_moving] = rows_of + j * row_stride;
     weights_of[num_moving++] = wasm_f64x2_splat(plane_weights[m]);
@@ -1170,7 +1171,7 @@ EXPORT(offsets) uint32_t offsets(uint32_t num_moving) {
   uint32_t out_at = known_at + 16 * padded_tracks + 4 * num_elements, frame_stride = CHANNELS * num_elements;
   reserve(out_at + 4 * frame_stride * num_frames);
   rows_of = (double *)rows_at, known = (float *)known_at, rounded_squares = known + 3 * padded_tracks;
-  axes = (int32_t *)(rounded_squares + padded_tracks);
+  known_tracks = (int32_t *)(rounded_squares + padded_tracks);
   for (uint32_t n = 0; n < 3 * padded_tracks; n++) known[n] = FAR_AWAY;
   num_known = 0;
   for (uint32_t i = 0; i < num_elements; i++)

@@ -207,11 +207,12 @@ def code_value(coder, kind, deviation_context, magnitude_context, mean, value, s
             coder, kind, deviation_context, magnitude_context, (value - mean + half_step) >> shift, ZERO
         )
         return mean + (steps << shift), steps
-    mean_eighths = ((mean << MEAN_FRACTION_BITS) + half_step) >> shift
-    near = (mean_eighths + (1 << (MEAN_FRACTION_BITS - 1))) >> MEAN_FRACTION_BITS
-    residual, fraction = ((value + half_step) >> shift) - near, mean_eighths - (near << MEAN_FRACTION_BITS)
-    steps = _code_residual(coder, kind, deviation_context, magnitude_context, residual, fraction)
-    return (near + steps) << shift, steps
+    scaled_mean = ((mean << MEAN_FRACTION_BITS) + half_step) >> shift  # in steps, with fractional bits
+    mean_steps = (scaled_mean + (1 << (MEAN_FRACTION_BITS - 1))) >> MEAN_FRACTION_BITS
+    mean_fraction = scaled_mean - (mean_steps << MEAN_FRACTION_BITS)
+    residual = ((value + half_step) >> shift) - mean_steps
+    steps = _code_residual(coder, kind, deviation_context, magnitude_context, residual, mean_fraction)
+    return (mean_steps + steps) << shift, steps
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)

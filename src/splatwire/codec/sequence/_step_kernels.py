@@ -35,22 +35,19 @@ def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, f
         precision_class, opacity, s0, elongation = columns[i, 0], columns[i, 1], columns[i, 2], columns[i, 3]
         flatness = flatness_table[columns[i, 4]]
         area = 2 * s0 - elongation
-        position_step = (
-            position_shift(
-                base_exponents, precision_class, s0, elongation, flatness, opacity, lattice_bits, max_position_shift
-            )
-            + 1
+        lattice_shift = position_shift(
+            base_exponents, precision_class, s0, elongation, flatness, opacity, lattice_bits, max_position_shift
         )
         rotation_shift = DIRECTION_BITS - step_exponent(
             base_exponents, STEP_DIRECTION, precision_class, area, elongation, flatness, opacity
         )
         for a in range(3):
-            shifts[i, a] = position_step
+            shifts[i, a] = lattice_shift + 1  # the unit of motion is half the lattice spacing
             shifts[i, 3 + a] = min(max(rotation_shift, 0), DIRECTION_BITS - 2)
-        first = 2 * s0 - (2 << BITS)
+        expected_area = 2 * s0 - (2 << BITS)  # of a Gaussian of unknown elongation
         shifts[i, 6] = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         shifts[i, 7] = step_shift(
-            base_exponents, STEP_ELONGATION, precision_class, first, ZERO, ZERO, opacity, BITS - 1
+            base_exponents, STEP_ELONGATION, precision_class, expected_area, ZERO, ZERO, opacity, BITS - 1
         )
         # The ratio to the second scale is companded: its logarithm is coarser for thin Gaussians.
         flatness_shift = step_shift(
