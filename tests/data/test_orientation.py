@@ -51,12 +51,12 @@ def test_photos_of_ambiguous_orientation_are_refused(capture, orientation):
         open_dataset(capture.root, split="all")
 
 
-@pytest.mark.parametrize("upright", [True, False])
-def test_nearly_square_photos_are_oriented_by_one_pixel(capture, upright):
+@pytest.mark.parametrize("rotated", [True, False])
+def test_nearly_square_photos_are_oriented_by_one_pixel(capture, rotated):
     _photos(capture, TURNED, (400, 399))
-    capture.width, capture.height = (399, 400) if upright else (400, 399)
+    capture.width, capture.height = (399, 400) if rotated else (400, 399)
     capture.write_binary()
-    assert open_dataset(capture.root, split="all").upright == upright
+    assert open_dataset(capture.root, split="all").applies_exif_rotation == rotated
 
 
 def test_upside_down_photo_needs_an_unambiguous_one(capture):
@@ -69,7 +69,7 @@ def test_upside_down_photo_needs_an_unambiguous_one(capture):
     Image.fromarray(np.repeat((stored[:, :, None] * 255).astype(np.uint8), 3, 2)).save(
         capture.root / "images" / capture.names[4], exif=exif
     )
-    assert not open_dataset(capture.root, split="all").upright
+    assert not open_dataset(capture.root, split="all").applies_exif_rotation
 
 
 def test_photo_size_without_a_camera_size_is_no_evidence(capture):
@@ -82,7 +82,7 @@ def test_photo_size_without_a_camera_size_is_no_evidence(capture):
     with pytest.raises(DatasetError, match="EXIF orientation"):
         open_dataset(capture.root, split="all")
     (capture.root / "transforms.json").write_text(json.dumps({"fl_x": 33, "w": 40, "h": 24, "frames": frames}))
-    assert not open_dataset(capture.root, split="all").upright
+    assert not open_dataset(capture.root, split="all").applies_exif_rotation
 
 
 def test_masks_are_rotated_with_their_photo(capture):

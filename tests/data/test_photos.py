@@ -83,8 +83,8 @@ def test_damaged_metadata_of_a_photo_gives_no_warning_of_pillow(tmp_path):
     data = bytearray(metadata.tobytes())
     data[data.index(b"A long") - 26 :] = b""  # cut within the table of tags
     Image.fromarray(np.full((10, 15, 3), 128, np.uint8)).save(tmp_path / "a.jpg", exif=bytes(data))
-    assert sorted(photo_size(tmp_path / "a.jpg", upright=True)) == [10, 15]
-    loaded = load_photo(tmp_path / "a.jpg", upright=True)
+    assert sorted(photo_size(tmp_path / "a.jpg", apply_exif=True)) == [10, 15]
+    loaded = load_photo(tmp_path / "a.jpg", apply_exif=True)
     assert not has_exif_rotation(tmp_path / "a.jpg") or loaded.shape == (15, 10, 3)
 
 

@@ -22,7 +22,7 @@ from splatwire.data.colmap import (
 )
 from splatwire.data.copies import warn_of_copies
 from splatwire.data.lens import Undistortion, undistortion_of
-from splatwire.data.orientation import shape_fits, views_are_upright
+from splatwire.data.orientation import needs_exif_rotation, shape_fits
 from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.point_cloud import SparsePoints, read_point_cloud
 from splatwire.data.transforms_json import Transforms, TransformsView, listed_photos, names_masks, read_transforms
@@ -57,7 +57,7 @@ class Dataset(CheckedFields):
         background: RGB visible where a photo's alpha is below 1.
         mask_paths: Mask file of each view, or None for a view without mask; empty if no view has a mask.
         undistortions: Undistortion of each view, or None for a pinhole view; empty if all views are pinhole views.
-        upright: True if photos must be rotated by their EXIF orientation to fit the cameras.
+        applies_exif_rotation: True if photos must be rotated by their EXIF orientation to fit the cameras.
     """
 
     cameras: Cameras
@@ -66,7 +66,7 @@ class Dataset(CheckedFields):
     background: Background = BLACK
     mask_paths: tuple[Path | None, ...] = ()
     undistortions: tuple[Undistortion | None, ...] = ()
-    upright: bool = False
+    applies_exif_rotation: bool = False
 
     @property
     def num_views(self) -> int:
@@ -82,7 +82,7 @@ class Dataset(CheckedFields):
         """
         view = whole_number(view, "view", 0, self.num_views - 1)
         size = (self.cameras.width, self.cameras.height)
-        photo = load_photo(self.image_paths[view], size, self.background, upright=self.upright)
+        photo = load_photo(self.image_paths[view], size, self.background, apply_exif=self.applies_exif_rotation)
         undistortion = self.undistortions[view] if self.undistortions else None
         return photo if undistortion is None else undistortion.image(photo)
 
@@ -183,17 +183,17 @@ def open_dataset(
         image_paths = [view.image_path for view in views]
     if not views:
         raise NoViewsError(f"{source}: has no views in the split '{split}': there are too few in all")
-    upright = views_are_upright(views, image_paths)
-    cameras, undistortions = _cameras(source, views, image_paths, max_width, upright)
+    apply_exif = needs_exif_rotation(views, image_paths)
+    cameras, undistortions = _cameras(source, views, image_paths, max_width, apply_exif)
     points: SparsePoints | None = None
     if folder is not None:
         points = read_points(folder, cameras.origin)
     elif cloud is not None:
         points = read_point_cloud(cloud, cameras.origin)
-    masks = _masks(views, image_paths, upright)
+    masks = _masks(views, image_paths, apply_exif)
     if not masks:
         _warn_of_unread_masks(path, layout or dataset_layout(path))
-    return Dataset(cameras, tuple(image_paths), points, background, masks, undistortions, upright)
+    return Dataset(cameras, tuple(image_paths), points, background, masks, undistortions, apply_exif)
 
 
 def _layout_of_file(path: Path) -> str | None:
@@ -459,21 +459,21 @@ def _by_stem(folder: Path) -> dict[str, Path]:
 
 
 def _masks(
-    views: Sequence[ColmapView | TransformsView], image_paths: list[Path], upright: bool
+    views: Sequence[ColmapView | TransformsView], image_paths: list[Path], apply_exif: bool
 ) -> tuple[Path | None, ...]:
     """Returns the mask file of each view, None for a view without mask; an empty tuple if no view has a mask.
 
     Args:
         views: The views.
         image_paths: Photo of each view.
-        upright: True if photos are rotated by their EXIF orientation.
+        apply_exif: True if photos are rotated by their EXIF orientation.
 
     Raises:
         DatasetError: If a mask and its photo have different sizes.
     """
     masks = tuple(view.mask_path if isinstance(view, TransformsView) else None for view in views)
     for mask, file in zip(masks, image_paths, strict=True):
-        if mask is not None and (mask_size := photo_size(mask)) != (size := photo_size(file, upright=upright)):
+        if mask is not None and (mask_size := photo_size(mask)) != (size := photo_size(file, apply_exif=apply_exif)):
             raise DatasetError(
                 f"{mask}: the mask is {mask_size[0]} x {mask_size[1]} pixels, its photo {file.name} {size[0]} x "
                 f"{size[1]}"
@@ -486,7 +486,7 @@ def _cameras(
     views: Sequence[ColmapView | TransformsView],
     image_paths: list[Path],
     max_width: int | None,
-    upright: bool,
+    apply_exif: bool,
 ) -> tuple[Cameras, tuple[Undistortion | None, ...]]:
     """Returns the cameras, scaled to the size of the loaded photos, and the lens undistortion of each view.
 
@@ -497,16 +497,16 @@ def _cameras(
         views: The views.
         image_paths: Photo of each view.
         max_width: Maximum width of loaded photos, pixels; None for no maximum.
-        upright: True if photos are rotated by their EXIF orientation.
+        apply_exif: True if photos are rotated by their EXIF orientation.
 
     Raises:
         DatasetError: If the photos have different sizes, or another shape than their cameras.
     """
-    first = photo_size(image_paths[0], upright=upright)
+    first = photo_size(image_paths[0], apply_exif=apply_exif)
     width, height = limited_size(*first, max_width)
     intrinsics, undistortions = [], []
     for view, file in zip(views, image_paths, strict=True):
-        size = photo_size(file, upright=upright)
+        size = photo_size(file, apply_exif=apply_exif)
         if size != first:
             raise DatasetError(
                 f"{file}: is {size[0]} x {size[1]} pixels, {image_paths[0].name} {first[0]} x {first[1]}; "

@@ -21,7 +21,7 @@ def shape_fits(photo: tuple[int, int], camera: tuple[int, int]) -> bool:
     return abs(photo[1] - camera[1] * photo[0] / camera[0]) <= _MAX_ASPECT_ERROR_PX
 
 
-def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths: Sequence[Path]) -> bool:
+def needs_exif_rotation(views: Sequence[ColmapView | TransformsView], image_paths: Sequence[Path]) -> bool:
     """Decides if the cameras of a dataset describe the photos after their EXIF rotation, or the pixels as stored.
 
     Args:
@@ -36,24 +36,24 @@ def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths:
         DatasetError: If photos have an EXIF rotation, and their aspect ratios do not show which case applies. Either
             the photos fit both cases, or some photos fit one case and other photos the other case.
     """
-    turned = [(view, file) for view, file in zip(views, image_paths, strict=True) if has_exif_rotation(file)]
-    if not turned:
+    rotated = [(view, file) for view, file in zip(views, image_paths, strict=True) if has_exif_rotation(file)]
+    if not rotated:
         return False
     votes = set()
-    for view, file in turned:
-        sizes = photo_size(file), photo_size(file, upright=True)
+    for view, file in rotated:
+        sizes = photo_size(file), photo_size(file, apply_exif=True)
         camera = (view.width, view.height)
-        stored, upright = (shape_fits(size, camera) for size in sizes)
-        if not (stored or upright):
+        fits_stored, fits_rotated = (shape_fits(size, camera) for size in sizes)
+        if not (fits_stored or fits_rotated):
             return False  # sizes do not match at all; reported elsewhere
-        if stored and upright:  # nearly square
-            stored, upright = (size == camera for size in sizes)
-        if stored != upright and (isinstance(view, ColmapView) or view.size_is_known):
-            votes.add(upright)
+        if fits_stored and fits_rotated:  # nearly square
+            fits_stored, fits_rotated = (size == camera for size in sizes)
+        if fits_stored != fits_rotated and (isinstance(view, ColmapView) or view.size_is_known):
+            votes.add(fits_rotated)
     if len(votes) == 1:
         return votes.pop()
     raise DatasetError(
-        f"{turned[0][1]}: its EXIF orientation turns the photo, and its shape does not show if the poses are those of "
+        f"{rotated[0][1]}: its EXIF orientation turns the photo, and its shape does not show if the poses are those of "
         "the turned one. If they are, turn the pixels (`mogrify -auto-orient`), else remove the tag "
         "(`exiftool -Orientation=`)"
     )

@@ -27,18 +27,18 @@ _PIXELS_PER_BYTE = 32
 """Maximum pixels per byte of file for larger images; photos have at most 10."""
 
 
-def photo_size(path: Path, *, upright: bool = False) -> tuple[int, int]:
+def photo_size(path: Path, *, apply_exif: bool = False) -> tuple[int, int]:
     """Returns width and height of an image file in pixels, read from the header only.
 
     Args:
         path: The file.
-        upright: True for the size after applying the EXIF orientation.
+        apply_exif: True for the size after applying the EXIF orientation.
 
     Raises:
         DatasetError: If the file is missing or not an image.
     """
     with _open(path) as image:
-        return image.size[::-1] if upright and _orientation(image) in _SIDES_SWAPPED else image.size
+        return image.size[::-1] if apply_exif and _orientation(image) in _SIDES_SWAPPED else image.size
 
 
 def has_exif_rotation(path: Path) -> bool:
@@ -64,7 +64,7 @@ def _orientation(image: Image.Image) -> object:
 
 @checked
 def load_photo(
-    path: Path, size: tuple[int, int] | None = None, background: Background = BLACK, *, upright: bool = False
+    path: Path, size: tuple[int, int] | None = None, background: Background = BLACK, *, apply_exif: bool = False
 ) -> Float[np.ndarray, "H W 3"]:
     """Loads an image as RGB in [0, 1].
 
@@ -72,7 +72,7 @@ def load_photo(
         path: The file: 8 bits per channel, grey, palette or RGB, with or without alpha.
         size: Width and height to resize to (bicubic, on 8-bit values, as in HAC++); None keeps the size.
         background: RGB visible where alpha is below 1.
-        upright: True to apply the EXIF orientation before resizing.
+        apply_exif: True to apply the EXIF orientation before resizing.
 
     Raises:
         DatasetError: If the file is missing or not such an image.
@@ -85,8 +85,8 @@ def load_photo(
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # as in `_orientation`
-                turned = ImageOps.exif_transpose(image) if upright else image
-            whole = turned.convert("RGBA" if has_alpha else "RGB")
+                rotated = ImageOps.exif_transpose(image) if apply_exif else image
+            whole = rotated.convert("RGBA" if has_alpha else "RGB")
         except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
             raise DatasetError(f"{path}: the image is damaged: {error}") from error
     if not has_alpha and size not in (None, whole.size):
