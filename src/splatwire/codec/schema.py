@@ -27,12 +27,12 @@ class CodedPackets:
     Attributes:
         counts: int64 (packets), number of elements in each packet.
         payloads: Payload of each packet.
-        rows: Integers that a decoder obtains from the packets: arrays with one row for each element.
+        symbols: Integers that a decoder obtains from the packets: arrays with one row for each element.
     """
 
     counts: np.ndarray
     payloads: list[bytes]
-    rows: SymbolRows
+    symbols: SymbolRows
 
 
 @runtime_checkable

@@ -239,7 +239,7 @@ def store_block(
     lost = np.flatnonzero(~received)
     filled = rows.copy() if len(lost) else rows
     if len(lost):
-        filled[lost] = _estimate_lost(info, block, rows[received][:, POSITION : POSITION + 3], lost)
+        filled[lost] = _estimate_lost(info, block, rows[received][:, POSITION : POSITION + 3], len(lost))
     for first in range(0, len(rows), CHUNK_GAUSSIANS):
         chunk = slice(first, first + CHUNK_GAUSSIANS)
         corners = np.broadcast_to(info.boxes.corners[block], filled[chunk][:, :3].shape)
@@ -258,7 +258,7 @@ def store_block(
     splats.quats[lost_indices] = (1, 0, 0, 0)
 
 
-def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, lost: np.ndarray) -> np.ndarray:
+def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, num_lost: int) -> np.ndarray:
     """Estimates the decoded integers of a block's lost Gaussians.
 
     Positions are copied from received Gaussians of the block. If no Gaussian was received, positions are spread over
@@ -268,23 +268,21 @@ def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, l
         info: Side information of the stream, with default attribute values for each block.
         block: Index of the spatial block.
         received_positions: Lattice coordinates of the block's received Gaussians, int64 (received, 3).
-        lost: Indices of the lost Gaussians; only their number matters.
+        num_lost: Number of lost Gaussians.
 
     Returns:
-        Integers of the lost Gaussians, int64 (lost, columns).
+        Integers of the lost Gaussians, int64 (num_lost, columns).
     """
-    rows, block_means = empty_rows(len(lost), 0)[0], info.block_means[block]
+    rows, block_means = empty_rows(num_lost, 0)[0], info.block_means[block]
     rows[:, SCALE0] = np.clip(block_means[1], -MAX_LOG, MAX_LOG)
     rows[:, ELONGATION] = np.clip(block_means[2], 0, MAX_LOG)
     rows[:, FLATNESS] = np.clip(block_means[3], 0, MAX_COMPANDED)
     rows[:, LUMA : LUMA + 3] = np.clip(block_means[4:], -MAX_COLOUR, MAX_COLOUR)
     rows[:, AXIS + 2] = 1 << DIRECTION_BITS
     if len(received_positions):
-        rows[:, POSITION : POSITION + 3] = received_positions[
-            np.arange(len(lost)) * len(received_positions) // len(lost)
-        ]
+        rows[:, POSITION : POSITION + 3] = received_positions[np.arange(num_lost) * len(received_positions) // num_lost]
     else:
         sides = (info.boxes.extents[block] + 1) << info.boxes.shifts[block]
-        relative_positions = (0.5 + np.arange(1, len(lost) + 1)[:, None] * _GOLDEN) % 1.0
+        relative_positions = (0.5 + np.arange(1, num_lost + 1)[:, None] * _GOLDEN) % 1.0
         rows[:, POSITION : POSITION + 3] = (2 * sides * relative_positions).astype(np.int64)
     return rows

@@ -276,14 +276,14 @@ class SourceScene:
         """
         members, bits = self.order[self.block_ranks(block)], int(info.boxes.bits[block])
         positions, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
-        centres, dropped = kernel_array(self.centres), max(bits - MAX_CELL_BITS, 0)
+        centres, dropped_bits = kernel_array(self.centres), max(bits - MAX_CELL_BITS, 0)
         max_coordinate, used_bits = sources.write_block_positions(
-            members, centres, self._steps_per_unit, info.boxes.corners[block], dropped, positions, codes
+            members, centres, self._steps_per_unit, info.boxes.corners[block], dropped_bits, positions, codes
         )
         check_lattice_range(max_coordinate)
         check_codes(used_bits, bits)
         cell_shift = choose_cell_shift(positions, bits)
-        return positions, codes, cell_shift, sources.sort_cells(codes, 3 * (cell_shift - dropped), self.contiguous)
+        return positions, codes, cell_shift, sources.sort_cells(codes, 3 * (cell_shift - dropped_bits), self.contiguous)
 
     def coding_order(self, block: int, info: SideInfo, counts: np.ndarray) -> np.ndarray:
         """Sorts a block's Gaussians into coding order.
