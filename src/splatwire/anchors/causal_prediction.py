@@ -78,16 +78,16 @@ def predict_causal(
             the name of the network, the predicted means and the attributes. None to pass the attributes unchanged.
         join: Function that concatenates arrays along an axis; `torch.cat` for tensors.
     """
-    features = networks["position"](inputs)
+    known_inputs = networks["position"](inputs)
     means, log_deviations, before = [], [], 0
 
     def follow(name: str, mean: Any, values: Any) -> None:
-        nonlocal features
+        nonlocal known_inputs
         rounded = values if quantised is None else quantised(name, mean, values)
-        features = join([features, rounded * INPUT_UNIT], 1)
+        known_inputs = join([known_inputs, rounded * INPUT_UNIT], 1)
 
     def predicted(name: str) -> tuple[Any, Any]:
-        outputs = networks[name](features)
+        outputs = networks[name](known_inputs)
         middle = outputs.shape[1] // 2
         return outputs[:, :middle], outputs[:, middle:]
 
@@ -98,7 +98,7 @@ def predict_causal(
         log_deviations.append(log_deviation)
         before += size
     masks = config.layout.num_offsets
-    outputs = networks[MASK_AND_SCALE](features)
+    outputs = networks[MASK_AND_SCALE](known_inputs)
     exists, scale_mean = outputs[:, :masks], outputs[:, masks : masks + 1]
     scale_log_deviation = outputs[:, masks + 1 :]
     follow(MASK_AND_SCALE, scale_mean, log_scalings[:, :1])

@@ -10,7 +10,7 @@ from splatwire.cli._output import print_json, print_summary, refuse_options
 from splatwire.cli._scenes import chosen_background
 from splatwire.cli._trained_gaussians import GAUSSIAN_MODEL, check_gaussian_options, run_gaussians
 from splatwire.cli._training import (
-    ANCHOR_RECIPE,
+    ANCHOR_RECIPE_OPTIONS,
     DEFAULT_ITERATIONS,
     changed_options,
     check_same_recipe,
@@ -68,7 +68,7 @@ def run(command: Train) -> None:
     checkpoint = output.with_name(output.name + ".checkpoint")
     if command.resume:
         state, config = load_checkpoint(checkpoint)
-        check_same_recipe(changed_options(command), _config(command), config, ANCHOR_RECIPE)
+        check_same_recipe(changed_options(command), _config(command), config, ANCHOR_RECIPE_OPTIONS)
         train, test = _datasets(command, config)
     else:
         state, config, train, test = _initial_training(command, _DEVICE_NAMES[device])
@@ -97,7 +97,7 @@ def _initial_training(command: Train, device_name: str) -> tuple[TrainState, Tra
     train, test = _datasets(command, config)
     num_fine_tuning = config.milestones.fine_tuning_iterations
     more = f" and {num_fine_tuning:,} more for losses" if num_fine_tuning else ""
-    iterations = f"{config.milestones.fine_tuning_start:,} iterations{more}"
+    iterations = f"{config.milestones.main_iterations:,} iterations{more}"
     summary = f"recipe {config.preset}{chosen}, {iterations} on the {device_name}"
     print(summary, file=sys.stderr)
     if start is not None:

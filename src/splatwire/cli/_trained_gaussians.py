@@ -14,7 +14,7 @@ from splatwire.cli._scenes import chosen_background
 from splatwire.cli._served_training import check_serving, served_training
 from splatwire.cli._training import (
     DEFAULT_ITERATIONS,
-    GAUSSIAN_RECIPE,
+    GAUSSIAN_RECIPE_OPTIONS,
     changed_options,
     check_same_recipe,
     preset_of,
@@ -85,7 +85,7 @@ def run_gaussians(command: Train, device: str, device_name: str) -> None:
     checkpoint = output.with_name(output.name + ".checkpoint")
     if command.resume:
         state, config = load_gaussian_checkpoint(checkpoint)
-        check_same_recipe(changed_options(command), _config(command), config, GAUSSIAN_RECIPE)
+        check_same_recipe(changed_options(command), _config(command), config, GAUSSIAN_RECIPE_OPTIONS)
         train, test = training_data(command, config.test_views, config.background)
     else:
         state, config, train, test = _initial_training(command, device_name)

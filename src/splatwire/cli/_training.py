@@ -110,12 +110,12 @@ def stopped_early(iteration: int, iterations: int) -> KeyboardInterrupt:
     return KeyboardInterrupt()
 
 
-ANCHOR_RECIPE: dict[str, Callable[[Any], object]] = {
+ANCHOR_RECIPE_OPTIONS: dict[str, Callable[[Any], object]] = {
     "preset": attrgetter("preset"),
     "model": attrgetter("model.__class__"),
     "lmbda": attrgetter("weights.rate"),
     "size": attrgetter("weights.target_bytes"),
-    "iterations": attrgetter("milestones.fine_tuning_start"),
+    "iterations": attrgetter("milestones.main_iterations"),
     "voxel-size": attrgetter("voxel_size"),
     "growth-interval": attrgetter("milestones.growth_interval"),
     "refine": attrgetter("refine.steps"),
@@ -125,10 +125,10 @@ ANCHOR_RECIPE: dict[str, Callable[[Any], object]] = {
     "seed": attrgetter("seed"),
 }
 """Options of the recipe of anchors, each with a function that returns its value from a training configuration."""
-GAUSSIAN_RECIPE: dict[str, Callable[[Any], object]] = {
+GAUSSIAN_RECIPE_OPTIONS: dict[str, Callable[[Any], object]] = {
     name: attrgetter(name) for name in ("preset", "gaussians", "degree", "iterations", "quality", "background", "seed")
 } | {"loss": attrgetter("packet_loss"), "model": lambda config: "gaussians"}
-"""Options of the recipe of explicit Gaussians, as in `ANCHOR_RECIPE`."""
+"""Options of the recipe of explicit Gaussians, as in `ANCHOR_RECIPE_OPTIONS`."""
 
 
 def check_same_recipe(

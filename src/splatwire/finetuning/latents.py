@@ -231,7 +231,7 @@ def gradients_of(
     Returns:
         Gradient with respect to each array of `Latents.trained`, by name.
     """
-    gradients_by_name = {
+    gradients = {
         name: np.empty_like(getattr(latents, name)) for name in ("displacements", "rotations", "logs", "logits")
     }
 
@@ -239,14 +239,14 @@ def gradients_of(
         quats = drawn_gradients.quats[rows]
         if rounding_errors is not None:
             quats = _product(quats, _conjugate(rounding_errors.quats[rows]))
-        gradients_by_name["rotations"][rows] = _product(_conjugate(latents.quats[rows]), quats)[:, 1:] * np.float32(0.5)
+        gradients["rotations"][rows] = _product(_conjugate(latents.quats[rows]), quats)[:, 1:] * np.float32(0.5)
         opacities = drawn.opacities[rows]
-        gradients_by_name["displacements"][rows] = drawn_gradients.means[rows] * latents.units[rows, None]
-        gradients_by_name["logs"][rows] = drawn_gradients.scales[rows] * drawn.scales[rows]
-        gradients_by_name["logits"][rows] = drawn_gradients.opacities[rows] * (opacities * (1 - opacities))
+        gradients["displacements"][rows] = drawn_gradients.means[rows] * latents.units[rows, None]
+        gradients["logs"][rows] = drawn_gradients.scales[rows] * drawn.scales[rows]
+        gradients["logits"][rows] = drawn_gradients.opacities[rows] * (opacities * (1 - opacities))
 
     map_slices(len(latents.quats), fill)
-    gradients = {**gradients_by_name, "base": drawn_gradients.sh[:, 0], "harmonics": drawn_gradients.sh[:, 1:]}
+    gradients |= {"base": drawn_gradients.sh[:, 0], "harmonics": drawn_gradients.sh[:, 1:]}
     return {name: gradients[name] for name in latents.trained()}
 
 

@@ -44,8 +44,8 @@ class HarmonicCost:
         """
         transform = np.kron(np.linalg.inv(coding.transform / TRANSFORM_UNIT), LUMA_CHROMA.T)
         exponents = coding.base_exponents[STEP_HARMONICS] + (coding.precision_classes.astype(np.int64) << STEP_BITS)
-        rounded = np.clip((exponents + (1 << (STEP_BITS - 1))) >> STEP_BITS, 2, BITS)
-        return HarmonicCost(transform.astype(np.float32), np.exp2(-rounded).astype(np.float32)[:, None])
+        rounded_exponents = np.clip((exponents + (1 << (STEP_BITS - 1))) >> STEP_BITS, 2, BITS)
+        return HarmonicCost(transform.astype(np.float32), np.exp2(-rounded_exponents).astype(np.float32)[:, None])
 
     def value(self, harmonics: Float[np.ndarray, "N K 3"]) -> float:
         """Returns the loss term: the mean cost of a Gaussian's harmonics, multiplied by the constant `WEIGHT`."""

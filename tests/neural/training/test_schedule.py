@@ -53,7 +53,7 @@ def test_only_offset_and_mask_rates_scale_with_the_scene() -> None:
 def test_resumed_finished_scene_uses_rates_of_the_second_half() -> None:
     plain, longer = create_config(iterations=600), create_config(iterations=600, losses=("bernoulli:0.2",))
     assert (
-        longer.milestones.fine_tuning_start,
+        longer.milestones.main_iterations,
         longer.milestones.fine_tuning_iterations,
         longer.milestones.iterations,
     ) == (

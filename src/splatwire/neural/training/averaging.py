@@ -21,8 +21,8 @@ def averaging_start(config: TrainConfig, iteration: int = 0) -> int:
     # the fine-tuning. Iterations in which anchors are added and removed are excluded.
     milestones = config.milestones
     if milestones.is_fine_tuning(iteration):
-        return max(milestones.iterations - 2 * config.averaging_iterations, milestones.fine_tuning_start)
-    return max(milestones.fine_tuning_start - 2 * config.averaging_iterations, milestones.growth_end)
+        return max(milestones.iterations - 2 * config.averaging_iterations, milestones.main_iterations)
+    return max(milestones.main_iterations - 2 * config.averaging_iterations, milestones.growth_end)
 
 
 @torch.no_grad()

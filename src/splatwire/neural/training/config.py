@@ -103,13 +103,13 @@ class Milestones:
     fine_tuning_iterations: int = field(default=0, metadata=stored_as("tuning"))
 
     @property
-    def fine_tuning_start(self) -> int:
+    def main_iterations(self) -> int:
         """Number of iterations before the fine-tuning; all iterations of the training if there is none."""
         return self.iterations - self.fine_tuning_iterations
 
     def is_fine_tuning(self, iteration: int) -> bool:
         """True if an iteration belongs to the fine-tuning at the end of the training."""
-        return self.fine_tuning_start < iteration <= self.iterations
+        return self.main_iterations < iteration <= self.iterations
 
     def scaled(self, iterations: int) -> "Milestones":
         """Returns the schedule scaled to a training of `iterations` iterations."""

@@ -41,7 +41,7 @@ def fine_tuning_config(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
     # Parameters are averaged over the last iterations only with the causal model.
     # In 240 iterations of fine-tuning, averaging improves lego with the causal model by 0.33 dB without packet loss. It
     # makes the official snowmiku_small_2400, which has the HAC++ model, 0.14 dB worse.
-    iterations, widths = config.milestones.fine_tuning_start, _widths(scene)
+    iterations, widths = config.milestones.main_iterations, _widths(scene)
     milestones = Milestones(
         iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0, growth_start=0,
         growth_end=0, growth_interval=1,

@@ -24,7 +24,7 @@ anchors were then removed, arbitrary anchors would remain (lego, 3,120 iteration
 def gather_statistics(
     state: TrainState,
     visible: Int64[Tensor, "M"],
-    spawned: tuple[Gaussians, Int64[Tensor, "G"], Int64[Tensor, "G"]],
+    drawn: tuple[Gaussians, Int64[Tensor, "G"], Int64[Tensor, "G"]],
     d_centers: Float[Tensor, "G 2"],
     cameras: Cameras,
     view: int,
@@ -34,21 +34,21 @@ def gather_statistics(
     Args:
         state: State of the training; the statistics are changed in place.
         visible: Indices of the anchors that the view may see.
-        spawned: The drawn Gaussians, their anchor indices (among all anchors) and their offset indices.
+        drawn: The drawn Gaussians, their anchor indices (among all anchors) and their offset indices.
         d_centers: Gradient of the loss with respect to the Gaussians' 2D centres, per pixel.
         cameras: The cameras.
         view: Index of the camera.
     """
-    gaussians, anchor_index, offset_index = spawned
+    gaussians, anchor_index, offset_index = drawn
     statistics = state.statistics
     num_offsets = statistics.gradient_sum.shape[1]
     statistics.visits[visible] += 1
     statistics.opacity_sum.index_add_(0, anchor_index, gaussians.opacities)
     half_size = d_centers.new_tensor([cameras.width / 2, cameras.height / 2])
-    drawn = on_image(gaussians, cameras, view)
-    slots = (anchor_index * num_offsets + offset_index)[drawn]  # at most one anchor per position
-    statistics.gradient_sum.view(-1)[slots] += torch.linalg.vector_norm(d_centers * half_size, dim=1)[drawn]
-    statistics.gradient_count.view(-1)[slots] += 1
+    in_image = on_image(gaussians, cameras, view)
+    rows = (anchor_index * num_offsets + offset_index)[in_image]  # each one occurs once
+    statistics.gradient_sum.view(-1)[rows] += torch.linalg.vector_norm(d_centers * half_size, dim=1)[in_image]
+    statistics.gradient_count.view(-1)[rows] += 1
 
 
 def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, "G"]:

@@ -98,7 +98,7 @@ class PacketLossSimulator:
         # trainings, measured with and without packet loss (lego, 600 iterations).
         milestones = self._config.milestones
         return (
-            milestones.fine_tuning_start
+            milestones.main_iterations
             if milestones.fine_tuning_iterations and not self._config.packet_loss.received_shares
             else milestones.growth_end
         )

@@ -73,10 +73,10 @@ def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) ->
     """
     milestones = config.milestones
     if milestones.is_fine_tuning(iteration):
-        share = (iteration - milestones.fine_tuning_start) / milestones.fine_tuning_iterations
+        share = (iteration - milestones.main_iterations) / milestones.fine_tuning_iterations
         schedules = fine_tuning_rates(config.rates)
     else:
-        share, schedules = iteration / milestones.fine_tuning_start, config.rates
+        share, schedules = iteration / milestones.main_iterations, config.rates
     rates = {name: learning_rate_at(schedule, share) for name, schedule in vars(schedules).items()}
     if iteration > milestones.growth_end:
         rates = {name: rate * getattr(schedules, name).late for name, rate in rates.items()}

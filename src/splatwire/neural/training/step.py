@@ -103,7 +103,7 @@ class TrainingStep:
         """
         config = self._config
         state.iteration += 1
-        if config.milestones.fine_tuning_iterations and state.iteration == config.milestones.fine_tuning_start + 1:
+        if config.milestones.fine_tuning_iterations and state.iteration == config.milestones.main_iterations + 1:
             start_fine_tuning(state, config)
         self._model.before_iteration(state)
         self._packet_loss.before_iteration(state, self._cameras)
@@ -236,8 +236,8 @@ class TrainingStep:
             device_view.gather_statistics(state, visible, spawned, d_centers, self._views, view)
             return
         assert isinstance(spawned, SpawnedGaussians)
-        slots = (spawned.gaussians, visible[spawned.anchor_index], spawned.offset_index)
-        gather_statistics(state, visible, slots, d_centers, self._cameras, view)
+        drawn = (spawned.gaussians, visible[spawned.anchor_index], spawned.offset_index)
+        gather_statistics(state, visible, drawn, d_centers, self._cameras, view)
 
     def _update(self, state: TrainState) -> None:
         """Updates every parameter that has a gradient by one step of Adam."""

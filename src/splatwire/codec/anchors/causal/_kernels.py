@@ -40,7 +40,7 @@ MIN_MASK_PROBABILITY = np.int64(32)
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def activate(values, inputs):
+def values_to_inputs(values, inputs):
     """Converts quantised attributes of anchors to network inputs.
 
     Args:

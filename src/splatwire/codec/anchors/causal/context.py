@@ -103,9 +103,8 @@ class CodingContext:
         Returns:
             Object that predicts the groups of attributes one after another.
         """
-        return AutoregressivePredictor(
-            self, self.networks["position"](position_activations(voxels, self.middle, self.spread))
-        )
+        inputs = position_inputs(voxels, self.middle, self.spread)
+        return AutoregressivePredictor(self, self.networks["position"](inputs))
 
 
 class AutoregressivePredictor:
@@ -144,10 +143,10 @@ class AutoregressivePredictor:
         # Offsets, the last stage, are not inputs.
         first = self._context.config.context_dim + stage.first
         if first < self._known.shape[1]:
-            kernels.activate(values, self._known[:, first : first + stage.size])
+            kernels.values_to_inputs(values, self._known[:, first : first + stage.size])
 
 
-def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
+def position_inputs(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """Computes the inputs of the position network: contracted coordinates and their positional encoding.
 
     Args:

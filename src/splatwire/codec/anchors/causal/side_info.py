@@ -13,8 +13,8 @@ from splatwire.bitstream.limits import (
     MAX_CAUSAL_LOG_STEP,
     MAX_CAUSAL_OFFSETS,
     MAX_CAUSAL_ZERO_POINT,
+    MAX_CENTRE_DISTANCE,
     MAX_COORD,
-    MAX_FAR,
     SCHEMAS,
 )
 from splatwire.bitstream.sections import read_sections, write_sections
@@ -176,6 +176,9 @@ def _problem(info: SideInfo) -> str | None:
     if not ((info.spread > 0).all() and (info.spread <= MAX_COORD).all() and np.abs(info.middle).max() <= MAX_COORD):
         return f"a scene {info.spread.tolist()} voxels around {info.middle.tolist()}"
     distances = np.abs(info.positions.known.origin - info.middle).tolist()
-    if any(distance > MAX_FAR * spread for distance, spread in zip(distances, info.spread.tolist(), strict=True)):
+    if any(
+        distance > MAX_CENTRE_DISTANCE * spread
+        for distance, spread in zip(distances, info.spread.tolist(), strict=True)
+    ):
         return f"anchors {distances} voxels from the middle of a scene of {info.spread.tolist()}"
     return None
