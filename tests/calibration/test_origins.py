@@ -9,7 +9,7 @@ import pytest
 
 from scenes import tiny_cameras, tiny_scene
 from splat_io.formats.handmade import some_splats
-from splatwire.anchors.export.neural import slots_of
+from splatwire.anchors.export.neural import possible_gaussians
 from splatwire.anchors.export.visibility import visible_areas
 from splatwire.bitstream import Packetization
 from splatwire.calibration.preview import PreviewConfig, preview_for_scene
@@ -58,7 +58,7 @@ def calibration_cameras(cameras: Cameras) -> np.ndarray:
 FUNCTIONS: dict[str, Callable[[Cameras], Any]] = {
     "render_sensitivity": lambda cameras: render_sensitivity(ANCHORS, cameras),
     "quick_sensitivity": lambda cameras: quick_sensitivity(ANCHORS, cameras, chosen=50),
-    "visible_areas": lambda cameras: visible_areas(ANCHORS, slots_of(ANCHORS), cameras, each_gradient_cpu),
+    "visible_areas": lambda cameras: visible_areas(ANCHORS, possible_gaussians(ANCHORS), cameras, each_gradient_cpu),
     "removal_errors": lambda cameras: removal_errors(GAUSSIANS, cameras),
     "footprint_importance": lambda cameras: footprint_importance(GAUSSIANS, cameras),
     "measure_gaussians": lambda cameras: measure_gaussians(GAUSSIANS, cameras, framing=cameras, closeups=cameras),

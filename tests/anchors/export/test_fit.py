@@ -5,7 +5,7 @@ import pytest
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.anchors.export.fit import FitCounts, fit_sh, fit_splats, quaternions
-from splatwire.anchors.export.neural import slot_view, slots_of
+from splatwire.anchors.export.neural import gaussians_in_view, possible_gaussians
 from splatwire.anchors.export.visibility import visible_areas
 from splatwire.anchors.head_gradients import Spawning
 from splatwire.errors import InvalidValueError
@@ -37,13 +37,13 @@ def _mean_psnr(a: np.ndarray, b: np.ndarray) -> float:
 def test_visible_slots_equal_the_drawn_gaussians() -> None:
     scene, cameras = tiny_scene(), tiny_cameras()
     center = cameras.centers[0].astype(np.float32)
-    slots = slots_of(scene)
-    assert slots.num_slots == int(scene.anchors.mask.sum())
-    now = slot_view(scene, slots, center)
+    possible = possible_gaussians(scene)
+    assert possible.num_gaussians == int(scene.anchors.mask.sum())
+    now = gaussians_in_view(scene, possible, center)
     spawned = Spawning(scene.anchors, scene.heads, center)
     drawn = now.opacities > 0
-    assert np.array_equal(slots.anchor_index[drawn], spawned.anchor_index)
-    for own, other in ((slots.means, "means"), (now.colors, "colors"), (now.quats, "quats"), (now.scales, "scales")):
+    assert np.array_equal(possible.anchor_index[drawn], spawned.anchor_index)
+    for own, other in ((possible.means, "means"), (now.colors, "colors"), (now.quats, "quats"), (now.scales, "scales")):
         np.testing.assert_allclose(own[drawn], getattr(spawned.gaussians, other), rtol=1e-5, atol=1e-6)
 
 
@@ -81,17 +81,18 @@ def test_fit_equals_weighted_least_squares() -> None:
 
 def test_visible_area_is_the_unoccluded_ellipse_area() -> None:
     scene, cameras = tiny_scene(num_anchors=40), tiny_cameras(2)
-    slots, view = slots_of(scene), 0
-    areas = visible_areas(scene, slots, cameras, each_gradient_cpu).part(0, slots.num_slots)
+    possible, view = possible_gaussians(scene), 0
+    areas = visible_areas(scene, possible, cameras, each_gradient_cpu).part(0, possible.num_gaussians)
     assert areas.shape == (2, int(scene.anchors.mask.sum()))
-    now = slot_view(scene, slots, cameras.centers[view].astype(np.float32))
+    now = gaussians_in_view(scene, possible, cameras.centers[view].astype(np.float32))
     alone = int(np.flatnonzero(now.opacities > 0.2)[0])
     only = dataclasses.replace(
-        scene, hints=RenderHints(np.ones(40, np.float32), np.arange(40) != slots.anchor_index[alone])
+        scene, hints=RenderHints(np.ones(40, np.float32), np.arange(40) != possible.anchor_index[alone])
     )
-    single = visible_areas(only, slots_of(only), cameras, each_gradient_cpu).part(0, slots_of(only).num_slots)
-    assert float(single.sum()) > float(areas[:, slots.anchor_index == slots.anchor_index[alone]].sum()) > 0
-    assert slots_of(only).num_slots < slots.num_slots
+    remaining = possible_gaussians(only)
+    single = visible_areas(only, remaining, cameras, each_gradient_cpu).part(0, remaining.num_gaussians)
+    assert float(single.sum()) > float(areas[:, possible.anchor_index == possible.anchor_index[alone]].sum()) > 0
+    assert remaining.num_gaussians < possible.num_gaussians
 
 
 def test_rotations_round_trip() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from splatwire.anchors.export.counts import FitCounts
-from splatwire.anchors.export.neural import Slots, SlotView, slot_view, slots_of
-from splatwire.anchors.export.visibility import MIN_ALPHA, FindGradients, visible_areas
+from splatwire.anchors.export.neural import GaussiansInView, PossibleGaussians, gaussians_in_view, possible_gaussians
+from splatwire.anchors.export.visibility import MIN_ALPHA, EachGradient, visible_areas
 from splatwire.errors import InvalidValueError
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions, sh_functions
@@ -29,7 +29,7 @@ _MIN_SCALE = 1e-9
 def fit_splats(
     scene: Scene,
     cameras: Cameras,
-    find: FindGradients,
+    each_gradient: EachGradient,
     *,
     degree: int = MAX_DEGREE,
     counts: FitCounts | None = None,
@@ -43,7 +43,7 @@ def fit_splats(
     Args:
         scene: The scene.
         cameras: Views of the fit, ideally the training cameras.
-        find: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
+        each_gradient: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
         degree: Degree of the spherical harmonics, 0 to 3.
         counts: Object whose numbers of written and omitted Gaussians are updated; None for no statistics.
         progress: Called with the name of the current task and its completed fraction.
@@ -64,20 +64,20 @@ def fit_splats(
         cameras = cameras.select([i * cameras.num_views // MAX_VIEWS for i in range(MAX_VIEWS)])
     counts = FitCounts() if counts is None else counts
     report = progress or (lambda label, share: None)
-    slots = slots_of(scene)
-    counts.possible = slots.num_slots
-    areas = visible_areas(scene, slots, cameras, find, lambda share: report("measuring visibility", share))
+    possible = possible_gaussians(scene)
+    counts.possible = possible.num_gaussians
+    areas = visible_areas(scene, possible, cameras, each_gradient, lambda share: report("measuring visibility", share))
     centers = cameras.centers.astype(np.float32)
-    for first in range(0, slots.num_slots, _CHUNK):
-        last = min(first + _CHUNK, slots.num_slots)
-        yield _fit_part(scene, slots.part(first, last), areas.part(first, last), centers, degree, counts)
-        report("fitting Gaussians", last / slots.num_slots)
+    for first in range(0, possible.num_gaussians, _CHUNK):
+        last = min(first + _CHUNK, possible.num_gaussians)
+        yield _fit_part(scene, possible.part(first, last), areas.part(first, last), centers, degree, counts)
+        report("fitting Gaussians", last / possible.num_gaussians)
 
 
 @one_blas_thread()  # small matrices
 def _fit_part(
     scene: AnchorScene,
-    slots: Slots,
+    possible: PossibleGaussians,
     areas: Float[np.ndarray, "C S"],
     centers: Float[np.ndarray, "C 3"],
     degree: int,
@@ -87,7 +87,7 @@ def _fit_part(
 
     Args:
         scene: The scene.
-        slots: The S Gaussians to fit.
+        possible: The S Gaussians to fit.
         areas: Visible area of each Gaussian in each view, square pixels.
         centers: Camera centre of each view.
         degree: Degree of the spherical harmonics, 0 to 3.
@@ -97,9 +97,9 @@ def _fit_part(
         The fitted Gaussians, without those that are invisible or almost transparent.
     """
     views = np.flatnonzero((areas > 0).any(axis=1))
-    seen = [slot_view(scene, slots, centers[view]) for view in views]
+    seen = [gaussians_in_view(scene, possible, centers[view]) for view in views]
     if not seen:
-        counts.unseen += slots.num_slots
+        counts.unseen += possible.num_gaussians
         return Splats.empty(0, degree)
     areas = areas[views].T
     strength = np.maximum(np.stack([view.opacities for view in seen], axis=1), 0)
@@ -112,7 +112,7 @@ def _fit_part(
     counts.faint += int((drawn & ~clear).sum())
     counts.written += len(kept)
     shares = weights[kept] / total[kept, None]
-    means = slots.means[kept]
+    means = possible.means[kept]
     away = means[:, None] - centers[views]
     directions = away / np.maximum(np.linalg.norm(away, axis=2, keepdims=True), 1e-12)
     colors = np.stack([view.colors[kept] for view in seen], axis=1)
@@ -146,7 +146,7 @@ def fit_sh(
 
 
 def _mean_shape(
-    seen: list[SlotView], indices: np.ndarray, view_weights: Float[np.ndarray, "S V"]
+    seen: list[GaussiansInView], indices: np.ndarray, view_weights: Float[np.ndarray, "S V"]
 ) -> tuple[Float[np.ndarray, "S 4"], Float[np.ndarray, "S 3"]]:
     """Averages the shapes of Gaussians over views.
 

@@ -10,7 +10,7 @@ from splatwire.types import AnchorScene
 
 
 @dataclass(frozen=True, eq=False)
-class Slots:
+class PossibleGaussians:
     """All Gaussians that an anchor scene can draw: one for each existing offset of each anchor.
 
     Attributes:
@@ -24,17 +24,17 @@ class Slots:
     means: Float[np.ndarray, "S 3"]
 
     @property
-    def num_slots(self) -> int:
+    def num_gaussians(self) -> int:
         """Number of Gaussians that the scene can draw, S."""
         return int(self.anchor_index.shape[0])
 
-    def part(self, first: int, last: int) -> "Slots":
+    def part(self, first: int, last: int) -> "PossibleGaussians":
         """Returns the Gaussians from index `first` to `last` (exclusive)."""
-        return Slots(self.anchor_index[first:last], self.offset_index[first:last], self.means[first:last])
+        return PossibleGaussians(self.anchor_index[first:last], self.offset_index[first:last], self.means[first:last])
 
 
 @dataclass(frozen=True, eq=False)
-class SlotView:
+class GaussiansInView:
     """Attributes that the head networks predict for a list of Gaussians in one view.
 
     Attributes:
@@ -50,37 +50,39 @@ class SlotView:
     scales: Float[np.ndarray, "S 3"]
 
 
-def slots_of(scene: AnchorScene) -> Slots:
+def possible_gaussians(scene: AnchorScene) -> PossibleGaussians:
     """Lists all Gaussians that an anchor scene can draw, without anchors hidden by loss concealment."""
     anchors = scene.anchors
     mask = anchors.mask if scene.hints is None else anchors.mask & ~scene.hints.left_out[:, None]
     anchor_index, offset_index = np.nonzero(mask)
     offsets = anchors.offsets[anchor_index, offset_index]
     means = anchors.positions[anchor_index] + offsets * anchors.scalings[anchor_index, :3]
-    return Slots(anchor_index, offset_index, means)
+    return PossibleGaussians(anchor_index, offset_index, means)
 
 
-def slot_view(scene: AnchorScene, slots: Slots, camera_center: Float[np.ndarray, "3"]) -> SlotView:
+def gaussians_in_view(
+    scene: AnchorScene, possible: PossibleGaussians, camera_center: Float[np.ndarray, "3"]
+) -> GaussiansInView:
     """Evaluates the scene's head networks for a list of Gaussians and a camera position.
 
     Args:
         scene: The anchor scene.
-        slots: The Gaussians.
+        possible: The Gaussians.
         camera_center: Position of the camera, world coordinates.
     """
     anchors, heads = scene.anchors, scene.heads
-    index, row = np.unique(slots.anchor_index, return_inverse=True)
-    offset = slots.offset_index
+    index, row = np.unique(possible.anchor_index, return_inverse=True)
+    offset = possible.offset_index
     inputs = head_inputs(anchors.positions[index], anchors.features[index], camera_center)
     num_offsets = anchors.mask.shape[1]
     shape = heads.covariance(inputs).reshape(-1, num_offsets, 7)[row, offset]
-    scales = anchors.scalings[slots.anchor_index, 3:6] * sigmoid(shape[:, :3])
+    scales = anchors.scalings[possible.anchor_index, 3:6] * sigmoid(shape[:, :3])
     opacities = np.tanh(heads.opacity(inputs))[row, offset]
     if scene.hints is not None:
-        scales = scales * scene.hints.size_gain[slots.anchor_index, None]
+        scales = scales * scene.hints.size_gain[possible.anchor_index, None]
         if scene.hints.opacity_gain is not None:
-            opacities = np.minimum(opacities * scene.hints.opacity_gain[slots.anchor_index], 1)
-    return SlotView(
+            opacities = np.minimum(opacities * scene.hints.opacity_gain[possible.anchor_index], 1)
+    return GaussiansInView(
         opacities=opacities,
         colors=sigmoid(heads.color(inputs).reshape(-1, num_offsets, 3)[row, offset]),
         quats=unit_quaternions(shape[:, 3:7])[0],

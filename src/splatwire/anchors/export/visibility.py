@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float, UInt16
 
-from splatwire.anchors.export.neural import Slots, slot_view
+from splatwire.anchors.export.neural import PossibleGaussians, gaussians_in_view
 from splatwire.anchors.head_gradients import visible_anchors
 from splatwire.errors import InvalidValueError
 from splatwire.ops.threads import one_blas_thread
@@ -16,7 +16,7 @@ GHOST_OPACITY = 0.008
 """Opacity given to Gaussians that a view does not draw, so that their visibility can be measured."""
 MIN_ALPHA = 1 / 255
 """Minimum alpha that renderers draw."""
-FindGradients: TypeAlias = Callable[..., None]
+EachGradient: TypeAlias = Callable[..., None]
 """Function with the signature of `splatwire.render.cpu.each_gradient_cpu`; an argument, because exporters must not
 import renderers."""
 
@@ -26,22 +26,22 @@ class VisibleAreas:
 
     Args:
         num_views: Number of views, C.
-        num_slots: Number of Gaussians that the scene can draw, S (see `Slots`).
+        num_gaussians: Number of Gaussians that the scene can draw, S (see `PossibleGaussians`).
     """
 
-    def __init__(self, num_views: int, num_slots: int) -> None:
-        self._halves: UInt16[np.ndarray, "C S"] = np.zeros((num_views, num_slots), np.uint16)
+    def __init__(self, num_views: int, num_gaussians: int) -> None:
+        self._halves: UInt16[np.ndarray, "C S"] = np.zeros((num_views, num_gaussians), np.uint16)
 
-    def put(self, view: int, slots: np.ndarray, areas: Float[np.ndarray, "M"]) -> None:
+    def put(self, view: int, indices: np.ndarray, areas: Float[np.ndarray, "M"]) -> None:
         """Stores the visible areas of a range of Gaussians in one view, rounded to bfloat16.
 
         Args:
             view: Index of the view.
-            slots: Indices of the M Gaussians.
+            indices: Indices of the M Gaussians.
             areas: Their visible areas, square pixels.
         """
         whole = np.maximum(areas, 0).astype(np.float32).view(np.uint32)
-        self._halves[view, slots] = (whole + (0x7FFF + (whole >> 16 & 1))) >> 16
+        self._halves[view, indices] = (whole + (0x7FFF + (whole >> 16 & 1))) >> 16
 
     def part(self, first: int, last: int) -> Float[np.ndarray, "C M"]:
         """Returns the areas of the Gaussians from `first` to `last` (exclusive) in all views."""
@@ -55,9 +55,9 @@ class VisibleAreas:
 @one_blas_thread()  # small matrices
 def visible_areas(
     scene: AnchorScene,
-    slots: Slots,
+    possible: PossibleGaussians,
     cameras: Cameras,
-    find: FindGradients,
+    each_gradient: EachGradient,
     progress: Callable[[float], None] | None = None,
 ) -> VisibleAreas:
     """Measures the visible area of each Gaussian in each view.
@@ -66,24 +66,28 @@ def visible_areas(
 
     Args:
         scene: The scene.
-        slots: The Gaussians to measure: some or all of the Gaussians that the anchors of the scene can draw.
+        possible: The Gaussians to measure: some or all of the Gaussians that the anchors of the scene can draw.
         cameras: Views in which areas are measured.
-        find: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
+        each_gradient: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
         progress: Called with the completed fraction of the views, 0 to 1.
 
     Raises:
         InvalidValueError: If nothing is visible in any view.
     """
-    areas, cameras = VisibleAreas(cameras.num_views, slots.num_slots), cameras.relative_to(scene.origin)
+    areas, cameras = VisibleAreas(cameras.num_views, possible.num_gaussians), cameras.relative_to(scene.origin)
     for view in range(cameras.num_views):
-        seen = np.flatnonzero(visible_anchors(scene.anchors, cameras, view)[slots.anchor_index])
-        part = Slots(slots.anchor_index[seen], slots.offset_index[seen], slots.means[seen])
-        if part.num_slots:
-            now = slot_view(scene, part, cameras.centers[view].astype(np.float32))
+        seen = np.flatnonzero(visible_anchors(scene.anchors, cameras, view)[possible.anchor_index])
+        part = PossibleGaussians(possible.anchor_index[seen], possible.offset_index[seen], possible.means[seen])
+        if part.num_gaussians:
+            now = gaussians_in_view(scene, part, cameras.centers[view].astype(np.float32))
             opacities = np.maximum(now.opacities, np.float32(GHOST_OPACITY))
             gaussians = Gaussians(part.means, now.quats, now.scales, opacities, np.zeros_like(now.colors))
             # Divided by its opacity above the minimum that is drawn, the area does not depend on the opacity.
-            areas.put(view, seen, _blending_weights(gaussians, cameras.select([view]), find) / (opacities - MIN_ALPHA))
+            areas.put(
+                view,
+                seen,
+                _blending_weights(gaussians, cameras.select([view]), each_gradient) / (opacities - MIN_ALPHA),
+            )
         if progress is not None:
             progress((view + 1) / cameras.num_views)
     if not areas.any():
@@ -91,7 +95,7 @@ def visible_areas(
     return areas
 
 
-def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients) -> Float[np.ndarray, "G"]:
+def _blending_weights(gaussians: Gaussians, camera: Cameras, each_gradient: EachGradient) -> Float[np.ndarray, "G"]:
     """Returns the sum of each Gaussian's blending weights over all pixels of a view, as an area in square pixels.
 
     The image is linear in the colours of the Gaussians, so this sum is the gradient of the summed image with respect to
@@ -100,7 +104,7 @@ def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients
     Args:
         gaussians: The Gaussians.
         camera: Camera of the view.
-        find: Function that renders the view and returns the gradients of the image with respect to the Gaussians.
+        each_gradient: Function that renders the view and returns the gradients of the Gaussians.
     """
     weights = np.zeros(gaussians.num_gaussians, np.float32)
 
@@ -110,5 +114,5 @@ def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients
     def add(rows: slice, *gradients: np.ndarray) -> None:
         weights[rows] = gradients[4][:, 0]
 
-    find(gaussians, camera, ones, add)
+    each_gradient(gaussians, camera, ones, add)
     return weights
