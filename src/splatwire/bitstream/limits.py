@@ -57,10 +57,10 @@ BYTES_PER_BYTE = 160
 MAX_POSITION_BITS = 63
 """Maximum size of the Morton code of an anchor's voxel, counted from the origin, bits."""
 MAX_COORD = 1 << 40
-"""Largest coordinate of the origin and of the scene's centre, and largest scene extent, voxels."""
-MAX_FAR = 1 << 25
-"""Maximum distance between origin and scene centre, in scene extents; keeps positions relative to the extent exact in
-doubles.
+"""Largest coordinate of the origin and of the scene's centre, and largest spread of a scene, voxels."""
+MAX_CENTRE_DISTANCE = 1 << 25
+"""Maximum distance between origin and scene centre, in spreads of the scene; keeps positions relative to the spread
+exact in doubles.
 """
 MAX_LEAF = 64
 """Maximum number of anchors in a leaf of the position tree: anchors whose Morton codes have the same prefix in the side

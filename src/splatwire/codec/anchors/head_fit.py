@@ -29,8 +29,8 @@ def fit_heads(
     count, rng = len(features), Twister(SAMPLE_SEED)
     direction = rng.normal(3 * count).reshape(count, 3)
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
-    extent = np.linalg.norm(positions - lower_median(positions), axis=1, keepdims=True)
-    distance = extent * 2 ** (2 * rng.uniform(count)[:, None] - 1)
+    from_middle = np.linalg.norm(positions - lower_median(positions), axis=1, keepdims=True)
+    distance = from_middle * 2 ** (2 * rng.uniform(count)[:, None] - 1)
     inputs = np.concatenate([features, direction, distance], axis=1)
     opacity, covariance, color = (
         quantise_network(head, inputs, np.full(head.output.weight.shape[0], tolerance))
