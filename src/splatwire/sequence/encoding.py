@@ -315,8 +315,7 @@ class SequenceEncoder:
 
         Returns:
             Class offset of each track, (n): 0 for the finest quantisation steps, negative for coarser ones. None if the
-            group has no scene cut, or if it is a later group of a live
-            sequence.
+            group has no scene cut, or if it is a later group of a live sequence.
         """
         if not cuts or (self._live and self._num_groups):  # too slow for a live sequence
             return None

@@ -8,7 +8,7 @@ from splatwire.ops.arrays import lower_median
 from splatwire.types.splats import Splats
 
 SAMPLE_SIZE = 6000
-MIN_OPACITY = 0.1
+MIN_FRAMED_OPACITY = 0.1
 """Opacity below which Gaussians do not count for the extent."""
 INSIDE_SHARE, MAX_MEDIAN_DISTANCES = 0.998, 5.0
 """Fraction of Gaussians inside the sphere of a frame, and its maximum radius in median distances from the centre."""
@@ -42,7 +42,7 @@ def bounding_sphere(splats: Splats) -> BoundingSphere | None:
     if not splats.num_gaussians:
         return None
     sample = slice(None, None, -(-splats.num_gaussians // SAMPLE_SIZE))
-    means, visible = splats.means[sample].astype(np.float64), splats.opacities[sample] >= MIN_OPACITY
+    means, visible = splats.means[sample].astype(np.float64), splats.opacities[sample] >= MIN_FRAMED_OPACITY
     return sphere_around(means[visible] if bool(visible.any()) else means)
 
 

@@ -45,7 +45,7 @@ _SEQUENCE_READERS = {
     SPLAT4D: ("splat4d_file", "splat4d_frames"),
 }
 """Module in `splatwire.io.formats` and function that opens a file with all frames of a sequence, by kind of file."""
-MIN_OPACITY = 1 / 1024
+MIN_VISIBLE_OPACITY = 1 / 1024
 """Opacity below which a Gaussian is invisible in pictures of eight bits."""
 
 
@@ -236,7 +236,7 @@ class Frame(FileContent):
             validity: Result of the check of the values, with the mask of valid Gaussians.
             **properties: Other attributes of the frame: `origin`, `antialiased`, `metadata`.
         """
-        return Frame(splats, drawn=validity.kept & (splats.opacities >= MIN_OPACITY), **properties)
+        return Frame(splats, drawn=validity.kept & (splats.opacities >= MIN_VISIBLE_OPACITY), **properties)
 
     def scene(self, background: Background = BLACK) -> SplatScene:
         """Returns the visible Gaussians as a scene."""

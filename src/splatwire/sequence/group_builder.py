@@ -69,19 +69,21 @@ class GroupBuilder:
         Returns:
             Index of the track within this group for each Gaussian, int64 (M).
         """
-        by, number = self._key_order, len(self.frames) - 1
-        at = np.searchsorted(self._keys, keys, sorter=by)
-        has_row = self._keys[by[np.minimum(at, len(by) - 1)]] == keys if len(by) else np.zeros(len(keys), bool)
+        order, number = self._key_order, len(self.frames) - 1
+        ranks = np.searchsorted(self._keys, keys, sorter=order)
+        has_row = np.zeros(len(keys), bool)
+        if len(order):
+            has_row = self._keys[order[np.minimum(ranks, len(order) - 1)]] == keys
         if not has_row.all():
-            more = np.sort(keys[~has_row])
-            self._keys = np.concatenate([self._keys, more])
-            self._begins = np.concatenate([self._begins, np.full(len(more), number)])
-            self._ends = np.concatenate([self._ends, np.full(len(more), number)])
-            self._key_order = by = np.argsort(self._keys, kind="stable")
-            at = np.searchsorted(self._keys, keys, sorter=by)
+            new_keys = np.sort(keys[~has_row])
+            self._keys = np.concatenate([self._keys, new_keys])
+            self._begins = np.concatenate([self._begins, np.full(len(new_keys), number)])
+            self._ends = np.concatenate([self._ends, np.full(len(new_keys), number)])
+            self._key_order = order = np.argsort(self._keys, kind="stable")
+            ranks = np.searchsorted(self._keys, keys, sorter=order)
         if not self._values or len(self._keys) > self._capacity:
             self._grow(len(self._keys) + len(self._keys) // SPARE_DIVISOR)
-        return by[at]
+        return order[ranks]
 
     def _grow(self, count: int) -> None:
         """Enlarges the arrays of the group to `count` tracks."""
@@ -99,20 +101,20 @@ class GroupBuilder:
             number: Index of the frame in the group.
         """
         means, count = self._values["means"], NUM_NEIGHBORS + NUM_SPARE_NEIGHBORS
-        stay = np.flatnonzero((self._begins == 0) & (self._ends == number + 1))
-        went = np.flatnonzero(self._ends == number)
-        room = MAX_EARLY_SEARCHES - sum(len(neighbor_set.tracks) for neighbor_set in self._neighbor_sets)
-        if number and self._tree is not None and 0 < len(went) <= room:
-            self._neighbor_sets.append(self._tree.nearest(means, went, count))
+        since_start = np.flatnonzero((self._begins == 0) & (self._ends == number + 1))
+        ended = np.flatnonzero(self._ends == number)
+        num_searches_left = MAX_EARLY_SEARCHES - sum(len(neighbor_set.tracks) for neighbor_set in self._neighbor_sets)
+        if number and self._tree is not None and 0 < len(ended) <= num_searches_left:
+            self._neighbor_sets.append(self._tree.nearest(means, ended, count))
         self._tree = None
-        if not len(stay) or number == self._max_frames - 1:
+        if not len(since_start) or number == self._max_frames - 1:
             return
-        self._tree = NeighborIndex.of(means, number, stay)
+        self._tree = NeighborIndex.of(means, number, since_start)
         if not number:
             self._sample = sample_neighbors(means, self._tree)
-        came = np.flatnonzero(self._begins == number)
-        if number and 0 < len(came) <= room - len(went):
-            self._neighbor_sets.append(self._tree.nearest(means, came, count))
+        begun = np.flatnonzero(self._begins == number)
+        if number and 0 < len(begun) <= num_searches_left - len(ended):
+            self._neighbor_sets.append(self._tree.nearest(means, begun, count))
 
     def incomplete_group(self) -> tuple[np.ndarray, Trajectories, int]:
         """Returns the incomplete group: keys of its tracks, their attributes in each frame, and number of frames."""
@@ -174,10 +176,10 @@ def _repeat_ends(values: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> No
         ends: First frame after each track.
     """
     num_frames = values.shape[1]
-    dying, late = np.flatnonzero(ends < num_frames), np.flatnonzero(begins > 0)
+    ends_early, begins_late = np.flatnonzero(ends < num_frames), np.flatnonzero(begins > 0)
     for frame in range(1, num_frames):
-        gone = dying[ends[dying] <= frame]
-        values[gone, frame] = values[gone, frame - 1]
+        ended = ends_early[ends[ends_early] <= frame]
+        values[ended, frame] = values[ended, frame - 1]
     for frame in range(num_frames - 2, -1, -1):
-        unborn = late[begins[late] > frame]
+        unborn = begins_late[begins[begins_late] > frame]
         values[unborn, frame] = values[unborn, frame + 1]

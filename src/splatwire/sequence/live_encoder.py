@@ -46,10 +46,9 @@ class LiveEncoder:
             InvalidValueError: If the frame contradicts earlier frames (see `SequenceEncoder.push`).
         """
         checked_frame = frame if isinstance(frame, Frame) else Frame.of(frame)
-        begins = not self.num_frames % self._options.group_frames
-        if (
-            begins and self._is_period_full and checked_frame.drawn.any()
-        ):  # the first frame of a period must not be empty
+        begins_group = not self.num_frames % self._options.group_frames
+        # the first frame of a period must not be empty
+        if begins_group and self._is_period_full and checked_frame.drawn.any():
             self._begin_period(self.encoder.new_period())
         packets = self.encoder.push(checked_frame)
         self.num_frames += 1

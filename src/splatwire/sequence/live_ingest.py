@@ -31,7 +31,7 @@ FRAME_ERRORS = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
 
 
 @runtime_checkable
-class GroupEncoder(Protocol):
+class LiveFrameEncoder(Protocol):
     """Typing protocol (structural type) for an encoder of a live sequence, which takes one frame at a time."""
 
     @property
@@ -67,7 +67,7 @@ class LiveIngest:
     """
 
     def __init__(
-        self, source: FrameSource, encoder: GroupEncoder, options: SequenceOptions,
+        self, source: FrameSource, encoder: LiveFrameEncoder, options: SequenceOptions,
         publish: Callable[[LiveSnapshot], None], stop: Callable[[], bool], warn: Callable[[str], None],
         *, clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,

@@ -81,13 +81,13 @@ def has_same_order(previous: Splats, current: Splats) -> bool:
     return bool(np.median(deviation) <= 0.3 * spacing)
 
 
-def match(previous: Splats, current: Splats, before: Match | None = None) -> Match:
+def match(previous: Splats, current: Splats, previous_match: Match | None = None) -> Match:
     """Finds for each Gaussian of a frame the same Gaussian in the previous frame.
 
     Args:
         previous: Previous frame.
         current: Current frame, with any order and number of Gaussians.
-        before: Match of `previous` to its predecessor, for motion prediction.
+        previous_match: Match of `previous` to its predecessor, for motion prediction.
 
     Raises:
         InvalidValueError: If the degrees of harmonics differ.
@@ -96,25 +96,27 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
         raise InvalidValueError(
             f"frames have harmonics of degree {previous.degree} and {current.degree}: they must have the same"
         )
-    positions, now = _positions(previous), _positions(current)
-    if not len(positions) or not len(now):
-        return Match(np.full(len(now), -1, np.int64), np.zeros_like(now))
-    extrapolated = positions + (before.velocity if before is not None else 0.0)
-    expected = _move_affinely(extrapolated, now)
+    positions, current_positions = _positions(previous), _positions(current)
+    if not len(positions) or not len(current_positions):
+        return Match(np.full(len(current_positions), -1, np.int64), np.zeros_like(current_positions))
+    extrapolated = positions + (previous_match.velocity if previous_match is not None else 0.0)
+    expected = _move_affinely(extrapolated, current_positions)
     appearance = [_appearance(splats) for splats in (previous, current)]
     appearance_scale = np.maximum(np.median(np.abs(appearance[0] - np.median(appearance[0], axis=0)), axis=0), 1e-3)
     # A colour change of the whole scene is no difference.
     shift = np.median(appearance[1], axis=0) - np.median(appearance[0], axis=0)
     appearance = [(appearance[0] + shift) / appearance_scale, appearance[1] / appearance_scale]
-    partner = np.full(len(now), -1, np.int64)
+    partner = np.full(len(current_positions), -1, np.int64)
     for candidates, weight in ROUNDS:
-        partner, is_confident = _match_one_to_one(expected, now, appearance[0], appearance[1], candidates, weight)
-        expected = _correct_expected(positions, now, partner, is_confident, expected)
-    partner, _ = _match_one_to_one(expected, now, appearance[0], appearance[1], ROUNDS[-1][0], 1.0)
-    partner[_implausible_matches(expected, now, appearance[0], appearance[1], partner)] = -1
-    if (partner >= 0).sum() < MIN_MATCHED_SHARE * min(len(positions), len(now)):
-        return Match(np.full(len(now), -1, np.int64), np.zeros_like(now))
-    return Match(partner, _velocity(positions, now, partner, expected))
+        partner, is_confident = _match_one_to_one(
+            expected, current_positions, appearance[0], appearance[1], candidates, weight
+        )
+        expected = _correct_expected(positions, current_positions, partner, is_confident, expected)
+    partner, _ = _match_one_to_one(expected, current_positions, appearance[0], appearance[1], ROUNDS[-1][0], 1.0)
+    partner[_implausible_matches(expected, current_positions, appearance[0], appearance[1], partner)] = -1
+    if (partner >= 0).sum() < MIN_MATCHED_SHARE * min(len(positions), len(current_positions)):
+        return Match(np.full(len(current_positions), -1, np.int64), np.zeros_like(current_positions))
+    return Match(partner, _velocity(positions, current_positions, partner, expected))
 
 
 def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
@@ -148,19 +150,19 @@ def _appearance(splats: Splats) -> np.ndarray:
     return np.concatenate([logs, logits[:, None] / 2, splats.sh[:, 0].astype(np.float64) * 2], axis=1)
 
 
-def _move_affinely(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
+def _move_affinely(positions: np.ndarray, current_positions: np.ndarray) -> np.ndarray:
     """Fits an affine motion between two frames and applies the motion to the previous positions.
 
     Args:
         positions: Positions in the previous frame, (N, 3).
-        now: Positions in the current frame, (M, 3).
+        current_positions: Positions in the current frame, (M, 3).
 
     Returns:
         Positions of the previous frame after the motion, (N, 3).
     """
     sample = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE_SIZE)).astype(np.int64))]
     # Trimmed iterative closest points: distant pairs are ignored.
-    tree, matrix = build_kd_tree(now), np.concatenate([np.eye(3), np.zeros((1, 3))])
+    tree, matrix = build_kd_tree(current_positions), np.concatenate([np.eye(3), np.zeros((1, 3))])
     if len(sample) < 8:
         return positions
     best, last = matrix, np.inf
@@ -172,15 +174,15 @@ def _move_affinely(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
             break
         best, last = matrix, error
         kept = distance <= np.quantile(distance, _KEPT_SHARE)
-        matrix = np.linalg.lstsq(padded[kept], now[nearest[kept]], rcond=None)[0]
+        matrix = np.linalg.lstsq(padded[kept], current_positions[nearest[kept]], rcond=None)[0]
     return np.concatenate([positions, np.ones((len(positions), 1))], axis=1) @ best
 
 
 def _match_one_to_one(
     expected: np.ndarray,
-    now: np.ndarray,
+    current_positions: np.ndarray,
     appearance: np.ndarray,
-    appearance_now: np.ndarray,
+    current_appearance: np.ndarray,
     candidates: int,
     weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -188,9 +190,9 @@ def _match_one_to_one(
 
     Args:
         expected: For the previous frame's Gaussians, their predicted positions in the current frame, (N, 3).
-        now: Positions of the current frame's Gaussians, (M, 3).
+        current_positions: Positions of the current frame's Gaussians, (M, 3).
         appearance: Appearance of the previous frame's Gaussians, from `_appearance`.
-        appearance_now: Appearance of the current frame's Gaussians.
+        current_appearance: Appearance of the current frame's Gaussians.
         candidates: Number of nearest previous Gaussians that are compared with each current one.
         weight: Weight of the distance between positions, relative to the difference in appearance.
 
@@ -198,11 +200,11 @@ def _match_one_to_one(
         Index of the match of each current Gaussian, -1 for none; and the mask of confident matches.
     """
     count = min(candidates, len(expected))
-    distance, nearest = build_kd_tree(expected).query(now, k=count, workers=-1)
-    distance, nearest = distance.reshape(len(now), count), nearest.reshape(len(now), count)
-    appearance_distance = ((appearance_now[:, None, :] - appearance[nearest]) ** 2).sum(axis=2)
+    distance, nearest = build_kd_tree(expected).query(current_positions, k=count, workers=-1)
+    distance, nearest = distance.reshape(len(current_positions), count), nearest.reshape(len(current_positions), count)
+    appearance_distance = ((current_appearance[:, None, :] - appearance[nearest]) ** 2).sum(axis=2)
     best = np.argmin(appearance_distance + (distance / _distance_scale(distance[:, 0])) ** 2 * weight, axis=1)
-    all_rows = np.arange(len(now))
+    all_rows = np.arange(len(current_positions))
     # Where most Gaussians do not move or change, the medians are zero; bound the units by a share of the candidates'.
     far_off, typical_difference = float(np.median(distance[:, -1])), float(np.median(np.sqrt(appearance_distance)))
     distance_unit = max(_distance_scale(distance[all_rows, best]), MIN_DIFFERENCE * far_off)
@@ -217,7 +219,7 @@ def _match_one_to_one(
         return np.where(has_partner, np.where(is_partner, values, np.inf).min(axis=1), np.inf)
 
     matched_difference, matched_score = own(appearance_distance), own(score)
-    second = np.partition(score, 1, axis=1)[:, 1] if count > 1 else np.full(len(now), np.inf)
+    second = np.partition(score, 1, axis=1)[:, 1] if count > 1 else np.full(len(current_positions), np.inf)
     # Only appearance decides the confidence: fast Gaussians are far from their prediction, and matter most.
     is_confident = has_partner & (matched_score < 0.7 * second)
     return partner, is_confident & (
@@ -226,15 +228,19 @@ def _match_one_to_one(
 
 
 def _implausible_matches(
-    expected: np.ndarray, now: np.ndarray, appearance: np.ndarray, appearance_now: np.ndarray, partner: np.ndarray
+    expected: np.ndarray,
+    current_positions: np.ndarray,
+    appearance: np.ndarray,
+    current_appearance: np.ndarray,
+    partner: np.ndarray,
 ) -> np.ndarray:
     """Finds matches with a large difference in both position and appearance.
 
     Args:
         expected: For the previous frame's Gaussians, their predicted positions in the current frame, (N, 3).
-        now: Positions of the current frame's Gaussians, (M, 3).
+        current_positions: Positions of the current frame's Gaussians, (M, 3).
         appearance: Appearance of the previous frame's Gaussians, from `_appearance`.
-        appearance_now: Appearance of the current frame's Gaussians.
+        current_appearance: Appearance of the current frame's Gaussians.
         partner: Index of the match of each current Gaussian in the previous frame, (M); -1 for none.
 
     Returns:
@@ -243,13 +249,18 @@ def _implausible_matches(
     matched = np.flatnonzero(partner >= 0)
     partners = partner[matched]
     typical_difference = max(
-        np.median(np.linalg.norm(appearance_now - np.roll(appearance_now, len(now) // 2, axis=0), axis=1)), 1.0
+        np.median(
+            np.linalg.norm(
+                current_appearance - np.roll(current_appearance, len(current_positions) // 2, axis=0), axis=1
+            )
+        ),
+        1.0,
     )
-    difference = np.linalg.norm(appearance_now[matched] - appearance[partners], axis=1)
+    difference = np.linalg.norm(current_appearance[matched] - appearance[partners], axis=1)
     distance, _ = build_kd_tree(expected).query(
         expected[partners], k=[min(SCORE_NEIGHBOR + 1, len(expected))], workers=-1
     )
-    motion_error = np.linalg.norm(now[matched] - expected[partners], axis=1)
+    motion_error = np.linalg.norm(current_positions[matched] - expected[partners], axis=1)
     implausible: np.ndarray = matched[motion_error * difference > MAX_SCORE * distance[:, 0] * typical_difference]
     return implausible
 
@@ -290,13 +301,17 @@ def _one_to_one(score: np.ndarray, candidates: np.ndarray, count: int) -> np.nda
 
 
 def _correct_expected(
-    positions: np.ndarray, now: np.ndarray, partner: np.ndarray, confident: np.ndarray, expected: np.ndarray
+    positions: np.ndarray,
+    current_positions: np.ndarray,
+    partner: np.ndarray,
+    confident: np.ndarray,
+    expected: np.ndarray,
 ) -> np.ndarray:
     """Corrects predicted positions by the median prediction error of nearby confident matches.
 
     Args:
         positions: Positions of N Gaussians in the previous frame, (N, 3).
-        now: Positions of M Gaussians in the current frame, (M, 3).
+        current_positions: Positions of M Gaussians in the current frame, (M, 3).
         partner: Index of the match of each current Gaussian in the previous frame, (M).
         confident: Mask of confident matches, (M).
         expected: For the N Gaussians, their predicted positions in the current frame, (N, 3).
@@ -308,25 +323,27 @@ def _correct_expected(
     if len(confident_rows) < NUM_PREDICTING:
         return expected
     rows = partner[confident_rows]
-    errors = now[confident_rows] - expected[rows]
+    errors = current_positions[confident_rows] - expected[rows]
     _, nearest = build_kd_tree(positions[rows]).query(positions, k=NUM_PREDICTING, workers=-1)
     return expected + np.median(errors[nearest], axis=1)
 
 
-def _velocity(positions: np.ndarray, now: np.ndarray, partner: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def _velocity(
+    positions: np.ndarray, current_positions: np.ndarray, partner: np.ndarray, expected: np.ndarray
+) -> np.ndarray:
     """Returns the motion of each Gaussian since the previous frame, (M, 3).
 
     Args:
         positions: Positions in the previous frame, (N, 3).
-        now: Positions in the current frame, (M, 3).
+        current_positions: Positions in the current frame, (M, 3).
         partner: Index of the match of each current Gaussian in the previous frame, (M); -1 for none.
         expected: For the Gaussians of the previous frame, their predicted positions in the current frame, (N, 3).
     """
     has_partner = partner >= 0
-    velocity = np.zeros_like(now)
-    velocity[has_partner] = now[has_partner] - positions[partner[has_partner]]
+    velocity = np.zeros_like(current_positions)
+    velocity[has_partner] = current_positions[has_partner] - positions[partner[has_partner]]
     # A Gaussian without a match gets the predicted motion of the nearest one.
     if not has_partner.all():
-        _, nearest = build_kd_tree(expected).query(now[~has_partner])
+        _, nearest = build_kd_tree(expected).query(current_positions[~has_partner])
         velocity[~has_partner] = (expected - positions)[nearest]
     return velocity

@@ -199,11 +199,11 @@ def extrapolate_partial_tracks(
     # The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly
     # the true position in the first frame of the track.
     num_frames = means.shape[1]
-    stays = (begins == 0) & (ends == num_frames)
-    whole = np.flatnonzero(stays)
-    if len(whole) <= NUM_NEIGHBORS or not _is_coherent(means, stays, sample):
+    is_full_length = (begins == 0) & (ends == num_frames)
+    full_length = np.flatnonzero(is_full_length)
+    if len(full_length) <= NUM_NEIGHBORS or not _is_coherent(means, is_full_length, sample):
         return False
-    parts = [found.only(stays, means) for found in ([NeighborSet.joined(neighbor_sets)] if neighbor_sets else [])]
+    parts = [NeighborSet.joined(neighbor_sets).only(is_full_length, means)] if neighbor_sets else []
     begin_later, end_earlier = np.flatnonzero(begins > 0), np.flatnonzero(ends < num_frames)
     needed = np.union1d(
         begin_later * num_frames + begins[begin_later], end_earlier * num_frames + ends[end_earlier] - 1
@@ -212,7 +212,8 @@ def extrapolate_partial_tracks(
         ~np.isin(needed, np.concatenate([needed[:0], *(part.tracks * num_frames + part.frames for part in parts)]))
     ]
     for frame in np.unique(missing % num_frames).tolist():
-        tracks, index = missing[missing % num_frames == frame] // num_frames, NeighborIndex.of(means, frame, whole)
+        tracks = missing[missing % num_frames == frame] // num_frames
+        index = NeighborIndex.of(means, frame, full_length)
         batches = np.array_split(tracks, -(-len(tracks) // BATCH_SIZE))
         parts += [index.nearest(means, batch, NUM_NEIGHBORS) for batch in batches]
     for part in parts:
@@ -241,30 +242,26 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighb
         neighbors.interpolated_motion(means),
     )
     reference_positions = means[tracks, neighbors.frames][:, None].astype(np.float64)
-    away = (begin == at) & (numbers < at) | (end == at + 1) & (end < num_frames) & (numbers > at)
-    along = (
-        away
-        & _moves_like(
-            own_positions - reference_positions, moved - reference_positions, (begin <= numbers) & (numbers < end)
-        )[:, None]
+    is_outside = (begin == at) & (numbers < at) | (end == at + 1) & (end < num_frames) & (numbers > at)
+    is_similar = _moves_like(
+        own_positions - reference_positions, moved - reference_positions, (begin <= numbers) & (numbers < end)
     )
-    row, frame = np.nonzero(along)
+    row, frame = np.nonzero(is_outside & is_similar[:, None])
     means[tracks[row], frame] = moved[row, frame]
 
 
-def _is_coherent(means: np.ndarray, full_length: np.ndarray, sample: NeighborSet | None) -> bool:
+def _is_coherent(means: np.ndarray, is_full_length: np.ndarray, sample: NeighborSet | None) -> bool:
     """True if most tracks move like their neighbours. A track is one Gaussian over time; a sample of tracks is tested.
 
     Args:
         means: Positions of all tracks in all frames, float32 (n, F, 3).
-        full_length: Mask of the tracks that exist in all frames, bool (n).
+        is_full_length: Mask of the tracks that exist in all frames, bool (n).
         sample: Sample of tracks with their neighbours; None to draw the sample here.
     """
-    tested = None if sample is None else sample.part(full_length[sample.tracks]).only(full_length, means)
+    tested = None if sample is None else sample.part(is_full_length[sample.tracks]).only(is_full_length, means)
     if tested is None or 2 * len(tested.tracks) < min(len(means), SAMPLE_SIZE):
-        tested = sample_neighbors(means, NeighborIndex.of(means, 0, np.flatnonzero(full_length))).only(
-            full_length, means
-        )
+        index = NeighborIndex.of(means, 0, np.flatnonzero(is_full_length))
+        tested = sample_neighbors(means, index).only(is_full_length, means)
     own_positions, moved = means[tested.tracks].astype(np.float64), tested.interpolated_motion(means)
     return bool(
         _moves_like(
@@ -282,11 +279,11 @@ def _moves_like(motion: np.ndarray, neighbor_motion: np.ndarray, exists: np.ndar
         neighbor_motion: Motion interpolated from the neighbours, float64 (n, F, 3).
         exists: Frames in which each track exists, bool (n, F).
     """
-    moved, apart = (
+    squared_motion, squared_deviation = (
         np.where(exists, np.square(v).sum(axis=2), 0).sum(axis=1) for v in (motion, motion - neighbor_motion)
     )
-    alike: np.ndarray = apart <= MAX_DEVIATION * moved
-    return alike
+    is_similar: np.ndarray = squared_deviation <= MAX_DEVIATION * squared_motion
+    return is_similar
 
 
 def first_gaussians(frames: Sequence[TrackedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
@@ -301,8 +298,8 @@ def first_gaussians(frames: Sequence[TrackedFrame], keys: np.ndarray, begins: np
     for number, frame in enumerate(frames):
         beginning = np.flatnonzero(begins == number)
         if len(beginning) or not number:
-            by = np.argsort(frame.keys, kind="stable")
-            rows = by[np.searchsorted(frame.keys, keys[beginning], sorter=by)]
+            key_order = np.argsort(frame.keys, kind="stable")
+            rows = key_order[np.searchsorted(frame.keys, keys[beginning], sorter=key_order)]
             parts.append(frame.splats.select(rows))
             order.append(beginning)
     joined = Splats(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
