@@ -67,10 +67,9 @@ def pack_streams(streams: Mapping[str, SceneStream]) -> bytes:
     """
     for stream in streams.values():
         check_page_support(stream.manifest)
-    style, scripts = (
-        web_file(STYLE),
-        [web_file(RENDERER), web_file(SCRIPT), *([_SELECTION_SCRIPT] if len(streams) > 1 else [])],
-    )
+    style, scripts = web_file(STYLE), [web_file(RENDERER), web_file(SCRIPT)]
+    if len(streams) > 1:
+        scripts.append(_SELECTION_SCRIPT)
     title, previews = next(iter(streams)), {name: stream_attributes(stream) for name, stream in streams.items()}
     return _PAGE.format(
         hashes=" ".join(f"'{_source_hash(script)}'" for script in scripts),

@@ -10,6 +10,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
+from typing import TypeAlias
 
 from splatwire.arguments import checked
 from splatwire.errors import BitstreamError
@@ -62,10 +63,11 @@ MAX_UPDATE_STARTS_FACTOR = 150
 """Like `MAX_STARTS_FACTOR`, for transfers of updates: each client may request an update per second, and some of them
 twice."""
 
-Key = tuple[Hashable, int]
-"""Key of a transfer: address of the client (with QUIC, the object of its session), and random number (nonce) of its
-connection attempt.
-"""
+Client: TypeAlias = Hashable
+"""Identifies a client: its address or, with QUIC, the object of its session."""
+
+TransferKey: TypeAlias = tuple[Client, int]
+"""Key of a transfer: its client, and the random number (nonce) of the client's connection attempt."""
 
 
 class Server:
@@ -78,7 +80,7 @@ class Server:
         secret: Secret key of the tokens, at least 16 random bytes.
         random: Function that returns a given number of random bytes, for the ids of transfers.
         limits: Limits on the transfers of clients.
-        on_failure: Called with the address of a client after an internal error has ended its transfer.
+        on_failure: Called with a client after an internal error has ended its transfer.
 
     Attributes:
         total_pacer: Pacer of all sent bytes together; None without a total limit.
@@ -97,7 +99,7 @@ class Server:
         secret: bytes,
         random: Callable[[int], bytes],
         limits: ServerLimits | None = None,
-        on_failure: Callable[[Hashable], None] | None = None,
+        on_failure: Callable[[Client], None] | None = None,
     ) -> None:
         self._streams = dict(streams)
         self._updates: dict[str, ServedStream | None] = {}
@@ -110,11 +112,11 @@ class Server:
         self._starts = StartRateLimiter(MAX_STARTS_FACTOR * self._limits.per_network)
         self._refusals = StartRateLimiter(MAX_STARTS_FACTOR * self._limits.per_network)
         self._update_starts = StartRateLimiter(MAX_UPDATE_STARTS_FACTOR * self._limits.per_network)
-        self._transfers: dict[Key, ServerTransfer] = {}
-        self._networks: dict[Key, Network] = {}
-        self._sessions: dict[tuple[Hashable, int], Key] = {}
-        self._due: list[tuple[float, int, Key]] = []
-        self._planned: dict[Key, float] = {}
+        self._transfers: dict[TransferKey, ServerTransfer] = {}
+        self._networks: dict[TransferKey, Network] = {}
+        self._sessions: dict[tuple[Client, int], TransferKey] = {}
+        self._due: list[tuple[float, int, TransferKey]] = []
+        self._planned: dict[TransferKey, float] = {}
         self._view_budget = ViewUpdateBudget()
         self._tick = 0
         self._swept_at = self._now = 0.0
@@ -136,12 +138,12 @@ class Server:
         return len(self._streams)
 
     def receive(
-        self, address: Hashable, data: bytes, now: float, *, reliable: bool = False, network: Network | None = None
+        self, client: Client, data: bytes, now: float, *, reliable: bool = False, network: Network | None = None
     ) -> bytes | None:
         """Processes a received datagram, which may be invalid, and returns the response.
 
         Args:
-            address: Address of the client, which identifies its transfers; the session object for QUIC.
+            client: The client: its address, or the session object for QUIC.
             data: Bytes of the datagram.
             now: Time, seconds.
             reliable: True for a QUIC connection, which needs no token.
@@ -160,33 +162,33 @@ class Server:
             self.num_rejected += 1
             return None
         try:
-            return self._take(address, message, now, reliable, network)
+            return self._take(client, message, now, reliable, network)
         except Exception as error:  # a defect of the server must not end other clients' transfers
-            self.fail(address, error)
+            self.fail(client, error)
             return None
 
     def _take(
-        self, address: Hashable, message: object, now: float, reliable: bool, network: Network | None
+        self, client: Client, message: object, now: float, reliable: bool, network: Network | None
     ) -> bytes | None:
         match message:
             # The response is smaller than the datagram, so that traffic to a forged address is not amplified.
             case Hello() if not reliable:
-                return encode(Challenge(message.nonce, self._mint.token(address, message.nonce, message.name, now)))
+                return encode(Challenge(message.nonce, self._mint.token(client, message.nonce, message.name, now)))
             case Request():
                 return self._on_request(
-                    address, message, now, reliable, network_of(address) if network is None else network
+                    client, message, now, reliable, network_of(client) if network is None else network
                 )
-            case Have() if (address, message.nonce) in self._transfers:
-                self._transfers[(address, message.nonce)].exclude_known(message)
-                self._schedule((address, message.nonce))
+            case Have() if (client, message.nonce) in self._transfers:
+                self._transfers[(client, message.nonce)].exclude_known(message)
+                self._schedule((client, message.nonce))
             case Feedback() | ViewUpdate() | Bye():
-                key = self._sessions.get((address, message.session))
+                key = self._sessions.get((client, message.session))
                 if key is not None:
                     self._on_client_message(key, message, now)
         return None
 
-    def poll(self, now: float, max_datagrams: int = 64) -> list[tuple[Hashable, bytes]]:
-        """Returns datagrams that are due, each with the address to send to.
+    def poll(self, now: float, max_datagrams: int = 64) -> list[tuple[Client, bytes]]:
+        """Returns datagrams that are due, each with its client.
 
         Args:
             now: Time, seconds.
@@ -194,7 +196,7 @@ class Server:
         """
         self._now = now
         self._end_silent(now)
-        out: list[tuple[Hashable, bytes]] = []
+        out: list[tuple[Client, bytes]] = []
         total = self.total_pacer
         while (
             self._due
@@ -249,7 +251,7 @@ class Server:
         old = self._streams.get(name)
         self._streams[name] = stream
         for key in [key for key, transfer in self._transfers.items() if transfer.stream is old]:
-            if key not in self._transfers:  # it failed together with another transfer of the same address
+            if key not in self._transfers:  # it failed together with another transfer of the same client
                 continue
             try:
                 self._transfers[key].set_stream(stream)
@@ -257,39 +259,39 @@ class Server:
             except Exception as error:  # a defect of the server must not end other clients' transfers
                 self.fail(key[0], error)
 
-    def fail(self, address: Hashable, error: Exception) -> None:
+    def fail(self, client: Client, error: Exception) -> None:
         """Ends a client's transfers after an internal error, and logs the error in one line.
 
         Args:
-            address: Address of the client.
+            client: The client.
             error: Exception that was raised.
         """
         self.num_failed += 1
         frames = traceback.extract_tb(error.__traceback__)
         source_line = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
         LOG.error("a transfer was ended by an error of the server: %s%s", " ".join(repr(error).split()), source_line)
-        self.forget(address, "failed")
+        self.forget(client, "failed")
         if self._on_failure is not None:
-            self._on_failure(address)
+            self._on_failure(client)
 
-    def forget(self, address: Hashable, reason: str = "closed") -> None:
-        """Ends all transfers to a client's address.
+    def forget(self, client: Client, reason: str = "closed") -> None:
+        """Ends all transfers to a client.
 
         Args:
-            address: Address of the client.
+            client: The client.
             reason: Reason for the log.
         """
-        for key in [key for key in self._transfers if key[0] == address]:
+        for key in [key for key in self._transfers if key[0] == client]:
             self._end_transfer(key, reason)
 
     def _on_request(
-        self, address: Hashable, message: Request, now: float, reliable: bool, network: Network
+        self, client: Client, message: Request, now: float, reliable: bool, network: Network
     ) -> bytes | None:
-        age = None if reliable else self._mint.age(message.token, address, message.nonce, message.name, now)
+        age = None if reliable else self._mint.age(message.token, client, message.nonce, message.name, now)
         if age is None and not reliable:
             self.num_rejected += 1
             return None
-        key = (address, message.nonce)
+        key = (client, message.nonce)
         if key not in self._transfers:
             refusal = self._begin(key, message, now, reliable, network)
             if refusal is None:
@@ -323,11 +325,11 @@ class Server:
         if not self._refusals.may_start(network, now):
             return TOO_MANY if refusal in (UNKNOWN_STREAM, NEEDS_TOKEN) else refusal
         self._refusals.record(network, request.nonce, now)
-        client, reason = network_text(network), REFUSALS[refusal]
-        log_event(LOG, logging.INFO, "transfer refused", client=client, stream=request.name, reason=reason)
+        text, reason = network_text(network), REFUSALS[refusal]
+        log_event(LOG, logging.INFO, "transfer refused", client=text, stream=request.name, reason=reason)
         return refusal
 
-    def _begin(self, key: Key, message: Request, now: float, reliable: bool, network: Network) -> int | None:
+    def _begin(self, key: TransferKey, message: Request, now: float, reliable: bool, network: Network) -> int | None:
         """Starts a transfer if the server's limits permit it.
 
         Returns:
@@ -378,13 +380,13 @@ class Server:
         private = (name for name in self._streams if name in self.access.private)
         return next(itertools.chain(listed, private), "")
 
-    def _new_session(self, address: Hashable) -> int:
+    def _new_session(self, client: Client) -> int:
         while True:
             session = int.from_bytes(self._random(4), "little")
-            if (address, session) not in self._sessions:
+            if (client, session) not in self._sessions:
                 return session
 
-    def _on_client_message(self, key: Key, message: Feedback | ViewUpdate | Bye, now: float) -> None:
+    def _on_client_message(self, key: TransferKey, message: Feedback | ViewUpdate | Bye, now: float) -> None:
         match message:
             case Bye():
                 self._end_transfer(key, "left")
@@ -397,7 +399,7 @@ class Server:
                     self._log_problem(key, problem)
         self._schedule(key)
 
-    def _log_problem(self, key: Key, problem: str) -> None:
+    def _log_problem(self, key: TransferKey, problem: str) -> None:
         """Logs a problem of the path to a client, with advice; once for each transfer."""
         transfer = self._transfers[key]
         log_event(
@@ -405,7 +407,7 @@ class Server:
             lost=round(transfer.lost_share, 3), advice=PROBLEMS[problem],
         )  # fmt: skip
 
-    def _schedule(self, key: Key) -> None:
+    def _schedule(self, key: TransferKey) -> None:
         """Schedules the next datagram of a transfer, or ends the transfer if its limits are reached."""
         transfer = self._transfers[key]
         at = transfer.next_at()
@@ -419,7 +421,7 @@ class Server:
             self._tick += 1
             heapq.heappush(self._due, (at, self._tick, key))
 
-    def _end_transfer(self, key: Key, reason: str) -> None:
+    def _end_transfer(self, key: TransferKey, reason: str) -> None:
         """Removes a transfer and logs its end."""
         transfer, network = self._transfers.pop(key), self._networks.pop(key)
         del self._sessions[(key[0], transfer.session)]

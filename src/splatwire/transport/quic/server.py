@@ -210,9 +210,9 @@ class QuicServer(SocketServer):
             connection.guarded(connection.transmit)
         self._set_timer(now)
 
-    def _end_failed(self, address: Hashable) -> None:
+    def _end_failed(self, client: Hashable) -> None:
         """Closes the connection of a client after an internal error of the server."""
-        connection = address.connection if isinstance(address, Session) else address
+        connection = client.connection if isinstance(client, Session) else client
         assert isinstance(connection, _Connection)
         with suppress(Exception):  # closing sends too and may fail; the connection is already forgotten
             connection.end(INTERNAL, "the server made an error and ended this transfer")
