@@ -172,12 +172,12 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
     arrival = np.where(mask.received, groups, -1)
     is_keyframe = np.array([plan.is_keyframe(packet.id.block) for packet in stream.packets], bool)
     num_datagrams = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
-    for turn in range(1, ATTEMPTS_PER_GROUP * len(plan.gop_spans)):
-        group = turn // ATTEMPTS_PER_GROUP
-        sent_before = (groups < group) | ((groups == group) & (turn % ATTEMPTS_PER_GROUP > 0))
-        again = np.flatnonzero(is_keyframe & (arrival < 0) & sent_before)
-        came, _ = draw_in_order(num_datagrams[again], loss, seed + turn * SEED_STEP)
-        arrival[again[came]] = group
+    for attempt in range(1, ATTEMPTS_PER_GROUP * len(plan.gop_spans)):
+        group = attempt // ATTEMPTS_PER_GROUP
+        sent_before = (groups < group) | ((groups == group) & (attempt % ATTEMPTS_PER_GROUP > 0))
+        resent = np.flatnonzero(is_keyframe & (arrival < 0) & sent_before)
+        arrived, _ = draw_in_order(num_datagrams[resent], loss, seed + attempt * SEED_STEP)
+        arrival[resent[arrived]] = group
     return arrival
 
 
@@ -205,22 +205,22 @@ def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: st
     seed = whole_number(seed, "seed")
     position = {packet.id: index for index, packet in enumerate(stream.packets)}
     order = np.array([position[packet.id] for packet in send_sequence(stream, send_order)], np.int64)
-    count = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
+    num_datagrams = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
     # With a loss model of whole packets, streams with equally many packets get the same losses, for fair comparisons.
-    received_in_order, lost = draw_in_order(count[order], loss, seed)
+    received_in_order, num_losses = draw_in_order(num_datagrams[order], loss, seed)
     received = np.empty(len(order), bool)
     received[order] = received_in_order
-    num_lost = lost if loss.unit == "datagram" else int(count[~received].sum())
-    return PacketLossMask(received, int(count.sum()), num_lost)
+    num_lost = num_losses if loss.unit == "datagram" else int(num_datagrams[~received].sum())
+    return PacketLossMask(received, int(num_datagrams.sum()), num_lost)
 
 
-def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np.ndarray, int]:
+def draw_in_order(num_datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np.ndarray, int]:
     """Draws at random which packets are received, under a loss model of packets or of datagrams.
 
     A packet is lost if any of its datagrams is lost.
 
     Args:
-        datagrams: Number of datagrams of each packet, in sending order, int64.
+        num_datagrams: Number of datagrams of each packet, in sending order, int64.
         loss: The loss model.
         seed: Random seed.
 
@@ -229,11 +229,11 @@ def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np
         the unit of the loss model (packets or datagrams).
     """
     rng = np.random.Generator(np.random.PCG64(seed))
-    if loss.unit == "pak" or not len(datagrams):
-        received = loss.received(len(datagrams), rng)
+    if loss.unit == "pak" or not len(num_datagrams):
+        received = loss.received(len(num_datagrams), rng)
         return received, int((~received).sum())
-    arrived = loss.received(int(datagrams.sum()), rng)
-    starts = np.cumsum(datagrams) - datagrams
+    arrived = loss.received(int(num_datagrams.sum()), rng)
+    starts = np.cumsum(num_datagrams) - num_datagrams
     return np.logical_and.reduceat(arrived, starts), int((~arrived).sum())
 
 

@@ -41,9 +41,10 @@ def render_cpu(
         RGB, not clamped, float32.
     """
     keep_freed_memory()
-    arrays, behind = float_arrays(gaussians), np.asarray(background, np.float32)
+    arrays, background = float_arrays(gaussians), np.asarray(background, np.float32)
     views = [
-        ViewRasterizer(arrays, cameras, view, for_gradients=False).draw(behind)[0] for view in range(cameras.num_views)
+        ViewRasterizer(arrays, cameras, view, for_gradients=False).draw(background)[0]
+        for view in range(cameras.num_views)
     ]
     return np.stack(views) if len(views) > 1 else views[0][None]  # avoids a copy of a large image
 
@@ -56,7 +57,7 @@ def float_arrays(gaussians: Gaussians) -> list[np.ndarray]:
 def each_gradient_cpu(
     gaussians: Gaussians,
     cameras: Cameras,
-    d_image: Callable[[tuple[int, ...]], Iterator[np.ndarray]],
+    image_gradients: Callable[[tuple[int, ...]], Iterator[np.ndarray]],
     on_gradients: Callable[..., None],
     background: np.ndarray | None = None,
 ) -> None:
@@ -65,18 +66,18 @@ def each_gradient_cpu(
     Args:
         gaussians: The Gaussians, float32 on the CPU.
         cameras: Camera of one view.
-        d_image: Function that yields the image gradients, float32, given the shape of the image.
+        image_gradients: Function that yields gradients of losses with respect to the image, float32, given its shape.
         on_gradients: Function that receives a range of Gaussians (slice), and the gradients of their means, quats,
             scales, opacities and colors. It is called from several threads.
         background: RGB of the background, float32 (3); None for black.
     """
-    # To limit memory, gradients are computed for one slice after another. `d_image` is called once; each of its
+    # To limit memory, gradients are computed for one slice after another. `image_gradients` is called once; each of its
     # gradients is back-propagated before the next is requested.
     keep_freed_memory()
     arrays = float_arrays(gaussians)
     rasterizer = ViewRasterizer(arrays, cameras, 0, for_gradients=True)
     image, _ = rasterizer.draw(np.zeros(3, np.float32) if background is None else background)
-    for gradient in d_image(image.shape):
+    for gradient in image_gradients(image.shape):
         rasterizer.each_gradient(arrays, image, gradient, on_gradients)
 
 

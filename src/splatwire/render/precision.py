@@ -245,7 +245,7 @@ def measure_further_removal(
     # An image is an affine function of each opacity. Without a Gaussian that contributes D to the image, the squared
     # error of the difference R = pruned - complete becomes |R - D|^2 = |R|^2 + |D|^2 - 2 <R, D>. The gradient with R as
     # the gradient of the image gives <R, D>; |D|^2 is estimated with random signs (see `splatwire.render.pruning`).
-    rng, splats, behind = Twister(seed), pruned.splats, np.array(pruned.background, np.float32)
+    rng, splats, background = Twister(seed), pruned.splats, np.array(pruned.background, np.float32)
     cameras = cameras.relative_to(pruned.origin)
     own_error, interaction = np.zeros(splats.num_gaussians), np.zeros(splats.num_gaussians)
     for view in range(cameras.num_views):
@@ -253,7 +253,7 @@ def measure_further_removal(
         seen = compensated(seen, cameras, view) if pruned.antialiased else seen
         arrays, opacities = float_arrays(seen), seen.opacities.astype(np.float64)
         rasterizer = ViewRasterizer(arrays, cameras, view, for_gradients=True)
-        image, _ = rasterizer.draw(behind)
+        image, _ = rasterizer.draw(background)
         by_sign = rasterizer.gradients(arrays, image, rng.signs(image.shape))
         own_error += np.square(by_sign[3] * opacities) + _HIDDEN_CONTRAST**2 * np.square(by_sign[4]).sum(axis=1)
         difference = np.clip(image, 0, 1) - references[view]

@@ -91,7 +91,7 @@ def removal_errors(
     """
     rng, total = Twister(seed), np.zeros(scene.num_elements)
     cameras = cameras.relative_to(origin_of(scene))
-    behind = np.array(scene.background, np.float32)
+    background = np.array(scene.background, np.float32)
     for view in range(cameras.num_views):
         spawned = spawned_gaussians(scene, cameras, view)
         opacities = spawned.gaussians.opacities
@@ -101,13 +101,13 @@ def removal_errors(
             slopes[rows] = gradients[3].astype(np.float64) * at[rows]
 
         def signs(
-            shape: tuple[int, ...], slopes: np.ndarray = slopes, slots: np.ndarray = spawned.anchor_index
+            shape: tuple[int, ...], slopes: np.ndarray = slopes, rows: np.ndarray = spawned.anchor_index
         ) -> Iterator[np.ndarray]:
             for _ in range(probes):
                 yield rng.signs(shape)
-                total[:] += np.bincount(slots, slopes, len(total)) ** 2
+                total[:] += np.bincount(rows, slopes, len(total)) ** 2
 
-        each_gradient_cpu(spawned.gaussians, cameras.select([view]), signs, add, behind)
+        each_gradient_cpu(spawned.gaussians, cameras.select([view]), signs, add, background)
         if progress:
             progress((view + 1) / cameras.num_views)
     return total / max(probes * cameras.num_views * cameras.width * cameras.height * 3, 1)

@@ -47,7 +47,7 @@ def quick_sensitivity(
         seed: Random seed.
         progress: Called with the finished share of views.
     """
-    a, rng, behind = scene.anchors, Twister(seed), np.array(scene.background, np.float32)
+    a, rng, background = scene.anchors, Twister(seed), np.array(scene.background, np.float32)
     cameras = cameras.relative_to(scene.origin)
     (num, count), width, first = a.mask.shape, a.features.shape[1] + a.scalings.shape[1], cameras.num_views // 2
     removal, offsets = np.zeros(num), np.zeros((num, count))
@@ -56,7 +56,8 @@ def quick_sensitivity(
         if view == first:
             rows = np.sort(np.argsort(-removal, kind="stable")[:chosen])
         seen = drawn_with_anchors(scene, cameras, view)
-        gradients, slots = GatheredGradients(seen.gaussians), seen.anchor_index * count + seen.offset_index
+        gradients = GatheredGradients(seen.gaussians)
+        offset_rows = seen.anchor_index * count + seen.offset_index
 
         def signs(
             shape: tuple[int, ...],
@@ -64,11 +65,11 @@ def quick_sensitivity(
             rows: np.ndarray = rows,
             seen: SpawnedGaussians = seen,
             gradients: GatheredGradients = gradients,
-            slots: np.ndarray = slots,
+            offset_rows: np.ndarray = offset_rows,
         ) -> Iterator[np.ndarray]:
             for probe in range(probes):
                 yield rng.signs(shape)
-                each = np.bincount(slots, gradients.presence, num * count).reshape(num, count)
+                each = np.bincount(offset_rows, gradients.presence, num * count).reshape(num, count)
                 removal[:] += each.sum(axis=1) ** 2 / probes
                 offsets[:] += each**2 / probes
                 if len(rows) and not probe:
@@ -76,7 +77,7 @@ def quick_sensitivity(
                         _estimate_errors(scene, cameras.centers[view], rows, (seen, gradients.fields), each[rows])
                     )
 
-        each_gradient_cpu(seen.gaussians, cameras.select([view]), signs, gradients.add, behind)
+        each_gradient_cpu(seen.gaussians, cameras.select([view]), signs, gradients.add, background)
         if progress:
             progress((view + 1) / cameras.num_views)
     scale = 1 / (cameras.num_views * cameras.width * cameras.height * 3)

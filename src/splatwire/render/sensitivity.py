@@ -64,7 +64,8 @@ def render_sensitivity(
     # Errors of changed attributes are estimated from one back-propagation.
     a, rng, cameras = scene.anchors, Twister(seed), cameras.relative_to(scene.origin)
     (num, count), width = a.mask.shape, a.features.shape[1] + a.scalings.shape[1]
-    behind = np.array(scene.background, np.float32) if background is None else background
+    if background is None:
+        background = np.array(scene.background, np.float32)
     sizes = ((num,), (num, count), (num, width), (num, count), (width, width))
     total = Sensitivity(*(np.zeros(size) for size in sizes))
     for view in range(cameras.num_views):
@@ -86,7 +87,7 @@ def render_sensitivity(
                 if not probe:
                     _add_changes(total, rows, a.scalings, spawned, gradients)
 
-        each_gradient_cpu(spawned.gaussians, cameras.select([view]), signs, gradients.add, behind)
+        each_gradient_cpu(spawned.gaussians, cameras.select([view]), signs, gradients.add, background)
         if progress:
             progress((view + 1) / cameras.num_views)
     scale = 1 / max(cameras.num_views * cameras.width * cameras.height * 3, 1)
