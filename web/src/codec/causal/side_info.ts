@@ -8,8 +8,8 @@ import {
   MAX_CAUSAL_LOG_STEP,
   MAX_CAUSAL_OFFSETS,
   MAX_CAUSAL_ZERO_POINT,
+  MAX_CENTRE_DISTANCE,
   MAX_COORD,
-  MAX_FAR,
 } from "../../packets/limits.ts";
 import { readSections } from "../../packets/sections.ts";
 import { type QuantisedMlp, readNetworks } from "../weight_bytes.ts";
@@ -85,7 +85,7 @@ export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
 
 /** Throws if anchors are too far from the centre, where relative positions would no longer be exact in doubles. */
 function checkFar({ middle, spread }: Header, { origin }: Positions): void {
-  const far = middle.some((value, a) => Math.abs(origin[a] - value) > MAX_FAR * spread[a]);
+  const far = middle.some((value, a) => Math.abs(origin[a] - value) > MAX_CENTRE_DISTANCE * spread[a]);
   if (far) throw new BitstreamError("side information: its anchors are too far away from the scene's middle");
 }
 

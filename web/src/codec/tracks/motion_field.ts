@@ -5,7 +5,7 @@ import { DC } from "../splats.ts";
 import { NUM_CHANNELS } from "./layout.ts";
 import { COLOUR, changedKinds, FIRST_SHAPE, type NeighbourSet, NeighbourSums, POSE, SHAPE } from "./neighbours.ts";
 import { proximityWeights, Quadratic } from "./quadratic.ts";
-import type { TrackProperties, TrackOffsets } from "./track_offsets.ts";
+import type { TrackOffsets, TrackProperties } from "./track_offsets.ts";
 
 export const NEIGHBOURS = 40;
 /** Squared colour contrast at which the correction by contrast is halved. */

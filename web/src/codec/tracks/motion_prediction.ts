@@ -3,7 +3,7 @@
 
 import { NUM_CHANNELS } from "./layout.ts";
 import { MotionField, NEIGHBOURS } from "./motion_field.ts";
-import type { TrackProperties, TrackOffsets } from "./track_offsets.ts";
+import type { TrackOffsets, TrackProperties } from "./track_offsets.ts";
 
 const OPACITY = 9,
   /** Least factor of opacity for tracks that may not exist yet. */

@@ -4,7 +4,7 @@
 import { KdTree } from "../../conceal/kd_tree.ts";
 import type { Splats } from "../splats.ts";
 import { NUM_CHANNELS } from "./layout.ts";
-import type { TrackProperties, TrackOffsets } from "./track_offsets.ts";
+import type { TrackOffsets, TrackProperties } from "./track_offsets.ts";
 
 /** Coordinates x, y, z. */
 type Point = Float32Array;

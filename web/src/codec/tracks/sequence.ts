@@ -14,7 +14,7 @@ import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
 import { HELD, HIDDEN, INTERPOLATED, positionsOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
-import type { TrackProperties, TrackOffsets } from "./track_offsets.ts";
+import type { TrackOffsets, TrackProperties } from "./track_offsets.ts";
 import { moveRows } from "./trajectories.ts";
 
 /** A decoded frame. */
