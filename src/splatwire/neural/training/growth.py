@@ -88,9 +88,9 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
     num_before = state.num_anchors
     _grow(state, config, torch.where(judged, gradients, -1.0), uniform)
     statistics = state.statistics
-    old = slice(0, num_before)
-    statistics.gradient_sum[old][judged] = 0
-    statistics.gradient_count[old][judged] = 0
+    earlier_anchors = slice(0, num_before)
+    statistics.gradient_sum[earlier_anchors][judged] = 0
+    statistics.gradient_count[earlier_anchors][judged] = 0
     visited = statistics.visits > min_views
     transparent = visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits)
     mostly_transparent = int(transparent.sum()) > _MAX_TRANSPARENT_SHARE * int(visited.sum())

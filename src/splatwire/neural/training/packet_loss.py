@@ -117,13 +117,13 @@ class PacketLossSimulator:
             state: State of the training before an iteration; changed in place.
             cameras: The training cameras, in which the importance of anchors is measured.
         """
-        since = state.iteration - self._last_iteration_without_loss
-        if not self.active(state) or since % _REMOVAL_INTERVAL != 1:
+        num_iterations = state.iteration - self._last_iteration_without_loss
+        if not self.active(state) or num_iterations % _REMOVAL_INTERVAL != 1:
             return
-        alive = state.masks(self._config.mask_threshold).any(dim=1)
-        if bool(alive.any()) and not bool(alive.all()):
-            keep_anchors(state, alive)
-        if since % _SORT_INTERVAL == 1 and self._config.packet_loss.received_shares:
+        has_offsets = state.masks(self._config.mask_threshold).any(dim=1)
+        if bool(has_offsets.any()) and not bool(has_offsets.all()):
+            keep_anchors(state, has_offsets)
+        if num_iterations % _SORT_INTERVAL == 1 and self._config.packet_loss.received_shares:
             order_anchors(state, importance_of(state, self._config, cameras))
 
     @torch.no_grad()
