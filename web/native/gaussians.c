@@ -12,7 +12,7 @@
 #define INLINE static inline __attribute__((always_inline))
 #define EXPORT(name) __attribute__((export_name(#name)))
 #define ROTATED(word, bits) __builtin_rotateright32(word, bits)
-#define TURNED(words, bits) (wasm_u32x4_shr(words, bits) | wasm_i32x4_shl(words, 32 - bits))
+#define ROTATED_LANES(words, bits) (wasm_u32x4_shr(words, bits) | wasm_i32x4_shl(words, 32 - bits))
 #define NUM_SCALES 320
 #define NUM_MEANS 8
 #define NUM_RESIDUAL_CONTEXTS (8 * NUM_DEVIATION_CONTEXTS * NUM_MAGNITUDE_CONTEXTS)
@@ -816,8 +816,8 @@ EXPORT(hash) void hash(uint32_t blocks) {
     }
     for (int32_t t = 16; t < 64; t++) {
       v128_t x = words[t - 15], y = words[t - 2];
-      words[t] = words[t - 16] + (TURNED(x, 7) ^ TURNED(x, 18) ^ wasm_u32x4_shr(x, 3)) + words[t - 7] +
-                 (TURNED(y, 17) ^ TURNED(y, 19) ^ wasm_u32x4_shr(y, 10));
+      words[t] = words[t - 16] + (ROTATED_LANES(x, 7) ^ ROTATED_LANES(x, 18) ^ wasm_u32x4_shr(x, 3)) + words[t - 7] +
+                 (ROTATED_LANES(y, 17) ^ ROTATED_LANES(y, 19) ^ wasm_u32x4_shr(y, 10));
     }
     for (int32_t n = 0; n < 4 && n < left; n++) {
       const uint32_t *word = (const uint32_t *)words + n;

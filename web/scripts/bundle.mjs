@@ -32,24 +32,24 @@ const INTERNAL = `
   initSegmentBytes initSegmentMs inputs intake integers isComplete isCut isEmpty isFree isKept isKeyframe isLinear
   isLive isNew isOnlySource isReady isReceived isReordered isRetry isRetryable isSame isSameStream isSequence
   isSorting isTryingWhole isVerified isVisible isWebPage isWhole keptBytes keyframeBlock keyframeIndices keyframeInfo
-  kinds known laneCounter lastOffsets latticeBits latticeShift leafIndex leafSize leaky leaveOut leftOut lengths
-  linearSteps log2MotionUnits logDeviations logScales logStepRatios lookUpSession lostSequences manifest manifestBytes
-  maxExcess maxPositionShift maxTiers mayIdle medianRadius members middle models moveBetween nacks nearestFirst
-  nearestOthers newPackets nextView noGaussians noteChange noteFailure noteUseless numBirths numBlocks numBytes
-  numCoefficients numConcealed numElements numElementsOf numGaussians numHarmonicColumns numHidden numInitSegments
-  numIntact numKept numKeyframes numLatePackets numLowBits numMaskLogits numMotionTracks numNew numOffsets numPackets
-  numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange
-  onContextAvailable onContextLost onLiveHead onUse openFile orderDigest origins owners packetBytes packetDecoder
-  packetsOf paintedCanvas parents pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt
-  polynomials positionStep predictAxis ranges ranks receiveDatagrams recordWhen redraw refusals rejected renderer
-  reordered reorient repeatMs replaceTiles reportCamera reportPlayable requestFrame requestId rescale residuals
-  resultDigest rowSteps scaleIndices sceneInView sections sequence setCamera setConcealers setCooperative setLimits
-  setMessage setRow settled setViewpoint setVisible shifts showNotice showStatistics sideInfo sideInfoBytes
-  sideInfoDigest signed simulation sizeLog spread squares stage stages stalledFrames started startWebGL stateOf
-  stepsOfLogs stopProbabilities storeValues streamId subject surface symbolBytes symbolsDigest symbolsMissing
-  takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timed timeline trackProperties transmittance
-  transports trust unsigned upperBits upRotation useless viewComplete viewDependent viewUpdate visibleParts voxels
-  voxelSize waited waitUntil wanted wasConcealed welcome withdraw withoutComparison withRenderer zeroPoints
+  kinds laneCounter lastOffsets latticeBits latticeShift leafIndex leafSize leaky leaveOut leftOut lengths linearSteps
+  log2MotionUnits logDeviations logScales logStepRatios lookUpSession lostSequences manifest manifestBytes maxExcess
+  maxPositionShift maxTiers mayIdle medianRadius members middle models moveBetween nacks nearestFirst nearestOthers
+  newPackets nextView noGaussians noteChange noteFailure noteUseless numBirths numBlocks numBytes numCoefficients
+  numConcealed numElements numElementsOf numGaussians numHarmonicColumns numHidden numInitSegments numIntact numKept
+  numKeyframes numLatePackets numLowBits numMaskLogits numMotionTracks numNew numOffsets numPackets numReceived
+  numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextAvailable
+  onContextLost onLiveHead onUse openFile orderDigest origins owners packetBytes packetDecoder packetsOf paintedCanvas
+  parents pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt polynomials positionStep
+  predictAxis ranges ranks receiveDatagrams recordWhen redraw refusals rejected renderer reordered reorient repeatMs
+  replaceTiles reportCamera reportPlayable requestFrame requestId rescale residuals resultDigest rowSteps scaleIndices
+  sceneInView sections sequence setCamera setConcealers setCooperative setLimits setMessage setRow settled
+  setViewpoint setVisible shifts showNotice showStatistics sideInfo sideInfoBytes sideInfoDigest signed simulation
+  sizeLog spread squares stage stages stalledFrames started startWebGL stateOf stepsOfLogs stopProbabilities
+  storeValues streamId subject surface symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes
+  tileRequest tilesBytes tiling timed timeline trackProperties transmittance transports trust unsigned upperBits
+  upRotation useless viewComplete viewDependent viewUpdate visibleParts voxels voxelSize waited waitUntil wanted
+  wasConcealed welcome withdraw withoutComparison withRenderer zeroPoints
 `
   .trim()
   .split(/\s+/);

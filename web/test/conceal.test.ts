@@ -38,23 +38,23 @@ test("nearest neighbours equal those of an exhaustive search", () => {
 test("gains are 1 without losses and increase with the lost share", async () => {
   const sizes = new Float32Array(400).fill(2),
     opacities = new Float32Array(400).fill(0.3),
-    known = new Uint8Array(400).fill(1);
+    isReceived = new Uint8Array(400).fill(1);
   assert.ok(
     (await grow(
-      { positions: points, sizes, tierSizes: null, opacities, known, indices, logScales: null, anchors: null },
+      { positions: points, sizes, tierSizes: null, opacities, isReceived, indices, logScales: null, anchors: null },
       always,
     ))!.every((gain) => gain === 1),
   );
-  for (let i = 0; i < 400; i += 2) known[i] = 0;
+  for (let i = 0; i < 400; i += 2) isReceived[i] = 0;
   const gains = (await grow(
-      { positions: points, sizes, tierSizes: null, opacities, known, indices, logScales: null, anchors: null },
+      { positions: points, sizes, tierSizes: null, opacities, isReceived, indices, logScales: null, anchors: null },
       always,
     ))!,
     most = (1.08 * Math.SQRT2) ** 2;
   for (let i = 0; i < 400; i++) {
     const [size, opacity] = gains.subarray(2 * i, 2 * i + 2);
     assert.ok(
-      known[i]
+      isReceived[i]
         ? size >= 1 && size <= most ** 0.12 + 1e-6 && opacity >= 1 && opacity * 0.3 < 1
         : size === 1 && opacity === 1,
     );
@@ -63,10 +63,10 @@ test("gains are 1 without losses and increase with the lost share", async () => 
 });
 
 test("lost elements of small tiers cause less growth than their number suggests", async () => {
-  const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2),
+  const isReceived = Uint8Array.from({ length: 400 }, (_, i) => i % 2),
     sizes = new Float32Array(400).fill(1);
-  const small = sizes.map((_, i) => (known[i] ? 1 : 1 / 16)),
-    all = { positions: points, sizes, opacities: null, known, indices, logScales: null, anchors: null };
+  const small = sizes.map((_, i) => (isReceived[i] ? 1 : 1 / 16)),
+    all = { positions: points, sizes, opacities: null, isReceived, indices, logScales: null, anchors: null };
   const gains = (await grow({ ...all, tierSizes: small }, always))!,
     heads = (await grow({ ...all, tierSizes: null }, always))!;
   assert.deepEqual([...heads], [...(await grow({ ...all, tierSizes: sizes }, always))!]);
@@ -78,7 +78,7 @@ test("lost elements of small tiers cause less growth than their number suggests"
 });
 
 test("a concealer stops once its result is no longer needed", async () => {
-  const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2);
+  const isReceived = Uint8Array.from({ length: 400 }, (_, i) => i % 2);
   assert.equal(
     await grow(
       {
@@ -86,7 +86,7 @@ test("a concealer stops once its result is no longer needed", async () => {
         sizes: new Float32Array(400).fill(1),
         tierSizes: null,
         opacities: new Float32Array(400).fill(0.5),
-        known,
+        isReceived,
         indices,
         logScales: null,
         anchors: null,

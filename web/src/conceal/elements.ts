@@ -10,7 +10,8 @@ export interface Elements {
   readonly tierSizes: Float32Array | null;
   /** Opacities of received elements; null for elements without individual opacity. */
   readonly opacities: Float32Array | null;
-  readonly known: Uint8Array;
+  /** Received elements (1). */
+  readonly isReceived: Uint8Array;
   /** Index of each element in the scene. It decides ties between equally distant elements. */
   readonly indices: Int32Array;
   /** Log lengths of the received Gaussians' axes, shape (received, 3), largest first; null for anchors. */

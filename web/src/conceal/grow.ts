@@ -23,31 +23,34 @@ export interface Rule {
 }
 
 /** Properties that the growth of elements depends on. */
-export type GrowingElements = Pick<Elements, "positions" | "sizes" | "tierSizes" | "opacities" | "known" | "indices">;
+export type GrowingElements = Pick<
+  Elements,
+  "positions" | "sizes" | "tierSizes" | "opacities" | "isReceived" | "indices"
+>;
 
 export const RULE: Rule = { exponent: 0.5, maxExcess: 1.08 };
 
 /** Returns the lost share among neighbours, weighted by size; 0 without neighbours. */
-export function lostShare({ sizes, tierSizes, known }: GrowingElements, near: Int32Array): number {
+export function lostShare({ sizes, tierSizes, isReceived }: GrowingElements, near: Int32Array): number {
   const weights = tierSizes ?? sizes;
   let all = 0,
     lost = 0;
   for (const j of near) {
     const weight = Math.max(weights[j], MIN_SIZE);
     all += weight;
-    if (!known[j]) lost += weight;
+    if (!isReceived[j]) lost += weight;
   }
   return all > 0 ? lost / all : 0;
 }
 
 /** Returns the received share of the scene, weighted by tier size if known. */
-export function receivedShare({ tierSizes, known }: GrowingElements): number {
+export function receivedShare({ tierSizes, isReceived }: GrowingElements): number {
   let all = 0,
     received = 0;
-  known.forEach((isKnown, i) => {
+  isReceived.forEach((isOneReceived, i) => {
     const weight = tierSizes ? tierSizes[i] : 1;
     all += weight;
-    received += isKnown * weight;
+    received += isOneReceived * weight;
   });
   return received / all;
 }
@@ -78,8 +81,8 @@ export class Growth {
   constructor(elements: GrowingElements, rule: Rule = RULE) {
     this.#elements = elements;
     this.#rule = rule;
-    const { positions, known, indices } = elements;
-    this.#tree = new KdTree(positions, Math.min(NEIGHBOURS, known.length - 1), indices);
+    const { positions, isReceived, indices } = elements;
+    this.#tree = new KdTree(positions, Math.min(NEIGHBOURS, isReceived.length - 1), indices);
     this.#share = receivedShare(elements);
   }
 
@@ -96,15 +99,15 @@ export class Growth {
 
 /** Computes gains, shape (count, 2), of all elements. Resolves to null if the result is no longer needed. */
 export async function grow(elements: Elements, pause: Pause, rule: Rule = RULE): Promise<Float32Array | null> {
-  const { known } = elements,
-    count = known.length,
+  const { isReceived } = elements,
+    count = isReceived.length,
     gains = new Float32Array(2 * count).fill(1);
-  const received = known.reduce((sum, isKnown) => sum + isKnown, 0);
-  if (received === 0 || received === count) return gains;
+  const numReceived = isReceived.reduce((sum, one) => sum + one, 0);
+  if (numReceived === 0 || numReceived === count) return gains;
   const growth = new Growth(elements, rule);
   for (let i = 0; i < count; i++) {
     if (i % BATCH === 0 && !(await pause())) return null;
-    if (known[i]) gains.set(growth.of(i), 2 * i);
+    if (isReceived[i]) gains.set(growth.of(i), 2 * i);
   }
   return gains;
 }

@@ -49,20 +49,20 @@ export async function sceneFree(
   pause: Pause,
   { base, trust } = GROWTH,
 ): Promise<Float32Array | null> {
-  const { positions, known, opacities, indices } = elements,
-    count = known.length,
+  const { positions, isReceived, opacities, indices } = elements,
+    count = isReceived.length,
     gains = new Float32Array(2 * count).fill(1);
-  const received = known.reduce((sum, there) => sum + there, 0);
-  if (received === 0 || received === count) return gains;
-  const look = new NeighbourhoodFeatures(elements, received),
+  const numReceived = isReceived.reduce((sum, one) => sum + one, 0);
+  if (numReceived === 0 || numReceived === count) return gains;
+  const features = new NeighbourhoodFeatures(elements, numReceived),
     tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), indices),
     network = perceptron(GAUSSIANS),
     signature = new Float64Array(GAUSSIANS.inputs);
   for (let i = 0; i < count; i++) {
     if (i % BATCH === 0 && !(await pause())) return null;
-    if (!known[i]) continue;
+    if (!isReceived[i]) continue;
     const near = tree.nearestFirst(i),
-      lost = look.describe(i, near, tree.distances, signature),
+      lost = features.describe(i, near, tree.distances, signature),
       change = network(signature);
     const [size, power] = [0, 1].map((n) =>
       Math.exp(lost * clip(base[n] + trust * change[n], MIN_EXPONENTS[n], MAX_EXPONENTS[n])),
@@ -83,18 +83,18 @@ class NeighbourhoodFeatures {
 
   constructor(
     readonly elements: Elements,
-    received: number,
+    numReceived: number,
   ) {
-    const { sizes, known } = elements;
-    this.#sceneLogGain = logGain(1 - received / known.length);
+    const { sizes, isReceived } = elements;
+    this.#sceneLogGain = logGain(1 - numReceived / isReceived.length);
     this.#logs = Float64Array.from(sizes, (size) => Math.log(Math.max(size, MIN_SIZE)));
     this.#areas = this.#logs.map((log) => Math.exp(2 * log));
-    this.#medianLogSize = this.#logs.filter((_, i) => known[i]).sort()[(received - 1) >> 1];
+    this.#medianLogSize = this.#logs.filter((_, i) => isReceived[i]).sort()[(numReceived - 1) >> 1];
   }
 
   /** Writes the inputs of element `i` to `out`. Returns the log gain that would compensate the loss around it. */
   describe(i: number, near: Int32Array, far: Float64Array, out: Float64Array): number {
-    const { known, sizes, logScales } = this.elements,
+    const { isReceived, sizes, logScales } = this.elements,
       own = this.#logs[i],
       few = Math.min(near.length, COUNTED_NEIGHBOURS);
     let all = 0,
@@ -104,7 +104,7 @@ class NeighbourhoodFeatures {
       const j = near[n],
         size = Math.max(sizes[j], MIN_SIZE);
       all += size;
-      if (known[j]) continue;
+      if (isReceived[j]) continue;
       gone += size;
       if (n < few) lostNearest++;
     }
@@ -134,7 +134,7 @@ class NeighbourhoodFeatures {
     near: Int32Array,
     far: Float64Array,
   ): Record<"mean" | "opaque" | "cover" | "covered" | "spacing", number> {
-    const { known, opacities } = this.elements,
+    const { isReceived, opacities } = this.elements,
       areas = this.#areas,
       end = Math.min(near.length, STATISTICS_NEIGHBOURS);
     let there = 0,
@@ -150,7 +150,7 @@ class NeighbourhoodFeatures {
         reach = (distance / Math.max(Math.sqrt(areas[j] + areas[i]), MIN_SIZE)) ** 2;
       const weight = areas[j] * Math.exp(-reach / 4);
       weights += weight;
-      if (!known[j]) {
+      if (!isReceived[j]) {
         lost += weight;
         continue;
       }

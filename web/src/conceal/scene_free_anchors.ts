@@ -35,21 +35,21 @@ export async function sceneFreeAnchors(
   rule: Rule = RULE,
   trust = CORRECTION_WEIGHT,
 ): Promise<Float32Array | null> {
-  const { positions, known, indices } = elements,
-    count = known.length,
+  const { positions, isReceived, indices } = elements,
+    count = isReceived.length,
     gains = new Float32Array(2 * count).fill(1);
-  const received = known.reduce((sum, there) => sum + there, 0);
-  if (received === 0 || received === count) return gains;
-  const look = new NeighbourhoodFeatures(elements, received),
+  const numReceived = isReceived.reduce((sum, one) => sum + one, 0);
+  if (numReceived === 0 || numReceived === count) return gains;
+  const features = new NeighbourhoodFeatures(elements, numReceived),
     there = receivedShare(elements),
     tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), indices),
     network = perceptron(ANCHORS),
     signature = new Float64Array(ANCHORS.inputs);
-  for (let i = 0; i < received; i++) {
+  for (let i = 0; i < numReceived; i++) {
     if (i % BATCH === 0 && !(await pause())) return null;
     const near = tree.nearestFirst(i),
       grown = sizeGain(1 - lostShare(elements, near), there, rule);
-    look.describe(i, near, tree.distances, signature);
+    features.describe(i, near, tree.distances, signature);
     const [size, opacity] = network(signature).map((change) =>
       Math.exp(trust * Math.min(Math.max(change, -MAX_CORRECTION), MAX_CORRECTION)),
     );
@@ -100,13 +100,13 @@ class NeighbourhoodFeatures {
 
   constructor(
     readonly elements: Elements,
-    received: number,
+    numReceived: number,
   ) {
     const { sizes, indices } = elements,
       count = sizes.length;
     this.#logs = Float64Array.from(sizes, (size) => Math.log(Math.max(size, MIN_LENGTH)));
     this.#areas = this.#logs.map((log) => Math.exp(2 * log));
-    this.#sceneLogGain = logGain(1 - received / count);
+    this.#sceneLogGain = logGain(1 - numReceived / count);
     this.#medianLogSize = this.#logs.slice().sort()[(count - 1) >> 1];
     this.#minLogSize = this.#logs.reduce((least, log) => Math.min(least, log), Infinity);
     const bySize = Int32Array.from({ length: count }, (_, i) => i).sort(
@@ -119,7 +119,7 @@ class NeighbourhoodFeatures {
 
   /** Writes the inputs of element `i` to `out`, given its nearest neighbours and their squared distances. */
   describe(i: number, near: Int32Array, far: Float64Array, out: Float64Array): void {
-    const { known } = this.elements,
+    const { isReceived } = this.elements,
       { logs, numGaussians, expectedErrors } = this.elements.anchors!(),
       areas = this.#areas,
       expected = this.#logs[i];
@@ -129,7 +129,7 @@ class NeighbourhoodFeatures {
       end = close.length,
       own2 = Math.exp(2 * own);
     out[0] = this.#sceneLogGain;
-    COUNTS.forEach((count, n) => (out[1 + n] = logGain(lostShareByNumber(known, close.subarray(0, count)))));
+    COUNTS.forEach((count, n) => (out[1 + n] = logGain(lostShareByNumber(isReceived, close.subarray(0, count)))));
     let at = 4;
     for (const reach of REACHES) {
       const { lost, all } = this.#lostArea(i, close, far, reach);
@@ -142,7 +142,7 @@ class NeighbourhoodFeatures {
       there = 0;
     for (const j of close) {
       all += areas[j];
-      if (known[j]) {
+      if (isReceived[j]) {
         actives += numGaussians[j];
         there++;
       } else lost += areas[j];
@@ -151,7 +151,7 @@ class NeighbourhoodFeatures {
     for (const members of this.#classes) {
       const { indices, far } = members.near(i),
         { lost, all } = this.#lostArea(i, indices, far, MIDDLE_REACH);
-      out[at++] = logGain(lostShareByNumber(known, indices));
+      out[at++] = logGain(lostShareByNumber(isReceived, indices));
       out[at++] = logGain(lost / Math.max(all, MIN_SUM));
       out[at++] = Math.log1p(lost / own2);
     }
@@ -175,7 +175,7 @@ class NeighbourhoodFeatures {
    * ones, `all` that over all including element `i`.
    */
   #lostArea(i: number, near: Int32Array, far: Float64Array, reach: number): { lost: number; all: number } {
-    const { known } = this.elements,
+    const { isReceived } = this.elements,
       areas = this.#areas;
     let lost = 0,
       all = areas[i];
@@ -183,7 +183,7 @@ class NeighbourhoodFeatures {
       const j = near[n],
         weight = areas[j] * Math.exp(-far[n] / (2 * (areas[j] + areas[i]) * reach));
       all += weight;
-      if (!known[j]) lost += weight;
+      if (!isReceived[j]) lost += weight;
     }
     return { lost, all };
   }
@@ -192,8 +192,8 @@ class NeighbourhoodFeatures {
 const logDistance = (square: number): number => Math.log(Math.max(Math.sqrt(square), MIN_LENGTH));
 
 /** Returns the lost share by number. */
-function lostShareByNumber(known: Uint8Array, near: Int32Array): number {
+function lostShareByNumber(isReceived: Uint8Array, near: Int32Array): number {
   let lost = 0;
-  for (const j of near) lost += known[j] ? 0 : 1;
+  for (const j of near) lost += isReceived[j] ? 0 : 1;
   return lost / Math.max(near.length, 1);
 }

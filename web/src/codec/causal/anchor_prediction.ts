@@ -73,7 +73,7 @@ export class AnchorPrediction {
       sizes: Float32Array.from(ranks, (rank) => sizes[rank]),
       tierSizes: tierSizes && Float32Array.from(ranks, (rank) => tierSizes[rank]),
       opacities: null,
-      known: new Uint8Array(this.count).fill(1, 0, numReceived),
+      isReceived: new Uint8Array(this.count).fill(1, 0, numReceived),
       indices: ranks,
       logScales: null,
       anchors: () => (properties ??= this.#anchorProperties(received, ranks.subarray(0, numReceived))),

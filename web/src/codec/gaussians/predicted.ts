@@ -21,7 +21,7 @@ export function predictedElements(info: SideInfo, plan: Plan, batches: readonly 
   const { count } = plan.manifest,
     positions = new Float32Array(3 * count),
     sizes = new Float32Array(count),
-    known = new Uint8Array(count);
+    isReceived = new Uint8Array(count);
   const logScales = new Float32Array(3 * count),
     indices = new Int32Array(count),
     state = new Uint8Array(count);
@@ -33,7 +33,7 @@ export function predictedElements(info: SideInfo, plan: Plan, batches: readonly 
     const { splats, packet } = batch;
     positions.set(splats.means, 3 * at);
     opacities.set(splats.opacities, at);
-    known.fill(1, at, at + splats.count);
+    isReceived.fill(1, at, at + splats.count);
     indices.set(batch.indices, at);
     for (const index of indices.subarray(at, at + splats.count)) state[index] = packet ? RECEIVED : COPIED;
     for (let i = 0; i < splats.count; i++, at++) {
@@ -63,7 +63,7 @@ export function predictedElements(info: SideInfo, plan: Plan, batches: readonly 
         positions.set(predictedCentre(info, block, near, gone, lost.length), 3 * at++);
       });
   });
-  return { positions, sizes, tierSizes: null, opacities, known, indices, logScales, anchors: null };
+  return { positions, sizes, tierSizes: null, opacities, isReceived, indices, logScales, anchors: null };
 }
 
 function predictedCentre(

@@ -422,7 +422,7 @@ export class Sequence implements SequenceDecoder {
         ),
         tierSizes: null,
         opacities: Float32Array.from(keyframeIndices, (keyframeIndex) => opacities[keyframeIndex]),
-        known: Uint8Array.from(rows, (row) => 1 - hidden[row]),
+        isReceived: Uint8Array.from(rows, (row) => 1 - hidden[row]),
         indices: keyframeIndices.map((keyframeIndex) => keyframes.tracks[keyframeIndex]),
       });
     rows.forEach((row, n) => {
