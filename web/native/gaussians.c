@@ -816,8 +816,9 @@ EXPORT(hash) void hash(uint32_t blocks) {
     }
     for (int32_t t = 16; t < 64; t++) {
       v128_t x = words[t - 15], y = words[t - 2];
-      words[t] = words[t - 16] + (ROTATED_LANES(x, 7) ^ ROTATED_LANES(x, 18) ^ wasm_u32x4_shr(x, 3)) + words[t - 7] +
-                 (ROTATED_LANES(y, 17) ^ ROTATED_LANES(y, 19) ^ wasm_u32x4_shr(y, 10));
+      v128_t sum_x = ROTATED_LANES(x, 7) ^ ROTATED_LANES(x, 18) ^ wasm_u32x4_shr(x, 3);
+      v128_t sum_y = ROTATED_LANES(y, 17) ^ ROTATED_LANES(y, 19) ^ wasm_u32x4_shr(y, 10);
+      words[t] = words[t - 16] + sum_x + words[t - 7] + sum_y;
     }
     for (int32_t n = 0; n < 4 && n < left; n++) {
       const uint32_t *word = (const uint32_t *)words + n;
