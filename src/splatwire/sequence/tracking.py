@@ -115,14 +115,14 @@ class Tracker:
     def _next_frame(self, frame: Frame) -> TrackedFrame:
         assert self._previous_splats is not None
         assert self._last is not None
-        same = frame.splats.num_gaussians == self._previous_splats.num_gaussians
-        if self._order == "tracked" and not same:
+        has_same_count = frame.splats.num_gaussians == self._previous_splats.num_gaussians
+        if self._order == "tracked" and not has_same_count:
             raise InvalidValueError(
                 f"a frame has {frame.splats.num_gaussians:,} Gaussians, the one before "
                 f"{self._previous_splats.num_gaussians:,}: rows of tracked frames are always the same Gaussians"
             )
         if self._order == "tracked" or (
-            self._order == "auto" and same and has_same_order(self._previous_splats, frame.splats)
+            self._order == "auto" and has_same_count and has_same_order(self._previous_splats, frame.splats)
         ):
             self._match = None
             self.report = replace(self.report, num_same_order_frames=self.report.num_same_order_frames + 1)
@@ -148,14 +148,14 @@ class Tracker:
         assert self._last is not None
         current = _drawn(frame)
         matches = match(self._last.splats, current, self._match)
-        old, keys = matches.partner >= 0, matches.partner.copy()
-        keys[old] = self._last.keys[keys[old]]
-        keys[~old] = self._new_keys(int((~old).sum()), count_births=True)
+        is_matched, keys = matches.partner >= 0, matches.partner.copy()
+        keys[is_matched] = self._last.keys[keys[is_matched]]
+        keys[~is_matched] = self._new_keys(int((~is_matched).sum()), count_births=True)
         self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
         self._keys[frame.drawn], self._match = keys, matches
-        number, share = self.report.num_matched_frames, float(old.mean()) if len(old) else 1.0
-        mean = (self.report.matched_share * number + share) / (number + 1)
-        self.report = replace(self.report, num_matched_frames=number + 1, matched_share=mean)
+        num_frames, share = self.report.num_matched_frames, float(is_matched.mean()) if len(is_matched) else 1.0
+        mean = (self.report.matched_share * num_frames + share) / (num_frames + 1)
+        self.report = replace(self.report, num_matched_frames=num_frames + 1, matched_share=mean)
         return TrackedFrame(aligned(self._last.splats, current, matches.partner), keys)
 
     def _new_keys(self, count: int, *, count_births: bool) -> np.ndarray:

@@ -40,8 +40,8 @@ def fine_tuning_config(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
     """
     # The whole training is fine-tuning here, so it has the length of the main phase and no phase after it.
     milestones = Milestones(
-        config.milestones.main_iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0, growth_start=0,
-        growth_end=0, growth_interval=1,
+        config.milestones.main_iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0,
+        growth_start=0, growth_end=0, growth_interval=1,
     )  # fmt: skip
     # Parameters are averaged over the last iterations only with the causal model. In 240 iterations of fine-tuning,
     # averaging improves lego with the causal model by 0.33 dB without packet loss. It makes the official
