@@ -124,13 +124,13 @@ def _once(warn: Warn) -> Warn:
     Returns:
         Function that is called in place of `warn`. After a call with an empty text, earlier warnings may be repeated.
     """
-    said = set[str]()
+    warned = set[str]()
 
     def new(text: str) -> None:
         if not text:
-            said.clear()
-        elif text not in said:
-            said.add(text)
+            warned.clear()
+        elif text not in warned:
+            warned.add(text)
             warn(text)
 
     return new

@@ -44,5 +44,5 @@ async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: boo
         print(f"splatwire: warning: {one_line(text)}", file=sys.stderr, flush=True)
 
     with stop_on_signals() as stop:
-        asked = await publish(address, stream, relay_trust(trust), stop, ready, warn)
-    print(f"the relay asked for {asked.tracks:,} tracks, {asked.num_bytes:,} bytes", file=sys.stderr)
+        requested = await publish(address, stream, relay_trust(trust), stop, ready, warn)
+    print(f"the relay asked for {requested.tracks:,} tracks, {requested.num_bytes:,} bytes", file=sys.stderr)

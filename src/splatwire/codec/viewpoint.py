@@ -114,8 +114,8 @@ def read_viewpoint(sections: Mapping[str, bytes]) -> "Viewpoint | None":
     reader = ByteReader(sections[SECTION], f"section '{SECTION}'")
     eye, target, up = (tuple(reader.f32() for _ in range(3)) for _ in range(3))
     reader.finish()
-    apart, length = math.hypot(*(a - b for a, b in zip(eye, target, strict=True))), math.hypot(*up)
-    if not (0 < apart < math.inf and MIN_UP < length < MAX_UP):
+    distance, length = math.hypot(*(a - b for a, b in zip(eye, target, strict=True))), math.hypot(*up)
+    if not (0 < distance < math.inf and MIN_UP < length < MAX_UP):
         raise BitstreamError(f"section '{SECTION}': an impossible viewpoint")
     return Viewpoint(eye, target, up)
 

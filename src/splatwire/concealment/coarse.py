@@ -151,13 +151,15 @@ def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.nd
     for begin in range(0, len(fine), _CHUNK_GAUSSIANS):
         piece = fine[begin : begin + _CHUNK_GAUSSIANS]
         neighbors, _ = tree.query(splats.means[piece], min(_NUM_CANDIDATES, len(merged)))
-        apart = np.einsum(
+        offsets = np.einsum(
             "nkij,nki->nkj", axes[neighbors], splats.means[piece].astype(np.float64)[:, None] - centres[neighbors]
         )
-        unlike = (splats.sh[piece, None, 0] - splats.sh[merged[neighbors], 0]).astype(np.float64)
+        colour_differences = (splats.sh[piece, None, 0] - splats.sh[merged[neighbors], 0]).astype(np.float64)
         # a merged Gaussian has the mean, covariance and colour of its finer ones, so its standard deviation is the unit
-        far = ((apart / scales[neighbors]) ** 2).sum(axis=2) + _COLOUR_WEIGHT * (unlike**2).sum(axis=2)
-        nearest[begin : begin + len(piece)] = np.take_along_axis(neighbors, far.argmin(axis=1)[:, None], axis=1)[:, 0]
+        differences = ((offsets / scales[neighbors]) ** 2).sum(axis=2)
+        differences += _COLOUR_WEIGHT * (colour_differences**2).sum(axis=2)
+        best = differences.argmin(axis=1)[:, None]
+        nearest[begin : begin + len(piece)] = np.take_along_axis(neighbors, best, axis=1)[:, 0]
     return nearest
 
 
@@ -182,10 +184,10 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
         np.linalg.norm(splats.sh[candidates, 0] - splats.sh[copies, None, 0], axis=2),
         splats.opacities[candidates] - splats.opacities[copies, None],
     )  # fmt: skip
-    unlike = np.sqrt(sum((d / step) ** 2 for d, step in zip(differ, _COPY_TOLERANCES, strict=True)))
-    best = unlike.argmin(axis=1)[:, None]
+    mismatches = np.sqrt(sum((d / step) ** 2 for d, step in zip(differ, _COPY_TOLERANCES, strict=True)))
+    best = mismatches.argmin(axis=1)[:, None]
     nearest = np.take_along_axis(neighbors, best, axis=1)[:, 0]
-    return np.where(np.take_along_axis(unlike, best, axis=1)[:, 0] < _MAX_MISMATCH, nearest, -1)
+    return np.where(np.take_along_axis(mismatches, best, axis=1)[:, 0] < _MAX_MISMATCH, nearest, -1)
 
 
 def _coverage(splats: Splats) -> Float[np.ndarray, "N"]:

@@ -134,12 +134,12 @@ def _warn_of_other_text(folder: Path, views: list[ColmapView]) -> None:
     except DatasetError as error:
         LOG.warning("%s: its .bin files are read; its .txt files are damaged: %s", folder, error)
         return
-    alike = [view for view in views if view.name in others and _are_alike(view, others[view.name])]
-    if len(alike) < max(len(views), len(others)):
+    equal_views = [view for view in views if view.name in others and _are_alike(view, others[view.name])]
+    if len(equal_views) < max(len(views), len(others)):
         LOG.warning(
             "%s: its .bin files, which are read, have %d views, its .txt files %d, and %d are the same: remove the "
             "older files",
-            folder, len(views), len(others), len(alike),
+            folder, len(views), len(others), len(equal_views),
         )  # fmt: skip
 
 

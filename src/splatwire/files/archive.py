@@ -34,8 +34,8 @@ class _LimitedReader(io.BufferedReader):
     def read(self, size: int | None = -1, /) -> bytes:
         if not self.limited:
             return super().read(size)
-        asked = MAX_DIRECTORY_BYTES + 1 if size is None or size < 0 else min(size, MAX_DIRECTORY_BYTES + 1)
-        data = super().read(asked)
+        num_requested = MAX_DIRECTORY_BYTES + 1 if size is None or size < 0 else min(size, MAX_DIRECTORY_BYTES + 1)
+        data = super().read(num_requested)
         if len(data) > MAX_DIRECTORY_BYTES:
             raise zipfile.BadZipFile(f"its list of members is longer than {MAX_DIRECTORY_BYTES} bytes")
         return data

@@ -50,8 +50,8 @@ def reduce_gaussians(splats: Splats, count: int, mass: np.ndarray | None = None)
     by_mass = np.argpartition(-mass, kept) if kept else np.arange(len(mass))
     large, rest = np.sort(by_mass[:kept]), np.sort(by_mass[kept:])
     edges = np.arange(count - kept + 1) * len(rest) // (count - kept)
-    alike = np.concatenate([_relative(splats.means[rest]), COLOUR * splats.sh[rest, 0]], axis=1)
-    rest = rest[kd_order(alike, [edges.astype(np.int64)])]
+    sort_columns = np.concatenate([_relative(splats.means[rest]), COLOUR * splats.sh[rest, 0]], axis=1)
+    rest = rest[kd_order(sort_columns, [edges.astype(np.int64)])]
     merged, squares = _merge_runs(splats.select(rest), mass[rest], edges[:-1])
     both = (splats.select(large), merged)
     joined = {name: np.concatenate([getattr(part, name) for part in both]) for name in vars(splats)}
@@ -73,8 +73,8 @@ def _num_unchanged(mass: np.ndarray, count: int) -> int:
 
 def _relative(means: np.ndarray) -> np.ndarray:
     """Normalises positions to mean 0 and a root mean square distance of 1."""
-    apart = means - means.mean(axis=0)
-    return apart / max(float(np.sqrt((apart.astype(np.float64) ** 2).sum(axis=1).mean())), 1e-30)
+    offsets = means - means.mean(axis=0)
+    return offsets / max(float(np.sqrt((offsets.astype(np.float64) ** 2).sum(axis=1).mean())), 1e-30)
 
 
 def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[Splats, float]:
@@ -99,9 +99,9 @@ def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[S
 
     means = splats.means.astype(np.float64)
     centres = mean(means)
-    apart = means - np.repeat(centres, sizes, axis=0)
+    offsets = means - np.repeat(centres, sizes, axis=0)
     covariances = _covariances(splats)
-    spread = mean(covariances + apart[:, :, None] * apart[:, None, :])
+    spread = mean(covariances + offsets[:, :, None] * offsets[:, None, :])
     values, vectors = np.linalg.eigh(spread)
     values = np.maximum(values, SMALLEST * values[:, 2:].clip(min=1e-30))
     scales = np.sqrt(values)
@@ -111,7 +111,7 @@ def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[S
         "means": centres, "quats": _quaternions(vectors), "scales": scales, "opacities": opacities,
         "sh": mean(splats.sh.astype(np.float64)),
     }  # fmt: skip
-    squares = float((mass * (apart**2).sum(axis=1)).sum())
+    squares = float((mass * (offsets**2).sum(axis=1)).sum())
     return Splats(**{name: column.astype(np.float32) for name, column in new.items()}), squares
 
 

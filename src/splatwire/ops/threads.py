@@ -96,8 +96,8 @@ def allowed_threads() -> int:
     if _LIMIT.is_set():
         return 1
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    asked = os.environ.get("OMP_NUM_THREADS", "")
-    return max(1, min(processors, int(asked) if asked.isdecimal() else processors, config.NUMBA_NUM_THREADS))
+    setting = os.environ.get("OMP_NUM_THREADS", "")
+    return max(1, min(processors, int(setting) if setting.isdecimal() else processors, config.NUMBA_NUM_THREADS))
 
 
 @functools.cache

@@ -147,15 +147,15 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanC
     traces = transfer_masks(traces, "traces", 1)
     mixed = 1.0 if load.num_tiers > 1 else 0.0
 
-    def alike(step: int) -> Protection:
+    def equal_repair(step: int) -> Protection:
         repair = step / _ALIKE_STEPS
         return Protection(init_repair=repair, init_until=1.0, tier_repair=(repair,) * load.num_tiers, tier_spread=mixed)
 
     def size(step: int) -> int:
-        return int(model_transfer(load, alike(step)).num_bytes.sum())
+        return int(model_transfer(load, equal_repair(step)).num_bytes.sum())
 
     steps = range(int(MAX_REPAIR * _ALIKE_STEPS) + 1)
-    whole = alike(max(bisect.bisect_right(steps, constraints.budget_bytes, key=size) - 1, 0))
+    whole = equal_repair(max(bisect.bisect_right(steps, constraints.budget_bytes, key=size) - 1, 0))
     rate = min(1 - float(traces.mean()), 0.95)
     return {
         "whole": whole,

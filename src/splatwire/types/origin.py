@@ -183,10 +183,10 @@ def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
         Largest distance on an axis between the median position and the origin, world units. None if float32 is precise
         enough.
     """
-    apart = means - np.array(origin)
-    if choose_origin(apart, double_precision=False) == NO_ORIGIN:
+    relative_positions = means - np.array(origin)
+    if choose_origin(relative_positions, double_precision=False) == NO_ORIGIN:
         return None
-    middle = np.median(apart[np.isfinite(apart).all(axis=1)], axis=0)
+    middle = np.median(relative_positions[np.isfinite(relative_positions).all(axis=1)], axis=0)
     return float(np.abs(middle).max())
 
 

@@ -117,8 +117,8 @@ export class StreamDecoder {
       three = (): [number, number, number] => [reader.f32(), reader.f32(), reader.f32()];
     const found = { eye: three(), target: three(), up: three() };
     reader.finish();
-    const apart = Math.hypot(...found.eye.map((value, axis) => value - found.target[axis]));
-    if (!(apart > 0 && apart < Infinity && Math.hypot(...found.up) > 0.5 && Math.hypot(...found.up) < 2)) {
+    const distance = Math.hypot(...found.eye.map((value, axis) => value - found.target[axis]));
+    if (!(distance > 0 && distance < Infinity && Math.hypot(...found.up) > 0.5 && Math.hypot(...found.up) < 2)) {
       throw new BitstreamError("section 'viewpoint': the eye or the up direction is out of range");
     }
     return found;

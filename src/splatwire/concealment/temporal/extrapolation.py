@@ -151,6 +151,6 @@ def _kept_deviation(deviation: np.ndarray, rounding: np.ndarray, concealed: np.n
         Factor for each track and channel, 0 to 1, float (n, C).
     """
     # a small deviation is probably a rounding error; those of scale, opacity and colour are not kept
-    apart, kept = (deviation[:, POSITION] ** 2).sum(axis=1), np.zeros_like(deviation)
-    kept[:, POSE] = (apart / (apart + rounding**2 + 1e-30) * ~concealed)[:, None]
+    squared_deviation, kept = (deviation[:, POSITION] ** 2).sum(axis=1), np.zeros_like(deviation)
+    kept[:, POSE] = (squared_deviation / (squared_deviation + rounding**2 + 1e-30) * ~concealed)[:, None]
     return kept

@@ -117,9 +117,9 @@ def _colour_slope(
     # a change of lighting brightens bright surfaces more than dark ones
     proximity = closeness.astype(np.float64)
     mean = np.einsum("nk,nka->na", proximity, colours)
-    apart = colours - mean[:, None]
-    square = np.einsum("nk,nka->n", proximity, apart * apart)
-    return proximity[:, :, None] * apart / (square + COLOUR_RIDGE)[:, None, None], track_colours - mean
+    contrasts = colours - mean[:, None]
+    square = np.einsum("nk,nka->n", proximity, contrasts * contrasts)
+    return proximity[:, :, None] * contrasts / (square + COLOUR_RIDGE)[:, None, None], track_colours - mean
 
 
 def _closeness(square: np.ndarray) -> np.ndarray:

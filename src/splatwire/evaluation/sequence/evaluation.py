@@ -162,15 +162,17 @@ class _ReceivedSequence:
 
     def __init__(self, stream: SceneStream, row: SequenceRow) -> None:
         self._concealer, self._available = temporal_concealer(row.concealer), None
-        came = stream
+        arrived = stream
         self.num_lost = stream.manifest.num_packets - len(stream.packets)
         if row.loss is not None:
             mask = draw_mask(stream, row.loss, seed=row.seed)
             when = arrival_groups(stream, mask, row.loss, seed=row.seed)
-            came = stream.with_packets(p for p, group in zip(stream.packets, when.tolist(), strict=True) if group >= 0)
+            arrived = stream.with_packets(
+                p for p, group in zip(stream.packets, when.tolist(), strict=True) if group >= 0
+            )
             self.num_lost += int((~mask.received).sum())
             self._available = available_by_group(stream, when)
-        self._encoder = decode_stream(came).scene
+        self._encoder = decode_stream(arrived).scene
         self.timeline, self.background = self._encoder.timeline, self._encoder.background
 
     def frames(self) -> Iterator[SequenceFrame]:

@@ -86,13 +86,16 @@ def concealed_pictures(
         chosen: Indices of the selected frames, ascending.
         renderer: Name of the renderer.
     """
-    came, there = stream, None
+    arrived, available = stream, None
     if mask is not None and loss is not None:
         when = arrival_groups(stream, mask, loss.process, seed=seed)
         packets = zip(stream.packets, when.tolist(), strict=True)
-        came, there = stream.with_packets(p for p, group in packets if group >= 0), available_by_group(stream, when)
+        arrived, available = (
+            stream.with_packets(p for p, group in packets if group >= 0),
+            available_by_group(stream, when),
+        )
     wanted = set(chosen)
-    frames = decode_frames(decode_stream(came, threads=1).scene, concealer, available=there)
+    frames = decode_frames(decode_stream(arrived, threads=1).scene, concealer, available=available)
     yield from _drawn((frame.scene for frame in frames if frame.number in wanted), cameras, renderer)
 
 

@@ -222,12 +222,12 @@ def _published_table(study: Study, scene_sizes: Sequence[SceneSizes]) -> list[Ta
         published = f"({entry.dataset})"
         if "growth_percent" in entry.values:
             cells = [_percent(sizes.growth(row.label)) for sizes in scene_sizes]
-            said = f"{entry.values['growth_percent']:+.2f} % {published}"
-            lines.append((f"{row.label}: everything but weights", said, *cells))
+            published_growth = f"{entry.values['growth_percent']:+.2f} % {published}"
+            lines.append((f"{row.label}: everything but weights", published_growth, *cells))
         if "attribute_growth_percent" in entry.values:
             theirs = (f"{entry.values['attribute_growth_percent']:+.2f} % {published}", "")
-            for (label, growth), said in zip(_ATTRIBUTE_MEASURES, theirs, strict=True):
+            for (label, growth), published_growth in zip(_ATTRIBUTE_MEASURES, theirs, strict=True):
                 cells = [_percent(growth(sizes, row.label)) for sizes in scene_sizes]
-                lines.append((f"{row.label}: {label}", said, *cells))
+                lines.append((f"{row.label}: {label}", published_growth, *cells))
     columns = ("growth over HAC++ files", "paper", *(sizes.scene for sizes in scene_sizes))
     return [Table("Growth of the bitstream", columns, tuple(lines))] if lines else []

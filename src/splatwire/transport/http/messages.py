@@ -182,7 +182,7 @@ def make_file_response(
         packed: True to compress the body with gzip.
         private: True to forbid shared caches, such as those of proxies, to store the file.
     """
-    asked = request.headers
+    request_headers = request.headers
     cache = "public, max-age=31536000, immutable" if request.query == tag else "no-cache"
     if private:
         cache = "private, no-cache"
@@ -190,12 +190,12 @@ def make_file_response(
         body, tag, headers = _packed(bytes(body)), f"{tag}-gzip", f"{headers}Content-Encoding: gzip\r\n"
     headers = f'Accept-Ranges: bytes\r\nETag: "{tag}"\r\n{headers}'
     content = body if isinstance(body, bytes) else memoryview(body)
-    if not is_current(tag, asked.get("if-match", "*"), weak=False):
+    if not is_current(tag, request_headers.get("if-match", "*"), weak=False):
         return make_response("412 Precondition Failed", headers=headers)
-    if is_current(tag, asked.get("if-none-match", "")):
+    if is_current(tag, request_headers.get("if-none-match", "")):
         return make_response("304 Not Modified", kind, content, headers, cache=cache, bodiless=True)
-    same = request.method == "GET" and asked.get("if-range", f'"{tag}"') == f'"{tag}"'
-    wanted = read_range(asked.get("range", ""), len(body)) if same else None
+    same = request.method == "GET" and request_headers.get("if-range", f'"{tag}"') == f'"{tag}"'
+    wanted = read_range(request_headers.get("range", ""), len(body)) if same else None
     if wanted is None:
         return make_response("200 OK", kind, content, headers, cache=cache)
     first, end = wanted

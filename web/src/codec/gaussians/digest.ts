@@ -128,12 +128,12 @@ export function integers32(values: Int32Array): Uint8Array {
 }
 
 /** Memory for the halves of 64-bit integers, used again for every packet. */
-let room = new Int32Array();
+let halvesBuffer = new Int32Array();
 
 /** Returns 64-bit integers as little-endian bytes, until the next call. */
 function integers64(values: Float64Array): Uint8Array {
-  if (room.length < 2 * values.length) room = new Int32Array(2 * values.length);
-  const halves = room.subarray(0, 2 * values.length);
+  if (halvesBuffer.length < 2 * values.length) halvesBuffer = new Int32Array(2 * values.length);
+  const halves = halvesBuffer.subarray(0, 2 * values.length);
   for (let i = 0; i < values.length; i++) {
     const value = values[i],
       low = value | 0; // the low 32 bits also of larger integers

@@ -36,7 +36,7 @@ export class GaussianDecoder implements ElementDecoder<GaussianBatch> {
    * Arrays of all Gaussians of a file, which packets fill one after another, and the number of Gaussians so far. Null
    * if packets are decoded as they arrive.
    */
-  readonly #room: Splats | null;
+  readonly #preallocated: Splats | null;
   #filled = 0;
 
   /** `fileBytes`: see `StreamDecoder`. */
@@ -51,7 +51,7 @@ export class GaussianDecoder implements ElementDecoder<GaussianBatch> {
     this.info = readSideInfo(sideInfo, plan.numBlocks);
     const { count } = plan.manifest,
       fits = fileBytes > 0 && count * splatBytes(this.degree) <= allowedMemory(fileBytes);
-    this.#room = fits ? emptySplats(count, this.degree) : null;
+    this.#preallocated = fits ? emptySplats(count, this.degree) : null;
     this.#packetDecoder = new FastPacketDecoder(this.info);
     if (this.info.sections.has("sketch")) this.#readCopies(); // throws at once if copies are damaged, as Python does
     const sketch = fromElements((elements, pause) => sceneFree(elements, pause, this.#readCopies().growth));
@@ -77,7 +77,7 @@ export class GaussianDecoder implements ElementDecoder<GaussianBatch> {
   read(packet: Packet): GaussianBatch {
     if (this.#keptBytes) return this.accept(packet, this.decode(packet));
     const symbols = this.#decode(packet, true),
-      splats = toSplats(symbols, this.info, packet.block, this.#roomFor(packet.count));
+      splats = toSplats(symbols, this.info, packet.block, this.#splatsFor(packet.count));
     return this.accept(packet, { symbols, splats });
   }
 
@@ -93,11 +93,11 @@ export class GaussianDecoder implements ElementDecoder<GaussianBatch> {
   }
 
   /** Returns zeros for the Gaussians of the next packet. */
-  #roomFor(count: number): Splats {
+  #splatsFor(count: number): Splats {
     const first = this.#filled;
-    if (!this.#room || first + count > this.#room.count) return emptySplats(count, this.degree);
+    if (!this.#preallocated || first + count > this.#preallocated.count) return emptySplats(count, this.degree);
     this.#filled += count;
-    return subSplats(this.#room, first, count);
+    return subSplats(this.#preallocated, first, count);
   }
 
   digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {

@@ -44,14 +44,14 @@ function rgb(y: number, co: number, cg: number, out: Float32Array, at: number): 
 }
 
 /**
- * Converts the Gaussians of a packet to floating point. Writes them to `room`, which must be zero, or to new arrays.
+ * Converts the Gaussians of a packet to floating point. Writes them to `target`, which must be zero, or to new arrays.
  * A decoder with its own conversion has the same result, bit by bit.
  */
-export function toSplats(decoded: Decoded, info: SideInfo, block: number, room?: Splats): Splats {
+export function toSplats(decoded: Decoded, info: SideInfo, block: number, target?: Splats): Splats {
   const { splats } = decoded;
-  if (splats && !room) return splats;
-  if (splats && room) return copySplats(splats, room);
-  return convert(decoded, info, block, room ?? splatsIn(decoded.rows.length / COLUMNS, info.degree));
+  if (splats && !target) return splats;
+  if (splats && target) return copySplats(splats, target);
+  return convert(decoded, info, block, target ?? splatsIn(decoded.rows.length / COLUMNS, info.degree));
 }
 
 function copySplats(from: Splats, to: Splats): Splats {

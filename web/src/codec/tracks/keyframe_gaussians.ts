@@ -99,9 +99,9 @@ export class KeyframeGaussians {
   }
 
   #reserve(count: number): void {
-    const room = this.tracks.length;
-    if (count <= room) return;
-    const larger = Math.max(count, 2 * room),
+    const capacity = this.tracks.length;
+    if (count <= capacity) return;
+    const larger = Math.max(count, 2 * capacity),
       wider = emptySplats(larger, this.splats.degree);
     for (const name of ["means", "quats", "scales", "opacities", "colours", "harmonics"] as const)
       wider[name].set(this.splats[name]);

@@ -162,9 +162,9 @@ export class MotionField {
     let square = COLOUR_RIDGE;
     for (let i = 0; i < keyframeIndices.length; i++) {
       for (let a = 0; a < 3; a++) {
-        const apart = colours[3 * keyframeIndices[i] + a] - mean[a];
-        square += closeness[i] * apart * apart;
-        contrasts[3 * i + a] = closeness[i] * apart;
+        const contrast = colours[3 * keyframeIndices[i] + a] - mean[a];
+        square += closeness[i] * contrast * contrast;
+        contrasts[3 * i + a] = closeness[i] * contrast;
       }
     }
     for (let k = 0; k < contrasts.length; k++) contrasts[k] /= square;

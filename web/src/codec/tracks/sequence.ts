@@ -79,7 +79,7 @@ export class Sequence implements SequenceDecoder {
   readonly #motionDecoder: FastMotionPacketDecoder;
   #cachedBytes = 0;
   /** Gaussians of the last frame, if their memory may be used again. */
-  #room = emptySplats(0, 0);
+  #reusedSplats = emptySplats(0, 0);
   readonly #cache = new Map<Packet, DecodedMotion>();
   #current: DecodedGroup | null = null;
   #previous: ConcealmentState | null = null;
@@ -178,9 +178,9 @@ export class Sequence implements SequenceDecoder {
       here = drawnRows(begins, ends, hidden, at),
       tracks = here.map((n) => this.#keyframes.tracks[keyframeIndices[n]]);
     const { degree } = this.#keyframes.splats,
-      room = reuse && this.#room.count >= here.length ? this.#room : emptySplats(here.length, degree),
-      splats = subSplats(room, 0, here.length);
-    if (reuse) this.#room = room;
+      target = reuse && this.#reusedSplats.count >= here.length ? this.#reusedSplats : emptySplats(here.length, degree),
+      splats = subSplats(target, 0, here.length);
+    if (reuse) this.#reusedSplats = target;
     let first = 0,
       to = 0,
       numConcealed = 0;
@@ -434,11 +434,11 @@ export class Sequence implements SequenceDecoder {
   #trackProperties(before: ConcealmentState | null, group: number): TrackProperties {
     const { info } = this,
       keyframes = this.#keyframes,
-      room = keyframes.count * NUM_CHANNELS,
+      size = keyframes.count * NUM_CHANNELS,
       unit = 2 ** (info.keyframeInfo.sizeLog - info.keyframeInfo.latticeBits - 1);
     return {
       splats: keyframes.splats,
-      lastOffsets: before ? resized(before.offsets, room) : new Float32Array(room),
+      lastOffsets: before ? resized(before.offsets, size) : new Float32Array(size),
       wasConcealed: before?.wasConcealed ?? null,
       isNew: (keyframeIndex) => keyframes.birthGroups[keyframeIndex] === group,
       hasUnknownBirth: (keyframeIndex) =>
