@@ -1,7 +1,7 @@
 // Written by `npm run native` from `native/gaussians.c`.
 
 /** SHA-256 of the source and of the script, one after the other. */
-export const SOURCE_DIGEST = "07763bc865125d4c402b5ba08eeb5b35af1eb390e1769dae9103e6087010de81";
+export const SOURCE_DIGEST = "ea6ebb433810e725604f48f5125346a4da994cdff11ed3dbc755035dd73dbac3";
 /** Module in WebAssembly, as text. */
 export const MODULE =
   "-%V&8&2.---.%K;%U.&D.&D%U1&D&D&D&D.&D%U.&D-%U3&D&D&D&D&D&D.&D%U.&A.&A%U.&D.&C%U-.&C%U0&D&D&D.&D%U0&D&D&D-%U/" +
@@ -40,8 +40,8 @@ export const MODULE =
   "/U/-M/&1&/M-n}I!:~+-&/U/-M0&1&/M-n}M!:~+-&/U/-M1&1&/M-n}Q!:~+-&/U/-M2&1&/n?&:8V-M-n/y1mM-n-t<8n6nMM.n0&9M/&:" +
   "&,&0O-M-n6|Hn/&/8|..&Dn}E!N}V-U/-O.r1mn}E!N}V-n&E&Q~.-O.c/-8/mM-M.&/n,,0&/n=&;O-l-O.z:-M-M.&0m-n&Dt:--8n}E!N" +
   "}V-U/-8W..&AM-M/}MqEZq%I(N6m}7n.M.&9}M}8O0=.f0-M-M0=-f058%K..&CM-M.}A&Co=&LO-o&F&E&-%H1mo-<8M-o,,D%J1mo&E&E&" +
-  "E5<8M-o&E&EE&Ao6&M}<n/&9O.a/}9}6sM.a/}5}6sO/&BM-o,0&H&Co6&LM/&A8&D.2&Dn)}5~+-U/-M-nE&1&/N0n&M}6~+-U/-n&U}6~+" +
-  "-U/-O/n/&9&/N1n&E}6~+-U/-N20mM1M.M2&1n/&9&/M0M.n0&9&/X0-}Ke/-M.n.&/O.n0t:-8n&U}6~+-M/n.&/c/-n~1!L}W-U/-M/n/&" +
+  "E5<8M-o&E&EE&Ao6&M}<n/&9O.a/}9}6sM.a/}5}6sO/&BM-o,0&H&Co6&LM/&A8&D.2&Dn)}5~+-U/-M-nE&1&/N0n&M}6~+-U/-n})}6~+" +
+  "-U/-O/n/&9&/N1n&E}6~+-U/-N20mM1M.M2&1n/&9&/M0M.n0&9&/X0-}Ke/-M.n.&/O.n0t:-8n})}6~+-M/n.&/c/-n&U}6~+-U/-M/n/&" +
   "9&/M-c/-8}4.//&D.&Cn}E!N}V-U/-N00mM.M/&/n-g--M/n.&/O/n=t:-8M-1mM-M0&/N0n-N/0mM.M/&/n=&/M0M/n&D&8&/Z--g--M/n." +
   "&/O/M-t:-88n&E&N~.-M.c/-M-M.&/O-V-5N1n&U&N~.-o&E&E&E&E&E&E}U-d0-n&I&N~.-M-n/&/c/-n&M&N~.-M1o=&Md0-8~12/F&D.&" +
   "@M-n-w1mn}E!N}V-U/-O.nM&/NDM.n}5/&/N60mn1M-M-n1|HNEn-N/0mM/n1&9M6M/n/&9&/O0n}U.&/M0n&E.&/M0nm&0M0*%Q/-*%K/-." +
@@ -66,10 +66,10 @@ export const MODULE =
   "t:-888}NK1K&D:&A3&@.&BP-n!E/&0O0Q-n&E}6~+-n!-!L}W-U/-O7n0&/n&A&6O/c/-n)}5~+-M7nE&1O3n}5!)~(-U/-&/ODM7na&1O@&" +
   "/n4&/n&=&6O1c/-/mn}9!)~(-U/-M7n!I}5~+-U/-&1n/&9&/n<&/n&5&6O<M7n!M}5~+-U/-&1n0&9&/n<&/n&5&6O9M/n1&9M7n/&9&/&/" +
   "O?n}=!)~(-U/-M@&1&/n,,0&/n=&;O/l-O2z:-M/M2&0m-n&Dt:--8n&M}6~+-M9c/-n&I}6~+-M<c/-n&Q}6~+-M9n&E}6~+-U/-O8n9&1&" +
-  "/O>c/-n~1!L}W-M>M8n/&9&/OAc/-M81mM8n0&1N/0mM9M.n/&9&/n&E&E&E!A2c/-M.n.&/O.M/t:-88n-N.n&U}6~+-n-c/-n!-!L}W-U/" +
+  "/O>c/-n&U}6~+-M>M8n/&9&/OAc/-M81mM8n0&1N/0mM9M.n/&9&/n&E&E&E!A2c/-M.n.&/O.M/t:-88n-N.n})}6~+-n-c/-n!-!L}W-U/" +
   "-O/1mn}5!)~(-U/-N20mM2M.nE&1&/U/1n.t1mM.=:8M.n.&/O.M/t:-88M-1mM1M3&/NEM8n0&9NFn!I}5~+-U/-NGn}9!)~(-U/-NHn}5!" +
   ")~(-U/-NIn!M}5~+-U/-N:n)}5~+-U/-NB0mMBMEMCn/&9&/OJU/-O=nE&1&/N4n-N.0mM0n}E.&/M.n1&9&/M4M.n0&9&/X0-}K*@*81-M." +
-  "n.&/O.n0t:-8/m/m/m/m/mn&U}6~+-U/-O2r1mM<M:M=&1n0&9&/N59.8n-N.M0*-1~5.N#TM0*-1}U.N]M0*-1}E.N^*9--&E&A--&E&A--" +
+  "n.&/O.n0t:-8/m/m/m/m/mn})}6~+-U/-O2r1mM<M:M=&1n0&9&/N59.8n-N.M0*-1~5.N#TM0*-1}U.N]M0*-1}E.N^*9--&E&A--&E&A--" +
   "&E&A--&E&AOYN[0mM>M.n/&9O/&/M/M9&/O/*-1-M^*!:.OZMZ*!;.M/M8n/&9&/*-/-M]*!:.OZMZ*!;.*!9.M/MF&/*-0-M#T*!:.OZMZ*" +
   "!;.*!9.OZ*8/-M[MYMZ*!@.*!?.N[MYMZ*!?.NYM.n1&/O.M2v:-8M[M[M[*:1234-./09:;<5678*!@.OYMYMY*:56789:;<-./01234*!@" +
   ".*95-&El5-&El5-&El5-&El*!;.NYn-N3n-N60mM3N//mM>M6n/&9&/*-/-MY*r*}9.O1r:-0mM2M1&-M6&/O5z1mM/N39/8M9M5n/&9&/N3" +
