@@ -73,8 +73,8 @@ export type FromWorker =
   | { kind: "tiles"; removed: readonly number[]; added: readonly Tile[]; hasNew: boolean; requestId: number }
   /**
    * A frame, which replaces the one before. `numConcealed` is the number of tracks with estimated motion, `numKept`
-   * the number of motion packets that simulated losses leave. `antialiased` is as in `StreamInfo`; it may change in live
-   * clips.
+   * the number of motion packets that simulated losses leave. `antialiased` is as in `StreamInfo`; it may change in
+   * live clips.
    */
   | {
       kind: "frame";
