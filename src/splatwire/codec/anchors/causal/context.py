@@ -103,7 +103,7 @@ class CodingContext:
         Returns:
             Object that predicts the groups of attributes one after another.
         """
-        inputs = position_inputs(voxels, self.middle, self.spread)
+        inputs = integer_position_inputs(voxels, self.middle, self.spread)
         return AutoregressivePredictor(self, self.networks["position"](inputs))
 
 
@@ -146,7 +146,7 @@ class AutoregressivePredictor:
             kernels.values_to_inputs(values, self._known[:, first : first + stage.size])
 
 
-def position_inputs(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
+def integer_position_inputs(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """Computes the inputs of the position network: contracted coordinates and their positional encoding.
 
     Args:
