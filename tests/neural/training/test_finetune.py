@@ -12,7 +12,7 @@ from scenes import tiny_causal_scene, tiny_scene
 from splatwire.anchors.scene_file import load_scene, save_scene
 from splatwire.cli.main import main
 from splatwire.data import Dataset
-from splatwire.errors import InvalidValueError
+from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.neural.training import create_config
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.export import export_scene
@@ -72,6 +72,16 @@ def test_other_networks_are_refused(dataset: Dataset) -> None:
         other = dataclasses.replace(scene, heads=dataclasses.replace(scene.heads, opacity=wrong))
         with pytest.raises(InvalidValueError, match=message):
             state_of_scene(other, dataset, fine_tuning_config(create_config(iterations=30), other))
+
+
+def test_a_scene_in_other_coordinates_than_the_photos_is_refused(dataset: Dataset, finished: AnchorScene) -> None:
+    recipe, origin = fine_tuning_config(create_config(iterations=30), finished), (500_000.0, 5_400_000.0, 300.0)
+    georeferenced = dataclasses.replace(finished, origin=origin)
+    with pytest.raises(DatasetError, match="training views see none of the anchors of the scene"):
+        state_of_scene(georeferenced, dataset, recipe)
+    cameras = dataclasses.replace(dataset.cameras, origin=origin)
+    state = state_of_scene(georeferenced, dataclasses.replace(dataset, cameras=cameras, points=None), recipe)
+    assert state.origin == origin
 
 
 def test_finetune_command_runs(

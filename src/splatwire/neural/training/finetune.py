@@ -11,7 +11,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.config import Milestones, TrainConfig
 from splatwire.neural.training.fine_tuning_phase import MASK_LOGITS
-from splatwire.neural.training.initial import camera_extent, parameter_shapes
+from splatwire.neural.training.initial import camera_extent, check_visible, parameter_shapes
 from splatwire.neural.training.presets import CAUSAL, HACPP
 from splatwire.neural.training.schedule import fine_tuning_rates
 from splatwire.neural.training.state import CONTEXT_NEGATIVE_SLOPE, GrowthStatistics, TrainState
@@ -77,6 +77,7 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
         config: Result of `fine_tuning_config`.
 
     Raises:
+        DatasetError: If more than half of the training views see no anchor of the scene.
         InvalidValueError: If this trainer does not support the scene's networks, or positions are not multiples of the
             voxel size.
     """
@@ -95,6 +96,9 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
     bounds_min, bounds_max = _bounds(scene.coding)
     tensors = _tensors(parameters)
     _check(tensors, parameter_shapes(config, anchors.num_anchors))
+    # A scene of other photos, or in other coordinates, would be trained to show nothing.
+    in_scene = dataclasses.replace(dataset, cameras=dataset.cameras.relative_to(scene.origin), points=None)
+    check_visible(in_scene, anchors.positions, "anchors of the scene")
     return TrainState(
         iteration=0,
         voxels=torch.from_numpy(voxel_indices(anchors.positions, scene.coding.voxel_size)),

@@ -245,8 +245,13 @@ def mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]
     return torch.from_numpy(np.square(distances).mean(axis=1))
 
 
-def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
+def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"], elements: str = "points") -> None:
     """Checks that at least half of the cameras see an anchor.
+
+    Args:
+        dataset: The training views.
+        positions: Positions of the anchors, relative to the origin of the cameras.
+        elements: Plural noun for the elements at these positions, for the message.
 
     Raises:
         DatasetError: If more than half of the cameras see no anchor.
@@ -262,8 +267,9 @@ def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
             blind_cameras.append(cameras.names[view])
     if 2 * len(blind_cameras) > cameras.num_views:
         raise DatasetError(
-            f"{_folder(dataset)}: {len(blind_cameras)} of {cameras.num_views} training views see none of the points, "
-            f"the first is '{blind_cameras[0]}': poses and points do not belong together, or the cameras look away"
+            f"{_folder(dataset)}: {len(blind_cameras)} of {cameras.num_views} training views see none of the "
+            f"{elements}, the first is '{blind_cameras[0]}': poses and {elements} do not belong together, or the "
+            "cameras look away"
         )
 
 
