@@ -26,7 +26,9 @@ _LOG = logging.getLogger(__name__)
 _HEAD_BYTES = 1 << 16
 _MAX_DIGITS = 20
 _MAX_PARENTS, _MAX_FOLDERS, _MAX_ENTRIES = 3, 32, 4096
-"""Limits of `folder_nearby`: parents of a path; folders looked at in a folder; entries read of a folder."""
+"""Limits of `folder_nearby`: number of parents of a path, of folders searched in a folder, and of entries read per
+folder.
+"""
 _MAX_SAFETENSORS_HEADER = 1 << 22
 _SPLAT_BYTES = 32
 _POINT_CLOUD, _TRAINED_PLY = "point_cloud", "point_cloud.ply"
@@ -151,7 +153,7 @@ FRAMES = Kind("frames", "a folder of files of Gaussians", "name one of them, or 
 EMPTY_FOLDER = Kind("empty folder", "an empty folder")
 FOLDER = Kind("folder", "a folder without stream, model or dataset")
 _CERTAIN = (EMPTY, DEVICE, UNREADABLE, UNKNOWN, EMPTY_FOLDER, FOLDER, UNFINISHED)
-"""Kinds that are no guess from the content, for the wording of messages."""
+"""Kinds that are certain, not inferred from the content: messages use "is" instead of "looks like"."""
 _GAUSSIANS = (SPLATS_PLY, COMPRESSED_PLY, SPZ, SOG, SOG_FOLDER, SPLAT, KSPLAT, GLB, USD)
 STREAMS = (STREAM, STREAM_GLB, STREAM_FOLDER)
 """Formats accepted by `read_stream`."""

@@ -11,8 +11,9 @@ from splatwire.files.kinds import format_error
 from splatwire.files.opened import OpenedFile
 
 MAX_JSON_BYTES = 64 << 20
-"""Maximum size of a JSON file, bytes: that of the camera poses of about 50,000 photos. Parsing takes up to 25 times the
-memory."""
+"""Maximum size of a JSON file, bytes: enough for the camera poses of about 50,000 photos. Parsing takes up to 25 times
+the memory.
+"""
 
 
 def open_regular(path: Path, error: type[SplatwireError]) -> BufferedReader:

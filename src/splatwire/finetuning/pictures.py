@@ -19,7 +19,7 @@ from splatwire.types.origin import Origin
 VIEWS, SIZE = 240, 400
 """Number of generated views, and their width and height in pixels."""
 _FRAMING_INTERVAL = 6
-"""One of this number of generated views frames the scene, as a page does; the others surround it near and far."""
+"""Of this number of generated views, one frames the scene as a page does; the others surround it at two distances."""
 
 
 @dataclass(frozen=True, eq=False)

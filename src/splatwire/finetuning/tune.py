@@ -134,7 +134,7 @@ def tuned_gaussians(
         The Gaussians before rounding, and their quantisation steps.
 
     Raises:
-        InvalidValueError: If there are no Gaussians, or cameras have another origin than the scene.
+        InvalidValueError: If there are no Gaussians, or the cameras and the scene have different origins.
     """
     # Dividing by the first error (at least `MIN_ERROR`) gives all views similar weight; a view that becomes much
     # worse gets more weight. At intervals, the loss is measured in a fixed sample of the pictures (`SampledLoss`). If

@@ -23,8 +23,9 @@ levels, and gain 0.2 to 0.4 dB in their pictures (scenes `truck` and `guitar`).
 """
 WALKED = Quality(level=7.0, classes=4)
 """Default quality without harmonics. Precision classes are derived from views around the scene; on walks through the
-scene, other Gaussians are visible. Compared with the quality `default`, on walks through scenes of four copies of
-`truck`: 6 % fewer bytes, 4 dB more; of four copies of `playbot`: 14 % fewer bytes, between 4 dB less and 1.6 dB more.
+scene, other Gaussians are visible. Results of walks through scenes, compared with the quality `default`: 6 % fewer
+bytes and 4 dB more for four copies of `truck`; 14 % fewer bytes, and between 4 dB less and 1.6 dB more, for four copies
+of `playbot`.
 """
 ClassOffsets = np.ndarray | Callable[[], np.ndarray | None] | None
 """Precision classes, or a function that returns them."""

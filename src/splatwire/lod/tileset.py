@@ -34,7 +34,7 @@ TILESET, CONTENTS = "tileset.json", "tiles"
 _REACH = 3.0
 """Radius of a Gaussian for the bounding box of a tile, standard deviations."""
 _EARTH_RADII = (6.3e6, 6.5e6)
-"""Distance from the centre of the Earth, metres, in which an origin counts as geocentric coordinates (ECEF)."""
+"""Range of distances from the centre of the Earth, metres, in which an origin counts as geocentric (ECEF)."""
 _Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """Rotation from the axes of glTF (y up) to those of 3D Tiles (z up), which clients apply to the contents of tiles."""
 _TO_TILES = _Z_UP @ np.diag(GLTF_FLIPS)

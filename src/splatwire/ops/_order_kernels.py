@@ -8,7 +8,7 @@ from splatwire.ops.compiled import njit
 from splatwire.ops.prefetch import prefetch
 
 AHEAD = 8
-"""Distance between the element that is sorted and the one whose code is prefetched, in elements."""
+"""Distance between the element that is sorted and the element whose code is prefetched, in elements."""
 INSERTED = 48
 """Maximum number of elements that are sorted by insertion."""
 

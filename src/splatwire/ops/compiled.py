@@ -39,9 +39,10 @@ _NOTICE_S = 1.0
 """Longest wait that is not logged, seconds: the other process may only load the kernel."""
 _POLL_S = 0.05
 _IN_VAIN = threading.Event()
-"""Set after a wait of `_TURN_S`, to prevent later ones: a suspended process may have locked many kernels."""
+"""Set after a wait of `_TURN_S`, to prevent later waits: a suspended process may have locked many kernels."""
 _HELD: set[Path] = set()
-"""Lock files of this process. A kernel is compiled while the kernels that call it are."""
+"""Lock files that this process holds. There may be several: compiling a kernel also compiles the kernels that it calls.
+"""
 
 
 def _supports_option(option: str) -> bool:

@@ -38,8 +38,9 @@ SAFE_REPAIR_FACTOR = 1.3
 """Factor on the number of repair symbols with which 999 of 1000 transfers succeed; used if the budget allows, because
 one failure in 1000 costs 0.02 dB."""
 MAX_BUNDLED_SHARE = 0.35
-"""Maximum fraction of the packets that are sent in the init segment with the side information; only complete tiers
-are."""
+"""Maximum fraction of the packets that are bundled in the init segment with the side information; only complete tiers
+are bundled.
+"""
 PLAIN_INIT_UNTIL = 0.7
 MAX_REPAIR = 2.0
 _ALIKE_STEPS = 50

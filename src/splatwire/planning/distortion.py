@@ -74,8 +74,8 @@ class StreamVariant:
         picture: Renders the scene after given losses, to check predictions; None to rely on `distortion`.
         concealment_bytes: Bytes of the side information that serve loss concealment only; they count as redundancy.
         preview_bytes: Size of the preview in bytes; it counts as redundancy.
-        blank_psnr: PSNR if no side information arrives, decibels. It is the PSNR of the preview, or that of an empty
-            picture if there is no preview.
+        blank_psnr: PSNR if no side information arrives, decibels. It is the PSNR of the preview, or of an empty picture
+            if there is no preview.
 
     Raises:
         InvalidValueError: If numbers of tiers differ, or a size is out of range.

@@ -18,8 +18,8 @@ from splatwire.transport.protocol.protection import MAX_RETRANSMIT_SHARE, Protec
 OVERHEAD = 1.1
 """Retransmitted bytes relative to the ideal; more than 1, because receiver reports can be late or lost. In simulated
 transfers of four scenes with
-20 % of the reports lost, the ratio was 1.02 to 1.05 for random losses, and 1.10 to 1.18 for bursts of 20. Computed
-from `benchmarks/results/retransmission.json` and the sizes of the streams.
+20 % of the reports lost, the ratio was 1.02 to 1.05 for random losses, and 1.10 to 1.18 for bursts of 20. The ratios
+are computed from `benchmarks/results/retransmission.json` and the sizes of the streams.
 """
 
 

@@ -29,8 +29,8 @@ class Plan:
         protection: Redundancy for the server to apply.
         variant: Index of the chosen stream variant.
         psnr: Mean PSNR over simulated transfers (and frames of a sequence), decibels.
-        lost: Mean lost fraction of each part of the stream, 0 to 1. The parts of a scene are its importance tiers;
-            those of a sequence are the motion of each group of pictures.
+        lost: Mean lost fraction of each part of the stream, 0 to 1. The parts of a scene are its importance tiers. The
+            parts of a sequence are the motion of each group of pictures.
         sent_bytes: Bytes that a transfer sends within the budget. Retransmissions of keyframe packets do not count.
     """
 

@@ -211,7 +211,7 @@ def transfer_masks(masks: Any, name: str, num_datagrams: int) -> np.ndarray:
         num_datagrams: Minimum length of a row, n.
 
     Raises:
-        InvalidValueError: If `masks` is no such array, or has too few datagrams.
+        InvalidValueError: If `masks` is not such an array, or has too few datagrams.
     """
     checked = array_of(masks, name, ("T", "n"), "b")
     if not len(checked) or checked.shape[1] < num_datagrams:

@@ -36,11 +36,13 @@ START, OCTAVE_DB, OCTAVE_LOG = 7.5, 5.0, 0.25
 SIZE_TOLERANCE, PSNR_TOLERANCE = 0.03, 0.1
 """Maximum share by which a stream is below its target size, and maximum difference from a target PSNR in decibels."""
 CORRECTIONS = 4
-"""Maximum number of searches for a PSNR. Each begins with the difference between the held-out views and the views of
-the search that the one before found."""
+"""Maximum number of searches for a PSNR. Each search starts with the PSNR difference between held-out views and views
+of the search that the previous search found.
+"""
 JUMP = 0.04
 """Minimum difference of levels in a search. Bytes and quality may jump within it, because positions are rounded to
-cells with a power of two as their size."""
+cells whose size is a power of two.
+"""
 SHARE_OCTAVES = 4.0
 """Number of levels that changes the bytes as much as keeping all instead of none of the Gaussians."""
 MIN_SHARE_RATIO = 0.6
@@ -48,8 +50,8 @@ MIN_SHARE_RATIO = 0.6
 MIN_ERROR = 1e-12
 """Minimum mean squared error, so that logarithms are finite."""
 PRUNED_GAIN_DB, ROUNDED_GAIN_DB = 5.0, 2.5
-"""Reduction of the errors of pruning and of quantisation that the first fine-tuning is expected to give, decibels. The
-first is less than usual: a second fine-tuning with fewer Gaussians continues the first one, and one with more does not.
+"""Expected reduction of the errors of pruning and of quantisation by the first fine-tuning, decibels. The first value
+is less than usual, because a second fine-tuning can continue the first one only with fewer Gaussians.
 """
 MORE_PRUNING_DB = 4.5
 """Difference between the usual gains of fine-tuning on the errors of pruning and of quantisation, decibels."""

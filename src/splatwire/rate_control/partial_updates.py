@@ -26,16 +26,17 @@ LOG = logging.getLogger(__name__)
 SHARE = 0.077
 """Default maximum share of the Gaussians in an update."""
 COARSE_CLASS = -1
-"""Precision class of sent Gaussians while more have changed than an update may contain."""
+"""Precision class of the sent Gaussians while more Gaussians have changed than an update may contain."""
 VIEWS, VIEW_SIZE = (13, 14, 16, 17), 192
 """Numbers of views for measuring changes, used in turn, and size of the views in pixels. The poses of the views depend
-on their number. A Gaussian that is hidden in the views of one update is visible in those of a later one.
+on their number. A Gaussian that is hidden in the views of one update is visible in the views of a later update.
 """
 NEW_CHANGE = 2.0
 """Change of a Gaussian that the receivers do not have, in the unit of `changes`."""
 MAX_GROWTH = 2.0
-"""Ratio of the numbers of Gaussians, or of the sizes of the scene, now and when the whole scene was sent, above which
-the whole scene is sent again: lattice, quantisation steps and context tables no longer fit.
+"""Maximum factor by which the number of Gaussians or the size of the scene may grow or shrink after the whole scene was
+sent. Beyond this factor, the whole scene is sent again, because lattice, quantisation steps and context tables no
+longer fit.
 """
 
 

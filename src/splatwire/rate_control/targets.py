@@ -46,7 +46,7 @@ def parse_size(text: str) -> int:
     Units may be in upper or lower case; kB and MB are powers of 1000, KiB and MiB of 1024.
 
     Raises:
-        InvalidValueError: If the text is no size, or is below 1 byte.
+        InvalidValueError: If the text is not a size, or the size is below 1 byte.
     """
     match = _SIZE.fullmatch(text.strip())
     factor = None if match is None else _BY_LOWER_CASE.get(match[2].lower())

@@ -123,7 +123,7 @@ CLOSEST = 0.5
 """Default minimum distance of cameras from the scene's centre, world units."""
 _EXTENT_QUANTILE, _CLOSEST_SIZES = 0.9, 4.0
 """Minimum distance of cameras from the centre of a small scene: quantile of the distances of its Gaussians from the
-centre, and factor of their median size; the larger of both."""
+centre, and factor of their median size. The larger of the two applies."""
 _NEAR_SHARE = 0.4
 """Maximum near plane of cameras around a scene, as a fraction of their distance from its centre."""
 _MIN_COVERAGE = 1.0

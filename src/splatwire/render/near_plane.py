@@ -13,7 +13,8 @@ from splatwire.types import Cameras
 LOG = logging.getLogger(__name__)
 _MAX_POSITIONS, _MAX_VIEWS = 50_000, 16
 _MAX_DOT_PIXELS = 1.0
-"""Largest extent of most elements in a picture that is no view of a scene, but a dot far away, pixels."""
+"""Maximum extent, pixels, of most elements in a picture for them to count as a distant dot, not as a view of the scene.
+"""
 _EXTENT_FACTOR = 3.0
 """Extent of an element around its centre, relative to its largest size."""
 _MAX_HIDDEN_SHARE = 0.5

@@ -42,7 +42,7 @@ MEASURED_FRAMINGS = 8
 """Number of views of `measure_gaussians` that show the whole of a scene of one part. Views around a scene may not show
 the ends of a long one, such as the headstock of guitar."""
 FRAMING_WEIGHT, CLOSEUP_WEIGHT = 0.3, 0.15
-"""Weights of the means over the framing and the close views, relative to that over the views around the scene."""
+"""Weights of the means over the framing and the close views, relative to the weight of the views around the scene."""
 _HIDDEN_CONTRAST = 0.1
 """Assumed difference of colour between a Gaussian and the surface behind it, added to the measured difference. It keeps
 Gaussians that are visible but have the colour of what is behind them. Without it, kept halves of `playbot` lose 2.4 dB.
@@ -295,7 +295,7 @@ def _class_offsets(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, 
         sensitivities: Sensitivity of the images to each attribute of each Gaussian, by attribute name.
 
     Returns:
-        Precision class of each Gaussian relative to the finest class, as from `measure_class_offsets`.
+        Precision class of each Gaussian relative to the finest class (see `measure_class_offsets`).
     """
     # The quantisation steps of the codec already depend on area, shape and opacity. A linear model therefore
     # removes the effect of these from the logarithms of the sensitivities. The class offset is the rest, averaged over

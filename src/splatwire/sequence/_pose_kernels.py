@@ -69,7 +69,7 @@ def move(keyframes, tracks, offsets, out):
         keyframes: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T) and spherical harmonics,
             flattened from (T, B, 3) to (T, 3 B); float32.
         tracks: Indices of the n tracks in `keyframes`, int64 (n).
-        offsets: Changes of the n tracks relative to their keyframe Gaussians, float32 (n, C), as from `GroupMotion.at`.
+        offsets: Changes of the n tracks relative to their keyframe Gaussians, float32 (n, C); see `GroupMotion.at`.
         out: Output: arrays of the same attributes for the n tracks.
     """
     means, quats, scales, opacities, harmonics = keyframes

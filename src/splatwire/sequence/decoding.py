@@ -127,7 +127,7 @@ class SequenceDecoder:
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
 
     Raises:
-        BitstreamError: If the side information contradicts the manifest, or the stream is no sequence.
+        BitstreamError: If the side information contradicts the manifest, or the stream is not a sequence.
         UnknownNameError: If the concealer is unknown.
     """
 
@@ -203,7 +203,7 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
     Args:
         splats: Keyframe Gaussians of all tracks.
         tracks: Indices of the n tracks in `splats`, int64 (n).
-        offsets: Changes of the n tracks relative to their keyframe Gaussians, float32 (n, C), as from `GroupMotion.at`.
+        offsets: Changes of the n tracks relative to their keyframe Gaussians, float32 (n, C); see `GroupMotion.at`.
     """
     moved = Splats.empty(len(tracks), splats.degree)
     keyframes, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(moved)

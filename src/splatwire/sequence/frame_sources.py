@@ -26,9 +26,9 @@ GROWING_TIMEOUT_S = 10.0
 UNREADABLE_TIMEOUT_S = 3.0
 """Time without a change after which an unreadable frame is skipped, seconds."""
 UNREADABLE_TIMEOUT_QUEUED_S = 0.5
-"""The same if later frames wait for it."""
+"""Time without a change after which an unreadable frame is skipped if later frames wait for it, seconds."""
 MAX_RECHECKS = 16
-"""Maximum number of changes of an unreadable file or folder; it is then ignored until it is removed."""
+"""Maximum number of changes of an unreadable file or folder; after more changes, it is ignored until it is removed."""
 MAX_ENTRIES = 4096
 """Maximum number of entries of a folder that are checked for changes; no frame has as many files."""
 LISTING_INTERVAL_S = 5e-6
@@ -158,7 +158,7 @@ class FolderSource:
         return self._complete(self._new(candidates), now)
 
     def _new(self, names: Iterable[str]) -> list[tuple[Path, os.stat_result, Signature]]:
-        """Returns those of the given files that are new or have changed since they were read, sorted by name."""
+        """Selects the files that are new or have changed since they were read; returns them sorted by name."""
         new_files, folder = [], str(self._folder)
         for name in names:  # no Path for each: a folder has many files
             if name.startswith(".") or name.lower().endswith(TEMPORARY_SUFFIXES):

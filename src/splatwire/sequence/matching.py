@@ -23,14 +23,14 @@ SCORE_NEIGHBOR = 8
 """Distances in the score of a match are divided by the distance to this nearest Gaussian, counted from 0."""
 MAX_SCORE = 0.06
 """Score from which a match is rejected as implausible: distance from the predicted position, times the difference in
-appearance relative to that of random pairs. A new track then takes fewer bytes and has a better picture. Measured on
-unrelated and on disturbed frames of one capture.
+appearance relative to that of random pairs. Above this score, a new track takes fewer bytes and gives a better picture.
+This was measured on unrelated and on disturbed frames of one capture.
 """
 MIN_MATCHED_SHARE = 0.2
 """Fraction of matched Gaussians below which all matches are rejected as random, and the frame is a scene cut."""
 _AFFINE_STEPS = 20
 _KEPT_SHARE = 0.7
-"""Share of the pairs that is kept in each step of the affine fit: those with the smallest distance."""
+"""Share of the pairs that each step of the affine fit keeps: the pairs with the smallest distances."""
 
 
 @dataclass(frozen=True, eq=False)

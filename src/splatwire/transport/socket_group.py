@@ -26,8 +26,9 @@ SOCKET_BUFFER = 4 << 20
 NEW_BUFFER = 1 << 18
 """Size of the receive buffer of a socket for new clients, bytes. Datagrams that wait long in it are useless."""
 TOKEN_PREFIX = b"SWRT"
-"""First bytes of each token in a QUIC Retry packet. Tokens without them are of other servers: a browser keeps the token
-of an address and may present it to a later server there (RFC 9000, 8.1.3). Such a client is treated as a new one.
+"""First bytes of each token in a QUIC Retry packet. A token without these bytes comes from another server: a browser
+keeps the token of an address and may present it to a later server there (RFC 9000, 8.1.3). Such a client is treated as
+a new one.
 """
 SOCKETS_PER_CLASS = 8
 """Number of sockets per class. Address and port of a client choose its socket.
@@ -48,7 +49,7 @@ _JUMP, _JUMP_EQ, _JUMP_SET, _RETURN_A = 0x05, 0x15, 0x45, 0x16
 """Operation codes of classic BPF (linux/filter.h)."""
 
 Instruction = tuple[int, int] | tuple[int, int, str, str] | str
-"""Operation code and operand; with labels to jump to if the comparison holds or fails; or a label."""
+"""A label, or an operation code with an operand. A comparison also has the labels to jump to if it holds or fails."""
 
 
 class DatagramClass(enum.IntEnum):

@@ -11,18 +11,18 @@ except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
 _FREE_BYTES = 1 << 30
-"""Memory for a scene of any size, beyond that of the process before, bytes of address space; usd-core takes 0.43 GB."""
+"""Additional memory that any scene may use, bytes of address space; usd-core itself takes 0.43 GB."""
 _BYTES_PER_BYTE, _BYTES_PER_CHARACTER = 24, 120
 """Additional memory for each byte of binary files and Gaussians, and of text files and packages, which may have text.
 
-Measured were up to 6.4 for binary files, and 55 for text files whose numbers have one digit.
+The largest measured values were 6.4 for binary files, and 55 for text files whose numbers have one digit.
 """
 _FREE_SECONDS = 10.0
 """Processor time for a scene of any size, and for each frame, seconds."""
 _SECONDS_PER_BYTE = 1e-6
-"""Additional processor time for each byte of files and Gaussians; measured were up to 0.05e-6 seconds."""
+"""Additional processor time for each byte of files and Gaussians, seconds; the largest measured value was 0.05e-6."""
 _PATIENCE = 10.0
-"""Ratio of the longest time by the clock to the processor time, for busy machines and slow disks."""
+"""Ratio of the wall-clock time limit to the processor time limit, for busy machines and slow disks."""
 _BINARY = b"PXR-USDC"
 """First bytes of binary files."""
 

@@ -35,7 +35,7 @@ LOG = logging.getLogger(__name__)
 PRIM = "ParticleField3DGaussianSplat"
 _COEFFICIENTS, _DEGREE = "radiance:sphericalHarmonicsCoefficients", "radiance:sphericalHarmonicsDegree"
 _MAX_READ = 4
-"""Maximum degree of harmonics of files; those above `MAX_DEGREE` are left out."""
+"""Maximum degree of harmonics in accepted files; harmonics above `MAX_DEGREE` are left out."""
 _ARRAYS = {"positions": 3, "orientations": 4, "scales": 3, "opacities": 1, _COEFFICIENTS: 3}
 """Array attributes of a prim and the numbers of each entry; each may have the type half, with `h` after its name."""
 _PROJECTION, _PERSPECTIVE = "projectionModeHint", "perspective"
@@ -161,7 +161,7 @@ class Stage:
             values at fewer than two times.
 
         Raises:
-            DatasetError: If there are too many frames, or their rate is no number above 0.
+            DatasetError: If there are too many frames, or their rate is not a number above 0.
         """
         times = {
             time

@@ -26,7 +26,7 @@ from splatwire.io.formats.content import FileContent
 from splatwire.types.metadata import metadata_to_json
 
 _NO_MEMORY = "std::bad_alloc"
-"""Name of the exception of C++ for memory that cannot be allocated, in messages of usd-core."""
+"""Name of the C++ exception for a failed memory allocation, as in messages of usd-core."""
 
 
 class _Sender(logging.Handler):

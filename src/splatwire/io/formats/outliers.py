@@ -34,8 +34,9 @@ _MAX_COSTLY_SHARE = 0.01
 `FINE_DIVISOR`."""
 _NEIGHBOURS = 4
 _MIN_DISTANCE_RATIO = 4.0
-"""Minimum distance of outliers from the median, in multiples of the distance of the farthest Gaussian that is no
-outlier."""
+"""Minimum distance of outliers from the median, divided by the distance of the farthest Gaussian that is not an
+outlier.
+"""
 _CLIP_TOLERANCE = 1 / 16
 """Distance of colours and harmonics from the range of a format up to which clipping is invisible."""
 _SCALE_TOLERANCE = 0.25

@@ -53,7 +53,7 @@ _WEBP_HEADER, _LOSSY = 12, b"VP8 "
 _WITH_ALPHA, _MIN_OPAQUE = ("quats",), 8
 """Sections whose image needs an alpha channel, and smallest number of Gaussians for a warning if it is missing."""
 _FIRST_CODE = 252
-"""Alpha value of rotations whose largest component is the first; the following ones are up to 255."""
+"""Alpha value of rotations whose first component is the largest; the next values, up to 255, are for the others."""
 _ROWS = 1 << 16
 _MAX_LOG_POSITION = 40.0
 _MAX_CODE = 1e6

@@ -37,8 +37,9 @@ from splatwire.types.splats import Splats
 _MIN_PALETTE, _MAX_PALETTE = 1024, 65536
 _POSITION_TOP = 65535
 _MAX_RANGE = 4.0
-"""Maximum ratio of the range of all positions to that without outliers; above it outliers are moved or removed.
-Outliers are moved to within twice the range of the other positions."""
+"""Maximum ratio of the range of all positions to the range without outliers; above it, outliers are moved or removed.
+Outliers are moved to within twice the range of the other positions.
+"""
 _FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 
 

@@ -332,7 +332,7 @@ def _channel_likelihood(
 
     Returns:
         Probability of each feature according to the channel networks; and logit of the weight of this probability. The
-        final probability is a mixture of this one and the one that the prior network predicts.
+        final probability is a mixture of this probability and the probability that the prior network predicts.
     """
     # Each network predicts a group of feature channels from the previous groups and the output of the prior
     # network.

@@ -24,7 +24,9 @@ DRAIN_RATE_SHARE, CRUISE_RATE_SHARE = 0.75, 0.9
 PROBE_RATE_SHARE = 0.5
 """Sending rate, as a share of the path's capacity, during a probe for competing flows."""
 TEST_RATE_SHARE = 0.6
-"""Sending rate during a test, as a share of the rate before the test. It shows if the loss depends on the rate."""
+"""Sending rate during a test, as a share of the rate before the test. The test shows whether the loss depends on the
+rate.
+"""
 MIN_PROBE_INTERVAL_S, MAX_PROBE_INTERVAL_S = 15.0, 80.0
 """Minimum and maximum interval between probes for competing flows, seconds. Not a multiple of 10 s, the period in which
 BBR reduces its rate: if both flows reduce their rates together, this flow loses its fair share.

@@ -5,7 +5,7 @@ from collections import deque
 from dataclasses import dataclass
 
 BASE_WINDOW_S = 30.0
-"""Period over which the minimum one-way delay is taken as that of an empty queue, seconds."""
+"""Period over which the minimum one-way delay counts as the delay with an empty queue, seconds."""
 LONGEST_QUEUE_WINDOW_S = 10.0
 MIN_LATE_REPORTS = 3
 """Number of consecutive reports with long delay that indicate a queue. Fewer can have other causes, such as Wi-Fi."""

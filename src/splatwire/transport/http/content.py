@@ -79,8 +79,8 @@ class PageContent:
             live sequence, which is not offered over HTTP.
         endpoint: WebTransport endpoint, or a function that returns the current one; None without an endpoint.
         host: Address that the server listens on; accepted in the `Host` header of requests.
-        origins: Web origins whose pages may read the streams. None allows all origins, or only those of this machine if
-            the server listens on a loopback address.
+        origins: Web origins whose pages may read the streams. None allows all origins, or only origins of this machine
+            if the server listens on a loopback address.
         public_origin: Web origin under which visitors reach the server, such as that of a proxy. None if they connect
             directly.
         attributes: Further HTML attributes of the page's viewer element (`docs/browser.md`).

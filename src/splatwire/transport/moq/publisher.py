@@ -32,7 +32,7 @@ MIN_PAUSE_S, MAX_PAUSE_S = 1.0, 15.0
 until a session has lasted `STABLE_S`.
 """
 STABLE_S = 10.0
-"""Duration from which a session ends an interruption, seconds. An interruption gives one warning."""
+"""Duration of a session after which an interruption counts as ended, seconds. Each interruption gives one warning."""
 NO_SUCH_TRACK = 404
 
 

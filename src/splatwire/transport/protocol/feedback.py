@@ -8,7 +8,7 @@ from splatwire.transport.protocol.messages import Feedback
 MIN_LARGE_BYTES = 600
 """Minimum size of a large datagram, bytes."""
 MAX_STORED_SEND_TIMES = 8192
-"""Number of sending times that are stored, those of the latest datagrams."""
+"""Number of latest datagrams whose sending times are stored."""
 
 
 class FeedbackSample(NamedTuple):

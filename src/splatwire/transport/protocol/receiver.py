@@ -90,7 +90,7 @@ the uncorrected viewpoint.
 IDLE_S = 1.0
 """Time after everything visible was received from which on the receiver sends reports less often, seconds."""
 MAX_FRUITLESS_S = 60.0
-"""Time in which the server sends datagrams, but nothing new, after which the receiver gives up, seconds."""
+"""Time after which the receiver gives up if the server sends datagrams, but nothing new, seconds."""
 MAX_FRUITLESS_ENDS = 25
 """Number of consecutive `End` datagrams without data, despite NACKs, from which the receiver concludes that the server
 will not retransmit (`Protection.retransmit_share`). The server sends ten per second, so round-trip times up to 2.5 s
@@ -113,7 +113,7 @@ MIN_QUIC_PACKETS = 100
 client's reports, so that the path works for small packets.
 """
 MIN_LOSS, MIN_LOSS_DATAGRAMS = 0.4, 100
-"""Minimum share of lost datagrams, and minimum number of sent ones, for a message that many are lost."""
+"""Minimum share of lost datagrams, and minimum number of sent datagrams, for a message about high loss."""
 
 
 class Receiver(ReceiveState):

@@ -357,7 +357,7 @@ def _packets_in_order(
         importance: Cost of losing each motion packet of a sequence, by packet id; None for equal costs.
 
     Raises:
-        InvalidValueError: If parity for motion is combined with parity for importance tiers, or the stream is no
+        InvalidValueError: If parity for motion is combined with parity for importance tiers, or the stream is not a
             sequence.
     """
     ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan

@@ -9,14 +9,14 @@ MAX_SHARE = 0.1
 MAX_NETWORK_SHARE = 0.3
 """Like `MAX_SHARE`, for all connections of one network together."""
 EARNED_FACTOR = 2.0
-"""Processor time for a client's datagrams relative to that for sending data to it. Acknowledgements
-and reports of a transfer need time, too.
+"""Processor time for a client's datagrams, relative to the processor time for sending data to the client.
+Acknowledgements and reports of a transfer need time, too.
 """
 START_CREDIT_S, MAX_CREDIT_S = 0.05, 0.25
 """Unused processor time of a connection: after its handshake, and the maximum, seconds."""
 MAX_DATAGRAM_S = 0.02
-"""Maximum processor time that counts for one datagram, seconds. No datagram takes longer by its content. A longer time
-is due to the server, such as a garbage collection, or the first request for a large stream.
+"""Maximum processor time that counts for one datagram, seconds. No datagram takes longer because of its content. A
+longer time is due to the server, such as a garbage collection, or the first request for a large stream.
 """
 HANDSHAKE_WINDOW_S = 10.0
 """Period over which the processor time for handshakes is counted, seconds."""

@@ -23,17 +23,18 @@ from splatwire.transport.quic.common import (
 )
 
 REDUNDANT_FRAMES = 8
-"""Number of messages, the first of the reliable stream, that are also sent as DATAGRAM. For most streams these are the
-server's first response (welcome) and the init segment, without which nothing can be decoded. A loss on the reliable
-stream costs two round trips; with two copies, the first to arrive counts.
+"""Number of messages at the start of the reliable stream that are also sent as DATAGRAM frames. For most streams these
+are the server's first response (welcome) and the init segment, without which nothing can be decoded. A loss on the
+reliable stream costs two round trips; with two copies, the first to arrive counts.
 """
 MAX_PENDING_MESSAGES = 512
 """Maximum number of messages that wait until the client opens the reliable stream: the client's request as DATAGRAM may
 overtake the opening of the stream. The side information of a large scene has some hundred messages.
 """
 MAX_PENDING_DATAGRAMS = 2048
-"""Maximum number of DATAGRAM frames that wait in QUIC until earlier bytes are acknowledged; further ones are dropped,
-as by a full queue on the path. A client may confirm to the protocol core what it never acknowledges to QUIC.
+"""Maximum number of DATAGRAM frames that wait in QUIC until earlier bytes are acknowledged; further frames are dropped,
+as in a full queue on the path. The limit is needed because a client may report datagrams to the protocol core as
+received, but never acknowledge them to QUIC.
 """
 
 

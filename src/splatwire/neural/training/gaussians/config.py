@@ -12,7 +12,7 @@ from splatwire.ops.spherical_harmonics import MAX_DEGREE
 
 MIN_ITERATIONS = 20
 MAX_GAUSSIANS = 4_000_000
-"""Maximum number of Gaussians of a training, as of anchors."""
+"""Maximum number of Gaussians in a training, the same as for anchors."""
 FINE_TUNING_SHARE, MAX_FINE_TUNING_ITERATIONS = 0.25, 2000
 """Iterations of the fine-tuning with the codec's rounding: share of all iterations, and their maximum number."""
 

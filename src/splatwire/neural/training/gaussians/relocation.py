@@ -15,10 +15,12 @@ from splatwire.neural.training.kernels import Uniform
 from splatwire.ops.quaternions import rotation_rows
 
 MAX_COPIES = 51
-"""Maximum number of Gaussians that one Gaussian is replaced by at a time; the sums of more are less exact."""
+"""Maximum number of copies that replace one Gaussian at a time; with more copies, the sums are less exact."""
 _MIN_OPACITY, _MAX_OPACITY = 0.005, 1 - 1e-6
 _NOISE_STEEPNESS, _NOISE_OPACITY = 100.0, 0.005
-"""Steepness of the logistic function of the opacity that multiplies the position noise, and the opacity at its half."""
+"""Steepness of the logistic function of the opacity that multiplies the position noise, and the opacity at which the
+function is 0.5.
+"""
 
 
 def shared_appearance(
