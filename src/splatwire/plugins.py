@@ -63,8 +63,8 @@ class Registry(Generic[Entry]):
     def check_free(self, name: str, other: str, source: str) -> None:
         """Checks that a new entry may replace an existing entry of the same name.
 
-        An entry may be replaced by one with the same source. An entry of another package may also be replaced by one of
-        splatwire itself; a warning is then logged.
+        An entry may be replaced by one with the same source. An entry of another package may also be replaced by an
+        entry of splatwire itself; a warning is then logged.
 
         Args:
             name: Name of both entries.

@@ -55,7 +55,7 @@ class OpenedFile(_NativePath):
         """Returns a file object for reading the open file from its first byte; None if no file is open.
 
         The caller must close the file object. File objects from several calls share one reading position. Reading from
-        any of them moves this position, and each further call moves it back to the first byte.
+        any of these objects moves the position. Each further call resets it to the first byte.
         """
         if self._file is None:
             return None

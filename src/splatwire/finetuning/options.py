@@ -18,7 +18,7 @@ class FineTuning:
         iterations: Number of iterations, each with one view, at least 1.
         rounding_interval: Number of iterations between two computations of the rounding errors.
         packet_loss: Loss model of the channel, used in every second iteration; None for no packet losses.
-        packetization: Rule by which Gaussians are divided into packets, for `packet_loss`.
+        packetization: Rule that divides Gaussians into packets, for `packet_loss`.
         rate: Factor on all learning rates, above 0.
         seed: Random seed for the order of the views and for the packet losses, at least 0.
 

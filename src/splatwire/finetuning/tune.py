@@ -259,7 +259,7 @@ class _Adam:
     """The Adam optimiser, with learning rates that differ between Gaussians.
 
     Args:
-        rate_factors: For each Gaussian, factor by which the learning rates of all its parameters are multiplied.
+        rate_factors: For each Gaussian, factor on the learning rates of all its parameters.
     """
 
     def __init__(self, rate_factors: Float[np.ndarray, "N"]) -> None:

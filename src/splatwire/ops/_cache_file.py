@@ -117,7 +117,7 @@ class CacheFile(IndexDataCacheFile):
                 unfinished.unlink()
 
     def _remove_all_but(self, kept: set[str]) -> None:
-        """Removes all files of this kernel's cache except those with the names `kept`.
+        """Removes all files of this kernel's cache except the files named in `kept`.
 
         The removed files contain code of earlier sources, or were left unfinished by killed processes.
         """

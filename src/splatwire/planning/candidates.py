@@ -117,7 +117,7 @@ def max_init_segment_bytes(load: StreamLoad) -> int:
 def _bundled_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
     """Lists how many importance tiers the planner may bundle in the init segment.
 
-    Bundled tiers are the most important ones. The init segment contains all their packets.
+    The most important tiers are bundled first. The init segment contains all packets of a bundled tier.
 
     Args:
         counts: Number of packets of each importance tier.

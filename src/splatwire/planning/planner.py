@@ -252,8 +252,8 @@ def _finalists(
 class _EvaluatedPlan:
     """A plan, and its quality measured in simulated transfers that were not used to choose the plan.
 
-    In the transfers that were used for the choice, the measured quality is too high, because the best of many plans is
-    best partly by chance.
+    Quality measured in the transfers that were used for the choice is too high, because the best of many plans is best
+    partly by chance.
 
     Attributes:
         plan: The plan. Its fields for quality and losses were measured in the transfers that were not used for the

@@ -91,8 +91,8 @@ def decode_group(
         method: Concealer for tracks with lost motion.
 
     Returns:
-        Iterator that decodes the frames of the group; and function that returns the state of the loss concealment after
-        these frames, for the next group.
+        Two items: an iterator that decodes the frames of the group; and a function that returns the state of the loss
+        concealment after these frames, as input for the next group.
     """
     poses, hidden, state_after = conceal_group(
         sequence, sequence.motion(group, available), group, available, concealment_state, method

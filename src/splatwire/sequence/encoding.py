@@ -97,7 +97,7 @@ class SequenceEncoder:
     def new_period(self) -> "SequenceEncoder":
         """Returns an encoder that continues the sequence as a new, independent stream.
 
-        The new encoder matches the Gaussians of its first frame with those of the last frame of this encoder.
+        The new encoder matches the Gaussians of its first frame with the Gaussians of this encoder's last frame.
         """
         assert not self._group_builder
         self._finish_deferred_work()

@@ -135,8 +135,8 @@ class FolderSource:
         """Returns the files that are complete and were not returned before, sorted by name.
 
         Between two listings of a folder, at least 5 ms per 1,000 files pass. A new file is returned after two listings,
-        which show that it no longer grows, or after one if its last change is older than `COMPLETE_AGE_S`. Changes of
-        earlier files are found within 40 ms per 1,000 files, plus the time of one listing.
+        which show that it no longer grows, or after one listing if its last change is older than `COMPLETE_AGE_S`.
+        Changes of earlier files are found within 40 ms per 1,000 files, plus the time of one listing.
         """
         if now - self._listed_at < self._num_names * LISTING_INTERVAL_S:
             return []

@@ -65,7 +65,7 @@ SEQUENCE_FORMATS = (
 
 
 def sequence_format_for(path: str) -> SequenceFormat | None:
-    """Returns the sequence file format of a file name, by suffix; None if there is none."""
+    """Returns the sequence file format that has the suffix of a file name; None if no format has it."""
     return next((form for form in SEQUENCE_FORMATS if path.lower().endswith(form.suffixes)), None)
 
 

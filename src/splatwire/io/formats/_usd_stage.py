@@ -1,7 +1,7 @@
 """Reads an opened OpenUSD scene in the present process: its visible Gaussians, frames and metadata.
 
-It is only used in a subprocess with limits on memory and time, because usd-core may crash or run without end if a file
-is damaged.
+This module is only used in a subprocess with limits on memory and time, because usd-core may crash or never finish if a
+file is damaged.
 """
 
 import itertools

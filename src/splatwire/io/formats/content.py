@@ -83,7 +83,7 @@ def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> Non
     Args:
         path: The file.
         splats: The Gaussians, relative to the origin.
-        origin: Origin near the Gaussians that was subtracted from the positions in the file.
+        origin: Origin near the Gaussians; it was subtracted from the positions in the file.
     """
     if origin == NO_ORIGIN:
         return

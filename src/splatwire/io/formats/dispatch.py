@@ -288,8 +288,8 @@ def write_splats(
         parts: Batches of Gaussians, all of one degree of spherical harmonics; may be a generator.
         path: Path of the file, written atomically.
         steps: Quantisation steps to store in a PLY.
-        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
-            that it widens to a pixel (Mip-Splatting); stored in PLY, SPZ and SOG.
+        antialiased: True if the scene was trained with antialiased rendering (Mip-Splatting), which lowers the opacity
+            of Gaussians that it widens to a pixel. PLY, SPZ and SOG store this flag.
         origin: World coordinates of the point that positions are relative to. A PLY stores float64 world coordinates.
         outliers: Treatment of a few Gaussians with extreme values, which reduce the precision of all others in
             quantised formats: `clamp` moves them towards the others, `prune` removes them, `keep` leaves them

@@ -47,8 +47,8 @@ def write_gltf(
     Args:
         parts: Batches of Gaussians.
         path: Path of the file.
-        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
-            that it widens to a pixel (Mip-Splatting); stored in the primitive's extras.
+        antialiased: True if the scene was trained with antialiased rendering (Mip-Splatting), which lowers the opacity
+            of Gaussians that it widens to a pixel. The primitive's extras store this flag.
         origin: World coordinates of the point that positions are relative to; stored as translation of the node.
         metadata: Metadata of the scene; the initial view is relative to `origin`.
         stream: Content of a `.swz` file of the same scene, to embed in the file; None to embed nothing. Programs that

@@ -170,7 +170,7 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
     """Returns the mask of Gaussians with a visible position error, bool (N).
 
     Args:
-        errors: Position error of each Gaussian, the largest one along any axis, world units, (N).
+        errors: Largest position error of each Gaussian along any axis, world units, (N).
         scales: Local length scale of each Gaussian, from `local_scales`, (N).
     """
     return np.asarray(errors > scales / VISIBLE_DIVISOR)
@@ -180,7 +180,7 @@ def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
     """True if more than 1 % of the Gaussians have a position error that is too large for their local length scale.
 
     Args:
-        errors: Position error of each Gaussian, the largest one along any axis, world units, (n).
+        errors: Largest position error of each Gaussian along any axis, world units, (n).
         scales: Local length scale of each Gaussian, from `local_scales`, (n).
     """
     return bool(len(errors)) and float((errors > scales / FINE_DIVISOR).mean()) > _MAX_COSTLY_SHARE
@@ -191,7 +191,7 @@ def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
 
     Args:
         path: The file, for the message.
-        errors: Position error of each Gaussian, the largest one along any axis, world units, (N).
+        errors: Largest position error of each Gaussian along any axis, world units, (N).
         scales: Local length scale of each Gaussian, from `local_scales`, (N).
     """
     seen = visible_errors(errors, scales)

@@ -1,6 +1,6 @@
 """Streamed SOG (PlayCanvas): a `lod-meta.json` with a tree of tiles, and SOG files (chunks) for each level of detail.
 
-A leaf of the tree names, for each of its levels (0 is the finest), a chunk and a range of Gaussians in that chunk. The
+For each of its levels (0 is the finest), a leaf of the tree names a chunk and a range of Gaussians in this chunk. The
 optional environment is one more SOG file with Gaussians outside the tree, such as the sky. The reader takes the finest
 available level of each leaf, and the environment.
 """

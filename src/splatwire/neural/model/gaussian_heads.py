@@ -52,7 +52,7 @@ def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> Spawned
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[Tensor, "N"]:
     """Returns the mask of the anchors whose Gaussians may be in the image of a camera, bool (N).
 
-    Tests the projection of each anchor, not that of its Gaussians. Source: the pre-filter of HAC++.
+    Tests the projection of each anchor, not of its Gaussians. Source: the pre-filter of HAC++.
 
     Args:
         anchors: The N anchors.

@@ -175,7 +175,7 @@ def _controller(value: list[float | None]) -> SizeController:
 def checked_tensor(
     tensors: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32
 ) -> Tensor:
-    """Returns a tensor of a checkpoint, after checking its shape, its dtype, and that its values are finite.
+    """Returns a tensor of a checkpoint after checking that shape and dtype are correct and all values are finite.
 
     Raises:
         ValueError: If the shape or dtype of the tensor differs, or a value is not finite.

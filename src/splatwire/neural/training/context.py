@@ -115,8 +115,8 @@ class TrainableHacpp:
             visible: Indices of the visible anchors.
 
         Returns:
-            Quantisation steps, None in the first phase of the training; and estimated bits of the sample, None while
-            the loss excludes the bit rate.
+            Two values. The first is the quantisation steps; None in the first phase of the training. The second is the
+            estimated bits of the sample; None while the loss excludes the bit rate.
         """
         config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         if phase is Phase.PLAIN:

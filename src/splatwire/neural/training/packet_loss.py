@@ -1,7 +1,6 @@
 """Simulated packet loss in training: an iteration drops the anchors of lost packets and conceals the loss.
 
-Anchors are divided into packets as an encoder would divide them, and received anchors are enlarged to cover the gaps,
-as at a receiver.
+As in an encoder, anchors are divided into packets. As in a receiver, received anchors are enlarged to cover the gaps.
 """
 
 from dataclasses import dataclass
@@ -175,7 +174,7 @@ class PacketLossSimulator:
 
         Args:
             state: State of the training.
-            packetization: Rule by which anchors are split into packets.
+            packetization: Rule that splits anchors into packets.
             model: The loss model.
             seed: Seed of the loss; `splatwire.channel.draw_mask` loses the same packets with the same seed.
             packet_anchors: Estimated number of anchors per packet. Only used with hashed grouping, which fills packets
@@ -255,7 +254,7 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
     """Returns the index of the packet that contains each anchor.
 
     Args:
-        packetization: Rule by which anchors are split into packets.
+        packetization: Rule that splits anchors into packets.
         num_anchors: Number of anchors, N.
         packet_anchors: Estimated number of anchors per packet. Only used with hashed grouping, which fills packets up
             to a size in bytes.
@@ -280,11 +279,11 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
 def _anchors_per_packet(packetization: Packetization, estimated_bits: SampleBits | None, mask_bytes: float) -> int:
     """Estimates how many anchors a packet contains, from the estimated bits per anchor.
 
-    The result is 1 if there is no estimate of the bits. It is also 1 without hashed grouping, because only hashed
-    grouping, which fills packets up to a size in bytes, needs the number.
+    The result is 1 if there is no estimate of the bits. It is also 1 without hashed grouping. Only hashed grouping
+    fills packets up to a size in bytes, and needs the number.
 
     Args:
-        packetization: Rule by which anchors are split into packets.
+        packetization: Rule that splits anchors into packets.
         estimated_bits: Estimated bits of a sample of anchors.
         mask_bytes: Bytes of an anchor's offset mask, if `estimated_bits` excludes the masks; otherwise 0.
     """

@@ -38,8 +38,8 @@ def network_key(address: Any) -> Hashable:
 class ResponseBudget:
     """Limit on the responses to unvalidated addresses within `WINDOW_S`.
 
-    The number of responses is limited in total and per address. After half of the total, the responses to each network
-    are limited, too.
+    The number of responses is limited in total and per address. Once half of the total is used, the responses to each
+    network are limited, too.
     """
 
     def __init__(self) -> None:

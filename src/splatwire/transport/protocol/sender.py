@@ -333,8 +333,8 @@ class Server:
         """Starts a transfer if the server's limits permit it.
 
         Returns:
-            None if the request is accepted. The reason, an index into `REFUSALS` of at least 1, if it is refused. 0 if
-            it is repeated: then nothing is sent.
+            None for an accepted request. For a refused request, the reason: an index into `REFUSALS`, at least 1. 0 for
+            a repeated request, to which no response is sent.
         """
         starts = self._update_starts if message.name in self._updates else self._starts
         if self._starts.has_started(network, key[1]) or self._update_starts.has_started(network, key[1]):

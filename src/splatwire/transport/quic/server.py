@@ -553,8 +553,8 @@ class _Connection(QuicConnectionProtocol):
     def _release(self) -> None:
         """Frees the memory of a connection that is over.
 
-        Objects of aioquic refer to each other. Their memory would otherwise wait for the garbage collector, which runs
-        rarely in a process with many objects: a flood of handshakes then takes tens of megabytes.
+        Objects of aioquic refer to each other. Without this method, only the garbage collector would free their memory.
+        It runs rarely in a process with many objects, so that a flood of handshakes would take tens of megabytes.
         """
         if self._timer is not None:
             self._timer.cancel()
