@@ -16,15 +16,18 @@ from splatwire.transport.quic import server as quic_server
 from splatwire.transport.quic.common import ALPN, length_prefixed
 from splatwire.transport.quic.input_budget import (
     EARNED_FACTOR,
-    HANDSHAKE_WINDOW_S,
+    HANDSHAKE_RESERVE_S,
+    HANDSHAKE_SHARE,
     MAX_CREDIT_S,
     MAX_DATAGRAM_S,
-    MAX_HANDSHAKE_S,
+    MAX_HANDSHAKE_CREDIT_S,
     MAX_NETWORK_SHARE,
     MAX_SHARE,
+    MAX_START_CREDIT_S,
     START_CREDIT_S,
-    HandshakeTime,
+    START_SHARE,
     InputBudget,
+    NetworkBudgets,
 )
 from transport.test_quic import STREAM, fetch, run, serving
 from transport.test_quic_hostile import close_client, connected, until
@@ -32,7 +35,7 @@ from transport.test_quic_hostile import close_client, connected, until
 
 def spent_share(num_connections: int, seconds: float = 100.0, cost: float = 1e-3) -> float:
     """Share of the time that a connection spends if its datagrams arrive without end."""
-    budget, spent = InputBudget(0.0), 0.0
+    budget, spent = InputBudget(START_CREDIT_S, 0.0), 0.0
     for step in range(round(seconds / cost)):
         if not budget.is_spent(num_connections, step * cost):
             budget.spend(cost)
@@ -56,7 +59,7 @@ def spend(budget: InputBudget, seconds: float) -> None:
 @pytest.mark.parametrize("num_connections", [1, 30])
 def test_one_slow_datagram_stops_a_connection_briefly(num_connections: int) -> None:
     """Garbage collections and the first request for a large stream take longer than any content of a datagram."""
-    budget, share = InputBudget(0.0), min(MAX_SHARE, MAX_NETWORK_SHARE / num_connections)
+    budget, share = InputBudget(START_CREDIT_S, 0.0), min(MAX_SHARE, MAX_NETWORK_SHARE / num_connections)
     spend(budget, START_CREDIT_S)
     budget.spend(0.5)
     assert budget.is_spent(num_connections, 0.9 * MAX_DATAGRAM_S / share)
@@ -64,7 +67,7 @@ def test_one_slow_datagram_stops_a_connection_briefly(num_connections: int) -> N
 
 
 def test_time_for_sending_data_earns_time_for_datagrams() -> None:
-    budget = InputBudget(0.0)
+    budget = InputBudget(START_CREDIT_S, 0.0)
     spend(budget, START_CREDIT_S)
     assert budget.is_spent(1, 0.0)
     budget.earn(0.01)
@@ -76,19 +79,114 @@ def test_time_for_sending_data_earns_time_for_datagrams() -> None:
     assert budget.is_spent(1, 0.0)
 
 
-def test_time_for_handshakes_is_limited_per_network(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("lifetime_s", [0.002, 0.07, 1.0])
+def test_a_client_that_connects_again_and_again_gets_no_more_time(lifetime_s: float) -> None:
+    budgets, spent, seconds, cost = NetworkBudgets(), 0.0, 100.0, 1e-3
+    steps_per_life = round(lifetime_s / cost)
+    for step in range(round(seconds / cost)):
+        now = step * cost
+        if step % steps_per_life == 0:
+            if step:
+                budgets.close("here", budget, now)
+            budget = budgets.open("here", now)
+        while not budget.is_spent(1, now):
+            budget.spend(cost)
+            spent += cost
+    assert spent <= MAX_START_CREDIT_S + (MAX_SHARE + START_SHARE) * seconds + seconds / lifetime_s * cost
+
+
+def test_clients_of_a_network_get_their_share_while_another_client_connects_again_and_again() -> None:
+    budgets, seconds, cost = NetworkBudgets(), 10.0, 1e-3
+    while budgets.open("here", 0.0).credit > 0:
+        pass
+    honest, spent = budgets.open("here", 0.0), 0.0
+    for step in range(round(seconds / cost)):
+        now = step * cost
+        other = budgets.open("here", now)
+        while not other.is_spent(2, now):
+            other.spend(cost)
+        if not honest.is_spent(2, now):
+            honest.spend(cost)
+            spent += cost
+        budgets.close("here", other, now)
+    assert spent == pytest.approx(MAX_SHARE * seconds, rel=0.1)
+
+
+def test_an_ended_connection_gives_its_credit_or_debt_to_its_network() -> None:
+    budgets = NetworkBudgets()
+    connections = [budgets.open("here", 0.0) for _ in range(round(MAX_START_CREDIT_S / START_CREDIT_S))]
+    assert budgets.open("here", 0.0).credit == pytest.approx(0.0)
+    budgets.close("here", connections[0], 0.0)
+    budgets.close("here", connections[0], 0.0)  # gives nothing twice
+    connections[1].spend(MAX_DATAGRAM_S)
+    connections[1].credit -= START_CREDIT_S
+    budgets.close("here", connections[1], 0.0)
+    assert budgets.open("here", 0.0).credit == pytest.approx(START_CREDIT_S - MAX_DATAGRAM_S)
+    assert budgets.open("elsewhere", 0.0).credit == START_CREDIT_S
+
+
+def test_time_for_handshakes_is_limited_per_network() -> None:
+    budgets, num_begun, cost = NetworkBudgets(), 0, 5e-3
+    assert HANDSHAKE_RESERVE_S < MAX_HANDSHAKE_CREDIT_S
+    while budgets.may_begin("here", 0.0):
+        budgets.spend("here", cost, 0.0)
+        num_begun += 1
+    assert num_begun * cost == pytest.approx(MAX_HANDSHAKE_CREDIT_S - HANDSHAKE_RESERVE_S, abs=2 * cost)
+    assert budgets.may_begin("there", 0.0)
+    assert budgets.may_continue("here", 0.0)
+    for _ in range(round(HANDSHAKE_RESERVE_S / cost) + 1):
+        budgets.spend("here", cost, 0.0)
+    assert not budgets.may_continue("here", 0.0)
+    assert budgets.may_continue("here", 2 * cost / HANDSHAKE_SHARE)
+    assert not budgets.may_begin("here", 2 * cost / HANDSHAKE_SHARE)
+    assert budgets.may_begin("here", (HANDSHAKE_RESERVE_S + 2 * cost) / HANDSHAKE_SHARE)
+
+
+def test_memory_for_counted_networks_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(input_budget, "MAX_COUNTED_NETWORKS", 100)
-    budget = HandshakeTime()
-    budget.spend("here", MAX_HANDSHAKE_S)
-    assert budget.is_spent("here", 0.0) is False  # a window begins with the first test
-    budget.spend("here", MAX_HANDSHAKE_S)
-    assert budget.is_spent("here", HANDSHAKE_WINDOW_S - 0.1)
-    assert not budget.is_spent("there", 0.0)
-    assert not budget.is_spent("here", HANDSHAKE_WINDOW_S)
+    budgets = NetworkBudgets()
     for number in range(1000):
-        assert not budget.is_spent(number, HANDSHAKE_WINDOW_S)
-        budget.spend(number, MAX_HANDSHAKE_S)
-        assert len(budget._seconds) <= 101
+        budgets.spend(number, MAX_DATAGRAM_S, 0.0)
+        budgets.spend("active", 0.4 * MAX_DATAGRAM_S, 0.0)
+        assert len(budgets._networks) <= 100
+    assert not budgets.may_continue("active", 0.0)  # dropped networks are those that are idle
+
+
+@pytest.mark.slow
+def test_reconnecting_clients_share_the_start_credit_of_their_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    cost, num_connections = 0.01, 6
+    monkeypatch.setattr(input_budget, "MAX_START_CREDIT_S", 2 * START_CREDIT_S)
+    for share in ("MAX_SHARE", "MAX_NETWORK_SHARE", "START_SHARE"):  # only the start credit remains
+        monkeypatch.setattr(input_budget, share, 0.0)
+    clock, seen = SimpleNamespace(now=0.0), SimpleNamespace(passed=0)
+    original = QuicConnection.receive_datagram
+
+    def receive(self: QuicConnection, data: bytes, address: Any, now: float) -> None:
+        if not self._is_client and self._handshake_complete:
+            clock.now += cost
+            seen.passed += 1
+        original(self, data, address, now)
+
+    monkeypatch.setattr(QuicConnection, "receive_datagram", receive)
+    monkeypatch.setattr(quic_server, "time", SimpleNamespace(thread_time=lambda: clock.now))
+
+    async def work() -> None:
+        async with serving() as server:
+            for _ in range(num_connections):
+                client = await connected(server.port, ALPN)
+                await until(lambda: any(other._budget is not None for other in server.connections))
+                (connection,) = server.connections
+                before = seen.passed + server.num_excess
+                for _datagram in range(20):
+                    client.quic.send_datagram_frame(bytes(1000))
+                    client.transmit()
+                    await asyncio.sleep(0)
+                await until(lambda before=before: seen.passed + server.num_excess >= before + 20)
+                connection.end(0, "the next one")
+                await close_client(client)
+            assert seen.passed * cost <= 2 * START_CREDIT_S + num_connections * cost
+
+    run(work())
 
 
 @pytest.mark.slow

@@ -305,8 +305,17 @@ def publish_over(monkeypatch, sessions: list[str | None]) -> list[str]:
 
 def test_publisher_opens_a_new_session_until_the_relay_is_back(monkeypatch):
     reported = publish_over(monkeypatch, ["timed out", None, None, None, "", "reset"])
-    warning = "the session with the relay ended (timed out); connecting again"
-    assert reported == ["opened", "ready", warning, "opened", "opened"]
+    ended = "the session with the relay ended ({}); connecting again".format
+    failed = "no session with the relay; connecting again"
+    closed = ended("it was closed")
+    assert reported == [
+        "opened", "ready", ended("timed out"), failed, "opened", closed, "opened", ended("reset"),
+    ]  # fmt: skip
+
+
+def test_warnings_of_one_interruption_are_few(monkeypatch):
+    reported = publish_over(monkeypatch, [f"reason {number}" for number in range(20)])
+    assert sum("connecting again" in text for text in reported) == moq_publisher.MAX_REASONS
 
 
 def test_each_interruption_of_a_lasting_session_gives_a_warning(monkeypatch):

@@ -138,7 +138,16 @@ class Watched(PageServer):
         (b"GET / HTTP/1.1\r\n", "reset"), (BIG, "reset"), (BIG, "too slow"), (PAGE, "close"), (b"x" * 9000, "close"),
     ],
 )  # fmt: skip
-def test_ended_connections_free_their_memory_without_the_garbage_collector(said: bytes, end: str):
+def test_ended_connections_free_their_memory_without_the_garbage_collector(
+    said: bytes, end: str, monkeypatch: pytest.MonkeyPatch
+):
+    heard, original = set[int](), asyncio.StreamReader.feed_data
+
+    def feed_data(reader: asyncio.StreamReader, data: bytes) -> None:
+        heard.add(id(reader))
+        original(reader, data)
+
+    monkeypatch.setattr(asyncio.StreamReader, "feed_data", feed_data)
     limits = {
         "timeout": replace(PATIENT, request_s=0.2), "eviction": replace(PATIENT, waiting=1),
         "too slow": replace(PATIENT, chunk_s=0.2),
@@ -148,8 +157,7 @@ def test_ended_connections_free_their_memory_without_the_garbage_collector(said:
         server = Watched(CONTENT, limits=limits)
         async with server:
             async with clients(server.port, 5, said) as opened:
-                await until(lambda: len(server.references) == 15)
-                await asyncio.sleep(0.05)  # the request is read
+                await until(lambda: len(server.references) == 15 and len(heard) == 5)
                 if end == "reset":
                     for client in opened:
                         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
@@ -159,8 +167,7 @@ def test_ended_connections_free_their_memory_without_the_garbage_collector(said:
                 elif end != "close":
                     await until(lambda: not server._clients)
             await until(lambda: not server._clients)
-            await asyncio.sleep(0.05)
-            assert [reference() for reference in server.references] == [None] * 15
+            await until(lambda: not any(reference() for reference in server.references))
 
     gc.collect()
     gc.disable()

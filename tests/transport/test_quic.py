@@ -7,6 +7,7 @@ import random
 import sys
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -29,17 +30,30 @@ from splatwire.transport import (
     make_served_stream,
 )
 from splatwire.transport.address import Address, parse_url
-from splatwire.transport.protocol.events import NotBegun, Resumed
+from splatwire.transport.protocol import receiver as receiver_module
+from splatwire.transport.protocol.events import Interrupted, NotBegun, Resumed
 from splatwire.types import SplatScene
 from transport.network import FailingCallbackError, at_most, bernoulli, bursts, datagram_stream, fail_on_event
 from transport.relay import Relay
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+from aioquic.quic.congestion.base import create_congestion_control
+
 from splatwire.transport.protocol.wire import DATA, decode, message_kind
 from splatwire.transport.quic import client
 from splatwire.transport.quic.certificate import from_pem, self_signed
 from splatwire.transport.quic.client import Trust, receive_quic
-from splatwire.transport.quic.common import FULL, QuicLimits
+from splatwire.transport.quic.common import (
+    ALPN,
+    FULL,
+    MAX_UDP_BYTES,
+    MAX_UNACKNOWLEDGED,
+    MIN_COUNTED_BYTES,
+    RATE_CONTROL,
+    WINDOW_BYTES,
+    QuicLimits,
+    configuration,
+)
 from splatwire.transport.quic.server import QuicServer
 from splatwire.transport.quic.sessions import Session
 from splatwire.transport.udp import UdpServer, connected_socket, receive_udp
@@ -270,7 +284,6 @@ def test_unreachable_server_is_reported_at_once():
     async def work() -> None:
         async with serving() as server:
             port = server.port
-        await asyncio.sleep(0.05)
         receiver = await fetch(port)
         assert receiver.finished.reason == "nothing listens there"
 
@@ -278,20 +291,27 @@ def test_unreachable_server_is_reported_at_once():
 
 
 @pytest.mark.parametrize("scheme", ["udp", "quic"])
-def test_a_wait_for_a_stream_that_has_not_begun_survives_a_restart_of_the_server(scheme: str) -> None:
+def test_a_wait_for_a_stream_that_has_not_begun_survives_a_restart_of_the_server(
+    scheme: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(receiver_module, "RECONNECT_AFTER_S", 0.7)
+
     async def started(programs: dict[str, ServedStream], port: int) -> QuicServer | UdpServer:
         if scheme == "udp":
             return UdpServer(programs, "127.0.0.1", port)
         return await QuicServer(programs, "127.0.0.1", port, identity=IDENTITY).start()
 
     async def work() -> None:
-        waits = asyncio.Event()
+        waits, interrupted, events = asyncio.Event(), asyncio.Event(), list[object]()
         server = await started({}, 0)
         options, address = ReceiverOptions(name="other"), Address("127.0.0.1", server.port, scheme=scheme)
 
         def on_event(event: object) -> None:
+            events.append(event)
             if isinstance(event, NotBegun):
                 waits.set()
+            if isinstance(event, Interrupted):
+                interrupted.set()
 
         receive = receive_udp(address, options, on_event) if scheme == "udp" else receive_quic(
             address, options, PINNED, on_event
@@ -299,10 +319,12 @@ def test_a_wait_for_a_stream_that_has_not_begun_survives_a_restart_of_the_server
         receiving = asyncio.ensure_future(receive)
         await waits.wait()
         server.close()
-        await asyncio.sleep(1.0)  # the client gets "port unreachable"
+        await interrupted.wait()  # "port unreachable" does not end the wait
         server = await started(PROGRAMS, server.port)
         assert (await receiving).stream() == OTHER
         server.close()
+        states = [event for event in events if isinstance(event, (NotBegun, Interrupted, Resumed, Welcomed))]
+        assert [type(state) for state in states] == [NotBegun, Interrupted, Resumed, Welcomed]
 
     run(work())
 
@@ -322,6 +344,24 @@ def test_transfers_complete_where_the_port_has_one_socket(monkeypatch: pytest.Mo
         udp.close()
 
     run(work())
+
+
+@pytest.mark.parametrize("num_bytes", [300, MIN_COUNTED_BYTES, MAX_UDP_BYTES])
+def test_packets_of_any_size_in_flight_are_fewer_than_those_that_end_a_connection(num_bytes: int) -> None:
+    """The path is fast and long, and acknowledges every packet after a second."""
+    configuration(is_client=False, alpn=[ALPN], idle_s=1.0)  # registers the controller
+    control, most = create_congestion_control(RATE_CONTROL, max_datagram_size=MAX_UDP_BYTES), 0
+    for second in range(16):
+        packets = []
+        while control.bytes_in_flight < control.congestion_window:
+            packets.append(SimpleNamespace(sent_bytes=num_bytes, sent_time=float(second)))
+            control.on_packet_sent(packet=packets[-1])
+        most = max(most, len(packets))
+        for packet in packets:
+            control.on_packet_acked(now=second + 1.0, packet=packet)
+    assert control.congestion_window == WINDOW_BYTES
+    assert control.bytes_in_flight == 0
+    assert most < 0.7 * MAX_UNACKNOWLEDGED
 
 
 def test_callback_error_is_raised_in_the_caller():
@@ -368,7 +408,7 @@ def test_transfer_resumes_over_another_connection(how):
 
     async def work() -> None:
         events: list[Any] = []
-        limits = ServerLimits(fixed_rate=400_000.0, silence_s=2.0)
+        limits = ServerLimits(fixed_rate=400_000.0, silence_s=1.0)
         first = await QuicServer(PROGRAMS, "127.0.0.1", 0, identity=IDENTITY, limits=limits).start()
         servers, dark, port = [first], [False], first.port
         relay = Relay(port, lambda: dark[0], lambda: dark[0])
@@ -380,16 +420,18 @@ def test_transfer_resumes_over_another_connection(how):
                 relay.rebind()
             elif how == "silent":
                 dark[0] = True
-                await asyncio.sleep(4.0)  # both ends close the connection
+                while first.connections or not any(isinstance(event, Interrupted) for event in events):
+                    await asyncio.sleep(0.01)
                 dark[0] = False
             else:
                 servers.pop().close()
-                await asyncio.sleep(0.3)
+                while not any(isinstance(event, Interrupted) for event in events):
+                    await asyncio.sleep(0.01)
                 servers.append(await QuicServer(PROGRAMS, "127.0.0.1", port, identity=IDENTITY, limits=limits).start())
 
         disturbing = asyncio.create_task(disturb())
         try:
-            receiver = await fetch(relay.port, ReceiverOptions(silence_s=2.0), on_event=events.append)
+            receiver = await fetch(relay.port, ReceiverOptions(silence_s=1.0), on_event=events.append)
             await disturbing
         finally:
             disturbing.cancel()
@@ -451,17 +493,20 @@ def test_transfer_survives_a_time_without_a_route_to_the_server(
     run(work())
 
 
-def test_deadline_ends_a_transfer_during_a_time_without_a_route(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("route", [True, False])
+def test_deadline_ends_a_pause_between_two_connections(monkeypatch: pytest.MonkeyPatch, route: bool) -> None:
     opened = 0
 
     def open_socket(family: Any, target: Any) -> Any:
         nonlocal opened
         opened += 1
-        if opened > 1:
+        if opened > 1 and not route:
             raise OSError(errno.ENETUNREACH, "Network is unreachable")
         return connected_socket(family, target)
 
     monkeypatch.setattr(client, "connected_socket", open_socket)
+    monkeypatch.setattr(client, "MIN_PAUSE_S", 500.0)
+    monkeypatch.setattr(client, "MAX_PAUSE_S", 1000.0)
 
     async def work() -> None:
         async with serving(ServerLimits(fixed_rate=400_000.0)) as server:
@@ -471,7 +516,7 @@ def test_deadline_ends_a_transfer_during_a_time_without_a_route(monkeypatch: pyt
                     for connection in list(server.connections):
                         connection.end(FULL, "the path is gone")
 
-            options = ReceiverOptions(deadline_s=3.0, reconnect_s=20.0)
+            options = ReceiverOptions(deadline_s=1.0, reconnect_s=2000.0)
             receiver = await fetch(server.port, options, on_event=end_connections)
         assert receiver.finished.reason == "deadline"
 

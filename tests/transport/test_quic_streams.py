@@ -111,9 +111,12 @@ def test_handshake_data_buffered_behind_a_gap_are_bounded(failures: list[Any]):
             sender = client.quic._crypto_streams[Epoch.ONE_RTT].sender
             sender.write(bytes(4 * MAX_UNREAD_BYTES))
             sender._pending.subtract(0, 1)
-            while not client.ended:
+
+            def has_ended() -> bool:
                 client.transmit()
-                await asyncio.sleep(0.002)
+                return client.ended is not None
+
+            await until(has_ended)
             assert len(receiver._buffer) < MAX_UNREAD_BYTES + 4000
             assert server.num_malformed == 1
             await still_serves(server.port)

@@ -15,10 +15,10 @@ from splatwire.bitstream.tile_selection import Viewpoint
 from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, StreamReplaced, make_served_stream
 from splatwire.transport.protocol import nack
 from splatwire.transport.protocol import transfer as transfer_module
-from splatwire.transport.protocol.events import Finished, Interrupted, Resumed
+from splatwire.transport.protocol.events import Finished, Interrupted, NotBegun, Resumed
 from splatwire.transport.protocol.gap_tracker import MAX_GAPS, GapTracker
 from splatwire.transport.protocol.known_packets import KnownPackets
-from splatwire.transport.protocol.messages import Data, End, Feedback, Have, ParityRange, Welcome
+from splatwire.transport.protocol.messages import NOT_YET, Data, End, Feedback, Have, ParityRange, Refuse, Welcome
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.transfer import ServerTransfer
 from splatwire.transport.protocol.wire import DATA, PARITY, SMALL_MTU, decode, encode, message_kind
@@ -115,6 +115,34 @@ def test_wait_for_a_stream_that_has_not_begun_survives_a_restart_of_the_server(l
     assert receiver.finished is not None
     assert receiver.finished.reason == reason
     assert (receiver.stream() == STREAM) is (reason == "complete")
+    states = [] if lasts < 1.0 else [Interrupted(), Resumed(True)] if reason == "complete" else [Interrupted()]
+    assert [event for event in kinds(path) if not isinstance(event, Finished)] == states
+
+
+@pytest.mark.parametrize("reliable", [False, True])
+@pytest.mark.parametrize("answers_again", [False, True])
+def test_waiting_receiver_reports_within_seconds_that_the_server_is_gone(reliable: bool, answers_again: bool) -> None:
+    receiver, now = Receiver(5, 0.0, ReceiverOptions(), reliable=reliable), 0.0
+    reports: list[tuple[float, object]] = []
+
+    def refuse(at: float) -> None:
+        attempt = receiver._attempt
+        assert attempt is not None
+        reports.extend((at, event) for event in receiver.receive(encode(Refuse(attempt.nonce, NOT_YET)), at)[1])
+
+    refuse(0.1)
+    refuse(2.0)
+    while (due_at := receiver.next_at()) is not None and due_at < 50.0:
+        now = max(due_at, now + 1e-3)
+        reports += [(now, event) for event in receiver.poll(now)[1]]
+        if answers_again and now > 20.0:
+            refuse(now)
+            break
+    assert receiver.finished is None
+    (_, begun), (at, interrupted), *others = reports
+    assert (begun, interrupted) == (NotBegun(), Interrupted())
+    assert 2.5 < at < 6.0
+    assert [event for _, event in others] == [Resumed(True)] * answers_again
 
 
 @pytest.mark.parametrize("begins", [0.03, 0.3, 1.0])

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -57,6 +58,18 @@ async def frame_of(folder: Path, number: int) -> Path:
     raise AssertionError(f"{path.name} did not arrive; there are {list(folder.glob('*'))}")
 
 
+async def bound(port: int) -> None:
+    """Waits until a process listens on a UDP port."""
+    for _ in range(12_000):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            try:
+                other.bind(("127.0.0.1", port))
+            except OSError:
+                return
+        await asyncio.sleep(0.01)
+    raise AssertionError(f"no process listens on port {port}")
+
+
 def nginx_words(folder: Path, listening: int, origins: list[int]) -> list[str]:
     site = (DEPLOY / "nginx-origins.conf").read_text(encoding="utf-8")
     site = replaced(site, "listen 4840 udp", f"listen 127.0.0.1:{listening} udp")
@@ -89,8 +102,7 @@ def test_transfers_are_shared_and_go_to_the_server_that_is_left(tmp_path: Path, 
             ports = [json.loads(server.stdout.readline())["port"] for server in servers]
             listening = free_port()
             await stack.enter_async_context(running(nginx_words(tmp_path, listening, ports), (), tmp_path))
-            # nginx does not report when it listens on a UDP port. Clients try again for 5 seconds.
-            await asyncio.sleep(1)
+            await bound(listening)
             url = f"{scheme}://127.0.0.1:{listening}"
             trust = ("--insecure",) if scheme == "quic" else ()  # each server has its own certificate
             for name in ("first", "second"):

@@ -14,7 +14,7 @@ from splatwire.transport import Receiver
 from splatwire.transport.address import Address
 from splatwire.transport.moq.publisher import RelayTrust, need_moq
 from splatwire.transport.moq.receiver import receive_relayed
-from splatwire.transport.protocol.events import Event, NotBegun
+from splatwire.transport.protocol.events import Event, Interrupted, NotBegun, Resumed
 from splatwire.transport.quic.installed import need_aioquic
 from splatwire.transport.udp import receive_udp
 
@@ -52,13 +52,33 @@ def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
 
 
 def print_waiting(event: Event) -> None:
-    """Prints a warning on standard error if an event reports that a stream has not begun (`NotBegun`).
+    """Prints a warning on standard error if a stream has not begun, or if the server falls silent or answers again.
 
     Args:
         event: Event of a receiver.
     """
     if isinstance(event, NotBegun):
-        print("splatwire: warning: the stream has not begun; waiting for its data", file=sys.stderr, flush=True)
+        print_warning("the stream has not begun; waiting for its data")
+    print_interruption(event)
+
+
+def print_interruption(event: Event) -> None:
+    """Prints a warning on standard error if the server falls silent or answers again.
+
+    Args:
+        event: Event of a receiver.
+    """
+    match event:
+        case Interrupted():
+            print_warning("the server sends nothing; reconnecting")
+        case Resumed():
+            how = "going on" if event.kept else "it sends another stream, which begins anew"
+            print_warning(f"the server answers again: {how}")
+
+
+def print_warning(text: str) -> None:
+    """Prints a warning on standard error."""
+    print(f"splatwire: warning: {text}", file=sys.stderr, flush=True)
 
 
 def _quic_functions() -> ModuleType:

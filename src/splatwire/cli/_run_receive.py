@@ -17,7 +17,13 @@ from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.cli._files import output_path, prepared_output, read_report_json
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
-from splatwire.cli._receiving import canceling_on_signals, print_waiting, transfer_of
+from splatwire.cli._receiving import (
+    canceling_on_signals,
+    print_interruption,
+    print_waiting,
+    print_warning,
+    transfer_of,
+)
 from splatwire.cli._signals import StoppedError
 from splatwire.cli._terminal import print_failure
 from splatwire.cli.receive import Receive
@@ -36,7 +42,7 @@ from splatwire.transport import (
 )
 from splatwire.transport.address import Address, parse_url, without_token
 from splatwire.transport.pcap import Capture
-from splatwire.transport.protocol.events import Interrupted, Resumed
+from splatwire.transport.protocol.events import Resumed
 
 
 def run(command: Receive) -> None:
@@ -111,7 +117,7 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
         nonlocal num_written
 
         async def fetch(name: str) -> Receiver:
-            on_event = print_waiting if name == address.name else None
+            on_event = print_waiting if name == address.name else print_interruption
             return await transfer(replace(options, name=name), on_event, stop=stop)
 
         async for stream in decoding.follow(fetch, address.name, print_warning):
@@ -134,11 +140,6 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
     if not num_written:
         # Stopped before the scene arrived; sets the exit status.
         raise StoppedError(signals[0] if signals else signal.SIGINT)
-
-
-def print_warning(text: str) -> None:
-    """Prints a warning on standard error."""
-    print(f"splatwire: warning: {text}", file=sys.stderr, flush=True)
 
 
 def _decoding_module() -> ModuleType:
@@ -263,11 +264,7 @@ class TransferTimes:
                 self._expected = max(event.num_packets, 1)
                 if event.preview and self.preview is None:
                     self.preview = time.perf_counter() - self._began
-            case Interrupted():
-                print("splatwire: warning: the server sends nothing; reconnecting", file=sys.stderr, flush=True)
             case Resumed():
-                how = "going on" if event.kept else "it sends another stream, which begins anew"
-                print(f"splatwire: warning: the server answers again: {how}", file=sys.stderr, flush=True)
                 self._packets = self._packets if event.kept else 0
             case SideInfoArrived():
                 self.side_info = self.side_info or time.perf_counter() - self._began

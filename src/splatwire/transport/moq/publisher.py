@@ -32,7 +32,11 @@ MIN_PAUSE_S, MAX_PAUSE_S = 1.0, 15.0
 until a session has lasted `STABLE_S`.
 """
 STABLE_S = 10.0
-"""Duration of a session after which an interruption counts as ended, seconds. Each interruption gives one warning."""
+"""Duration of a session after which an interruption counts as ended, seconds. Each reason of an interruption gives one
+warning.
+"""
+MAX_REASONS = 4
+"""Maximum number of warnings for one interruption."""
 NO_SUCH_TRACK = 404
 
 
@@ -152,7 +156,7 @@ async def publish(
         trust: Accepted certificates of the relay.
         stop: Event that ends publishing.
         ready: Called when the scene has been announced at the relay.
-        warn: Called with the text of a warning, once per interruption.
+        warn: Called with the text of a warning, once for each reason of an interruption.
 
     Raises:
         InvalidValueError: If the first session cannot be opened.
@@ -209,14 +213,14 @@ async def _keep_session(
         trust: Accepted certificates of the relay.
         origin: Broadcasts to publish.
         ready: Called when the first session is open.
-        warn: Called with the text of a warning, once per interruption.
+        warn: Called with the text of a warning, once for each reason of an interruption.
 
     Raises:
         InvalidValueError: If the first session cannot be opened.
     """
     # Not left to the client of moq-rs: it stops reconnecting after ten seconds, and hides the reason of a failure.
     moq, loop = need_moq(), asyncio.get_running_loop()
-    ready_called = warned = False
+    ready_called, warned = False, set[str]()
     pause = MIN_PAUSE_S
     while True:
         opened_at, reason = None, "it was closed"
@@ -229,14 +233,17 @@ async def _keep_session(
                 await client.session.closed()
         except moq.Error as error:
             reason = error_text(error) or reason
-        except InvalidValueError:
+        except InvalidValueError as error:
             if not ready_called:
                 raise
+            reason = str(error)
         if opened_at is not None and loop.time() - opened_at >= STABLE_S:
-            pause, warned = MIN_PAUSE_S, False
-        if not warned:
-            warned = True
-            warn(f"the session with the relay ended ({reason}); connecting again")
+            pause = MIN_PAUSE_S
+            warned.clear()
+        if reason not in warned and len(warned) < MAX_REASONS:
+            warned.add(reason)
+            what = reason if opened_at is None else f"the session with the relay ended ({reason})"
+            warn(f"{what}; connecting again")
         await asyncio.sleep(pause)
         pause = min(2 * pause, MAX_PAUSE_S)
 

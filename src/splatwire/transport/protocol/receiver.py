@@ -142,7 +142,7 @@ class Receiver(ReceiveState):
         )
         self._attempt: HandshakeAttempt | None = self._last_attempt
         self._refusal = ""
-        self._connected = self._has_begun_waiting = False
+        self._connected = self._has_begun_waiting = self._is_wait_interrupted = False
         self._num_sent_before = self._num_received_before = 0
         self._largest_sequence, self._num_received = -1, 0
         self._at_last_data = 0, 0
@@ -166,6 +166,8 @@ class Receiver(ReceiveState):
             return None
         end = math.inf if self.options.deadline_s is None else self._began_at + self.options.deadline_s
         attempt = math.inf if self._attempt is None else self._attempt.next_at
+        if self._is_waiting and not self._is_wait_interrupted:
+            attempt = min(attempt, self._connecting_since + RECONNECT_AFTER_S)
         return min(attempt, math.inf if self._welcome is None else self._feedback_at, end)
 
     def poll(self, now: float) -> tuple[list[bytes], list[Event]]:
@@ -181,6 +183,8 @@ class Receiver(ReceiveState):
         events: list[Event] = []
         if self._is_silent(now):
             events = self.reconnect(now)
+        elif self._is_waiting and now >= self._connecting_since + RECONNECT_AFTER_S:
+            events = self._interrupt_wait()
         handshake = self._attempt.poll(now) if self._attempt is not None else []
         if self._welcome is None or now < self._feedback_at:
             return handshake, events
@@ -240,9 +244,11 @@ class Receiver(ReceiveState):
             now: Time, seconds.
 
         Returns:
-            Event `Interrupted` if the transfer was running, else no events.
+            Event `Interrupted` if the transfer, or the wait for a stream that has not begun, was not interrupted yet.
         """
-        events: list[Event] = [] if self._attempt is not None else [Interrupted()]
+        events: list[Event] = self._interrupt_wait() if self._is_waiting else []
+        if self._attempt is None:
+            events = [Interrupted()]
         self._attempt = self._last_attempt = self._last_attempt.renew(now)
         return events
 
@@ -256,6 +262,23 @@ class Receiver(ReceiveState):
             return False
         heard_at = self._connecting_since if self._welcome is None else self._heard_at
         return self.finished is None and now - heard_at <= self.options.reconnect_s
+
+    @property
+    def _is_waiting(self) -> bool:
+        """True if the server has announced the stream, and the receiver waits for its first data."""
+        return self._welcome is None and self._has_begun_waiting
+
+    def _interrupt_wait(self) -> list[Event]:
+        """Records that the server does not answer a waiting receiver; returns the event, none if this was known."""
+        events: list[Event] = [] if self._is_wait_interrupted else [Interrupted()]
+        self._is_wait_interrupted = True
+        return events
+
+    def _resume_wait(self) -> list[Event]:
+        """Records that the server answers a waiting receiver; returns the event that ends an interruption."""
+        events: list[Event] = [Resumed(True)] if self._is_wait_interrupted else []
+        self._is_wait_interrupted = False
+        return events
 
     def may_connect(self, now: float) -> bool:
         """True if a new connection may be tried before the first response of the server.
@@ -359,7 +382,7 @@ class Receiver(ReceiveState):
         if reason == NOT_YET:
             self._connecting_since = now
             attempt.on_refusal(now, RETRY_S if now - self._began_at < FAST_RETRY_PERIOD_S else WAIT_S)
-            events: list[Event] = [] if self._has_begun_waiting else [NotBegun()]
+            events: list[Event] = self._resume_wait() if self._has_begun_waiting else [NotBegun()]
             self._has_begun_waiting = True
             return [], events
         self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
@@ -376,6 +399,7 @@ class Receiver(ReceiveState):
         before, events = self._welcome, list[Event]()
         num_held = 0 if self._collector is None else self._collector.num_packets
         if before is None:
+            events += self._resume_wait()
             self._begin(message, discard=True)
         else:
             self._fruitless_transfers = self._fruitless_transfers + 1 if num_held == self._num_packets_before else 0

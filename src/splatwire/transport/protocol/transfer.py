@@ -4,11 +4,11 @@ The caller passes feedback and the time, and gets datagrams to send.
 """
 
 import math
-import warnings
 from collections import deque
 from collections.abc import Iterator
 
 from splatwire.arguments import checked
+from splatwire.lazy_names import renamed_attributes
 from splatwire.transport.congestion.cubic import INITIAL_WINDOW
 from splatwire.transport.congestion.pacing import Pacer, RateControl
 from splatwire.transport.protocol.feedback import FeedbackTracker, ReportedCounts
@@ -120,6 +120,8 @@ class ServerTransfer:
         self._problems, self._returned_problems = set[str](), set[str]()
         self._max_bytes = SPARE_BYTES
         self._raise_byte_limit(0)
+
+    __getattr__ = renamed_attributes("ServerTransfer", {"feedback": "on_feedback"})
 
     def welcome(self, *, preview: bool = True) -> bytes:
         """Returns the datagram that accepts the client's request and declares the sizes of the stream.
@@ -305,11 +307,6 @@ class ServerTransfer:
                 self.control.on_feedback(now, *sample)
                 self._pacer.rate = self._limits.fixed_rate or self.control.rate
         self._queue_retransmissions(message, now)
-
-    def feedback(self, message: Feedback, now: float) -> None:
-        """Deprecated name of `on_feedback`."""
-        warnings.warn("ServerTransfer.feedback is deprecated, use on_feedback", DeprecationWarning, stacklevel=2)
-        self.on_feedback(message, now)
 
     def new_problems(self) -> list[str]:
         """Returns the problems of the path that were found since the previous call, as keys of `PROBLEMS`.

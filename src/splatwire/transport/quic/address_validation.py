@@ -6,13 +6,11 @@ Each check costs microseconds, so that a flood of forged Initial packets takes l
 import hashlib
 import hmac
 import os
-from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
-from splatwire.transport.protocol.response_budget import network_key
 from splatwire.transport.socket_group import QUIC_2, TOKEN_PREFIX
 
 MIN_INITIAL_BYTES = 1200
@@ -22,10 +20,6 @@ MAX_TOKEN_OFFSET = 64
 """Upper bound on the end of `TOKEN_PREFIX` in an Initial packet, after the longest connection ids, bytes."""
 TOKEN_LIFETIME_S = 30.0
 """Maximum age of a Retry token, seconds. Clients return it at once."""
-HANDSHAKE_WINDOW_S = 10.0
-"""Period over which handshakes of one network are counted, seconds."""
-MAX_COUNTED_NETWORKS = 4096
-"""Maximum number of networks whose handshakes are counted; all counts are dropped beyond it."""
 _STAMP_BYTES, _MAC_BYTES, _TICKS = 4, 16, 100.0
 _LONG_INITIAL = {1: (0xC0, 0xF0), QUIC_2: (0xD0, 0xC0)}
 """First byte of Initial and Retry packets by QUIC version (1 and 2), without the low 4 bits."""
@@ -179,32 +173,3 @@ class RetryTokens:
 def _with_size(data: bytes) -> bytes:
     """Returns `data` with its length in front, as one byte."""
     return bytes([len(data) & 0xFF]) + data
-
-
-class HandshakeBudget:
-    """Limit on the number of handshakes that each network may start within `HANDSHAKE_WINDOW_S`.
-
-    The limit protects the server's processor, because each handshake takes milliseconds.
-    """
-
-    def __init__(self) -> None:
-        self._until = 0.0
-        self._counts: dict[Hashable, int] = {}
-
-    def take(self, address: Any, most: int, now: float) -> bool:
-        """Counts a handshake of a client, and returns True if it may start.
-
-        Args:
-            address: Socket address of the client.
-            most: Maximum number of handshakes of a network within the window.
-            now: Time, seconds.
-        """
-        if now >= self._until or len(self._counts) > MAX_COUNTED_NETWORKS:
-            self._until = now + HANDSHAKE_WINDOW_S
-            self._counts.clear()
-        network = network_key(address)
-        count = self._counts.get(network, 0)
-        if count >= most:
-            return False
-        self._counts[network] = count + 1
-        return True

@@ -3,7 +3,8 @@
 import asyncio
 import socket
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,41 +97,68 @@ async def receive_quic(
     if stop is not None and stop.done():
         receiver.stop()
         return receiver
-    family, target = await resolve(address)
-    settings = configuration(is_client=True, alpn=[ALPN], idle_s=options.silence_s)
-    settings.server_name = address.host
-    settings.cadata = trust.authority
-    settings.verify_mode = ssl.CERT_NONE if trust.insecure or trust.fingerprint else ssl.CERT_REQUIRED
-    pause = MIN_PAUSE_S
-    while True:
-        began, transfer_events = loop.time(), list[Event]()
-        try:
-            connection = connected_socket(family, target)
-        except OSError as error:  # no route to the server, as during an outage
-            if receiver.welcome is None and not receiver.may_resume(began):
-                raise
-            if stop is not None and stop.done():
-                transfer_events = receiver.stop()[1]
-            elif not receiver.may_resume(began):
-                transfer_events = receiver.stop(f"the server fell silent; {error.strerror or error}")[1]
+    with _ending(options.deadline_s, stop) as end:
+        family, target = await resolve(address)
+        settings = configuration(is_client=True, alpn=[ALPN], idle_s=options.silence_s)
+        settings.server_name = address.host
+        settings.cadata = trust.authority
+        settings.verify_mode = ssl.CERT_NONE if trust.insecure or trust.fingerprint else ssl.CERT_REQUIRED
+        pause = MIN_PAUSE_S
+        while receiver.finished is None:
+            began, transfer_events = loop.time(), list[Event]()
+            try:
+                connection = connected_socket(family, target)
+            except OSError as error:  # no route to the server, as during an outage
+                if receiver.welcome is None and not receiver.may_resume(began):
+                    raise
+                if not receiver.may_resume(began) and not end.done():
+                    transfer_events = receiver.stop(f"the server fell silent; {error.strerror or error}")[1]
             else:
-                transfer_events = receiver.poll(loop.time())[1]  # `Finished` after the deadline
-        else:
-            client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
-            if stop is not None:
-                stop.add_done_callback(client.stopped)
-            await client.run(connection)
-            if stop is not None:
-                stop.remove_done_callback(client.stopped)
-        if receiver.finished is None:
-            pause = MIN_PAUSE_S if loop.time() - began > STABLE_S else min(2 * pause, MAX_PAUSE_S)
-            await asyncio.wait([stop or loop.create_future()], timeout=pause)
-            transfer_events = receiver.reconnect(loop.time())
-        for event in transfer_events:
-            if on_event:
-                on_event(event)
-        if receiver.finished is not None:
-            return receiver
+                client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
+                end.add_done_callback(client.stopped)
+                await client.run(connection)
+                end.remove_done_callback(client.stopped)
+            if receiver.finished is None:
+                pause = MIN_PAUSE_S if loop.time() - began > STABLE_S else min(2 * pause, MAX_PAUSE_S)
+                await asyncio.wait([end], timeout=pause)
+                transfer_events = receiver.stop(end.result())[1] if end.done() else receiver.reconnect(loop.time())
+            for event in transfer_events:
+                if on_event:
+                    on_event(event)
+    return receiver
+
+
+@contextmanager
+def _ending(deadline_s: float | None, stop: asyncio.Future[None] | None) -> Iterator[asyncio.Future[str]]:
+    """Context with a future for the end of a transfer, in connections and in the pauses between them.
+
+    Args:
+        deadline_s: Time after which the transfer ends, seconds; None for no limit.
+        stop: Future of the caller that ends the transfer when it is done; None for no such future.
+
+    Yields:
+        Future whose result is the reason of the end.
+    """
+    loop = asyncio.get_running_loop()
+    end: asyncio.Future[str] = loop.create_future()
+
+    def finish(reason: str) -> None:
+        if not end.done():
+            end.set_result(reason)
+
+    def on_stop(_: asyncio.Future[None]) -> None:
+        finish("stopped")
+
+    timer = None if deadline_s is None else loop.call_later(deadline_s, finish, "deadline")
+    if stop is not None:
+        stop.add_done_callback(on_stop)
+    try:
+        yield end
+    finally:
+        if timer is not None:
+            timer.cancel()
+        if stop is not None:
+            stop.remove_done_callback(on_stop)
 
 
 class _Client(QuicConnectionProtocol):
@@ -263,9 +291,9 @@ class _Client(QuicConnectionProtocol):
         for message in messages:
             self._send_and_report(*self._receiver.receive(message, self._loop.time()))
 
-    def stopped(self, _: asyncio.Future[None]) -> None:
-        """Ends the transfer because the caller's `stop` future is done."""
-        self.stop("stopped")
+    def stopped(self, end: asyncio.Future[str]) -> None:
+        """Ends the transfer, because the future for its end has a result, the reason."""
+        self.stop(end.result())
 
     def stop(self, reason: str) -> None:
         """Ends the transfer with a reason, and keeps all received data."""

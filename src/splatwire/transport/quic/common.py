@@ -30,9 +30,13 @@ MAX_UNREAD_BYTES = 1 << 16
 """Maximum number of bytes, over all streams and the handshake of a client, that are buffered because earlier bytes are
 missing.
 """
-MAX_UNACKNOWLEDGED = 1 << 13
-"""Maximum number of sent QUIC packets per connection that wait for an acknowledgement: more than twice as many
-packets of full size as fit into `WINDOW_BYTES`.
+MIN_COUNTED_BYTES = 512
+"""Minimum number of bytes that a QUIC packet counts in flight. It limits the number of small packets in flight, which
+take as much memory as large ones.
+"""
+MAX_UNACKNOWLEDGED = 3 * WINDOW_BYTES // (2 * MIN_COUNTED_BYTES)
+"""Maximum number of sent QUIC packets per connection that wait for an acknowledgement: 1.5 times the packets that may
+be in flight. The others contain only acknowledgements, which `WINDOW_BYTES` does not limit.
 """
 MAX_OUTSIDE_BYTES = 1 << 13
 """Maximum number of bytes that an HTTP/3 client may send during a connection outside the stream of its WebTransport
@@ -163,6 +167,11 @@ def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:
     )
 
 
+def _counted_bytes(packet: Any) -> int:
+    """Returns the number of bytes that a sent packet of aioquic counts in flight."""
+    return max(int(packet.sent_bytes), MIN_COUNTED_BYTES)
+
+
 @functools.cache
 def _register_rate_control() -> None:
     """Registers a congestion controller in aioquic that limits the bytes in flight by the measured delivery rate."""
@@ -176,18 +185,18 @@ def _register_rate_control() -> None:
             self.congestion_window = int(self._window.bytes)
 
         def on_packet_acked(self, *, now: float, packet: Any) -> None:
-            self.bytes_in_flight -= packet.sent_bytes
-            self._window.on_acked(now, float(packet.sent_bytes), now - packet.sent_time)
+            self.bytes_in_flight -= _counted_bytes(packet)
+            self._window.on_acked(now, float(_counted_bytes(packet)), now - packet.sent_time)
             self.congestion_window = min(int(self._window.bytes), WINDOW_BYTES)
 
         def on_packet_sent(self, *, packet: Any) -> None:
-            self.bytes_in_flight += packet.sent_bytes
+            self.bytes_in_flight += _counted_bytes(packet)
 
         def on_packets_expired(self, *, packets: Iterable[Any]) -> None:
-            self.bytes_in_flight -= sum(packet.sent_bytes for packet in packets)
+            self.bytes_in_flight -= sum(map(_counted_bytes, packets))
 
         def on_packets_lost(self, *, now: float, packets: Iterable[Any]) -> None:
-            self.bytes_in_flight -= sum(packet.sent_bytes for packet in packets)
+            self.bytes_in_flight -= sum(map(_counted_bytes, packets))
 
         def on_persistent_congestion(self) -> None:
             pass  # the server's feedback timeout ends the transfer

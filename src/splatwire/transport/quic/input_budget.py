@@ -1,5 +1,6 @@
 """Limits on the processor time that a QUIC server spends on the datagrams of its clients."""
 
+from collections import OrderedDict
 from collections.abc import Hashable
 
 MAX_SHARE = 0.1
@@ -13,28 +14,39 @@ EARNED_FACTOR = 2.0
 Acknowledgements and reports of a transfer need time, too.
 """
 START_CREDIT_S, MAX_CREDIT_S = 0.05, 0.25
-"""Unused processor time of a connection: after its handshake, and the maximum, seconds."""
+"""Unused processor time of a connection: at most after its handshake, and the maximum, seconds."""
+START_SHARE, MAX_START_CREDIT_S = 0.05, 0.5
+"""Start credits of all new connections of one network together: share of a processor core, and the maximum that is
+saved, seconds. Without start credit, a new connection waits some milliseconds for its share.
+"""
+HANDSHAKE_SHARE, MAX_HANDSHAKE_CREDIT_S = 0.1, 1.0
+"""Handshakes of one network together: share of a processor core, and the maximum that is saved, seconds."""
+MAX_HANDSHAKE_S = 0.1
+"""Maximum processor time for the datagrams of one handshake, seconds."""
+HANDSHAKE_RESERVE_S = 0.5
+"""Processor time that is kept for handshakes in progress: no handshake begins while less is left, seconds."""
 MAX_DATAGRAM_S = 0.02
 """Maximum processor time that counts for one datagram, seconds. No datagram takes longer because of its content. A
 longer time is due to the server, such as a garbage collection, or the first request for a large stream.
 """
-HANDSHAKE_WINDOW_S = 10.0
-"""Period over which the processor time for handshakes is counted, seconds."""
-MAX_HANDSHAKE_S = 3.0
-"""Maximum processor time for handshakes of one network within `HANDSHAKE_WINDOW_S`, seconds."""
 MAX_COUNTED_NETWORKS = 4096
-"""Maximum number of networks whose processor time for handshakes is counted."""
+"""Maximum number of networks whose processor time is counted; those that connected longest ago are dropped beyond it.
+"""
 
 
 class InputBudget:
     """Limit on the processor time for the datagrams of one connection (token bucket).
 
     Args:
+        credit: Processor time that the connection may use at once, seconds.
         now: Time, seconds.
+
+    Attributes:
+        credit: Processor time that is left, seconds; negative after a datagram that took longer.
     """
 
-    def __init__(self, now: float) -> None:
-        self._credit, self._at = START_CREDIT_S, now
+    def __init__(self, credit: float, now: float) -> None:
+        self.credit, self._at = credit, now
 
     def is_spent(self, num_connections: int, now: float) -> bool:
         """Returns True if no processor time is left, so that a datagram must be dropped.
@@ -44,43 +56,107 @@ class InputBudget:
             now: Time, seconds.
         """
         share = min(MAX_SHARE, MAX_NETWORK_SHARE / max(num_connections, 1))
-        self._credit = min(self._credit + share * (now - self._at), MAX_CREDIT_S)
+        self.credit = min(self.credit + share * (now - self._at), MAX_CREDIT_S)
         self._at = now
-        return self._credit <= 0
+        return self.credit <= 0
 
     def spend(self, seconds: float) -> None:
         """Counts processor time that was spent on a datagram of the client, seconds; `MAX_DATAGRAM_S` at most."""
-        self._credit -= min(seconds, MAX_DATAGRAM_S)
+        self.credit -= min(seconds, MAX_DATAGRAM_S)
 
     def earn(self, seconds: float) -> None:
         """Counts processor time that was spent on sending data to the client, seconds."""
-        self._credit = min(self._credit + EARNED_FACTOR * seconds, MAX_CREDIT_S)
+        self.credit = min(self.credit + EARNED_FACTOR * seconds, MAX_CREDIT_S)
 
 
-class HandshakeTime:
-    """Limit on the processor time for the datagrams of unfinished handshakes, for each network."""
+class _NetworkCredit:
+    """Processor time of one network that is left for handshakes and for new connections, seconds.
+
+    Args:
+        now: Time, seconds.
+    """
+
+    __slots__ = ("_at", "handshakes", "starts")
+
+    def __init__(self, now: float) -> None:
+        self.handshakes, self.starts, self._at = MAX_HANDSHAKE_CREDIT_S, MAX_START_CREDIT_S, now
+
+    def refill(self, now: float) -> None:
+        """Adds the network's share of the time since the last call."""
+        seconds, self._at = now - self._at, now
+        self.handshakes = min(self.handshakes + HANDSHAKE_SHARE * seconds, MAX_HANDSHAKE_CREDIT_S)
+        self.starts = min(self.starts + START_SHARE * seconds, MAX_START_CREDIT_S)
+
+
+class NetworkBudgets:
+    """Limits on the processor time for handshakes and new connections of each network.
+
+    Connections come and go, and the budget of their network stays: a client that connects again and again gets no more
+    than one that stays.
+    """
 
     def __init__(self) -> None:
-        self._until = 0.0
-        self._seconds: dict[Hashable, float] = {}
+        self._networks: OrderedDict[Hashable, _NetworkCredit] = OrderedDict()
 
-    def is_spent(self, network: Hashable, now: float) -> bool:
-        """Returns True if no processor time is left for handshakes of a network.
+    def may_begin(self, network: Hashable, now: float) -> bool:
+        """Returns True if a client may begin a handshake.
 
         Args:
             network: Network of the client.
             now: Time, seconds.
         """
-        if now >= self._until or len(self._seconds) > MAX_COUNTED_NETWORKS:
-            self._until = now + HANDSHAKE_WINDOW_S
-            self._seconds.clear()
-        return self._seconds.get(network, 0.0) >= MAX_HANDSHAKE_S
+        return self._credit_of(network, now).handshakes > HANDSHAKE_RESERVE_S
 
-    def spend(self, network: Hashable, seconds: float) -> None:
-        """Counts processor time that was spent on a handshake.
+    def may_continue(self, network: Hashable, now: float) -> bool:
+        """Returns True if a datagram of a handshake in progress may be processed.
 
         Args:
             network: Network of the client.
-            seconds: Processor time, seconds.
+            now: Time, seconds.
         """
-        self._seconds[network] = self._seconds.get(network, 0.0) + seconds
+        return self._credit_of(network, now).handshakes > 0
+
+    def spend(self, network: Hashable, seconds: float, now: float) -> None:
+        """Counts processor time that was spent on a datagram of a handshake.
+
+        Args:
+            network: Network of the client.
+            seconds: Processor time, seconds; counts at most `MAX_DATAGRAM_S`.
+            now: Time, seconds.
+        """
+        self._credit_of(network, now).handshakes -= min(seconds, MAX_DATAGRAM_S)
+
+    def open(self, network: Hashable, now: float) -> InputBudget:
+        """Returns the budget of a new connection, with a start credit as far as its network has any left.
+
+        Args:
+            network: Network of the client.
+            now: Time, seconds.
+        """
+        credit = self._credit_of(network, now)
+        start = min(START_CREDIT_S, max(credit.starts, 0.0))
+        credit.starts -= start
+        return InputBudget(start, now)
+
+    def close(self, network: Hashable, budget: InputBudget, now: float) -> None:
+        """Gives the rest of the credit of an ended connection, or its debt, to its network.
+
+        Args:
+            network: Network of the client.
+            budget: Budget of the connection, which has no credit afterwards.
+            now: Time, seconds.
+        """
+        credit = self._credit_of(network, now)
+        credit.starts = min(credit.starts + min(budget.credit, START_CREDIT_S), MAX_START_CREDIT_S)
+        budget.credit = 0.0
+
+    def _credit_of(self, network: Hashable, now: float) -> _NetworkCredit:
+        """Returns the credit of a network at time `now`, seconds."""
+        credit = self._networks.get(network)
+        if credit is None:
+            credit = self._networks[network] = _NetworkCredit(now)
+            if len(self._networks) > MAX_COUNTED_NETWORKS:
+                self._networks.popitem(last=False)
+        credit.refill(now)
+        self._networks.move_to_end(network)
+        return credit

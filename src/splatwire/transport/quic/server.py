@@ -24,7 +24,6 @@ from splatwire.transport.protocol.server_limits import ServerLimits
 from splatwire.transport.protocol.wire import MAX_DATAGRAM, message_kind, refuse_other_transport
 from splatwire.transport.quic.address_validation import (
     MAX_TOKEN_OFFSET,
-    HandshakeBudget,
     RetryTokens,
     is_unknown_version,
     parse_initial,
@@ -43,7 +42,7 @@ from splatwire.transport.quic.common import (
     configuration,
     limit_backoff,
 )
-from splatwire.transport.quic.input_budget import HandshakeTime, InputBudget
+from splatwire.transport.quic.input_budget import MAX_DATAGRAM_S, MAX_HANDSHAKE_S, InputBudget, NetworkBudgets
 from splatwire.transport.quic.sessions import NativeSession, Session, WebTransportSessions
 from splatwire.transport.socket_group import QUIC_CLASSES, TOKEN_PREFIX, SocketGroup
 from splatwire.transport.udp import EVENT_INTERVAL_S, MAX_DATAGRAM_READ, SocketServer
@@ -59,10 +58,6 @@ tell clients the reason of its refusal, which needs a complete handshake.
 """
 RETRY_HANDSHAKES = 4
 """Number of concurrent handshakes from which on clients must first return a token (QUIC Retry)."""
-MAX_HANDSHAKES_FACTOR = 4
-"""Number of handshakes that a network may start within `HANDSHAKE_WINDOW_S`, as a multiple of
-`QuicLimits.per_network`, plus `SPARE_CONNECTIONS`.
-"""
 MIN_EXCESS = 1000
 """Minimum number of excess datagrams of connections for a log line."""
 MIN_MALFORMED = 10
@@ -103,7 +98,7 @@ class QuicServer(SocketServer):
         self.num_excess = 0
         excess = "excess datagrams dropped"
         self._excess_event = RepeatedEvent(LOG, excess, interval_s=EVENT_INTERVAL_S, min_count=MIN_EXCESS)
-        self.handshake_time = HandshakeTime()
+        self.budgets = NetworkBudgets()
         self._pump_soon: asyncio.Handle | None = None
         self.connections: dict[_Connection, None] = {}  # the oldest first
         self.networks: Counter[Network] = Counter()
@@ -270,7 +265,7 @@ class _LimitedEndpoint(AioquicServer):
         self._owner = owner
         self._network: Network = ()
         self._tokens = RetryTokens()
-        self._responses, self._handshakes = ResponseBudget(), HandshakeBudget()
+        self._responses = ResponseBudget()
         self._retry: Any = None
 
     def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
@@ -333,7 +328,7 @@ class _LimitedEndpoint(AioquicServer):
             if owner.connection_to_evict(self._network) is None:
                 owner.num_refused += 1
                 return False
-        if not self._handshakes.take(addr, MAX_HANDSHAKES_FACTOR * owner.limits.per_network + SPARE_CONNECTIONS, now):
+        if not owner.budgets.may_begin(self._network, now):
             owner.drop(now)
             return False
         owner.load_identity()
@@ -436,7 +431,7 @@ class _Connection(QuicConnectionProtocol):
         self._has_ended = False
         self._num_bytes_read = 0
         self._budget: InputBudget | None = None
-        self._sending_s = 0.0
+        self._handshake_s = self._sending_s = 0.0
         self._request_timer = self._loop.call_later(REQUEST_TIMEOUT_S, self._on_request_timeout)
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
@@ -446,13 +441,15 @@ class _Connection(QuicConnectionProtocol):
             data: Payload of the datagram.
             addr: Socket address of the client.
         """
+        if self._has_ended:  # aioquic ignores further datagrams
+            return
         now = self._loop.time()
         if self._has_spent(now):
             self.owner.count_excess(now)
             return
-        began, self._sending_s = time.thread_time(), 0.0
+        budget, began, self._sending_s = self._budget, time.thread_time(), 0.0
         self.guarded(super().datagram_received, data, addr)
-        self._spend(time.thread_time() - began - self._sending_s)
+        self._spend(budget, time.thread_time() - began - self._sending_s, now)
         if not self._has_ended:
             self._limit_memory()
 
@@ -477,7 +474,7 @@ class _Connection(QuicConnectionProtocol):
                 self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
             case events.HandshakeCompleted():
                 self.owner.handshaking.discard(self)
-                self._budget = InputBudget(self._loop.time())
+                self._budget = self.owner.budgets.open(self.network, self._loop.time())
                 while not self._has_ended and self.owner.is_full(self.network):
                     # Not refused earlier: the reason would not reach the client before the handshake.
                     self.owner.num_refused += 1
@@ -503,16 +500,25 @@ class _Connection(QuicConnectionProtocol):
 
     def _has_spent(self, now: float) -> bool:
         """Returns True if the datagrams of this client have taken too much processor time."""
-        if self._budget is None:
-            return self.owner.handshake_time.is_spent(self.network, now)
-        return self._budget.is_spent(self.owner.networks[self.network], now)
+        if self._budget is not None:
+            return self._budget.is_spent(self.owner.networks[self.network], now)
+        return self._handshake_s >= MAX_HANDSHAKE_S or not self.owner.budgets.may_continue(self.network, now)
 
-    def _spend(self, seconds: float) -> None:
-        """Counts the processor time for a datagram of this client, seconds."""
-        if self._budget is None:
-            self.owner.handshake_time.spend(self.network, seconds)
-        else:
-            self._budget.spend(seconds)
+    def _spend(self, budget: InputBudget | None, seconds: float, now: float) -> None:
+        """Counts the processor time for a datagram of this client.
+
+        Args:
+            budget: Budget of the connection; None for a datagram of the handshake.
+            seconds: Processor time, seconds.
+            now: Time, seconds.
+        """
+        if budget is None:
+            self._handshake_s += min(seconds, MAX_DATAGRAM_S)
+            self.owner.budgets.spend(self.network, seconds, now)
+            return
+        budget.spend(seconds)
+        if self._has_ended:
+            self.owner.budgets.close(self.network, budget, now)
 
     def guarded(self, work: Callable[..., object], *arguments: object) -> None:
         """Calls a function for this connection.
@@ -547,6 +553,8 @@ class _Connection(QuicConnectionProtocol):
         self._has_ended = True
         self._request_timer.cancel()
         self.owner.leave(self)
+        if self._budget is not None:
+            self.owner.budgets.close(self.network, self._budget, self._loop.time())
         if self._sessions is not None:
             self._sessions.end()
 
