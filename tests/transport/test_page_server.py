@@ -177,6 +177,42 @@ def test_ended_connections_free_their_memory_without_the_garbage_collector(
         gc.enable()
 
 
+def received(client: socket.socket) -> bytes:
+    """Returns what a client has received and not read."""
+    try:
+        return client.recv(1 << 16, socket.MSG_PEEK)
+    except BlockingIOError:
+        return b""
+
+
+class Stalled:
+    """Stream file that grows no further after its first bytes."""
+
+    async def pieces(self) -> AsyncIterator[bytes]:
+        yield b"first bytes"
+        await asyncio.Event().wait()
+
+
+@pytest.mark.parametrize("resets", [False, True])
+def test_readers_that_leave_a_file_that_grows_no_further_free_their_slots(resets: bool):
+    """Such as a page that is loaded again and again while a live server is away."""
+
+    async def work() -> None:
+        content = PageContent({"live": Stalled()})
+        async with PageServer(content, limits=replace(PATIENT, per_network=3)) as server:
+            async with clients(server.port, 3, GET % b"/streams/live.swz") as opened:
+                await until(lambda: server.num_active == 3)
+                for client in opened:
+                    await until(lambda client=client: b"first bytes" in received(client))
+                    if resets:
+                        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                    client.close()
+                await until(lambda: not server.num_active)
+            assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 200")
+
+    run(work())
+
+
 @pytest.mark.parametrize("wanted", [b"", b"Range: bytes=1-\r\n"], ids=["whole", "range"])
 def test_slow_readers_share_one_body_in_memory(wanted: bytes):
     readers, said = 64, b"%b%b\r\n" % (BIG[:-2], wanted)

@@ -186,7 +186,7 @@ class PageServer:
                     head = await _read_head(reader)
                     if head is None:
                         start = await reader.read(MAX_HEAD_BYTES)
-                        await self._respond(b"", _too_long(start), network, writer, close=False)
+                        await self._respond(b"", _too_long(start), network, reader, writer, close=False)
                         await _linger(reader, writer)
                         return
             finally:
@@ -194,7 +194,7 @@ class PageServer:
             if self._proxies:
                 network = network_of(client_address(peer, head, self._proxies))
             if not self._slots.take(network, writer.transport):
-                await self._respond(head, self.content.busy(head), network, writer)
+                await self._respond(head, self.content.busy(head), network, reader, writer)
                 return
             try:
                 self.num_responses += 1
@@ -203,7 +203,7 @@ class PageServer:
                     await content.respond(head) if isinstance(content, SlowContent) else content.respond_now(head)
                 )
                 refused = response.head[9:10] == b"4"
-                await self._respond(head, response, network, writer, close=not refused)
+                await self._respond(head, response, network, reader, writer, close=not refused)
                 if refused:
                     await _linger(reader, writer)
             finally:
@@ -214,14 +214,15 @@ class PageServer:
             error.__traceback__ = None
 
     async def _respond(
-        self, head: bytes, response: Response, network: Network, writer: asyncio.StreamWriter, *, close: bool = True
-    ) -> None:
+        self, head: bytes, response: Response, network: Network, reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter, *, close: bool = True,
+    ) -> None:  # fmt: skip
         """Sends a response to the client, and counts and logs the response."""
         loop, status = asyncio.get_running_loop(), int(response.head[9:12])
         began, sent, complete = loop.time(), _Count(), False
         self.statuses[status] += 1
         try:
-            await self._send(response, writer, sent)
+            await self._send(response, reader, writer, sent)
             complete = True
             if close:
                 writer.close()
@@ -233,11 +234,14 @@ class PageServer:
                     bytes=sent.num_bytes, seconds=seconds, complete=complete,
                 )  # fmt: skip
 
-    async def _send(self, response: Response, writer: asyncio.StreamWriter, sent: "_Count") -> None:
+    async def _send(
+        self, response: Response, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, sent: "_Count"
+    ) -> None:
         """Sends a response to the client, as fast as the client reads.
 
         Raises:
             TimeoutError: If the client reads too slowly.
+            OSError: If the client disconnects.
         """
         limits, transport = self._limits, writer.transport
         transport.set_write_buffer_limits(high=0)  # makes `drain` wait until the kernel has everything
@@ -249,8 +253,33 @@ class PageServer:
             async with asyncio.timeout(limits.grace_s + len(response.body) / limits.slowest_bytes_s) as limit:
                 await self._write(response.body, writer, sent, limit)
         else:
-            async for piece in response.body.pieces():
+            await self._send_growing(response.body, reader, writer, sent)
+
+    async def _send_growing(
+        self, file: GrowingFile, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, sent: "_Count"
+    ) -> None:
+        """Sends a file while it grows, until it is complete or the client disconnects.
+
+        Raises:
+            TimeoutError: If the client reads too slowly.
+            OSError: If the client disconnects.
+        """
+
+        async def write() -> None:
+            async for piece in file.pieces():
                 await self._write(piece, writer, sent)
+
+        # While nothing is written, only reading shows that the client has disconnected.
+        writing, leaving = asyncio.ensure_future(write()), asyncio.ensure_future(_discard(reader))
+        try:
+            await asyncio.wait((writing, leaving), return_when=asyncio.FIRST_COMPLETED)
+            if not writing.done():
+                raise ConnectionResetError("the client has disconnected")
+            await writing
+        finally:
+            for task in (writing, leaving):
+                task.cancel()
+            await asyncio.gather(writing, leaving, return_exceptions=True)
 
     async def _write(
         self, data: bytes | memoryview, writer: asyncio.StreamWriter, sent: "_Count",
@@ -321,9 +350,18 @@ async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) ->
     writer.write_eof()
     with suppress(TimeoutError):
         async with asyncio.timeout(LINGER_S):
-            remaining = LINGER_BYTES
-            while remaining > 0 and (data := await reader.read(CHUNK_BYTES)):
-                remaining -= len(data)
+            await _discard(reader)
+
+
+async def _discard(reader: asyncio.StreamReader) -> None:
+    """Discards what a client sends, until the client closes the connection or has sent `LINGER_BYTES`.
+
+    Raises:
+        OSError: If the connection fails.
+    """
+    remaining = LINGER_BYTES
+    while remaining > 0 and (data := await reader.read(CHUNK_BYTES)):
+        remaining -= len(data)
 
 
 def _release(transport: asyncio.WriteTransport) -> None:
