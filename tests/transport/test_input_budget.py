@@ -17,13 +17,14 @@ from splatwire.transport.quic.common import ALPN, length_prefixed
 from splatwire.transport.quic.input_budget import (
     EARNED_FACTOR,
     HANDSHAKE_RESERVE_S,
-    HANDSHAKE_SHARE,
     MAX_CREDIT_S,
     MAX_DATAGRAM_S,
     MAX_HANDSHAKE_CREDIT_S,
+    MAX_HANDSHAKE_SHARE,
     MAX_NETWORK_SHARE,
     MAX_SHARE,
     MAX_START_CREDIT_S,
+    MIN_HANDSHAKE_SHARE,
     START_CREDIT_S,
     START_SHARE,
     InputBudget,
@@ -81,7 +82,7 @@ def test_time_for_sending_data_earns_time_for_datagrams() -> None:
 
 @pytest.mark.parametrize("lifetime_s", [0.002, 0.07, 1.0])
 def test_a_client_that_connects_again_and_again_gets_no_more_time(lifetime_s: float) -> None:
-    budgets, spent, seconds, cost = NetworkBudgets(), 0.0, 100.0, 1e-3
+    budgets, spent, seconds, cost = NetworkBudgets(32), 0.0, 100.0, 1e-3
     steps_per_life = round(lifetime_s / cost)
     for step in range(round(seconds / cost)):
         now = step * cost
@@ -96,7 +97,7 @@ def test_a_client_that_connects_again_and_again_gets_no_more_time(lifetime_s: fl
 
 
 def test_clients_of_a_network_get_their_share_while_another_client_connects_again_and_again() -> None:
-    budgets, seconds, cost = NetworkBudgets(), 10.0, 1e-3
+    budgets, seconds, cost = NetworkBudgets(32), 10.0, 1e-3
     while budgets.open("here", 0.0).credit > 0:
         pass
     honest, spent = budgets.open("here", 0.0), 0.0
@@ -113,7 +114,7 @@ def test_clients_of_a_network_get_their_share_while_another_client_connects_agai
 
 
 def test_an_ended_connection_gives_its_credit_or_debt_to_its_network() -> None:
-    budgets = NetworkBudgets()
+    budgets = NetworkBudgets(32)
     connections = [budgets.open("here", 0.0) for _ in range(round(MAX_START_CREDIT_S / START_CREDIT_S))]
     assert budgets.open("here", 0.0).credit == pytest.approx(0.0)
     budgets.close("here", connections[0], 0.0)
@@ -125,8 +126,9 @@ def test_an_ended_connection_gives_its_credit_or_debt_to_its_network() -> None:
     assert budgets.open("elsewhere", 0.0).credit == START_CREDIT_S
 
 
-def test_time_for_handshakes_is_limited_per_network() -> None:
-    budgets, num_begun, cost = NetworkBudgets(), 0, 5e-3
+@pytest.mark.parametrize(("per_network", "share"), [(1, MIN_HANDSHAKE_SHARE), (50, 0.15), (9999, MAX_HANDSHAKE_SHARE)])
+def test_time_for_handshakes_is_limited_per_network(per_network: int, share: float) -> None:
+    budgets, num_begun, cost = NetworkBudgets(per_network), 0, 5e-3
     assert HANDSHAKE_RESERVE_S < MAX_HANDSHAKE_CREDIT_S
     while budgets.may_begin("here", 0.0):
         budgets.spend("here", cost, 0.0)
@@ -137,14 +139,14 @@ def test_time_for_handshakes_is_limited_per_network() -> None:
     for _ in range(round(HANDSHAKE_RESERVE_S / cost) + 1):
         budgets.spend("here", cost, 0.0)
     assert not budgets.may_continue("here", 0.0)
-    assert budgets.may_continue("here", 2 * cost / HANDSHAKE_SHARE)
-    assert not budgets.may_begin("here", 2 * cost / HANDSHAKE_SHARE)
-    assert budgets.may_begin("here", (HANDSHAKE_RESERVE_S + 2 * cost) / HANDSHAKE_SHARE)
+    assert budgets.may_continue("here", 2 * cost / share)
+    assert not budgets.may_begin("here", 2 * cost / share)
+    assert budgets.may_begin("here", (HANDSHAKE_RESERVE_S + 2 * cost) / share)
 
 
 def test_memory_for_counted_networks_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(input_budget, "MAX_COUNTED_NETWORKS", 100)
-    budgets = NetworkBudgets()
+    budgets = NetworkBudgets(32)
     for number in range(1000):
         budgets.spend(number, MAX_DATAGRAM_S, 0.0)
         budgets.spend("active", 0.4 * MAX_DATAGRAM_S, 0.0)

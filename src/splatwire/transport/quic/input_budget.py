@@ -19,8 +19,14 @@ START_SHARE, MAX_START_CREDIT_S = 0.05, 0.5
 """Start credits of all new connections of one network together: share of a processor core, and the maximum that is
 saved, seconds. Without start credit, a new connection waits some milliseconds for its share.
 """
-HANDSHAKE_SHARE, MAX_HANDSHAKE_CREDIT_S = 0.1, 1.0
-"""Handshakes of one network together: share of a processor core, and the maximum that is saved, seconds."""
+MIN_HANDSHAKE_SHARE, MAX_HANDSHAKE_SHARE = 0.1, 0.3
+"""Handshakes of one network together: minimum and maximum share of a processor core."""
+CONNECTION_HANDSHAKE_SHARE = 0.003
+"""Handshakes of one network together: share of a processor core for each connection that a network may have. Behind
+a proxy, all clients are one network.
+"""
+MAX_HANDSHAKE_CREDIT_S = 1.0
+"""Maximum processor time for handshakes that a network saves, seconds."""
 MAX_HANDSHAKE_S = 0.1
 """Maximum processor time for the datagrams of one handshake, seconds."""
 HANDSHAKE_RESERVE_S = 0.5
@@ -81,10 +87,15 @@ class _NetworkCredit:
     def __init__(self, now: float) -> None:
         self.handshakes, self.starts, self._at = MAX_HANDSHAKE_CREDIT_S, MAX_START_CREDIT_S, now
 
-    def refill(self, now: float) -> None:
-        """Adds the network's share of the time since the last call."""
+    def refill(self, handshake_share: float, now: float) -> None:
+        """Adds the network's shares of the time since the last call.
+
+        Args:
+            handshake_share: Share of a processor core for handshakes.
+            now: Time, seconds.
+        """
         seconds, self._at = now - self._at, now
-        self.handshakes = min(self.handshakes + HANDSHAKE_SHARE * seconds, MAX_HANDSHAKE_CREDIT_S)
+        self.handshakes = min(self.handshakes + handshake_share * seconds, MAX_HANDSHAKE_CREDIT_S)
         self.starts = min(self.starts + START_SHARE * seconds, MAX_START_CREDIT_S)
 
 
@@ -93,9 +104,14 @@ class NetworkBudgets:
 
     Connections come and go, and the budget of their network stays: a client that connects again and again gets no more
     than one that stays.
+
+    Args:
+        per_network: Maximum number of concurrent connections of one network.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, per_network: int) -> None:
+        share = max(CONNECTION_HANDSHAKE_SHARE * per_network, MIN_HANDSHAKE_SHARE)
+        self._handshake_share = min(share, MAX_HANDSHAKE_SHARE)
         self._networks: OrderedDict[Hashable, _NetworkCredit] = OrderedDict()
 
     def may_begin(self, network: Hashable, now: float) -> bool:
@@ -157,6 +173,6 @@ class NetworkBudgets:
             credit = self._networks[network] = _NetworkCredit(now)
             if len(self._networks) > MAX_COUNTED_NETWORKS:
                 self._networks.popitem(last=False)
-        credit.refill(now)
+        credit.refill(self._handshake_share, now)
         self._networks.move_to_end(network)
         return credit

@@ -98,7 +98,7 @@ class QuicServer(SocketServer):
         self.num_excess = 0
         excess = "excess datagrams dropped"
         self._excess_event = RepeatedEvent(LOG, excess, interval_s=EVENT_INTERVAL_S, min_count=MIN_EXCESS)
-        self.budgets = NetworkBudgets()
+        self.budgets = NetworkBudgets(self.limits.per_network)
         self._pump_soon: asyncio.Handle | None = None
         self.connections: dict[_Connection, None] = {}  # the oldest first
         self.networks: Counter[Network] = Counter()
