@@ -80,7 +80,7 @@ def test_time_for_sending_data_earns_time_for_datagrams() -> None:
     assert budget.is_spent(1, 0.0)
 
 
-@pytest.mark.parametrize("lifetime_s", [0.002, 0.07, 1.0])
+@pytest.mark.parametrize("lifetime_s", [0.07, 1.0])
 def test_a_client_that_connects_again_and_again_gets_no_more_time(lifetime_s: float) -> None:
     budgets, spent, seconds, cost = NetworkBudgets(32), 0.0, 100.0, 1e-3
     steps_per_life = round(lifetime_s / cost)
@@ -178,6 +178,8 @@ def test_reconnecting_clients_share_the_start_credit_of_their_network(monkeypatc
                 client = await connected(server.port, ALPN)
                 await until(lambda: any(other._budget is not None for other in server.connections))
                 (connection,) = server.connections
+                recovery = client.quic._loss
+                recovery._cc.congestion_window, recovery._pacer.packet_time = 1 << 40, None
                 before = seen.passed + server.num_excess
                 for _datagram in range(20):
                     client.quic.send_datagram_frame(bytes(1000))

@@ -157,7 +157,9 @@ def test_ended_connections_free_their_memory_without_the_garbage_collector(
         server = Watched(CONTENT, limits=limits)
         async with server:
             async with clients(server.port, 5, said) as opened:
-                await until(lambda: len(server.references) == 15 and len(heard) == 5)
+                await until(lambda: len(server.references) == 15)
+                if end not in ("timeout", "eviction"):
+                    await until(lambda: len(heard) == 5)
                 if end == "reset":
                     for client in opened:
                         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))

@@ -323,8 +323,9 @@ def test_a_wait_for_a_stream_that_has_not_begun_survives_a_restart_of_the_server
         server = await started(PROGRAMS, server.port)
         assert (await receiving).stream() == OTHER
         server.close()
-        states = [event for event in events if isinstance(event, (NotBegun, Interrupted, Resumed, Welcomed))]
-        assert [type(state) for state in states] == [NotBegun, Interrupted, Resumed, Welcomed]
+        kinds = [type(event) for event in events]
+        assert kinds[:2] == [NotBegun, Interrupted]
+        assert kinds[kinds.index(Welcomed) - 1] is Resumed
 
     run(work())
 
@@ -494,7 +495,7 @@ def test_transfer_survives_a_time_without_a_route_to_the_server(
 
 
 @pytest.mark.parametrize("route", [True, False])
-def test_deadline_ends_a_pause_between_two_connections(monkeypatch: pytest.MonkeyPatch, route: bool) -> None:
+def test_deadline_ends_a_transfer_between_two_connections(monkeypatch: pytest.MonkeyPatch, route: bool) -> None:
     opened = 0
 
     def open_socket(family: Any, target: Any) -> Any:
@@ -505,8 +506,8 @@ def test_deadline_ends_a_pause_between_two_connections(monkeypatch: pytest.Monke
         return connected_socket(family, target)
 
     monkeypatch.setattr(client, "connected_socket", open_socket)
-    monkeypatch.setattr(client, "MIN_PAUSE_S", 500.0)
-    monkeypatch.setattr(client, "MAX_PAUSE_S", 1000.0)
+    for pause in ("MIN_PAUSE_S", "MAX_PAUSE_S"):
+        monkeypatch.setattr(client, pause, 1000.0 if route else 0.01)
 
     async def work() -> None:
         async with serving(ServerLimits(fixed_rate=400_000.0)) as server:
