@@ -84,15 +84,13 @@ def test_time_for_sending_data_earns_time_for_datagrams() -> None:
 def test_a_client_that_connects_again_and_again_gets_no_more_time(lifetime_s: float) -> None:
     budgets, spent, seconds, cost = NetworkBudgets(32), 0.0, 100.0, 1e-3
     steps_per_life = round(lifetime_s / cost)
-    for step in range(round(seconds / cost)):
-        now = step * cost
-        if step % steps_per_life == 0:
-            if step:
-                budgets.close("here", budget, now)
-            budget = budgets.open("here", now)
-        while not budget.is_spent(1, now):
-            budget.spend(cost)
-            spent += cost
+    for begin in range(0, round(seconds / cost), steps_per_life):
+        budget = budgets.open("here", begin * cost)
+        for step in range(begin, begin + steps_per_life):
+            while not budget.is_spent(1, step * cost):
+                budget.spend(cost)
+                spent += cost
+        budgets.close("here", budget, (begin + steps_per_life) * cost)
     assert spent <= MAX_START_CREDIT_S + (MAX_SHARE + START_SHARE) * seconds + seconds / lifetime_s * cost
 
 
@@ -126,7 +124,18 @@ def test_an_ended_connection_gives_its_credit_or_debt_to_its_network() -> None:
     assert budgets.open("elsewhere", 0.0).credit == START_CREDIT_S
 
 
-@pytest.mark.parametrize(("per_network", "share"), [(1, MIN_HANDSHAKE_SHARE), (50, 0.15), (9999, MAX_HANDSHAKE_SHARE)])
+def test_debt_of_ended_connections_keeps_start_credit_from_their_network_for_seconds_only() -> None:
+    budgets = NetworkBudgets(32)
+    for _ in range(10_000):
+        budget = budgets.open("here", 0.0)
+        budget.spend(MAX_DATAGRAM_S)
+        budgets.close("here", budget, 0.0)
+    paid_at = MAX_START_CREDIT_S / START_SHARE
+    assert budgets.open("here", 0.9 * paid_at).credit == 0.0
+    assert budgets.open("here", paid_at + 1.01 * START_CREDIT_S / START_SHARE).credit == pytest.approx(START_CREDIT_S)
+
+
+@pytest.mark.parametrize(("per_network", "share"), [(1, MIN_HANDSHAKE_SHARE), (100, 0.15), (9999, MAX_HANDSHAKE_SHARE)])
 def test_time_for_handshakes_is_limited_per_network(per_network: int, share: float) -> None:
     budgets, num_begun, cost = NetworkBudgets(per_network), 0, 5e-3
     assert HANDSHAKE_RESERVE_S < MAX_HANDSHAKE_CREDIT_S

@@ -352,7 +352,7 @@ def test_packets_of_any_size_in_flight_are_fewer_than_those_that_end_a_connectio
     """The path is fast and long, and acknowledges every packet after a second."""
     configuration(is_client=False, alpn=[ALPN], idle_s=1.0)  # registers the controller
     control, most = create_congestion_control(RATE_CONTROL, max_datagram_size=MAX_UDP_BYTES), 0
-    for second in range(16):
+    for second in range(24):
         packets = []
         while control.bytes_in_flight < control.congestion_window:
             packets.append(SimpleNamespace(sent_bytes=num_bytes, sent_time=float(second)))

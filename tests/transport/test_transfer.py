@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import random
+from typing import Any
 
 import pytest
 
@@ -421,7 +422,7 @@ def test_retransmission_of_the_init_segment_sends_new_symbols():
 
 
 def test_deprecated_name_of_feedback_warns_and_processes_the_report():
-    transfer = ServerTransfer(make_served_stream(STREAM), 7, ServerLimits(), 0.0)
+    transfer: Any = ServerTransfer(make_served_stream(STREAM), 7, ServerLimits(), 0.0)  # `Any` allows deprecated names
     assert transfer.next_at() is None
     with pytest.warns(DeprecationWarning, match="use on_feedback"):
         transfer.feedback(Feedback(7, 0, 0, 0, 0), 0.0)

@@ -19,9 +19,9 @@ START_SHARE, MAX_START_CREDIT_S = 0.05, 0.5
 """Start credits of all new connections of one network together: share of a processor core, and the maximum that is
 saved, seconds. Without start credit, a new connection waits some milliseconds for its share.
 """
-MIN_HANDSHAKE_SHARE, MAX_HANDSHAKE_SHARE = 0.1, 0.3
+MIN_HANDSHAKE_SHARE, MAX_HANDSHAKE_SHARE = 0.05, 0.3
 """Handshakes of one network together: minimum and maximum share of a processor core."""
-CONNECTION_HANDSHAKE_SHARE = 0.003
+CONNECTION_HANDSHAKE_SHARE = 0.0015
 """Handshakes of one network together: share of a processor core for each connection that a network may have. Behind
 a proxy, all clients are one network.
 """
@@ -163,7 +163,8 @@ class NetworkBudgets:
             now: Time, seconds.
         """
         credit = self._credit_of(network, now)
-        credit.starts = min(credit.starts + min(budget.credit, START_CREDIT_S), MAX_START_CREDIT_S)
+        returned = credit.starts + min(budget.credit, START_CREDIT_S)
+        credit.starts = min(max(returned, -MAX_START_CREDIT_S), MAX_START_CREDIT_S)  # debt lasts seconds, not for ever
         budget.credit = 0.0
 
     def _credit_of(self, network: Hashable, now: float) -> _NetworkCredit:
