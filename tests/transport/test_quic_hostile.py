@@ -202,7 +202,8 @@ def test_unvalidated_address_gets_few_bytes(busy):
                     victim.sendto(data, ("127.0.0.1", server.port))
                 first = asyncio.get_running_loop().sock_recv(victim, 2048)
                 answers = [await asyncio.wait_for(first, 60)]
-                for connection in list(server.connections):  # time passes: probes of QUIC are due, and the idle timeout is not
+                # Time passes: probes of QUIC are due, and the idle timeout is not.
+                for connection in list(server.connections):
                     for _ in range(4):
                         connection._timer.cancel()
                         connection._handle_timer()
