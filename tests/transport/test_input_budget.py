@@ -11,6 +11,7 @@ pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.quic.connection import QuicConnection
 
 from splatwire.transport import ReceiverOptions
+from splatwire.transport.protocol.admission import network_of
 from splatwire.transport.quic import input_budget
 from splatwire.transport.quic import server as quic_server
 from splatwire.transport.quic.common import ALPN, length_prefixed
@@ -161,6 +162,23 @@ def test_memory_for_counted_networks_is_limited(monkeypatch: pytest.MonkeyPatch)
         budgets.spend("active", 0.4 * MAX_DATAGRAM_S, 0.0)
         assert len(budgets._networks) <= 100
     assert not budgets.may_continue("active", 0.0)  # dropped networks are those that are idle
+
+
+@pytest.mark.slow
+def test_handshakes_of_a_network_wait_until_it_has_time_for_them_again() -> None:
+    async def work() -> None:
+        async with serving() as server:
+            here, budgets = network_of(("127.0.0.1", 1)), server.budgets
+            budgets._handshake_share = 0.0
+            while budgets.may_begin(here, asyncio.get_running_loop().time()):
+                budgets.spend(here, MAX_DATAGRAM_S, asyncio.get_running_loop().time())
+            fetching = asyncio.ensure_future(fetch(server.port))
+            await until(lambda: server.num_dropped > 0)
+            assert not server.connections
+            budgets._handshake_share = MAX_HANDSHAKE_SHARE
+            assert (await fetching).stream() == STREAM
+
+    run(work())
 
 
 @pytest.mark.slow
