@@ -182,6 +182,22 @@ def test_handshakes_of_a_network_wait_until_it_has_time_for_them_again() -> None
 
 
 @pytest.mark.slow
+def test_a_connection_that_ends_gives_its_start_credit_back_to_its_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(input_budget, "START_SHARE", 0.0)
+    monkeypatch.setattr(quic_server, "time", SimpleNamespace(thread_time=lambda: 0.0))  # datagrams take no time
+
+    async def work() -> None:
+        async with serving() as server:
+            credit = server.budgets._credit_of(network_of(("127.0.0.1", 1)), 0.0)
+            client = await connected(server.port, ALPN)
+            await until(lambda: credit.starts == pytest.approx(MAX_START_CREDIT_S - START_CREDIT_S))
+            await close_client(client)
+            await until(lambda: credit.starts == pytest.approx(MAX_START_CREDIT_S))
+
+    run(work())
+
+
+@pytest.mark.slow
 def test_reconnecting_clients_share_the_start_credit_of_their_network(monkeypatch: pytest.MonkeyPatch) -> None:
     cost, num_connections = 0.01, 6
     monkeypatch.setattr(input_budget, "MAX_START_CREDIT_S", 2 * START_CREDIT_S)
