@@ -232,7 +232,7 @@ def _leaders(plans: Sequence[ScenePlan], count: int) -> list[ScenePlan]:
 def _finalists(
     plans: Sequence[ScenePlan], baselines: Sequence[ScenePlan], init_segment_target: float
 ) -> list[ScenePlan]:
-    """Selects the plans to check by rendering: the best ones, and baselines with nearly the PSNR of the best.
+    """Selects the plans to check by rendering: the best plans, and baselines whose PSNR is nearly as high.
 
     Args:
         plans: Plans found by the search.

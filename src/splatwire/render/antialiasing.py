@@ -16,7 +16,7 @@ def compensated(gaussians: Gaussians, cameras: Cameras, view: int) -> Gaussians:
     """Returns Gaussians with reduced opacities, as antialiased rendering of a view requires.
 
     The renderer adds 0.3 square pixels to the projected covariance of each Gaussian, which enlarges its area. The
-    opacity is divided by the factor by which the area grows.
+    opacity is divided by the growth factor of the area.
 
     Args:
         gaussians: The Gaussians of the view.

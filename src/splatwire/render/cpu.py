@@ -66,7 +66,8 @@ def each_gradient_cpu(
     Args:
         gaussians: The Gaussians, float32 on the CPU.
         cameras: Camera of one view.
-        image_gradients: Function that yields gradients of losses with respect to the image, float32, given its shape.
+        image_gradients: Function that gets the shape of the image, and yields gradients of losses with respect to the
+            image, float32.
         on_gradients: Function that receives a range of Gaussians (slice), and the gradients of their means, quats,
             scales, opacities and colors. It is called from several threads.
         background: RGB of the background, float32 (3); None for black.

@@ -86,7 +86,7 @@ that of colour: 3, or 12 with spherical harmonics."""
 
 
 def scene_class_offsets(scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False) -> np.ndarray | None:
-    """Returns the class offset of each Gaussian (`measure_class_offsets`), unless it already has quantisation steps.
+    """Returns the class offset of each Gaussian (`measure_class_offsets`), unless the scene has quantisation steps.
 
     Args:
         scene: The scene.
@@ -171,8 +171,8 @@ def measure_gaussians(
         cameras: Cameras of the images in which both quantities are measured. None to generate cameras around the scene,
             cameras that show the whole scene, and cameras close to its surfaces.
         framing: Additional cameras that show the whole scene; None for none. Ignored if `cameras` is None.
-        closeups: Additional cameras close to the surfaces of the scene; None for none. Their images increase the image
-            errors, but do not change the precision classes. Ignored if `cameras` is None.
+        closeups: Additional cameras close to the surfaces of the scene; None for none. The image errors include these
+            images, the precision classes do not depend on them. Ignored if `cameras` is None.
         seed: Random seed.
         part: Maximum number of Gaussians that are measured at a time. A larger scene is divided into spatial parts of
             this size. Ignored if `cameras` is given.

@@ -59,7 +59,7 @@ class Anchors:
 
     @property
     def present_offsets(self) -> Float[Any, "N K 3"]:
-        """Offsets with masked-out ones set to zero."""
+        """Offsets, with masked-out offsets set to zero."""
         return where(self.mask[:, :, None], self.offsets, 0)
 
     def select(self, index: Any) -> "Anchors":

@@ -235,7 +235,7 @@ def _derived_voxel_size(points: Float[Tensor, "P 3"]) -> float:
 
 
 def mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]:
-    """Returns the mean squared distance of each position to the three nearest others."""
+    """Returns the mean squared distance of each position to the three nearest other positions."""
     # 0.01 for a single position.
     points = positions.double().numpy()
     neighbours = min(3, len(points) - 1)

@@ -53,7 +53,7 @@ class Published(NamedTuple):
 
 
 class RelayTrust(NamedTuple):
-    """Rules for which TLS certificates of a relay are accepted.
+    """Rules for accepting the TLS certificate of a relay.
 
     Attributes:
         authority: PEM file with certificates of the accepted CAs; None for the CAs that the operating system trusts.

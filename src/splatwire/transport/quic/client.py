@@ -46,7 +46,7 @@ CERTIFICATE_ALERTS = range(0x100 + 42, 0x100 + 49)
 
 @dataclass(frozen=True)
 class Trust:
-    """Rules for which TLS certificates of a server are accepted.
+    """Rules for accepting the TLS certificate of a server.
 
     Attributes:
         authority: PEM certificates of the accepted CAs, or the server's self-signed certificate; None for the CAs that
