@@ -43,7 +43,7 @@ def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
 
 
 def coding_tensors(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
-    """Returns the tensors of a scene file that describe the context model, except network weights, by name."""
+    """Returns the tensors of a scene file that describe the context model, by name, without network weights."""
     if isinstance(coding, CausalCoding):
         return {f"causal.{name}": getattr(coding, field) for name, field in _CAUSAL_FIELDS.items()}
     grid = coding.context_model.grid

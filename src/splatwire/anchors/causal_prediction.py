@@ -23,8 +23,8 @@ class CausalPrediction:
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.
         exists: Predicted probability that each offset exists, as a logit.
-        log_scalings: Means and log2 of standard deviations for the logarithms of four scalings of each anchor:
-            the common scale of its offsets, and the base sizes of its Gaussians along three axes.
+        log_scalings: Means and log2 of standard deviations of four logarithms. An anchor has one for the common scale
+            of its offsets, and three for the base sizes of its Gaussians along the axes.
         offset: Means and log2 of standard deviations of the offsets.
     """
 
@@ -74,8 +74,8 @@ def predict_causal(
         feature: Features of the anchors, in quantisation steps.
         log_scalings: Logarithms of four scalings of each anchor, minus `CausalCoding.zero_points`, in quantisation
             steps: the common scale of its offsets, and the base sizes of its Gaussians along three axes.
-        quantised: Function that returns the attributes as later networks get them, such as rounded. Its arguments are
-            the name of the network, the predicted means and the attributes. None to pass the attributes unchanged.
+        quantised: Function that prepares attributes as inputs of later networks, for example by rounding. Its arguments
+            are the name of the network, the predicted means and the attributes. None to pass the attributes unchanged.
         join: Function that concatenates arrays along an axis; `torch.cat` for tensors.
     """
     known_inputs = networks["position"](inputs)

@@ -1,6 +1,7 @@
 """Reader of safetensors files without mapping them into memory.
 
-The system ends a process that accesses a mapped file after another program has truncated it (SIGBUS).
+Mapping is avoided because another program may truncate the file. The operating system then ends each process that
+accesses the mapped file (SIGBUS).
 """
 
 import json
@@ -178,7 +179,7 @@ class TensorFile:
 
 
 def _no_constant(text: str) -> None:
-    """Refuses `NaN` and `Infinity`, which Python would read although they are no JSON."""
+    """Refuses `NaN` and `Infinity`, which Python would read although they are not JSON."""
     raise ValueError(f"{text} is no JSON")
 
 

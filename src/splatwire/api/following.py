@@ -93,7 +93,7 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
 
     Raises:
         FollowingStoppedError: If the receiver that `fetch` returns has finished for the reason `stopped`.
-        InvalidValueError: If the received stream is no update of this scene.
+        InvalidValueError: If the received stream is not an update of this scene.
         BitstreamError: If the description of the update is damaged.
         OSError: If a transfer fails although there is a network.
     """

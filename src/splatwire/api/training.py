@@ -120,8 +120,8 @@ class TrainingServer:
     ) -> None:  # fmt: skip
         """Sends the Gaussians of the trainer: all of them in the first call, later the most important changes.
 
-        The arrays, of numpy or torch on any device, are copied and encoded in another thread. While this thread is
-        busy, only the Gaussians of the latest call wait; those of earlier calls are dropped.
+        The arrays (numpy, or torch on any device) are copied and encoded in another thread. While this thread is busy,
+        the Gaussians of the latest call wait. They replace Gaussians of an earlier call that still wait.
 
         Args:
             means: Coordinates of the centres relative to the origin of the server, world units, (G, 3).
@@ -133,8 +133,8 @@ class TrainingServer:
             share: Maximum share of the Gaussians to send, 1 for all changes; None for the share of the server.
 
         Raises:
-            InvalidValueError: If the arrays are no Gaussians, `share` is out of range, the server is closed or belongs
-                to the parent process (after a fork), or the Gaussians of an earlier call could not be encoded.
+            InvalidValueError: If the arrays are not valid Gaussians, `share` is out of range, the server is closed or
+                belongs to the parent process (after a fork), or the Gaussians of an earlier call could not be encoded.
         """
         _check_share(share)
         arrays = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "sh": sh}

@@ -30,7 +30,7 @@ class PacketAssignment(NamedTuple):
 
 @checked
 def assign_packets(plan: PacketPlan, packets: Iterable[Packet]) -> PacketAssignment:
-    """Assigns the elements of a stream to received packets and to gaps, which are elements of lost packets.
+    """Assigns each element of a stream to its received packet, or to a gap if its packet is lost.
 
     Args:
         plan: Packet plan of the stream.

@@ -57,7 +57,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
 
 
 def _embedded_range(document: dict[str, Any]) -> tuple[int, int]:
-    """Returns where the binary chunk of a `.glb` file contains the embedded stream: byte offset and size.
+    """Returns the byte offset and the size of the embedded stream within the binary chunk of a `.glb` file.
 
     Args:
         document: JSON document of the file.

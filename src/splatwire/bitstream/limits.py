@@ -103,9 +103,9 @@ class StreamSchema:
             separate packets.
         tiled: True if a block is a tile that viewers request individually.
         max_tiers: Maximum number of importance tiers.
-        codec: Import path `module:name` of the codec, a `Schema`. Empty if this object is already a `Schema`, which is
-            a subclass.
-        scene: Import path `module:name` of the class of its scenes. Empty if this object is a `Schema`.
+        codec: Import path `module:name` of the codec, a `Schema`. Empty if this object itself is a `Schema`, a subclass
+            of `StreamSchema`.
+        scene: Import path `module:name` of the scene class. Empty if this object itself is a `Schema`.
     """
 
     name: str

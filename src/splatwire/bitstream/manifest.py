@@ -45,9 +45,9 @@ class Manifest:
         side_info_digest: SHA-256 of the side information, hexadecimal.
         symbols_digest: SHA-256 of all decoded integers of the complete stream, hexadecimal.
         writer: Program that wrote the stream.
-        codec: Schema of the elements, a name in `splatwire.bitstream.limits.SCHEMAS`.
-        feature_dim: Channels of the anchor feature, F; 0 if the side information contains it.
-        num_offsets: Offsets per anchor, K; 0 if the side information contains it.
+        codec: Name of the codec schema, a key of `splatwire.bitstream.limits.SCHEMAS`.
+        feature_dim: Number of channels of the anchor feature, F; 0 if the side information contains this number.
+        num_offsets: Number of offsets per anchor, K; 0 if the side information contains this number.
         feature_groups: Sizes of the feature's channel groups, in coding order.
         tiers: Element counts of the importance tiers; empty for a single tier.
 

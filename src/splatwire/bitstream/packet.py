@@ -1,6 +1,7 @@
 """Packet of a stream: the unit of loss, decodable without any other packet.
 
-A packet is a 16-byte header and its payload; its length is that of the file or datagram that contains it.
+A packet is a 16-byte header and a payload. The header does not contain the size of the packet: it is the size of the
+file or datagram that contains the packet.
 
 | bytes | field |
 |---|---|

@@ -21,7 +21,7 @@ def write_sections(sections: Mapping[str, bytes]) -> bytes:
         sections: Content by name; may be empty.
 
     Raises:
-        InvalidValueError: If a name is invalid, or the number or a size exceeds its limit.
+        InvalidValueError: If a name is invalid, a section is too large, or there are too many sections.
     """
     if wrong := _problem(sections):
         raise InvalidValueError(wrong)
@@ -54,7 +54,7 @@ def read_sections(data: bytes) -> dict[str, bytes]:
 def _problem(sections: Mapping[str, bytes]) -> str | None:
     """Returns a message about the first problem of the sections; None if all sections are valid.
 
-    A problem is a number of sections above the limit, or a section with an invalid name or size.
+    A problem is an excessive number of sections, or a section that is too large or has an invalid name.
     """
     if len(sections) > MAX_SECTIONS:
         return f"{len(sections)} named sections, at most {MAX_SECTIONS} are possible"

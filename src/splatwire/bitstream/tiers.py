@@ -25,7 +25,7 @@ class TierCounts(CheckedFields):
 
     Attributes:
         num_elements: Number of elements of the tier.
-        lanes: Number of packets among which the elements of each block of the tier are divided.
+        lanes: Number of packets into which each block of the tier is divided.
     """
 
     num_elements: int
@@ -39,7 +39,7 @@ class Span(NamedTuple):
         first: Index of the tier's first element when all elements of the stream are sorted by tier.
         num_elements: Number of elements of the tier.
         block_size: Maximum number of elements of a block of the tier.
-        lanes: Number of packets among which the elements of each block are divided.
+        lanes: Number of packets into which each block is divided.
         first_block: Index within the stream of the tier's first block.
     """
 
@@ -128,7 +128,7 @@ def check_gop_tiers(tiers: tuple[TierCounts, ...], *, timed: bool) -> None:
         timed: True for a sequence.
 
     Raises:
-        InvalidValueError: If a tier of a static scene is empty, or a sequence has no tiers or an odd number.
+        InvalidValueError: If a tier of a static scene is empty, or the number of tiers of a sequence is 0 or odd.
     """
     if timed and (len(tiers) % 2 or not tiers):
         raise InvalidValueError(f"{len(tiers)} tiers are no pairs, one for each group of frames")

@@ -30,7 +30,7 @@ class Viewpoint(CheckedFields):
         focal: Focal length, pixels.
         width: Picture width, pixels.
         height: Picture height, pixels.
-        origin: Origin of the camera's coordinates, world coordinates.
+        origin: World coordinates of the point that `viewmat` is relative to.
     """
 
     viewmat: np.ndarray

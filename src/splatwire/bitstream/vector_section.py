@@ -17,7 +17,7 @@ class VectorSection:
 
     Attributes:
         name: Name of the section.
-        usual: Default numbers; with these, a stream has no such section.
+        usual: Default numbers. A stream with these numbers has no such section.
         check: Function that validates the numbers and returns them, or raises `InvalidValueError`.
         wide: True to store the numbers as `f64`, False for `f32`.
     """

@@ -13,8 +13,7 @@ def check_settings(settings: Any, operation: str, counts: Sequence[str], **sensi
         settings: A dataclass instance.
         operation: Name of the operation that uses the settings, for the error message.
         counts: Names of fields that must be at least 1.
-        **sensible: Results of the caller's own checks of other fields: name of the field, and True if its value is
-            valid.
+        **sensible: Results of the caller's own checks of other fields, by field name: True for a valid value.
 
     Raises:
         InvalidValueError: If a field is invalid; the message names all invalid fields.

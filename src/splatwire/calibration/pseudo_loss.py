@@ -22,8 +22,8 @@ class CalibrationData:
     Attributes:
         complete: The complete scene as a decoder returns it.
         members: Indices of the anchors in each packet.
-        cameras: Cameras of the pictures for the training of a concealer; they become relative to the origin of the
-            scene. None to train without pictures.
+        cameras: Cameras of the pictures for the training of a concealer; converted to coordinates relative to the
+            origin of the scene. None to train without pictures.
     """
 
     complete: ReceivedScene[AnchorScene]

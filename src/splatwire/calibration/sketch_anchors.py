@@ -41,8 +41,8 @@ class AnchorSketch:
         copies: The coarse copies, and the parameters with which a receiver enlarges anchors next to lost ones.
         buckets: Size class of each anchor, 0 for the largest, int64 (N); context of the entropy coder.
         growth_candidates: Exponents of the enlargement that the calibration tries, the default first.
-        trust_candidates: A neural network corrects the enlargement. These factors, 0 to 1, multiply its correction. The
-            calibration tries each factor, the default first.
+        trust_candidates: Weights of the neural network that corrects the enlargement, 0 to 1. The calibration tries
+            each weight, the default first.
     """
 
     copies: SketchSection

@@ -60,7 +60,7 @@ class NoLoss(CheckedFields):
 
     @property
     def name(self) -> str:
-        """Text `none`, as parsed by `parse_loss`."""
+        """Name of the model, `none`, in the syntax of `parse_loss`."""
         return "none"
 
     @checked
@@ -89,7 +89,7 @@ class Bernoulli:
 
     @property
     def name(self) -> str:
-        """Text `bernoulli:RATE` with the loss rate, as parsed by `parse_loss`."""
+        """Name and loss rate of the model, `bernoulli:RATE`, in the syntax of `parse_loss`."""
         return f"bernoulli:{_format_number(self.rate)}"
 
     @checked
@@ -141,7 +141,7 @@ class GilbertElliott:
 
     @property
     def name(self) -> str:
-        """Text `gilbert:RATE,BURST[,ARRIVAL_BAD,ARRIVAL_GOOD]` with the parameters, as parsed by `parse_loss`."""
+        """Model with its parameters, `gilbert:RATE,BURST[,ARRIVAL_BAD,ARRIVAL_GOOD]`, in the syntax of `parse_loss`."""
         plain = (self.arrival_bad, self.arrival_good) == (0.0, 1.0)
         numbers = (self.rate, self.mean_burst) + (() if plain else (self.arrival_bad, self.arrival_good))
         return f"gilbert:{','.join(map(_format_number, numbers))}"

@@ -40,7 +40,7 @@ class Trace:
 
     @property
     def name(self) -> str:
-        """Text `trace:FILE[,repeat]` with the path of the file, as parsed by `parse_loss`."""
+        """Model with the path of its file, `trace:FILE[,repeat]`, in the syntax of `parse_loss`."""
         return f"trace:{self.path}{',repeat' if self.repeat else ''}"
 
     @checked

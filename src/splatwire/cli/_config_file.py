@@ -36,7 +36,7 @@ def words_of_file(path: Path, settings: type, positional: str, former: Iterable[
         former: Former names of options. They are also accepted as keys, and are not replaced by the current names.
 
     Raises:
-        InvalidValueError: If the file is missing or no TOML, or has a key or a type of value that no option has.
+        InvalidValueError: If the file is missing or is not TOML, a key is not an option, or a value has the wrong type.
     """
     names = {*_names(settings), *(name.replace("-", "_") for name in former)} - {OPTION}
     first, options = list[str](), list[str]()

@@ -29,7 +29,7 @@ __all__ = [
 
 
 def cameras_of(command: Encode, scene: Scene) -> Cameras:
-    """Returns the cameras given on the command line, by a file or by a dataset, relative to the scene's origin."""
+    """Returns the cameras of the camera file or dataset in the options, relative to the scene's origin."""
     if command.cameras is not None:
         cameras = load_cameras(command.cameras)
     else:

@@ -134,8 +134,8 @@ async def open_server(
 def stop_on_signals() -> Iterator[asyncio.Event]:
     """Context with an event that is set by SIGINT (Ctrl-C) or SIGTERM.
 
-    If the same signal arrives again, it has its earlier action, which ends the command immediately. From this context
-    on, the event loop handles errors that belong to no request with `LoopErrors`.
+    The first signal also restores the previous action of this signal, so that a second one ends the command
+    immediately. `LoopErrors` becomes the event loop's handler of errors that belong to no request.
 
     Yields:
         The event.

@@ -64,7 +64,7 @@ def file_problem(error: OSError) -> str:
 
 
 def address_space_warning() -> str:
-    """Returns a warning if the process's address space is limited to less than libraries may need; otherwise empty.
+    """Returns a warning if the limit of the address space may be too low for libraries; otherwise an empty text.
 
     Raises:
         MemoryError: If the limit is so low that libraries would certainly fail.

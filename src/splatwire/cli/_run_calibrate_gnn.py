@@ -125,7 +125,7 @@ def _write(command: CalibrateGnn, stream: SceneStream, result: CalibrationResult
         bits: Number of bits per weight in the stream.
 
     Returns:
-        Bytes of the weights and of the stream, and their ratio, by name.
+        Mapping with the size of the weights in bytes, the size of the stream in bytes, and the ratio of these sizes.
     """
     if _embeds(command):
         bare = without_section(stream, SECTION)

@@ -274,9 +274,9 @@ def _print_result(
 def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
     """Returns the up axis to store in the stream for viewers; None to store no axis.
 
-    The value of `--up` is returned unless it is `auto`. For `auto`, the axis is estimated from the scene. The result is
-    None if the scene's metadata has an up axis or a view, if there are cameras, or if the estimate is `-y`, which
-    viewers assume by default.
+    A value of `--up` other than `auto` is returned unchanged. For `auto`, the axis is estimated from the scene. With
+    `auto`, the result is None in three cases: the scene's metadata has an up axis or a view; there are cameras; or the
+    estimate is `-y`, which viewers assume by default.
     """
     if command.up != "auto":
         return command.up

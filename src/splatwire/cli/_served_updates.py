@@ -196,7 +196,7 @@ def _read_update(path: Path) -> SceneStream:
     """Reads the file of an update.
 
     Raises:
-        BitstreamError: If the file is damaged or incomplete, or is no update.
+        BitstreamError: If the file is damaged or incomplete, or is not an update.
         OSError: If the file cannot be read.
     """
     update = read_stream(path)[0]

@@ -43,7 +43,7 @@ DEFAULT_ITERATIONS = 2400
 
 
 def preset_of(command: Train) -> str:
-    """Returns the name of the training preset, chosen by the layout of the dataset for `--preset auto`."""
+    """Returns the name of the training preset. For `--preset auto`, the layout of the dataset determines the preset."""
     if command.preset != "auto":
         return command.preset
     return _PRESET_OF_LAYOUT.get(dataset_layout(Path(command.data)) or "", "mipnerf360")

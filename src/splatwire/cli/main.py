@@ -239,7 +239,7 @@ def _parse(arguments: list[str]) -> Any:
     """Parses the command-line arguments after the program name into the options of a subcommand.
 
     Raises:
-        InvalidValueError: If the first word is no subcommand, or an argument is empty.
+        InvalidValueError: If the first word is not a subcommand, or an argument is empty.
         SystemExit: If help was printed, or a later word cannot be parsed.
     """
     if arguments[0] not in VERBS and not arguments[0].startswith("--tyro-"):

@@ -64,7 +64,7 @@ class Coder(NamedTuple):
     Attributes:
         decoding: True when decoding, False when encoding.
         data: Bytes of the packet, or the output buffer, uint8.
-        words: Bytes of the packet as the decoder reads them, from `words_of`, int64.
+        words: Bytes of the packet as overlapping integers (see `words_of`), which the decoder reads, int64.
         state: State of the range coder, int64 (3).
         models: Adaptive bit models of this packet, int64 (contexts, 2).
         bit_counts: Number of zeros and of ones coded so far with each adaptive bit model, int64 (contexts, 2).
@@ -226,8 +226,8 @@ def _code_residual(coder, kind, deviation_context, magnitude_context, residual, 
         deviation_context: Second index of the context (see `code_value`).
         magnitude_context: Third index of the context (see `code_value`).
         residual: The residual; only used by an encoder.
-        mean_fraction: Mean of the residual's distribution, in eighths of a step, -4 to 3: the predicted mean less the
-            nearest whole number of steps.
+        mean_fraction: Mean of the residual's distribution, in eighths of a step, -4 to 3. It is the predicted mean
+            minus the nearest whole number of steps.
 
     Returns:
         The residual.

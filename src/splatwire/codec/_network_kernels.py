@@ -67,7 +67,7 @@ def to_inputs(outputs, inputs):
 
     Args:
         outputs: Outputs of the first network, (N, outputs).
-        inputs: Output: the converted first columns of `outputs`, (N, columns).
+        inputs: Output: the first columns of `outputs`, converted, (N, columns).
     """
     for n in range(inputs.shape[0]):
         for c in range(inputs.shape[1]):

@@ -57,8 +57,8 @@ def encode_scene(
             `Quality` of their schema.
         class_offsets: Precision class of each explicit Gaussian, which selects its quantisation steps: 0 for the
             finest, negative for coarser ones (`splatwire.render.precision`); None for the finest. Not for anchors.
-        network_tolerance: Tolerated error of the outputs of the context networks of anchors, caused by rounding the
-            weights and relative to the predicted standard deviations; None for the default.
+        network_tolerance: Only for anchors: how much rounding of weights may change the outputs of the context
+            networks, relative to the predicted standard deviations; None for the default.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1.
 

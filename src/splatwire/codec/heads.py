@@ -21,7 +21,7 @@ def quantise_network(network: Mlp, inputs: Any, tolerance: np.ndarray) -> Quanti
     Args:
         network: The network.
         inputs: Sample of its inputs for measuring the errors, (n, in), a numpy array or a torch tensor.
-        tolerance: Tolerated standard deviation of the error of each output.
+        tolerance: Tolerated error of each output, as a standard deviation.
     """
     # A network of a decoded scene is already quantised and stays unchanged.
     hidden, output = (

@@ -34,7 +34,7 @@ def metadata_sections(metadata: SceneMetadata) -> dict[str, bytes]:
 
 
 def _viewpoint_section(view: list[float]) -> bytes | None:
-    """Serialises an initial view; None, with a warning, if eye and target are the same in float32.
+    """Serialises an initial view; logs a warning and returns None if eye and target are equal in float32.
 
     Args:
         view: Eye, target and up, nine numbers.

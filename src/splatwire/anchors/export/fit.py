@@ -45,7 +45,7 @@ def fit_splats(
         cameras: Views of the fit, ideally the training cameras.
         each_gradient: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
         degree: Degree of the spherical harmonics, 0 to 3.
-        counts: Object whose numbers of written and omitted Gaussians are updated; None for no statistics.
+        counts: Numbers of written and omitted Gaussians, updated during the fit; None for no statistics.
         progress: Called with the name of the current task and its completed fraction.
 
     Yields:
@@ -150,7 +150,7 @@ def _mean_shape(
 ) -> tuple[Float[np.ndarray, "S 4"], Float[np.ndarray, "S 3"]]:
     """Averages the shapes of Gaussians over views.
 
-    The average is that of the matrix logarithms of the covariances.
+    The matrix logarithms of the covariances are averaged.
 
     Args:
         seen: Quaternions and scales of all Gaussians in each of V views.

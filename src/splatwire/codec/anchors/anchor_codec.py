@@ -37,7 +37,7 @@ from splatwire.types import AnchorScene, TierSizes
 
 @runtime_checkable
 class AnchorEncoder(Protocol):
-    """Interface of an encoder of one scene's anchors. The anchors are numbered in coding order."""
+    """Interface of encoders for the anchors of a scene. The anchors are numbered in coding order."""
 
     def encode(self, ranks: np.ndarray, counts: np.ndarray, max_payload_bytes: int | None) -> CodedPackets:
         """Encodes groups of anchors; may be called from several threads.
@@ -188,7 +188,8 @@ def chunks(sizes: np.ndarray, max_anchors: int = CHUNK) -> Iterator[slice]:
 
     Args:
         sizes: Number of anchors of each packet.
-        max_anchors: Maximum number of anchors in a slice. Only a slice of a single packet with anchors may exceed it.
+        max_anchors: Maximum number of anchors in a slice. A slice may exceed it only if just one of its packets has
+            anchors.
     """
     first, total = 0, 0
     for p, size in enumerate(sizes):

@@ -21,7 +21,7 @@ def fit_heads(
     Args:
         heads: The networks.
         sample: Sample of the scene's anchors.
-        tolerance: Tolerated standard deviation of the error of an output before its activation.
+        tolerance: Tolerated error of each output before its activation, as a standard deviation.
     """
     # Views are unknown: directions are sampled on the sphere, and distances from half to twice the distance from the
     # scene's centre. Both are independent of features, as real views are.

@@ -438,7 +438,7 @@ def gather_sources(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def _value_at_rank(values, counts, min_value, shift, rank):
-    """Returns the value at index `rank` of the sorted values. Only the values of one bucket are sorted.
+    """Returns the value that is at index `rank` in sorted order. Only one bucket of values is actually sorted.
 
     Args:
         values: Integers, not sorted, int64 (n).
@@ -463,7 +463,7 @@ def _value_at_rank(values, counts, min_value, shift, rank):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def extents(positions, starts):
-    """Estimates the extent of groups of positions, so that a few outliers have little influence.
+    """Estimates the extent of groups of positions. A few outliers have little influence on the result.
 
     Args:
         positions: Integer positions, group after group, int64 (n, 3).

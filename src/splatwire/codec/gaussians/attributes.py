@@ -237,7 +237,7 @@ def empty_rows(count: int, num_harmonic_columns: int) -> tuple[np.ndarray, np.nd
 
     Args:
         count: Number of Gaussians.
-        num_harmonic_columns: Number of integers of the spherical harmonics of each Gaussian.
+        num_harmonic_columns: Number of quantised harmonic coefficients per Gaussian.
 
     Returns:
         Two arrays: one for all attributes except harmonics, int64 (count, columns), and one for the harmonics, int32

@@ -45,7 +45,7 @@ NUM_CONTEXTS = NUM_SIZE_CLASSES * NUM_UNSPLIT
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _context(n, unsplit_levels):
-    """Returns the context of the bit that marks a node of the tree whose anchors all lie in one half.
+    """Returns the context of the bit that is set if all anchors of a tree node lie in one half of the node.
 
     Args:
         n: Number of anchors of the node, at least 2.

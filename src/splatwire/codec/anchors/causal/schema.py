@@ -1,6 +1,6 @@
 """Definition of the codec `causal` of neural anchors (stream format 2): its encoder, decoder and repacketization.
 
-The causal model predicts the attributes of an anchor from those of the same anchor that were decoded before.
+The causal model predicts each attribute of an anchor from attributes of the same anchor that are already decoded.
 """
 
 from splatwire.bitstream import CAUSAL, Packetization, SceneStream

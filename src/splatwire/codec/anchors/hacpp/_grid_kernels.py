@@ -130,7 +130,8 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
         resolutions: Resolution of each level, grid corners per axis.
         rows: Number of table rows of each level.
         axes: int64 (levels, 3), world axes that the level spans; -1 in the last column for a plane.
-        out: float64 (N, levels * D), written with whole numbers, `ACTIVATION_BITS` fractional bits.
+        out: Output: interpolated features, whole numbers with `ACTIVATION_BITS` fractional bits, float64 (N, levels *
+            D).
     """
     features_per_level = signs.shape[1]
     total = np.zeros(8, np.int64)

@@ -162,7 +162,7 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """First-layer weights of all channel networks for the inputs that are outputs of the prior network.
+        """First-layer weights by which the channel networks multiply outputs of the prior network.
 
         float64 (3 F, hidden). Rows are the outputs of the prior network that predict features. Columns are the hidden
         units of all channel networks, one network after another.
