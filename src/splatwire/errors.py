@@ -51,7 +51,7 @@ _MANY_BITS = 200
 
 
 def check_kind(value: object, kind: type, reader: str, name: str = "") -> None:
-    """Checks that an argument is an object of a given type, such as a scene, and not for example a path.
+    """Checks that an argument is an object of a given type, such as a scene. The path of its file is not accepted.
 
     Args:
         value: The argument.

@@ -52,7 +52,7 @@ class Projected:
         return np.concatenate([np.clip(low, 0, grid), np.clip(high, 0, grid)], axis=1)
 
     def touches_image(self, width: int, height: int) -> Bool[np.ndarray, "N"]:
-        """Returns the mask of Gaussians that the image may show, as in HAC++: not too near, and overlapping a tile.
+        """Returns the mask of Gaussians that may be visible (HAC++): not too near, and overlapping a tile of the image.
 
         Args:
             width: Width of the image, pixels.

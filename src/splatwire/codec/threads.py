@@ -20,7 +20,7 @@ def ordered_map(
 
     Args:
         function: The function; should spend its time in code that releases the interpreter lock.
-        items: Arguments of the calls of the function, one per call.
+        items: The items; the function is called once for each.
         threads: Number of threads; None for one per processor.
     """
     # At most two results per thread are pending at a time, which bounds memory.

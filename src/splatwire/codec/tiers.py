@@ -64,7 +64,7 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def assign_stream_packets(stream: SceneStream) -> PacketAssignment:
-    """Assigns the anchors of a stream to received packets and to gaps, which are anchors of lost packets.
+    """Assigns each anchor of a stream to its received packet, or to a gap if its packet is lost.
 
     In the result, anchors are given by their index in coding order.
 

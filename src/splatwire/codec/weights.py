@@ -89,7 +89,7 @@ def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, to
         weight: Weights of the layer, float (out, in).
         bias: Bias of the layer, float (out).
         inputs: Sample of the layer's inputs, float (n, in).
-        tolerance: Tolerated standard deviation of the error of each output, (out).
+        tolerance: Tolerated error of each output, as a standard deviation, (out).
 
     Returns:
         The layer in integers.
@@ -234,7 +234,7 @@ def quantise_mlp(
         hidden: Weight (hidden, in) and bias of the first layer.
         output: Weight (out, hidden) and bias of the second layer.
         inputs: Sample of inputs, float (n, in).
-        tolerance: (out), tolerated standard deviation of the error of each output.
+        tolerance: Tolerated error of each output, as a standard deviation, (out).
         leaky: True for a leaky ReLU with slope 0.01 below zero, False for a ReLU.
 
     Returns:

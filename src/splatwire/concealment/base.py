@@ -17,8 +17,8 @@ class Concealed(RenderHints):
     Attributes:
         elements: All Gaussians or anchors of the scene, with estimates for lost values. None to use the values that the
             side information predicts.
-        draws_hidden: True if the concealer also draws elements that are not drawn in the lossless scene, e.g. those of
-            a coarser level of detail in place of lost elements.
+        draws_hidden: True if the concealer also draws elements that are not drawn in the lossless scene, e.g. Gaussians
+            of a coarser level of detail in place of lost ones.
     """
 
     elements: Any = None
@@ -26,7 +26,7 @@ class Concealed(RenderHints):
 
     @staticmethod
     def filled(elements: Any) -> "Concealed":
-        """Returns the result of a concealer that estimates all lost values, so that every element is drawn unchanged.
+        """Returns the result of a concealer that estimates all lost values. No element is enlarged or hidden.
 
         Args:
             elements: All Gaussians or anchors of the scene: received ones, and estimates of lost ones.

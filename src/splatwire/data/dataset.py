@@ -139,8 +139,8 @@ def open_dataset(
     * Blender: `transforms_train.json` and `transforms_test.json`.
     * nerfstudio: one `transforms.json`, optionally with masks, points and splits.
 
-    If a folder has several layouts, COLMAP is preferred, with a warning if a `transforms.json` is not read. The path of
-    such a JSON file in place of the folder chooses the layout of the file.
+    If a folder has several layouts, COLMAP is preferred, with a warning if a `transforms.json` is not read. To choose
+    the layout of a JSON file, pass the path of the file in place of the folder.
 
     Lens distortion is removed. Photos are rotated by their EXIF orientation if the cameras have the aspect ratio of the
     rotated photos.

@@ -115,7 +115,7 @@ def encode_escape(buffer, state, excess):
     Args:
         buffer: Output bytes of the range encoder.
         state: State of the range encoder, see `range_kernels`.
-        excess: The integer: distance of the symbol from the range of symbols that need no escape code, less 1.
+        excess: The integer: distance of the symbol from the range of symbols that need no escape code, minus 1.
     """
     value = excess + 1
     length = 0

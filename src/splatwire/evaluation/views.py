@@ -136,6 +136,6 @@ def photo_source(*, masked: bool) -> str:
     """Returns the text with which reports describe reference images that are photos.
 
     Args:
-        masked: True if only the pixels inside masks are evaluated; the text then says so.
+        masked: True if only the pixels inside masks are evaluated; the text then mentions the masks.
     """
     return "photos inside their masks" if masked else "photos"

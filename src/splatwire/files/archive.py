@@ -138,8 +138,8 @@ def open_archive(path: Path, error: type[SplatwireError]) -> Iterator[Archive]:
         error: Exception class to raise for a damaged archive.
 
     Raises:
-        SplatwireError: An exception of class `error` if the path is not an ordinary file, or the file is no archive, is
-            damaged, or has two members of one name.
+        SplatwireError: An exception of class `error` if the path is not an ordinary file, or the file is not an
+            archive, is damaged, or has two members with the same name.
     """
     with contextlib.ExitStack() as stack:
         file = stack.enter_context(_LimitedReader(open_regular(path, error).detach()))

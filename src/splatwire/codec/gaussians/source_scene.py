@@ -133,7 +133,7 @@ class SourceScene:
             splats: The Gaussians.
             plan: Packet plan with the number of Gaussians in each block.
             class_offsets: Class offset of each Gaussian, which selects its quantisation steps: 0 for the finest,
-                negative for coarser ones. None for the finest for all. Ignored if `coding` is given.
+                negative for coarser ones. None to use the finest for all. Ignored if `coding` is given.
             tiers: Importance tier of each Gaussian, 0 for the most important; None to treat all as equally important.
             quality: Quality setting; ignored if `coding` is given.
             coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.

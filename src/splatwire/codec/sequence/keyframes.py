@@ -160,8 +160,8 @@ class KeyframeEncoder:
 
         Args:
             rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
-            log_step_ratios: For each kind of channel, log2 of the factor by which the quantisation steps of motion are
-                larger than those of the keyframe Gaussian, int64 (kinds).
+            log_step_ratios: For each kind of channel, log2 of the ratio of the quantisation steps of motion to those of
+                the keyframe Gaussian, int64 (kinds).
         """
         info = self._shots[-1].group_infos[-1]
         return motion_shifts(rows, info, log_step_ratios, log2_lattice_ratio(info, self.motion_unit_info))

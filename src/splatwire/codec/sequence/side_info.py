@@ -65,8 +65,8 @@ class SequenceInfo:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
         shots: Side information of the keyframe Gaussians, one object per shot; a scene cut may begin a new shot.
-        log_step_ratios: For each kind of channel (position, rotation, scale, opacity, colour), log2 of the factor by
-            which the quantisation steps of motion are larger than those of the keyframe Gaussian, int64 (kinds).
+        log_step_ratios: For each kind of channel (position, rotation, scale, opacity, colour), log2 of the ratio of the
+            quantisation steps of motion to those of the keyframe Gaussian, int64 (kinds).
         zero_probabilities: Initial probability that a bit is 0, for each adaptive bit model of motion, out of 2**8,
             int64 (contexts).
         sections: Named sections, content by name.

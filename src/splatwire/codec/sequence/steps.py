@@ -19,8 +19,8 @@ def motion_shifts(
     Args:
         rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
         info: Side information of the keyframe Gaussians.
-        log_step_ratios: For each kind of channel, log2 of the factor by which the quantisation steps of motion are
-            larger than those of the keyframe Gaussian, int64 (kinds).
+        log_step_ratios: For each kind of channel, log2 of the ratio of the quantisation steps of motion to those of the
+            keyframe Gaussian, int64 (kinds).
         lattice_shift: log2 of half the lattice spacing of `info`, relative to the unit of coded position changes.
 
     Returns:

@@ -20,8 +20,8 @@ class TrackGroup:
         ends: First frame after the end of each track, relative to the group, int64 (n).
         trajectories: Trajectories of the tracks over the group.
         keyframe_gaussians: Function that returns the keyframe Gaussians of tracks, given an array of track indices in
-            the group. Attributes are those in the first frame of the track. Only the position is that in the first
-            frame of the group; it is extrapolated for tracks that begin later.
+            the group. They have the attributes of the track in its first frame, except for the position. The position
+            is for the first frame of the group, and is extrapolated for tracks that begin later.
     """
 
     keys: np.ndarray

@@ -87,7 +87,7 @@ def describe_update(base: SceneStream, update: SceneStream) -> dict[str, int]:
 
 
 def check_base(base: SceneStream) -> SideInfo:
-    """Returns the side information of a stream, after a check that updates of this stream are possible.
+    """Checks that a stream can be updated, and returns the side information of the stream.
 
     Raises:
         InvalidValueError: If packets are missing, or updates of such a stream are not possible.

@@ -77,9 +77,9 @@ class UpdateChain:
         Args:
             scene: The changed scene.
             finest: Finest precision class (set of quantisation steps), as numbered in streams: 0 is the coarsest.
-            class_offsets: Class offset of each Gaussian relative to `finest`, integers (M): 0, or negative for
-                coarser classes. None for `finest` for all. An unchanged Gaussian is encoded again if its class in the
-                stream is coarser than requested here.
+            class_offsets: Class offset of each Gaussian relative to `finest`, integers (M): 0, or negative for coarser
+                classes. None to use `finest` for all. An unchanged Gaussian is encoded again if its class in the stream
+                is coarser than requested here.
 
         Raises:
             InvalidValueError: If an update cannot express the change, see `encode_update`.

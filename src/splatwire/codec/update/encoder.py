@@ -111,9 +111,9 @@ def encode_change(
         scene: The changed scene.
         class_offsets: Class offset of each Gaussian, as for `encode_update`.
         threads: Number of threads, as for `encode_update`.
-        finest: Precision class for a 0 in `class_offsets`, as numbered in streams: 0 (the coarsest) to `MAX_CLASSES -
-            1`. An unchanged Gaussian is encoded again if its class in the stream is coarser than requested. None for
-            the finest class of `base`; unchanged Gaussians then keep their class.
+        finest: Precision class that the class offset 0 selects, as numbered in streams: 0 (the coarsest) to
+            `MAX_CLASSES - 1`. An unchanged Gaussian is encoded again if its class in the stream is coarser than
+            requested. None for the finest class of `base`; unchanged Gaussians then keep their class.
     """
     info = check_base(base)
     edited = as_scene(scene)
@@ -174,7 +174,7 @@ def _encode_new(
         coding: Quantisation steps of the old stream.
         new: The new Gaussians.
         class_offsets: Class offset of each new Gaussian relative to `finest_class`: 0, or negative for coarser ones.
-            None for `finest_class` for all.
+            None to use `finest_class` for all.
         finest_class: Finest precision class (set of quantisation steps), as numbered in streams: 0 is the coarsest.
         threads: Number of threads; None for one per processor.
     """

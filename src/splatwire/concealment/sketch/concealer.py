@@ -215,8 +215,8 @@ def sizes_of(received: ReceivedScene[AnchorScene]) -> SketchSizes:
 def buckets_of(received: ReceivedScene) -> np.ndarray:
     """Returns the size class of each anchor of a received scene, 0 for the largest, int64 (N).
 
-    The class is computed from sizes that are predicted from the hash grid, so encoder and decoder get the same. It
-    selects the context of the entropy coder for the copies of anchors in a sketch.
+    The class is computed from sizes that are predicted from the hash grid, so encoder and decoder obtain the same
+    class. It selects the context of the entropy coder for the copies of anchors in a sketch.
     """
     size = np.maximum(to_numpy(received[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

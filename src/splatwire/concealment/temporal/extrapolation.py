@@ -122,7 +122,7 @@ def started_share(begins: np.ndarray, frames: int) -> np.ndarray:
 
 
 def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """Selects the tracks that begin in the most common first group of pictures of the received tracks.
+    """Selects all tracks that begin in the same group of pictures as most received tracks.
 
     Args:
         born: Group in which each track begins, int64 (T).

@@ -81,7 +81,7 @@ class SequenceScore:
         return float(self._below(complete).max())
 
     def mean_below(self, complete: "SequenceScore") -> float:
-        """Returns by how many decibels packet losses lower the PSNR of a frame, on average.
+        """Returns the mean decrease in the PSNR of a frame that packet losses cause, in decibels.
 
         Args:
             complete: Score of the sequence without losses.
@@ -89,7 +89,7 @@ class SequenceScore:
         return float(self._below(complete).mean())
 
     def _below(self, complete: "SequenceScore") -> np.ndarray:
-        """Returns by how many decibels packet losses lower the PSNR of each frame.
+        """Returns the decrease in the PSNR of each frame that packet losses cause, in decibels.
 
         Frames of the first group of pictures are left out.
         """

@@ -23,7 +23,7 @@ class PlayerPictures:
     """Pictures of one view of a sequence for the player in the HTML report, by experiment and frame.
 
     Args:
-        num_rows: Number of experiments; the reference does not count.
+        num_rows: Number of experiments, without the reference.
     """
 
     def __init__(self, num_rows: int) -> None:

@@ -107,7 +107,8 @@ class Row:
         packetization: Packetization of the stream; None to use the scene's stream or file without repacking.
         conceal: Name of the concealer.
         options: Options of the concealer.
-        erode: For an ablation: the only attribute that anchors in lost packets lose; None for all attributes.
+        erode: For an ablation: the attribute that anchors in lost packets lose, while they keep all others. None if
+            they lose all attributes.
         lossless: True if the row is evaluated without packet losses.
         sections: Names of the sections of side information that the method needs. Repacking removes the other sections,
             apart from background and masks.

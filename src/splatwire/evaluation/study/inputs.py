@@ -263,7 +263,7 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], digest: str, store: Store) -> None:
     """Logs a warning if position and size of the reference suggest that the reference shows another scene.
 
-    The comparison is stored. Empty scenes are not compared.
+    The result of the comparison is stored. Empty scenes are not compared.
 
     Args:
         source: The scene.

@@ -73,7 +73,7 @@ class SceneSizes:
         return 100 * (ours / native - 1)
 
     def file_growth(self, column: str) -> float | None:
-        """Returns by how many percent an encoding has more bytes of attributes than the official HAC++ files.
+        """Returns by how many percent the attributes of an encoding are larger than those in the official HAC++ files.
 
         The attributes are features, scalings and offsets.
 

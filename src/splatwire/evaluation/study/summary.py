@@ -64,7 +64,7 @@ class Summary:
         by_view: For each metric by name, one value per view: the mean over seeds.
         view_range: For each metric by name, two tuples with one value per view: the lowest value over all seeds, and
             the highest value over all seeds.
-        num_bytes: Size of the stream and of a file with network weights that the concealer needs, bytes.
+        num_bytes: Total size of the stream and of the network weights file that the concealer needs (if any), bytes.
         parts: Bytes of each part of the stream.
         num_packets: Number of packets of the stream.
         elements: Name of the scene's elements.

@@ -215,7 +215,7 @@ class UnitRunner:
         return arrived
 
     def _stream(self, unit: Unit) -> SceneStream | None:
-        """Returns the stream of a task; None for a scene file that is evaluated without being sent."""
+        """Returns the stream of a task; None for a scene file that is evaluated without transmission."""
         return self.store.files.stream(self.store.root / unit.stream.path) if unit.stream.num_packets else None
 
     def _decoded(self, unit: Unit, mask: str, sent: SceneStream | None) -> ReceivedInput:

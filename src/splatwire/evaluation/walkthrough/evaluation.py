@@ -99,7 +99,7 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time from which on every picture is nearly as good as the picture of the complete scene.
+    """Returns the time after which every picture is nearly as good as that of the complete scene.
 
     A picture is nearly as good if its PSNR is at most `SETTLED_DB` lower.
 
