@@ -15,7 +15,7 @@ from splatwire.errors import InvalidValueError, shown
 from splatwire.files.names import path_of
 
 _MAX_BITS = 128
-"""Integers with more bits are rejected for every parameter; they would only be errors, or long texts in messages."""
+"""Maximum number of bits of an integer argument. Larger integers are probably errors, and make messages long."""
 READERS = {
     "AnchorScene": "open_scene",
     "Cameras": "splatwire.data.load_cameras",
@@ -25,7 +25,7 @@ READERS = {
     "SplatScene": "open_scene",
     "Splats": "splatwire.io.formats.read_splats",
 }
-"""Functions that return an object of a type, by the name of the type; named in messages."""
+"""For each type, name of the function that returns an object of the type. Error messages mention this function."""
 _CONVERTED = ("Scene", "Elements")
 """Annotations that accept every value here, because `splatwire.anchors.appearance.as_scene` converts and checks it."""
 

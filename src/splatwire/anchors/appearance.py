@@ -94,9 +94,9 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
 
 @singledispatch
 def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    """Returns the Gaussians of camera `view`, and the indices of the anchor and the offset that generated each.
+    """Returns the Gaussians of camera `view`, and for each Gaussian the anchor and the offset that generated it.
 
-    A scene of explicit Gaussians returns all its Gaussians; `anchor_index` is then the index of the Gaussian, and
+    For a scene of explicit Gaussians, all Gaussians are returned; `anchor_index` is then the index of the Gaussian, and
     `offset_index` is 0. The rendering hints of loss concealment (`scene.hints`) are ignored: no element is enlarged or
     hidden.
     """

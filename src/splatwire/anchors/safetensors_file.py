@@ -27,8 +27,9 @@ _DTYPES = {
 _METADATA = "__metadata__"
 _SIZE_BYTES = 8
 _MAX_HEADER_BYTES = 8 << 20
-"""Maximum size of the JSON header, bytes: many times that of any checkpoint. JSON takes up to 25 times its size in
-memory."""
+"""Maximum size of the JSON header, bytes. Headers of real checkpoints are far smaller. In memory, JSON takes up to 25
+times its size.
+"""
 _MAX_DIMENSIONS = 32
 """Maximum number of dimensions of a tensor, as in NumPy 1."""
 

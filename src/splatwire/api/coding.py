@@ -23,7 +23,7 @@ from splatwire.types.splats import Splats
 
 Progress = Callable[[float], None]
 _TUNING_SHARE = 0.9
-"""Share of the reported work of the effort `best` that is fine-tuning; the rest is the search after it."""
+"""Share of fine-tuning in the reported progress of the effort `best`; the rest is the search that follows."""
 
 
 @dataclass(frozen=True, eq=False)

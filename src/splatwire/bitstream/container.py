@@ -31,8 +31,8 @@ from splatwire.errors import (
 )
 
 RESYNC_EFFORT = 4
-"""Limit on resynchronisation: total bytes checksummed in damaged regions, as a multiple of the file's size. Beyond it
-the rest of the file is skipped.
+"""Maximum number of bytes to checksum in damaged regions, as a multiple of the file's size. If it is exceeded, the rest
+of the file is skipped.
 """
 SEARCH_BYTES = 1 << 20
 """Bytes read at a time while searching for the next packet."""

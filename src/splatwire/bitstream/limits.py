@@ -25,8 +25,9 @@ MAX_PACKET_BYTES = 1 << 26
 """Largest packet, bytes: more than 1000 bytes for each element of the largest block."""
 MAX_TIERS = 8
 MAX_SPANS = 1 << 12
-"""Maximum number of tiers (ranges of consecutive blocks) of a sequence, whose groups of frames have two tiers each
-(`StreamSchema.timed`)."""
+"""Maximum number of tiers (ranges of consecutive blocks) of a sequence. Each group of frames has two tiers
+(`StreamSchema.timed`).
+"""
 MAX_FEATURE_GROUPS = 64
 CODING_ORDERS = ("morton", "raster")
 GROUPINGS = ("stratified", "contiguous", "hashed")
@@ -70,8 +71,9 @@ MAX_CAUSAL_FEATURES = 256
 MAX_CAUSAL_OFFSETS = 64
 MAX_CAUSAL_CONTEXT = 256
 MAX_CAUSAL_LOG_STEP, MAX_CAUSAL_ZERO_POINT = 4 << 24, 32 << 24
-"""Largest base-2 logarithms in a stream of schema `causal` with 24 fractional bits: of a quantisation step, and
-of the zero point of a size."""
+"""Maxima in a stream of schema `causal`: quantisation step, and zero point of a size. Both are base-2 logarithms with
+24 fractional bits.
+"""
 MAX_DEGREE = 3
 MAX_FRAMES = 1 << 20
 MAX_GROUP_FRAMES = 64

@@ -39,7 +39,7 @@ class TileIndex:
     def offsets(self) -> np.ndarray:
         """Position of each of the B tiles in the stream file, counted from the end of the side information.
 
-        The last entry is the end of the last tile. int64 (B + 1).
+        The last entry is the end of the last tile. The dtype is int64, the shape (B + 1).
         """
         return np.concatenate([[0], np.cumsum(self.sizes)]).astype(np.int64)
 

@@ -5,4 +5,4 @@ from pathlib import Path
 
 ASSETS = Path(str(resources.files("splatwire").joinpath("assets")))
 SCENE, SPLATS, CAMERAS = "snowmiku.swz", "snowmiku_gaussians.swz", "snowmiku_cameras.json"
-"""Anchors, explicit Gaussians, and where both are seen from."""
+"""File names: stream of anchors, stream of explicit Gaussians, and cameras for both."""

@@ -30,7 +30,7 @@ _MARKERS = (
     ("os error 28", _ADVICE[errno.ENOSPC]),
     ("file write failed", "a file could not be written: the device may be full, or its size limited (`ulimit -f`)"),
 )
-"""Texts that identify such errors of libraries without an error number, and the message for each."""
+"""Texts of library errors that have no error number, each with the message for it."""
 
 
 def resource_problem(error: BaseException) -> str | None:

@@ -162,7 +162,7 @@ def _transfer(
         on_event: Called with each event of the transfer.
 
     Returns:
-        The receiver, and the numbers of the signals that should stop the transfer.
+        The receiver, and the numbers of the received signals, which stop the transfer.
     """
     transfer = transfer_of(command.trust, address)
     with contextlib.ExitStack() as stack:

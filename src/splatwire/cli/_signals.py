@@ -15,8 +15,10 @@ _RETRY_S = 0.02
 _CLEANUP_S = 5.0
 """Time for a command to remove its temporary files after a signal, seconds; further signals wait meanwhile."""
 _FOREIGN = ("llvmlite.binding", "weakref")
-"""Modules whose functions, and all that these call, lose an error: LLVM calls them, or Python while it frees objects.
-An error in `llvmlite.binding` can also leave a lock held for ever."""
+"""Modules in which raised errors are lost, because LLVM calls their functions, or Python does so while it frees
+objects. Errors in all functions that these functions call are lost, too. An error in `llvmlite.binding` can also leave
+a lock held for ever.
+"""
 _LOCKING = ("numba.core.compiler_lock", "contextlib")
 """Modules in which an error can leave a lock acquired for ever. Errors in the compiler, which numba calls with its lock
 acquired, leave none: a `contextlib.ExitStack` releases the lock."""

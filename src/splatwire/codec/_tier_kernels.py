@@ -10,7 +10,7 @@ from splatwire.ops.compiled import njit
 COUNTS = 16
 """Quantisation levels of the decaying average of anchors that are at least as important."""
 STATES = 4 * COUNTS
-"""Number of contexts of a tier's bit: levels of the decaying average times the same bit of the two preceding anchors.
+"""Number of contexts of a tier's bit: levels of the decaying average, times four for this bit in the last two anchors.
 """
 
 

@@ -9,7 +9,7 @@ from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_decode, morton_encode
 
 ORIGIN_ALIGNMENT = 1024
-"""The origin is a multiple of this, which preserves the zero low bits of anchors on a coarse grid."""
+"""Alignment of the origin in voxels, a power of two. It preserves low bits that are 0 for anchors on a coarse grid."""
 
 
 def origin_of(voxels: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Quantises network weights to integers, with a separate step for each row and column.
 
-Weights are rounded one after another. Each compensates for the rounding errors of the weights before it, which is
+Weights are rounded one after another. Each weight compensates for the rounding errors of earlier weights, which is
 possible because the inputs of a layer are correlated (Babai, "On Lovasz' lattice reduction and the nearest lattice
 point problem", 1986; Frantar et al., "GPTQ", 2023).
 """
@@ -29,9 +29,9 @@ FINE_WEIGHT = 128.0
 """Weights below this are integer multiples of `2**-WEIGHT_EXPONENT` in float32, too."""
 
 RIDGE = 0.003
-"""Ridge added to the variance of each input, as a fraction of it; limits the use of a sample's correlations. With
-0.001, 0.003 and 0.01 snowmiku_15k's networks took 53.5, 52.8 and 52.7 kB (with row scales only). With 0.001 and 8,000
-anchors one network's error on other anchors was 1.5 times that on the sample.
+"""Ridge added to the variance of each input, as a fraction of the variance. It limits how much correlations in a sample
+are used. With 0.001, 0.003 and 0.01 snowmiku_15k's networks took 53.5, 52.8 and 52.7 kB (with row scales only). With
+0.001 and 8,000 anchors one network's error on other anchors was 1.5 times that on the sample.
 """
 
 

@@ -95,9 +95,9 @@ class Grow:
         Args:
             received_shares: Received share of each element's neighbours, 0 to 1.
             fully_received: Mask of received elements of the whole scene.
-            weights: Weight of each of the scene's N elements in the received share of the whole scene, on which the
-                upper limit of the factor depends. A weight is the typical size of the elements in an importance tier.
-                None for equal weights.
+            weights: Weight of each of the scene's N elements when the received share of the whole scene is computed.
+                This share determines the upper limit of the factor. A weight is the typical size of the elements in an
+                importance tier. None for equal weights.
         """
         return self.clamp_received_shares(received_shares, fully_received, weights) ** -self.exponent
 
@@ -112,9 +112,9 @@ class Grow:
         Args:
             received_shares: Received share of each element's neighbours, 0 to 1.
             fully_received: Mask of received elements of the whole scene.
-            weights: Weight of each of the scene's N elements in the received share of the whole scene, on which the
-                lower bound depends. A weight is the typical size of the elements in an importance tier. None for equal
-                weights.
+            weights: Weight of each of the scene's N elements when the received share of the whole scene is computed.
+                This share determines the lower bound. A weight is the typical size of the elements in an importance
+                tier. None for equal weights.
 
         Returns:
             `received_shares` with a lower bound.
@@ -190,7 +190,7 @@ def _neighbors_of(
 def lost_share_among(
     neighbors: Int64[np.ndarray, "M k"], lost: Float[np.ndarray, "N"], weights: Float[np.ndarray, "N"]
 ) -> Float[np.ndarray, "M"]:
-    """Returns the weighted share of each element's neighbours that was lost, 0 to 1, (M).
+    """Returns, for each of M elements, the weighted share of its neighbours that were lost, 0 to 1, (M).
 
     Args:
         neighbors: Indices of the neighbours of each of the M elements, at least one each.

@@ -28,9 +28,9 @@ class Registration:
     Attributes:
         make: Function that creates the concealer from keyword options.
         needs: Types of elements or side information that the concealer requires; a tuple lists alternatives.
-        option: Name of the option that the concealer requires; None if it requires no option. Users set the value of
-            this option by `name:VALUE`, where `name` is the name of the concealer.
-        section: Name of the side information section that the concealer reads; None for none. If a stream has this
+        option: Name of the option that the concealer requires; None if it requires no option. Users set its value by
+            `name:VALUE`, where `name` is the name of the concealer.
+        section: Name of the side information section that the concealer reads; None if it reads none. If a stream has this
             section, the option is not required.
         shipped: Network weight files in the package of the concealer.
         listed: True if `concealer_names` lists it.
@@ -85,7 +85,7 @@ def register_concealer(
         needs: Types that the concealer requires: element types (`Anchors`, `Splats`), or types of side information
             (`ReceivedScene.records`). A tuple lists alternatives.
         option: Name of a required option, such as a weights file, which users set by `name:VALUE`.
-        section: Name of the side information section that the concealer reads; None for none. If a stream has this
+        section: Name of the side information section that the concealer reads; None if it reads none. If a stream has this
             section, the option is not required.
         shipped: Network weight files that the concealer reads; they belong to the same Python package.
         listed: True to include the concealer in the result of `concealer_names`.

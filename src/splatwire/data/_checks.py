@@ -21,8 +21,9 @@ _MIN_FOCAL_PX = 1e-3
 _MIN_FOCAL = 1 / 40
 """Minimum focal length as a share of the picture's size, for a field of view of 174 degrees."""
 _MAX_OFF_CENTRE = (0.2, 0.5)
-"""Distance of a principal point from the centre as a share of the picture's size, above which it is unlikely: along
-both axes, and along one of them. Intrinsics for half or twice the size are at 0.25 and 0.5 along both axes."""
+"""Largest plausible distances of a principal point from the centre: along both axes, and along one axis. They are
+shares of the picture's size. Intrinsics for half or twice the size have distances of 0.25 and 0.5 along both axes.
+"""
 _RIGID_TOLERANCE = 1e-3
 _DRIVE = re.compile(r"[A-Za-z]:" if os.name != "nt" else r".*:", re.DOTALL)
 """Pattern of paths with a drive. On Windows any colon is refused; elsewhere times such as `12:30:05` are names."""
@@ -242,7 +243,8 @@ def _existing(root: Path, parts: Sequence[str]) -> Path:
     """Returns the path of a file below a folder, in the spelling of the file system.
 
     A dataset and the file system may spell one name in different Unicode normal forms: archives and disks of macOS
-    store `é` as two characters, other programs as one. Names without such a counterpart are returned unchanged.
+    store `é` as two characters, other programs as one. If no file or subfolder has an equivalent name, the name is
+    returned unchanged.
 
     Args:
         root: The folder.

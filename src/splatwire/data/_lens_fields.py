@@ -8,11 +8,11 @@ _KIND = re.compile(
     r"model|(?:is[-_]?)?(?:cam(?:era)?|sensor|lens|projection|distortion)(?:[-_]?(?:type|model|kind|projection|lens))?",
     re.I,
 )
-"""Pattern of the names of fields with the name of a lens or projection."""
+"""Pattern of the names of fields whose value names a lens or projection."""
 _NAMED = re.compile(
     r"(?:is[-_]?)?(?:fish[-_]?eye|equirect(?:angular)?|panorama|panoramic|spherical|omnidirectional|orthographic)", re.I
 )
-"""Pattern of names of flags."""
+"""Pattern of the names of flags for a lens or projection, such as `is_fisheye`."""
 _WIDE = re.compile(r"fish[-_ ]?eye|equirect|panoram|spherical|omnidi|lat[-_ ]?long|orthogra|cubemap|cylindric", re.I)
 """Pattern of lenses and projections that pinhole photos do not have."""
 _TERMS = re.compile(
@@ -29,7 +29,7 @@ _FIELD_OF_VIEW = re.compile(
 )
 """Pattern of names of fields with an angle of view; a letter names its axis."""
 _SAME_ANGLE = 0.01
-"""Largest relative difference of focal lengths that are given in pixels and as an angle of view."""
+"""Largest relative difference between a focal length in pixels and the same focal length given as an angle of view."""
 _BLENDER_SENSOR = 36 / 24
 """Ratio of the sides of Blender's sensor. The angle along its other side is independent of the shape of pictures."""
 

@@ -31,7 +31,7 @@ _MAX_NAME = 200
 _SAME = 1e-3
 """Largest relative difference of two statements of the same pose or intrinsics."""
 _POSES = {"w2c": False, "viewmat": False, "world_to_camera": False, "c2w": True, "camera_to_world": True}
-"""Names of fields with a pose, and True for those from camera to world."""
+"""Names of fields with a pose, each with True if the pose is from camera to world."""
 _PRINCIPAL_POINT = re.compile(r"principal[-_ ]?points?|pp", re.I)
 """Names of fields of a camera with its principal point as a list of two numbers."""
 _OPENCV = re.compile(r"opencv|colmap|rdf|3dgs|^w2c$", re.I)

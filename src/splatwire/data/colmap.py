@@ -46,8 +46,9 @@ _LENSES: dict[str, tuple[int, Callable[..., LensModel]]] = {
     "DIVISION": (2, DivisionLens),
     "EUCM": (2, EucmLens),
 }
-"""Number of focal lengths and lens class of each camera model. In the model's parameters, principal point and
-distortion follow."""
+"""Number of focal lengths and lens class of each camera model. The parameters of a model are focal lengths, principal
+point and distortion, in this order.
+"""
 
 
 @dataclass(frozen=True, eq=False)

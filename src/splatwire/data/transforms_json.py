@@ -29,18 +29,22 @@ _POINT_CLOUD = "ply_file_path"
 _TERMS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
 _LENS_FIELDS = ("frames", *_TERMS, "camera_model", "is_fisheye", "distortion_params", *_OTHER_PROJECTIONS)
-"""Fields about the lens that are applied or refused, and the frames, which are examined one by one."""
+"""Fields that are checked elsewhere: lens fields, which are applied or refused, and the frames, which are checked one
+by one.
+"""
 _MATRIX = re.compile(r"(?:cam(?:era)?[-_]?)?(?:intrinsics?(?:[-_]?matrix)?|K)|cam(?:era)?[-_]?matrix")
 """Names of fields with the intrinsics as a matrix."""
 _ALIASES = {"fx": "fl_x", "fy": "fl_y"}
 _SIZES = (("width", "height"), ("image_width", "image_height"), ("img_w", "img_h"))
-"""Other names of `w` and `h`, which are read if both of a pair are there."""
+"""Other names of `w` and `h`; a pair of names is used if a view has both fields."""
 _SAME_NUMBER = 1e-3
 """Largest relative difference of two statements of the same intrinsics."""
 _SQUARE = 0.01
-"""Largest relative difference of the focal lengths along x and y that two angles of view may state."""
+"""Largest relative difference between the focal lengths along x and y that follow from two angles of view."""
 _CONVENTION_OF_FRAME = re.compile(r"\w+[-_ ](?:convention|system)", re.I)
-"""Names of fields of a frame that may state other axes of the poses, in which `camera` may be the name of a camera."""
+"""Names of fields of a frame that may state other axes of the poses. The field `camera` is not among them, because it
+may name a camera.
+"""
 _OPENGL = re.compile(r".*(?:opengl|blender|nerf|instant|ngp|rub).*", re.I)
 _WORLD_TO_CAMERA = re.compile(r"(?:is[-_]?)?(?:w2c|world[-_]?(?:to|2)[-_]?cam(?:era)?)", re.I)
 """Names of flags, and values of fields, that state poses from world to camera."""

@@ -16,7 +16,7 @@ from splatwire.types import AnchorScene, Cameras, Scene
 from splatwire.types.splats import Splats
 
 MAX_VIEWS = 128
-"""Maximum number of views; more are subsampled evenly, because two bytes are stored per view and Gaussian."""
+"""Maximum number of views. An even selection of more views is used, because each view takes two bytes per Gaussian."""
 RIDGE = 3e-4
 """Ridge regularisation: the penalty on coefficients of degree l is this value times l squared.
 

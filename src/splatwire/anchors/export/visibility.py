@@ -17,8 +17,9 @@ GHOST_OPACITY = 0.008
 MIN_ALPHA = 1 / 255
 """Minimum alpha that renderers draw."""
 EachGradient: TypeAlias = Callable[..., None]
-"""Function with the signature of `splatwire.render.cpu.each_gradient_cpu`; an argument, because exporters must not
-import renderers."""
+"""Function with the signature of `splatwire.render.cpu.each_gradient_cpu`. It is passed as an argument, because
+exporters must not import renderers.
+"""
 
 
 class VisibleAreas:

@@ -19,11 +19,11 @@ from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.ops.compiled import njit
 
 MAGNITUDE_BOUNDS = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
-"""Lower bound, for each context of a harmonic, of the moving average of the magnitudes of the preceding harmonics, in
-sixteenths of a quantisation step.
+"""Lower bound of each context of a harmonic, in sixteenths of a quantisation step. The context depends on the moving
+average of the preceding harmonics' magnitudes.
 """
 MAGNITUDE_CONTEXTS = np.searchsorted(MAGNITUDE_BOUNDS, np.arange(MAGNITUDE_BOUNDS[-1] + 1), side="right") - 1
-"""Context of a harmonic for each moving average up to the last lower bound, int64."""
+"""Context of a harmonic for each value of the moving average up to the last lower bound, int64."""
 INDEX_CONTEXTS = np.array(
     [2 * np.searchsorted([3, 9, 21], j, side="right") + (j % 3 > 0) for j in range(3 * ((MAX_DEGREE + 1) ** 2 - 1))]
 )

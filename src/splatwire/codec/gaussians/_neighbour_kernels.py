@@ -24,8 +24,7 @@ NARROW_BITS = 11
 NUM_GROUPS = 8
 """Number of groups into which the search window is divided; preceding Gaussian k is in group `k % NUM_GROUPS`."""
 DISTANCE_LIMIT = np.float32(3 << 23)
-"""Upper limit of squared distances between cells of at most `NARROW_BITS` bits: above all of them, exact in a float32.
-"""
+"""Number above all squared distances between cells of at most `NARROW_BITS` bits; exact in a float32."""
 PADDING_CELL = np.float32(-(1 << 13))
 """Coordinate of the padding before the first Gaussian, whose squared distances exceed `DISTANCE_LIMIT`."""
 MAX_KEY = np.int32(0x7FFFFFFF)

@@ -38,7 +38,7 @@ CELL_SHIFT_BITS = np.int64(6)
 TARGET_FILL_BITS, MIN_FILL_BITS = 5, 3
 """Parameters of the division of a block into packets of limited size. The encoder aims at a fraction `1 - 2 **
 -TARGET_FILL_BITS` of the maximum size, and accepts packets above a fraction `1 - 2 ** -MIN_FILL_BITS`. Most packets are
-then encoded only once, which dominates the encoding time.
+then encoded only once, which keeps the encoding fast.
 """
 ASSUMED_GAUSSIAN_BYTES = 20
 """Assumed number of bytes per Gaussian in the first attempt of a block, which serves only to measure the actual size.
@@ -46,7 +46,7 @@ ASSUMED_GAUSSIAN_BYTES = 20
 CODES_FIELD, CLASSES_FIELD = 2, 4
 """Indices of `codes` and `precision_classes` among the fields of a `BlockSource`."""
 BASE_SIZE = np.int64(2)
-"""Estimated coded size of a Gaussian of precision class 0; that of class c is larger by c in the same unit."""
+"""Estimated coded size of a Gaussian of precision class 0. In the same unit, a Gaussian of class c is larger by c."""
 SPARE_BYTES = 64
 """Size of an encoder's buffer in addition to the space for its Gaussians, bytes."""
 
@@ -74,7 +74,7 @@ def _deinterleave_codes(codes, cells, narrow):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def reverse_bits(code, bits):
-    """Returns the lowest bits of a Morton code in reversed order, which are the slot of a grid cell.
+    """Returns the slot of a grid cell: the lowest bits of its Morton code in reversed order.
 
     The function is its own inverse: applied to a slot, it returns the lowest bits of the code. Grid cells with
     consecutive slots are far apart, so that a lost packet leaves no large hole.

@@ -27,7 +27,7 @@ TYPICAL_BLOCK_GAUSSIANS = 3000
 TYPICAL_BLOCK_SAMPLE = 1 << 14
 """Maximum number of Gaussians sampled to estimate the extent of such a block."""
 BOX_BITS = 8
-"""Maximum number of bits of a side of a bounding box, in spacings of its grid (see `Boxes`)."""
+"""Maximum number of bits of a bounding box's side, which is in spacings of the box's grid (see `Boxes`)."""
 
 
 @dataclass(frozen=True, eq=False)

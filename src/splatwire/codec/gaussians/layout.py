@@ -115,7 +115,7 @@ Laplacian.
 NARROW_WEIGHT = 45875
 """Weight of the narrower normal in the mixture, out of 2**16."""
 SCALE_INDEX_STEP = 4
-"""Distance of the indices of standard deviations that the side information can express."""
+"""Distance between two indices of standard deviations that the side information can express."""
 
 MEAN_FRACTION_BITS = np.int64(3)
 """Number of fractional bits of a predicted mean in quantisation steps: means are rounded to eighths of a step."""

@@ -11,9 +11,9 @@ from splatwire.errors import InvalidValueError, UnknownNameError, shown
 _DEGREE_0_PRECISION = (-3.5, 1.0, 0.7, 0.7, 0.66, -0.3, -1.55, -1.1, -2.1)
 _HIGHER_DEGREE_PRECISION = (-3.9, 1.2, -0.1, 0.9, -1.16, -2.3, -2.85, -1.0, -2.1)
 """Octaves by which the quantisation step of each quantity in `STEPS` is finer than the level: for scenes without
-(`_DEGREE_0_PRECISION`) and with (`_HIGHER_DEGREE_PRECISION`) harmonics above degree 0. Measured on luigi_lgm, tiger_4d
-and an export of snowmiku_small. Position errors cost more than a first-order estimate, because Gaussians of nearly
-equal depth change their drawing order.
+(`_DEGREE_0_PRECISION`) and with (`_HIGHER_DEGREE_PRECISION`) harmonics above degree 0. The values were measured on
+luigi_lgm, tiger_4d and an export of snowmiku_small. Position errors cost more than a first-order estimate, because
+Gaussians of nearly equal depth change their drawing order.
 """
 _MAX_HIGHER_DEGREE_CLASSES = 4
 """Maximum number of precision classes for scenes with harmonics above degree 0. Six classes took 2 to 20 % more bytes
@@ -97,7 +97,9 @@ _FINE_CLASSES_FROM = 80.0
 """Quality number from which there are 3 precision classes instead of 6."""
 _LEVELS = ((0.0, 2.5), (40.0, 6.5), (60.0, 8.0), (_FINE_CLASSES_FROM, 10.0))
 _FINE_LEVELS = ((_FINE_CLASSES_FROM, 9.5), (85.0, 9.75), (100.0, 12.75))
-"""Level of some quality numbers, between which it is interpolated: below `_FINE_CLASSES_FROM`, and from there on."""
+"""Pairs of quality number and level. Levels between them are interpolated. `_LEVELS` is for numbers below
+`_FINE_CLASSES_FROM`, `_FINE_LEVELS` for all others.
+"""
 
 
 def numbered_quality(number: int | float) -> Quality:

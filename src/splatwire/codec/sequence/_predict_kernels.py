@@ -21,7 +21,7 @@ from splatwire.codec.sequence.layout import (
 from splatwire.ops.compiled import njit
 
 _RADIUS = 1 << 10
-"""Offsets of neighbours are scaled to integers up to this value, which is the offset of the farthest neighbour."""
+"""Largest magnitude of neighbours' offsets after scaling to integers: the offset of the farthest neighbour."""
 _MOMENT_BITS, _SOLUTION_BITS = 16, 33
 """Number of bits kept of second moments, and of the values multiplied with second moments; products stay below 2**53.
 """
@@ -31,10 +31,10 @@ neighbours. Larger values cost bytes for fast motion: a ridge of an eighth would
 object.
 """
 _TILT_BITS = 20
-"""Number of fractional bits of the correction of a neighbour's weight for the slope of the fitted plane (tilt)."""
+"""Number of fractional bits of the tilt, which corrects a neighbour's weight for the slope of the fitted plane."""
 _STEP_RANGE_BITS = 1
-"""Octave range of quantisation steps, as log2: tracks are sorted by the product of their steps of position and
-rotation, and tracks with products within `2 ** _STEP_RANGE_BITS` octaves are predicted together.
+"""log2 of the number of octaves in a range of quantisation steps. Tracks are sorted by the range that contains the
+product of their steps of position and rotation.
 """
 _MAX_VALUE = 1.0 * MAX_COEFFICIENT
 ONE = np.int64(1)

@@ -31,9 +31,9 @@ the track needs a new keyframe Gaussian: this costs bytes, and its loss leaves a
 drawn).
 """
 KEPT_UNIT_OCTAVES = range(-3, 11)
-"""Lattice spacings of a new shot for which the unit of motion stays: log2 of half the spacing, in units of motion. If
-the lattice is finer by more than 3 octaves, the smallest steps of motion (see `encoder.LOG_STEP_RATIOS`) are finer than
-the unit.
+"""Range of lattice spacings for which a new shot keeps the unit of motion: log2 of half the spacing, in units of
+motion. If the lattice is finer by more than 3 octaves, the smallest steps of motion (see `encoder.LOG_STEP_RATIOS`) are
+finer than the unit.
 """
 WARNED_COUNT, WARNED_SHARE = 64, 0.5
 """Warning of a lattice that is too coarse: minimum number, and minimum fraction, of the new Gaussians of a group that
@@ -49,7 +49,7 @@ class CodedKeyframes:
     """Encoded keyframe Gaussians of one group of frames.
 
     Attributes:
-        order: Entry i is the index in the encoder's input of the i-th keyframe Gaussian in coding order, int64 (n).
+        order: Entry i is the input index of the i-th keyframe Gaussian in coding order, int64 (n).
         symbols: Decoded integers of the keyframe Gaussians, int64 (n, columns). Positions are relative to their blocks.
         positions: Positions relative to the scene's origin, in the unit in which the motion of positions is coded,
             int64 (n, 3).

@@ -42,11 +42,11 @@ MAX_COEFFICIENT = 1 << 36
 MAX_QUANTISED = (1 << 30) - 1
 
 DEGREE_CONTEXTS = 8
-"""Number of contexts of a coefficient's zero flag by the coefficient's degree."""
+"""Number of contexts of a coefficient's zero flag, selected by the coefficient's degree."""
 NEIGHBOUR_CONTEXTS = 10
-"""Number of contexts of a coefficient by the octave of the magnitude of neighbouring coefficients."""
+"""Number of contexts of a coefficient, selected by the octave of neighbouring coefficients' magnitude."""
 OCTAVE_CONTEXTS = 16
-"""Number of contexts of the bits of a coefficient's octave, by the position of the bit."""
+"""Number of contexts for the bits of a coefficient's octave, selected by the position of the bit."""
 MAX_OCTAVE = 29
 C_ABSENT, C_MOVING, C_ENDS, C_BEGINS = 0, 2, 6, 7
 """First context of each flag of a header: absent track number (2 contexts, by the same flag of the previous number),

@@ -11,8 +11,8 @@ from splatwire.types.sequence_scene import Timeline
 
 SECTION = "lifetimes"
 PACKET_BYTES_PER_LIFETIME = 512
-"""Number of bytes of a group's packets for each entry of the section of lifetimes. An entry takes two or three bytes,
-so the section adds about one byte per 200.
+"""Limit on the section of lifetimes: at most one entry for each of this number of bytes in a group's packets. An entry
+takes two or three bytes, so the section adds about one byte per 200.
 """
 
 

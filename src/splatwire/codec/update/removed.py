@@ -12,7 +12,7 @@ from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
 
 GROUP, GROUPS = 16, 16
-"""Gaussians of a group, and groups of a larger group, consecutive along the curve."""
+"""Number of Gaussians in a group, and number of groups in a larger group; all are consecutive along the curve."""
 
 
 def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:

@@ -105,7 +105,7 @@ def interpolate(index, weights, closeness, contrasts, contrast, values, has_shap
     Motion has 13 channels: changes of position (3), rotation (3), logarithms of scales and opacity (4) and colour (3).
     The estimate is the weighted mean of the neighbours' motion, with two exceptions. Scales and opacity stay within the
     range of the neighbours' values. The change of colour is the mean change plus a slope (-1 to 1) times the track's
-    colour difference: in a change of lighting, bright surfaces change more than dark ones.
+    colour difference, because a change of lighting affects bright surfaces more than dark ones.
 
     Args:
         index: Row in `values` of each neighbour of each track, int32 (n, k).

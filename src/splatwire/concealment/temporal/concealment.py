@@ -88,8 +88,7 @@ def _lost_tracks(
 ) -> np.ndarray:
     """Returns the mask of tracks with lost motion in a group of pictures, bool (T).
 
-    A track is in the mask if its keyframe Gaussian was received and it may exist in the group, but no packet with its
-    motion was received.
+    These are the tracks that may exist in the group, and whose keyframe Gaussian was received, but not their motion.
 
     Args:
         sequence: The sequence.

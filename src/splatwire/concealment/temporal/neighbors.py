@@ -13,8 +13,9 @@ OPACITY = 9
 """Index of the opacity channel of motion; the slices above select the channels of position; position and rotation;
 scales and opacity; colour."""
 DISTANCE_FLOOR = 0.1
-"""Added to squared distances, relative to the mean squared distance: no weight exceeds that of a neighbour at about a
-third of the mean distance."""
+"""Value added to squared distances, in units of the mean squared distance. No weight exceeds that of a neighbour at
+about a third of the mean distance.
+"""
 MAX_WEIGHT_SUM = 6.0
 """Maximum sum of absolute weights of a quadratic fit. Above this sum the fit extrapolates too far, and the weighted
 mean is used instead."""

@@ -33,7 +33,8 @@ def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: 
     """Evaluates a few methods at further loss rates, for a chart of PSNR against the loss rate.
 
     Args:
-        result: Results of an evaluation of one scene under one loss model, whose rate is not evaluated again.
+        result: Results of an evaluation of one scene under one loss model. The rate of this model is not evaluated
+            again.
         store: Store of the evaluation.
         engine: Engine that executes the tasks.
         progress: Called with the name of the current task and its finished share, 0 to 1.

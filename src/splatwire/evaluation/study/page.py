@@ -6,7 +6,7 @@ from typing import Any
 from splatwire.version import __version__
 
 _STUDY, _FRAME = "splatwire.evaluation.study", "page.html.jinja"
-"""Package of the style sheet, and its template with what all pages share."""
+"""Package of the style sheet, and its template that all pages extend."""
 
 
 def filled_page(package: str, template: str, **values: Any) -> str:

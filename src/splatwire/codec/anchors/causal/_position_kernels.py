@@ -38,7 +38,7 @@ MAX_STACK = 65
 NUM_UNSPLIT = 4
 """Number of contexts by the number of levels without a split: 0, 1, 2, and 3 or more."""
 NUM_SIZE_CLASSES = 8
-"""Number of contexts by log2 of the number of anchors of a node: 1 to 7, and 8 or more."""
+"""Number of contexts for the size of a node. The size is log2 of the number of anchors: 1 to 7, or at least 8."""
 NUM_CONTEXTS = NUM_SIZE_CLASSES * NUM_UNSPLIT
 
 

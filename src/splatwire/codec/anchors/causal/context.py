@@ -24,7 +24,7 @@ ONE = 1 << ACTIVATION_BITS
 VALUE_BITS = 16
 """Fractional bits of an anchor's attributes, in units of quantisation steps."""
 EXP2_CELLS = 10
-"""log2 of the number of cells per octave in the table of powers of two, with linear interpolation."""
+"""log2 of the number of cells per octave in the table of powers of two, which is interpolated linearly."""
 EXP2_BITS = 40
 
 

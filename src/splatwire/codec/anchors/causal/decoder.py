@@ -39,7 +39,7 @@ from splatwire.types import (
 from splatwire.types.causal_coding import CausalConfig
 
 _LOG_OF_SCALING = [0, 0, 0, 1, 2, 3]
-"""Index of the logarithm, out of an anchor's four, for each of its six scalings."""
+"""For each of an anchor's six scalings, the index of its logarithm among the four coded logarithms."""
 POSITION_BYTES = 32
 """Memory of an anchor's position in the side information, bytes; its decoded form takes four times that."""
 

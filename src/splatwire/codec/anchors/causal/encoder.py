@@ -23,8 +23,9 @@ from splatwire.ops.morton import morton_encode
 from splatwire.types import Anchors, AnchorScene
 
 _LOG_SCALINGS = [0, 3, 4, 5]
-"""Indices of the coded ones among an anchor's six scalings: the offset scale (once), and the sizes along x, y, z. They
-are coded as logarithms."""
+"""Indices of the coded scalings among an anchor's six: the offset scale (once), and the sizes along x, y, z. They are
+coded as logarithms.
+"""
 MAX_SIDE_INFO_SHARE = 0.08
 """Maximum share of side information in a stream. If it is larger, bits of positions are moved to the packets."""
 MAX_LEAF_ANCHORS = 8

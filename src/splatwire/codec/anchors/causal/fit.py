@@ -26,12 +26,12 @@ information counts for more than its bytes, because all packets need it: lego is
 with 0.04, but with 7 % smaller networks.
 """
 HEAD_TOLERANCE = 0.008
-"""Tolerated error of a rendering network's output. With 0.004 side information grows by 1.2 kB; this gains 0.02 dB for
-lego (at 0.4 % of its bytes) and nothing for snowmiku.
+"""Tolerated error of a rendering network's output. A value of 0.004 would add 1.2 kB of side information. It would gain
+0.02 dB for lego (at 0.4 % of its bytes) and nothing for snowmiku.
 """
 POSITION_TOLERANCE_FACTOR = 2.0
-"""Tolerated error of the outputs of the position network relative to their standard deviation, as a multiple of the
-tolerated error of a mean.
+"""Tolerated error of the position network's outputs, relative to their standard deviation. The unit is the tolerated
+error of a mean.
 """
 
 
