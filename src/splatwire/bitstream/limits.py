@@ -1,4 +1,4 @@
-"""Names and limits of the stream format, which the web decoder shares."""
+"""Names and limits of the stream format. The web decoder uses the same ones."""
 
 from dataclasses import dataclass
 

@@ -36,7 +36,7 @@ _LOWEST = (*[-MAX_DISTANCE_ASINH] * 3, *[-6.0] * 3, 0.0, 0.0, 0.0, 1 / 32)
 _HIGHEST = (*[MAX_DISTANCE_ASINH] * 3, *[3.0] * 3, 1.0, 1.0, 1.0, 31 / 32)
 _FIRST_OPACITY = 0.8
 _SPLIT_SHIFT, _SPLIT_SHRINK = 0.6, 0.5
-"""Split of a Gaussian along its longest axis: shift of each half in standard deviations, and decrease of its log size."""
+"""Split of a Gaussian along its longest axis: shift of each half in standard deviations, decrease of its log size."""
 _ERROR_VIEWS = 12
 _BETAS, _EPSILON = (0.9, 0.99), 1e-8
 """Decay rates of Adam's moments; epsilon of its division."""

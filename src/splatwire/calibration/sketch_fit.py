@@ -18,7 +18,7 @@ from splatwire.types import AnchorScene, PredictedPositions, Prior, ReceivedScen
 BITS_OF_COPY = 60
 """Approximate minimum size of the copy of an anchor, bits."""
 _CANDIDATES, _MAX_CANDIDATES = 4, 0.3
-"""Number of candidate anchors per copy that fits into the sketch; and their maximum number as a share of all anchors."""
+"""Number of candidate anchors per copy that fits into the sketch; their maximum number as a share of all anchors."""
 _BASIS_SHARE = 0.05
 """Share of the anchors, most important first, from which the basis for coding channels is computed.
 

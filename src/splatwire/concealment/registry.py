@@ -30,8 +30,8 @@ class Registration:
         needs: Types of elements or side information that the concealer requires; a tuple lists alternatives.
         option: Name of the option that the concealer requires; None if it requires no option. Users set its value by
             `name:VALUE`, where `name` is the name of the concealer.
-        section: Name of the side information section that the concealer reads; None if it reads none. If a stream has this
-            section, the option is not required.
+        section: Name of the side information section that the concealer reads; None if it reads none. If a stream has
+            this section, the option is not required.
         shipped: Network weight files in the package of the concealer.
         listed: True if `concealer_names` lists it.
     """
@@ -85,8 +85,8 @@ def register_concealer(
         needs: Types that the concealer requires: element types (`Anchors`, `Splats`), or types of side information
             (`ReceivedScene.records`). A tuple lists alternatives.
         option: Name of a required option, such as a weights file, which users set by `name:VALUE`.
-        section: Name of the side information section that the concealer reads; None if it reads none. If a stream has this
-            section, the option is not required.
+        section: Name of the side information section that the concealer reads; None if it reads none. If a stream has
+            this section, the option is not required.
         shipped: Network weight files that the concealer reads; they belong to the same Python package.
         listed: True to include the concealer in the result of `concealer_names`.
         temporal: True for sequences, False for static scenes.

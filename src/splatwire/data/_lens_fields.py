@@ -1,4 +1,4 @@
-"""Detection of fields in camera files that describe an unsupported lens or projection, by patterns of their names."""
+"""Detects fields in camera files that describe an unsupported lens or projection, by patterns for their names."""
 
 import math
 import re

@@ -62,8 +62,8 @@ def prepare_anchors(
     Args:
         scene: The scene; all of its anchors are drawable.
         options: Encoding options. Without a packetization, the result of `spread_packetization` is used.
-        create_encoder: Function that fits the side information; returns the encoder of the anchors and the side
-            information.
+        create_encoder: Function that fits the side information. It returns two values: the encoder of the anchors, and
+            the side information.
         manifest_fields: Further fields of the manifest.
 
     Raises:

@@ -151,7 +151,7 @@ def write_codes(positions, shift, codes):
         codes: Output, int64 (n).
 
     Returns:
-        Bitwise or of all coordinates after the low bits were dropped. It is negative if any coordinate is negative.
+        Bitwise OR of all coordinates after the low bits were dropped. It is negative if any coordinate is negative.
     """
     used_bits = np.int64(0)
     for i in range(len(codes)):
@@ -212,7 +212,7 @@ def write_block_positions(indices, centres, factor, corner, shift, positions, co
         codes: Output, int64 (n).
 
     Returns:
-        Largest magnitude of a coordinate before the corner was subtracted; and the bitwise or of all coordinates after
+        Largest magnitude of a coordinate before the corner was subtracted; and the bitwise OR of all coordinates after
         the `shift` low bits were dropped. The second number shows which bits are in use.
     """
     max_magnitude, used_bits, last = 0.0, np.int64(0), len(indices) - 1

@@ -1,4 +1,4 @@
-"""Defines the codec of explicit Gaussians from its encoder, decoder and repacketization (docs/format.md)."""
+"""Definition of the codec of explicit Gaussians: its encoder, decoder and repacketization (docs/format.md)."""
 
 import math
 

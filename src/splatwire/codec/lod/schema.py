@@ -1,4 +1,4 @@
-"""Defines the codec of Gaussians with levels of detail from its encoder and decoder (docs/format.md)."""
+"""Definition of the codec of Gaussians with levels of detail: its encoder and decoder (docs/format.md)."""
 
 from dataclasses import replace
 

@@ -46,7 +46,7 @@ def score_rows(scores: Sequence[SequenceScore]) -> list[dict[str, Any]]:
     """Converts the scores of experiments to table rows.
 
     Args:
-        scores: The scores. The first is that of the sequence without losses, with which the others are compared.
+        scores: The scores. The first one is for the sequence without losses; the others are compared with it.
     """
     complete = scores[0]
     return [
