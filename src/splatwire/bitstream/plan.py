@@ -88,7 +88,7 @@ class PacketPlan:
 
     @functools.cached_property
     def gop_spans(self) -> tuple[tuple[Span, Span], ...]:
-        """Blocks of the keyframe Gaussians and of the motion of each group of pictures (GOP). Only for sequences."""
+        """For each group of pictures (GOP), its blocks of keyframe Gaussians and of motion. Only for sequences."""
         return tuple(zip(self.spans[::2], self.spans[1::2], strict=True))
 
     def is_keyframe(self, block: int) -> bool:

@@ -79,7 +79,7 @@ class Listening:
 
 @dataclass(frozen=True)
 class TrustOptions:
-    """How the certificate of a server or relay is checked. By default, a trusted authority must have signed it."""
+    """Checks of the certificate of a server or relay. By default, a trusted authority must have signed it."""
 
     fingerprint: str | None = None
     """Not with udp://: SHA-256 of the server's certificate, as printed by the server; replaces all other checks."""

@@ -24,7 +24,7 @@ MAX_SYMBOLS = np.int64(1 << 10)
 MAX_INTERVALS = np.int64(1 << 9)
 """Maximum number of tabulated intervals of a mixture with more symbols."""
 MAX_GUESS_BITS = np.int64(8)
-"""Maximum number of bits of an index into the table of guesses. It consists of the highest bits of the code's position."""
+"""Maximum number of bits of an index into the table of guesses: the highest bits of the code's position."""
 MAX_MAGNITUDE, SHIFT, FIRST_BOUND, STRIDE, GUESS_AT, GUESS_BITS = np.arange(6)
 """Columns of `distributions`: largest tabulated magnitude; log2 of the number of symbols between two tabulated bounds;
 first bound of the mixture of mean -4/8 and number of bounds of each mixture; first guess of the mixture of mean -4/8
