@@ -299,7 +299,9 @@ def _protocol_rule(kind: type) -> Rule:
 
 
 def array_rule(kind: Any) -> Rule:
-    """Builds the check of a value that is annotated as an array: class, dtype and number of dimensions.
+    """Builds the check of a value that is annotated as an array.
+
+    The check covers class, dtype and number of dimensions.
 
     Args:
         kind: The annotation, such as `Float[np.ndarray, "N 3"]`, or a class of arrays.

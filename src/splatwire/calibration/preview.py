@@ -295,7 +295,7 @@ class _Fit:
 
 
 class _Adam:
-    """Parameters with the Adam optimiser (Kingma and Ba 2015).
+    """Parameters that the Adam optimiser updates (Kingma and Ba 2015).
 
     Args:
         values: Initial values, float32; changed in place.

@@ -35,7 +35,7 @@ class CalibrationViews(CheckedFields):
         cameras: The cameras, usually those of the training views.
         photo: Function that returns the photo of a view, by its index; None to compare with pictures of the complete
             scene.
-        background: RGB of the background; None for the background of the scene's training.
+        background: RGB of the background; None for the background with which the scene was trained.
         mask: Function that returns the mask of a view by its index, True for pixels that are compared; None to compare
             all pixels.
     """

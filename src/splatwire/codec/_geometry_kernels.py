@@ -110,7 +110,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Decodes the number of points in the first half of a tree node, written by `encode_count`.
+    """Decodes the number of points in the first half of a tree node, which `encode_count` has written.
 
     Args:
         data: Input bytes.

@@ -98,7 +98,7 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
 
 
 def _has_redundant_vertical_angle(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
-    """True if a camera states both focal lengths and the horizontal angle of view, and both focal lengths are equal.
+    """True if a camera states the horizontal angle of view and both focal lengths, and these focal lengths are equal.
 
     The vertical angle of view is then superfluous. Some programs write a wrong one, which can be ignored.
 

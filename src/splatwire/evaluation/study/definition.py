@@ -51,7 +51,8 @@ class SceneEntry:
         split: Split of the dataset to read: `train`, `test` or `all`.
         test_views: Rule that selects the test views of the dataset; None for the default rule of its layout.
         max_width: Maximum width of photos, pixels. Wider photos are reduced to this width.
-        weights: Network weights for methods that conceal losses with a GNN, calibrated for this scene; None for none.
+        weights: Network weights for methods that conceal losses with a GNN, calibrated for this scene; None if there
+            are none.
         sections: Stream of the scene with additional sections of side information, which some methods need. It is
             evaluated instead of `source`. None to use `source`.
         background: RGB of the background; None for the background with which the scene was trained.

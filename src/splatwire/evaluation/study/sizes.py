@@ -181,7 +181,7 @@ def num_network_parameters(scene: AnchorScene) -> int:
 
 
 def size_tables(study: Study, scene_sizes: Sequence[SceneSizes]) -> list[Table]:
-    """Returns one table of sizes for each scene, and a table that compares them with sizes in `Study.published`."""
+    """Returns one table of sizes for each scene, and a table that compares the sizes with `Study.published`."""
     return [_scene_table(study, sizes) for sizes in scene_sizes] + _published_table(study, scene_sizes)
 
 

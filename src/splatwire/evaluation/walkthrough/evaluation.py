@@ -41,7 +41,7 @@ class ProgressiveSource(Protocol):
         """Returns the scene that a receiver draws for a viewpoint once the full stream has been received."""
 
     def bytes_at(self, seconds: float) -> int:
-        """Returns the number of bytes received until a time, in seconds since the request."""
+        """Returns the number of bytes received up to a time. The time is given in seconds since the request."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class StreamedWalkthrough:
         return self._drawn(*everything, viewpoint)
 
     def bytes_at(self, seconds: float) -> int:
-        """Returns the number of bytes received until a time, in seconds since the request."""
+        """Returns the number of bytes received up to a time. The time is given in seconds since the request."""
         return (self.head_bytes if seconds >= self.delivery.head else 0) + self.delivery.bytes_at(seconds)
 
     @property

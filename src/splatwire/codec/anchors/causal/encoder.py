@@ -96,7 +96,8 @@ def _check_packetization(packetization: Packetization) -> None:
 def _split_position_bits(info: SideInfo, voxels: np.ndarray, bytes_of_packets: float) -> CoarsePositions:
     """Chooses how many bits of the anchors' positions are in the side information; the other bits are in packets.
 
-    It is the largest number of bits with which the side information takes at most about a fixed share of the stream.
+    The result is the largest number of bits with which the side information takes at most about a fixed share of the
+    stream.
 
     Args:
         info: Side information with the maximum number of position bits.
