@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -20,6 +22,7 @@ from splatwire.bitstream import (
     stream_from_bytes,
     stream_to_bytes,
 )
+from splatwire.channel.transmit import datagrams_of
 from splatwire.errors import InvalidValueError, UnknownNameError
 
 HASHED = Packetization(block_size=50, lanes=1, grouping="hashed", packet_bytes=128)
@@ -168,4 +171,13 @@ def test_packets_grouped_by_hash_are_not_listed_without_side_information():
     for question in (lambda: plan.ids, plan.packet_index_of, lambda: plan.members(PacketId(0, 0))):
         with pytest.raises(InvalidValueError):
             question()
-    assert plan.packetization.loss_unit == "datagram"
+
+
+@pytest.mark.parametrize(
+    ("packet_bytes", "unit"), [(1150, "datagram"), (1200, "datagram"), (1201, "pak"), (9000, "pak")]
+)
+def test_losses_are_of_datagrams_if_no_packet_can_exceed_one(packet_bytes: int, unit: str) -> None:
+    packetization = replace(PRESETS["datagram"], packet_bytes=packet_bytes)
+    assert packetization.loss_unit == unit
+    assert (datagrams_of(np.array([packet_bytes])).item() == 1) == (unit == "datagram")
+    assert PRESETS["paper"].loss_unit == "pak"

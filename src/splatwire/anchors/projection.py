@@ -72,7 +72,7 @@ def project(
     """Projects Gaussians to the image of a camera.
 
     Args:
-        means: World coordinates.
+        means: Centres, world units, relative to the origin of the cameras.
         scales: Standard deviations along the principal axes, world units.
         rotations: Principal axes as columns; None for the world axes.
         cameras: The cameras.

@@ -17,7 +17,7 @@ def voxel_indices(positions: Float[Any, "N 3"], voxel_size: float) -> Int64[np.n
     """Returns positions as integer multiples of the voxel size.
 
     Args:
-        positions: World coordinates.
+        positions: World units, relative to the scene's origin.
         voxel_size: World units per voxel.
 
     Raises:
@@ -44,7 +44,7 @@ def voxel_indices(positions: Float[Any, "N 3"], voxel_size: float) -> Int64[np.n
 
 
 def voxel_positions(indices: Int64[Any, "N 3"], voxel_size: float) -> Float[np.ndarray, "N 3"]:
-    """Returns the world coordinates of voxels. The result is identical on every machine."""
+    """Returns the positions of voxels, world units relative to the scene's origin; identical on every machine."""
     return (to_numpy(indices).astype(np.float64) * voxel_size).astype(np.float32)
 
 

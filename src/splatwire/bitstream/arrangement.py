@@ -58,7 +58,7 @@ class PacketBatch:
         block: Index of the block of the first packet.
         packets: The packets, ascending by id.
         members: For each packet, the indices of its elements, int64. The function `arrived_blocks` returns indices in
-            plan order (see `PacketPlan`). Decoders expect indices in coding order, the order of the scene's elements.
+            plan order (see `PacketPlan`). Decoders expect indices in the decoded scene (`Decoder.order`).
     """
 
     block: int

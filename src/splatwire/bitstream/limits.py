@@ -20,7 +20,8 @@ MAX_LANES = 1 << 8
 MAX_STREAM_LANES = (1 << 31) - 1
 """Maximum number of lanes of all blocks. A lane is one packet, or one for each part with separated packaging."""
 MIN_PACKET_BYTES = 128
-MAX_DATAGRAM_BYTES = 65_507
+MAX_HASHED_PACKET_BYTES = 65_507
+"""Largest packet with hashed grouping (`Packetization.packet_bytes`), bytes: the largest payload of a UDP datagram."""
 MAX_PACKET_BYTES = 1 << 26
 """Largest packet, bytes: more than 1000 bytes for each element of the largest block."""
 MAX_TIERS = 8

@@ -7,8 +7,8 @@ from splatwire.bitstream.limits import (
     CODING_ORDERS,
     GROUPINGS,
     MAX_BLOCK_SIZE,
-    MAX_DATAGRAM_BYTES,
     MAX_HASHED_BLOCK,
+    MAX_HASHED_PACKET_BYTES,
     MAX_LANES,
     MIN_PACKET_BYTES,
     PACKAGINGS,
@@ -16,10 +16,10 @@ from splatwire.bitstream.limits import (
 )
 from splatwire.errors import InvalidValueError, UnknownNameError, shown
 
+DATAGRAM_BYTES = 1200
+"""Size of a datagram that passes every network path, bytes (RFC 9000, 14)."""
 DATAGRAM_PACKET_BYTES = 1150
-"""Largest packet with the `datagram` preset, bytes. A datagram of 1200 bytes passes every path (RFC 9000, 14); up to 50
-bytes are left for transport headers.
-"""
+"""Largest packet with the `datagram` preset, bytes; up to 50 bytes of a datagram are left for transport headers."""
 
 
 def check_range(name: str, value: int, low: int, high: int) -> None:
@@ -47,10 +47,12 @@ class Packetization:
     Attributes:
         block_size: Maximum number of elements of a spatial block.
         lanes: Number of packets of each block. With the grouping `hashed`, the value is 1 and has no meaning.
-        seed: Seed of the hash that assigns elements to packets, 64 bits.
+        seed: Seed of the hash that divides plan indices (see `PacketPlan`) among packets, 64 bits.
         order: Coding order of the anchors: `morton` (Z-order) or `raster` (z, then y, then x, as in HAC++).
-        grouping: Assignment of the elements of a block to packets: `stratified` (by hash), `contiguous` (consecutive
-            elements) or `hashed` (in random order, each packet filled up to `packet_bytes`; `lanes` is 1).
+        grouping: Division of a block's plan indices among packets: `stratified` (by hash), `contiguous` (consecutive
+            indices) or `hashed` (in the order of a hash, each packet filled up to `packet_bytes`; `lanes` is 1). For
+            anchors, this determines the members of a packet. The encoder of explicit Gaussians chooses the members of
+            each packet; the hash fixes only how many there are and their indices in the decoded scene.
         packaging: `atomic` (a packet contains whole anchors) or `separated` (separate packets for each feature group,
             for scalings and for offsets, as in HAC++).
         packet_bytes: Maximum packet size with grouping `hashed`, header included; 0 with any other grouping.
@@ -86,7 +88,7 @@ class Packetization:
         if not self.hashed:
             check_range(f"packet size with {self.grouping} grouping", self.packet_bytes, 0, 0)
             return
-        check_range("packet size with hashed grouping", self.packet_bytes, MIN_PACKET_BYTES, MAX_DATAGRAM_BYTES)
+        check_range("packet size with hashed grouping", self.packet_bytes, MIN_PACKET_BYTES, MAX_HASHED_PACKET_BYTES)
         check_range("block size with hashed grouping", self.block_size, 1, MAX_HASHED_BLOCK)
         check_range("number of lanes with hashed grouping", self.lanes, 1, 1)
         if self.packaging != "atomic":
@@ -94,13 +96,13 @@ class Packetization:
 
     @property
     def hashed(self) -> bool:
-        """True if packets are filled up to a size limit, with elements in random order (grouping `hashed`)."""
+        """True if packets are filled up to a size limit, with plan indices in hash order (grouping `hashed`)."""
         return self.grouping == "hashed"
 
     @property
     def loss_unit(self) -> str:
-        """Unit of simulated losses: `datagram` if every packet fits one datagram, else `pak` (packet)."""
-        return "datagram" if self.hashed else "pak"
+        """Unit of simulated losses: `datagram` if no packet can exceed one datagram, else `pak` (whole packets)."""
+        return "datagram" if self.hashed and self.packet_bytes <= DATAGRAM_BYTES else "pak"
 
     @property
     def separated(self) -> bool:

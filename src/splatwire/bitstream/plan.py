@@ -1,4 +1,4 @@
-"""The packet plan: determines which elements (anchors or Gaussians) each packet contains."""
+"""The packet plan: divides the indices of elements (anchors or Gaussians) among packets."""
 
 import bisect
 import functools
@@ -22,8 +22,8 @@ class PacketMembers(NamedTuple):
     If each attribute has separate packets, the packets that contain the same elements have one common entry.
 
     Attributes:
-        indices: All elements, packet after packet, int64 (N). Each is given by its index in plan order (see
-            `PacketPlan`). Packet p has the elements `indices[starts[p]:starts[p + 1]]`.
+        indices: Plan indices (see `PacketPlan`) of all elements, packet after packet, int64 (N). Packet p has the
+            elements `indices[starts[p]:starts[p + 1]]`.
         starts: Start of each packet in `indices`, followed by the end of the last packet, int64 (P + 1).
     """
 
@@ -33,11 +33,15 @@ class PacketMembers(NamedTuple):
 
 @dataclass(frozen=True)
 class PacketPlan:
-    """Mapping between elements (anchors or Gaussians) and packets, computed from a few parameters in the manifest.
+    """Mapping between element indices and packets, computed from a few parameters in the manifest.
 
-    Elements are identified by their index in plan order. Plan order sorts the elements by importance tier, and within a
-    tier by coding order. With a single tier, plan order is coding order. The array from `bitstream.tiers.tier_order`
-    converts an index in plan order to an index in coding order.
+    An element (anchor or Gaussian) is identified by its *plan index*, its index in plan order. The codec determines
+    which element has which plan index:
+
+    * Anchors are sorted by importance tier, and within a tier by coding order. With a single tier, plan order is coding
+      order. The array from `bitstream.tiers.tier_order` converts a plan index to an index in coding order.
+    * The encoder of explicit Gaussians chooses the members of each packet (`codec.gaussians.source_scene`), and the
+      plan gives them their indices. The plan index of a Gaussian is its index in the decoded scene.
 
     Attributes:
         packetization: Parameters of the division into packets.
@@ -176,7 +180,7 @@ class PacketPlan:
     def block_indices(self, block: int) -> np.ndarray:
         """Returns the elements of a block, packet after packet, int64 (elements).
 
-        Each element is given by its index in plan order (see `PacketPlan`).
+        Each element is given by its plan index.
         """
         if self.packetization.hashed:
             return self._hash_order(block)
@@ -184,7 +188,7 @@ class PacketPlan:
         return start + np.argsort(lanes, kind="stable")
 
     def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
-        """Returns the elements of a packet, each given by its index in plan order (see `PacketPlan`), int64.
+        """Returns the elements of a packet, each given by its plan index, int64.
 
         Args:
             packet_id: The packet.
@@ -278,7 +282,7 @@ class PacketPlan:
             packet_id: Id of any packet of the block.
 
         Returns:
-            Two values. The first is the index of the block's first element in plan order. The second is an array with
+            Two values. The first is the first plan index of the block. The second is an array with
             one entry for each element of the block: the index of the element's packet within the block, uint8.
 
         Raises:

@@ -1,8 +1,8 @@
 """Importance tiers: elements are grouped by importance into separate packets, with different protection.
 
-Every element has an index in *coding order* and an index in *plan order*. Plan order sorts the elements by tier, and
-within a tier by coding order. With one tier, both indices are equal. In docs/format.md, the indices are called rank and
-plan index.
+Every anchor has an index in *coding order* (its rank) and an index in *plan order* (its plan index). Plan order sorts
+the anchors by tier, and within a tier by coding order. With one tier, both indices are equal. Explicit Gaussians have
+only a plan index (see `PacketPlan`), which is also their index in the decoded scene.
 """
 
 from dataclasses import dataclass

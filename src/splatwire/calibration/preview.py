@@ -123,7 +123,7 @@ def preview_for_scene(
         InvalidValueError: If no element of the scene is visible in any view.
     """
     config, show, started = config or PreviewConfig(), progress or (lambda task, share: None), time.perf_counter()
-    scene = views.in_front(scene)
+    scene = views.with_background_of_views(scene)
     preview = _Fit(scene, References.of(scene, views.reduced(config.views, config.width)), config).run(show)
     section = write_preview(preview)
     scored = (views if test is None else test).reduced(config.scored_views, config.scored_width)

@@ -158,7 +158,7 @@ def sketch_of(
         raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
     if len(stream.packets) < 2:
         raise InvalidValueError("calibration needs a stream of at least two packets")
-    complete = replace(to_arrays(complete), scene=views.in_front(to_arrays(complete.scene)))
+    complete = replace(to_arrays(complete), scene=views.with_background_of_views(to_arrays(complete.scene)))
     views = views.relative_to(origin_of(complete.scene))
     fit: Callable[..., Sketch] = GaussianSketch.fitted if complete.get(Prior) is None else AnchorSketch.fitted
     max_bytes = round(config.share * stream.num_bytes)

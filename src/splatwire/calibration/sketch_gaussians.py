@@ -42,7 +42,7 @@ class GaussianSketch:
     enlargement.
 
     Attributes:
-        splats: All Gaussians of the stream, in coding order.
+        splats: All Gaussians of the stream, in the order of the decoded scene.
         indices: Indices in `splats` of the Gaussians that have a copy, int64.
         info: The stream's side information.
         growth: Three parameters of the enlargement: exponent for the size, exponent for the opacity, and weight of the

@@ -71,7 +71,7 @@ class CalibrationViews(CheckedFields):
         """Returns the views with cameras relative to a different origin."""
         return replace(self, cameras=self.cameras.relative_to(origin))
 
-    def in_front(self, scene: AnyScene) -> AnyScene:
+    def with_background_of_views(self, scene: AnyScene) -> AnyScene:
         """Returns a scene with the background colour of these views, or the unchanged scene if the views have none."""
         return scene if self.background is None else replace(scene, background=self.background)
 
@@ -133,10 +133,10 @@ def _resized(image: Float[np.ndarray, "H W C"], size: tuple[int, int]) -> Float[
 
 
 def _resized_mask(mask: Bool[np.ndarray, "H W"] | None, size: tuple[int, int]) -> Bool[np.ndarray, "H2 W2"] | None:
-    """Resizes the evaluation mask of a photo to the size of the resized photo; returns None without a mask.
+    """Resizes the mask of a photo to the size of the resized photo; returns None without a mask.
 
     Args:
-        mask: Mask of the pixels of the photo that are evaluated, or None.
+        mask: Mask of the pixels of the photo that are compared, or None.
         size: Size of the resized photo in pixels.
     """
     # A resized pixel is True if all contributing original pixels are True.

@@ -9,12 +9,11 @@ import numpy as np
 
 from splatwire.arguments import CheckedFields, checked, checked_except
 from splatwire.bitstream import Packet, SceneStream, send_sequence
+from splatwire.bitstream.packetization import DATAGRAM_BYTES
 from splatwire.channel.loss_models import LossModel
 from splatwire.channel.loss_text import parse_loss
 from splatwire.errors import InvalidValueError, check_kind, shown, whole_number
 
-DATAGRAM_BYTES = 1200
-"""Largest datagram in bytes that fits every QUIC path (RFC 9000, 14)."""
 SEED_STEP = 1_000_003
 """Increment of the random seed from one round of retransmissions to the next, so that rounds differ in their losses."""
 ATTEMPTS_PER_GROUP = 8

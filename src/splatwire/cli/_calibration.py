@@ -43,13 +43,13 @@ def calibration_views(options: ReferenceOptions, scene: Scene) -> tuple[Calibrat
         options: Command-line options that select the reference pictures.
         scene: The complete scene.
     """
-    behind = _behind(options, scene)
+    background = _reference_background(options, scene)
     if (photos := photos_of(options, "train", scene)) is not None:
         return photos, f"against training photos{'' if photos.mask is None else ' inside their masks'}"
     if options.cameras is not None:
-        views = CalibrationViews(load_cameras(options.cameras), background=behind)
+        views = CalibrationViews(load_cameras(options.cameras), background=background)
         return views, "against the complete scene in the cameras given"
-    around = CalibrationViews(surrounding_cameras(scene), background=behind)
+    around = CalibrationViews(surrounding_cameras(scene), background=background)
     return around, "against the complete scene on a sphere of views"
 
 
@@ -63,11 +63,12 @@ def photos_of(options: ReferenceOptions, split: str, scene: Scene) -> Calibratio
     """
     if options.data is None:
         return None
-    photos = open_dataset(options.data, split=split, background=_behind(options, scene))
+    photos = open_dataset(options.data, split=split, background=_reference_background(options, scene))
     return CalibrationViews.of_photos(photos)
 
 
-def _behind(options: ReferenceOptions, scene: Scene) -> Background:
+def _reference_background(options: ReferenceOptions, scene: Scene) -> Background:
+    """Returns the background colour of the reference pictures: the option's, or the scene's if it is not set."""
     chosen = chosen_background(options.background)
     return scene.background if chosen is None else chosen
 

@@ -22,7 +22,7 @@ def encode_sequence_of(command: Encode, source: Path) -> None:
     """Encodes frames as a clip, and prints the properties of the clip."""
     background = chosen_background(command.background)
     options = sequence_options(command.fps, command.group, command.quality, background, command.up)
-    with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
+    with progress_bars() as report, output_path(command.output, expected_suffix=".swz", json=command.json) as path:
         sequence, started = open_sequence(source, command.frames), time.perf_counter()
         if sequence.num_frames == 1 and source.is_dir():
             LOG.warning("%s: has one frame, of which a clip is made: name the file in it for a still", command.scene)

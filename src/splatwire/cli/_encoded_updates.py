@@ -30,7 +30,7 @@ def encode_update_of(command: Encode, scene: Any, cameras: Cameras | None) -> No
     with input_path(command.update) as path:
         base = read_stream(path)[0]
     check_base(base)  # before the precision of the scene is measured
-    with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
+    with progress_bars() as report, output_path(command.output, expected_suffix=".swz", json=command.json) as path:
         started = time.perf_counter()
         report("choosing precision", 0.0)
         classes = scene_class_offsets(scene, cameras, recompute=True)

@@ -33,7 +33,7 @@ _FORMATS = {
     ".jpg": "a picture",
     ".jpeg": "a picture",
 }
-"""File format that is expected for each suffix."""
+"""File format that each known suffix stands for."""
 _HEAD_BYTES = 1 << 16
 
 
@@ -80,42 +80,45 @@ def input_path(name: str) -> Iterator[Path]:
 
 
 @contextmanager
-def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[Path]:
+def output_path(name: str, *, expected_suffix: str = "", json: bool = False) -> Iterator[Path]:
     """Yields the path to write to.
 
     For standard output, this is a temporary file that is copied to standard output at the end.
 
     Args:
         name: Output path given by the user, or `-`.
-        suffix: Required file name suffix with its dot; empty for any.
+        expected_suffix: File name suffix of the written format, with its dot; empty for a scene file. A name with the
+            suffix of another known format is refused; names with unknown or no suffix are accepted.
         json: True if standard output is reserved for a JSON object.
 
     Raises:
-        InvalidValueError: If both the data and the JSON object would go to standard output, or the output cannot be
-            written.
+        InvalidValueError: If both the data and the JSON object would go to standard output, the suffix is that of
+            another format, or the output cannot be written.
     """
     if name != STANDARD:
-        yield prepared_output(Path(name), folder=suffix == FILE_SUFFIX, suffix=suffix)
+        yield prepared_output(Path(name), folder=expected_suffix == FILE_SUFFIX, expected_suffix=expected_suffix)
         return
     if sys.stdout is None:
         raise InvalidValueError("standard output is closed: give -o a file")
     if json:
         raise InvalidValueError("--json and -o - both want standard output; give -o a file")
     with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
-        path = Path(folder) / f"standard_output{suffix}"
+        path = Path(folder) / f"standard_output{expected_suffix}"
         yield path
         with path.open("rb") as file:
             shutil.copyfileobj(file, sys.stdout.buffer)
         sys.stdout.buffer.flush()
 
 
-def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = None) -> Path:
+def prepared_output(path: Path, *, folder: bool = False, expected_suffix: str | None = None) -> Path:
     """Checks, before any computation, that an output path can be written; returns the path unchanged.
 
     Args:
         path: Output path.
         folder: True if the output may be a folder.
-        suffix: Required file name suffix with its dot; None for any.
+        expected_suffix: File name suffix of the written format, with its dot; empty for a scene file. A name with the
+            suffix of another known format is refused; names with unknown or no suffix are accepted. None for no check
+            of the suffix.
 
     Returns:
         The path.
@@ -126,12 +129,11 @@ def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = No
     """
     # Outputs are written to a temporary file that then replaces the target, which must not happen to a device such as
     # `/dev/null`.
-    actual_suffix = path.suffix.lower()
-    if suffix is not None and actual_suffix in _FORMATS and actual_suffix != suffix:
-        written = _FORMATS.get(suffix) or (f"a {suffix} file" if suffix else "a scene file")
+    suffix, expected = path.suffix.lower(), expected_suffix
+    if expected is not None and suffix in _FORMATS and suffix != expected:
+        written = _FORMATS.get(expected) or (f"a {expected} file" if expected else "a scene file")
         raise InvalidValueError(
-            f"{path}: the name says {_FORMATS[actual_suffix]}, but {written} would be in it: end it in "
-            f"{suffix or '.scene'}"
+            f"{path}: the name says {_FORMATS[suffix]}, but {written} would be in it: end it in {expected or '.scene'}"
         )
     if path.is_dir() and not folder:
         raise InvalidValueError(f"{path} is a folder: name a file")

@@ -15,7 +15,7 @@ def run(command: Apply) -> None:
     refuse_own_input(command.output, command.update)  # the stream itself may be replaced by its next state
     with input_path(command.stream) as first, input_path(command.update) as second:
         base, update = read_stream(first)[0], read_stream(second)[0]
-    with output_path(command.output, suffix=".swz", json=command.json) as path:
+    with output_path(command.output, expected_suffix=".swz", json=command.json) as path:
         changed = apply_update(base, update)
         write_stream(changed, path)
     if command.json:

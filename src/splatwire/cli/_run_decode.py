@@ -48,7 +48,7 @@ def run(options: Decode) -> None:
         raise InvalidValueError("--outliers is for explicit Gaussians")
     outliers = chosen_outliers(options.outliers, options.output)
     started = time.perf_counter()
-    with progress_bars() as show, output_path(options.output, suffix=suffix, json=options.json) as path:
+    with progress_bars() as show, output_path(options.output, expected_suffix=suffix, json=options.json) as path:
         received = decode_stream(stream, progress=lambda share: show("decoding", share))
         decoded = time.perf_counter()
         written = save_decoded(received, concealer, path, outliers=outliers)
@@ -83,7 +83,11 @@ def _decode_sequence(options: Decode, stream: SceneStream, report: ReadReport) -
     if options.frame is None:
         check_num_frames(stream, options.max_frames, "--max-frames allows more, --frame writes one")
     started, method = time.perf_counter(), options.conceal or DEFAULT
-    output = output_folder(options.output) if folder else output_path(options.output, suffix=suffix, json=options.json)
+    output = (
+        output_folder(options.output)
+        if folder
+        else output_path(options.output, expected_suffix=suffix, json=options.json)
+    )
     with progress_bars() as show, output as path:
         facts = write_frames(stream, path, suffix, method, options.frame, show, outliers)
     seconds = time.perf_counter() - started

@@ -172,7 +172,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
     if command.update is not None:
         _optional_steps().encode_update_of(command, scene, cameras)
         return
-    with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
+    with progress_bars() as report, output_path(command.output, expected_suffix=".swz", json=command.json) as path:
         if refine is not None:
             scene = refine(scene, progress=lambda share: report("fitting the context model", share))
         started, kept_psnr = time.perf_counter(), None

@@ -80,7 +80,7 @@ def _check(options: Export) -> None:
     """Checks the options of the subcommand `export` before any file is read."""
     if str(options.output) == "-":
         raise InvalidValueError("an export is read back to be measured: give -o a file")
-    prepared_output(options.output, suffix=Path(f"x{_format(options).suffix}").suffix)
+    prepared_output(options.output, expected_suffix=Path(f"x{_format(options).suffix}").suffix)
     if options.kind == "splat" and options.degree:
         raise InvalidValueError(f"--degree {options.degree}: a .splat file has one colour for all directions, degree 0")
     if options.harmonic_bits is not None and options.kind != "spz":

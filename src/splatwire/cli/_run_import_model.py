@@ -22,7 +22,7 @@ def run(command: Import) -> None:
     refuse_own_input(command.output, command.model_dir)
     started = time.perf_counter()
     explicit = command.kind == "splats"
-    with output_path(command.output, suffix=".ply" if explicit else "", json=command.json) as path:
+    with output_path(command.output, expected_suffix=".ply" if explicit else "", json=command.json) as path:
         result = _explicit(command, path) if explicit else _neural(command, path)
         num_bytes = path.stat().st_size
     if command.json:

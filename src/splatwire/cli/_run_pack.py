@@ -31,7 +31,7 @@ def run(command: Pack) -> None:
             write = _gltf_writer(streams[name], path) if gltf else None
     num_packets = sum(len(stream.packets) for stream in streams.values())
     write = write or _page_writer(streams)
-    with output_path(command.output, suffix=".glb" if gltf else ".html", json=command.json) as target:
+    with output_path(command.output, expected_suffix=".glb" if gltf else ".html", json=command.json) as target:
         write(target)
         num_bytes = target.stat().st_size
     if command.json:

@@ -190,7 +190,7 @@ def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
 
 def _output(command: Receive) -> contextlib.AbstractContextManager[Path]:
     suffix = Path(command.output).suffix if command.explicit else FILE_SUFFIX if command.conceal is None else ""
-    return output_path(command.output, suffix=suffix, json=command.json)
+    return output_path(command.output, expected_suffix=suffix, json=command.json)
 
 
 def _print_result(

@@ -47,7 +47,7 @@ def run(options: Render) -> None:
 def _draw_sequence(options: Render, stream: SceneStream, cameras: Cameras | None) -> None:
     if options.output.suffix.lower() != ".webp":
         raise InvalidValueError(f"a clip becomes a moving picture: give a name such as name.webp, not {options.output}")
-    prepared_output(options.output, suffix=".webp")
+    prepared_output(options.output, expected_suffix=".webp")
     if options.background is not None:
         raise InvalidValueError("--background is for still scenes; a clip has the background that `encode` stored")
     started = time.perf_counter()

@@ -64,7 +64,7 @@ def run(command: Train) -> None:
     if command.model == GAUSSIAN_MODEL:
         run_gaussians(command, device, _DEVICE_NAMES[device])
         return
-    output = prepared_output(Path(command.output), suffix="")
+    output = prepared_output(Path(command.output), expected_suffix="")
     checkpoint = output.with_name(output.name + ".checkpoint")
     if command.resume:
         state, config = load_checkpoint(checkpoint)

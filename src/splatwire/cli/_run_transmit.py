@@ -13,7 +13,7 @@ def run(command: Transmit) -> None:
     refuse_own_input(command.output, command.stream)
     with input_path(command.stream) as source:
         sent, _ = read_stream(source)
-    with output_path(command.output, suffix=".swz", json=command.json) as path:
+    with output_path(command.output, expected_suffix=".swz", json=command.json) as path:
         received, record = transmit(sent, loss, seed=command.seed, send_order=command.send_order)
         write_stream(received, path)
     if command.json:

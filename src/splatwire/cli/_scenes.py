@@ -28,6 +28,6 @@ def chosen_outliers(option: OutliersOption, name: str) -> Outliers:
     """
     if option is None:
         return DEFAULT
-    if "outliers" not in format_for(name).keeps:
+    if "outliers" not in format_for(name).write_options:
         raise InvalidValueError("--outliers is for compressed.ply, spz and sog: other formats keep numbers as they are")
     return option

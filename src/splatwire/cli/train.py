@@ -35,11 +35,12 @@ class Train:
     """Weight of the rate (lambda); larger values give smaller scenes. Default: the preset's; its unit depends on the
     model."""
     size: str | None = None
-    """Target size of the encoded scene: 500kB, 1.2MB or 500000 bytes. Lambda is adjusted in the second half of the
-    training, starting from --lmbda."""
+    """Target size of the encoded scene: 500kB, 1.2MB or 500000 bytes. Lambda starts at --lmbda and is adjusted after
+    42 % of --iterations, or from the start if --init continues a finished scene."""
     iterations: int | None = None
     """Number of iterations; all phases are scaled in proportion. Default: 2400, or 720 if --init continues a scene
-    (published schedules have 30000). --loss adds 30 %; --model gaussians adds 25 %, at most 2000."""
+    (published schedules have 30000). --loss adds 30 % to a new training of the model causal; --model gaussians adds
+    25 %, at most 2000."""
     voxel_size: float | None = None
     """Spacing of anchors in world units; 0 derives it from the points. Default: the preset's."""
     growth_interval: int | None = None

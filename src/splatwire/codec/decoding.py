@@ -29,8 +29,8 @@ def decode_stream(
         progress: Called with the completed fraction of the work, 0 to 1.
 
     Returns:
-        The scene in coding order, the mask of received elements, and the stream's metadata. Anchors also have values
-        predicted from the side information (`Prior`).
+        The scene (anchors in coding order, Gaussians in plan order), the mask of received elements, and the stream's
+        metadata. Anchors also have values predicted from the side information (`Prior`).
 
     Raises:
         MissingSideInfoError: If the stream has no side information.

@@ -115,7 +115,7 @@ class ProgressiveDecoder(Arrivals):
         return self._num_received == self.manifest.num_elements
 
     def members(self, packet: Packet) -> np.ndarray:
-        """Returns the indices of a packet's elements in coding order, which is also the order of the scene, int64.
+        """Returns the indices of a packet's elements in the decoded scene, int64.
 
         Raises:
             InvalidValueError: If the stream has no such packet.
@@ -140,7 +140,7 @@ class ProgressiveDecoder(Arrivals):
                 counted.
 
         Returns:
-            Indices of the new elements in coding order, which is also the order of the scene, int64.
+            Indices of the new elements in the decoded scene, int64.
 
         Raises:
             BitstreamError: If the decoded elements exceed the memory limit (`splatwire.codec.memory`).

@@ -77,12 +77,12 @@ class Options:
 
 @runtime_checkable
 class Decoder(Protocol):
-    """Interface of a decoder of one stream. The results are arrays of all elements in coding order.
+    """Interface of a decoder of one stream. The results are arrays of all elements in the order of the decoded scene.
 
     Attributes:
         sections: Named sections of the side information.
-        order: Entry i is the index in coding order of the element with index i in the packet plan, int64 (N). The
-            packet plan sorts elements by importance tier. None if both orders are equal.
+        order: Entry i is the index in the decoded scene of the element with plan index i (see `PacketPlan`), int64 (N).
+            None if both indices are equal, as for explicit Gaussians and for anchors with a single tier.
         batches_are_blocks: True if a batch (packets decoded in one call) is always one block; False if batches may mix
             blocks.
         packets_independent: True if each packet of a batch can also be decoded alone.

@@ -1,4 +1,4 @@
-"""Importance tier of each anchor, as a named section of the side information; present in streams with several tiers."""
+"""Importance tier of each element: a named section of the side information of streams with several tiers."""
 
 from collections.abc import Mapping
 
@@ -15,10 +15,10 @@ SECTION = "tiers"
 
 
 def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
-    """Entropy-codes the importance tier of every anchor.
+    """Entropy-codes the importance tier of every element.
 
     Args:
-        tiers: Importance tier of each anchor in coding order, 0 for the most important, (N).
+        tiers: Importance tier of each element in the order of the decoded scene, 0 for the most important, (N).
         num_tiers: Number of tiers.
     """
     models = fresh_models((num_tiers - 1) * kernels.STATES)
@@ -27,26 +27,26 @@ def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
     return buffer[:length].tobytes()
 
 
-def decode_tiers(data: bytes, num_anchors: int, num_tiers: int) -> np.ndarray:
+def decode_tiers(data: bytes, num_elements: int, num_tiers: int) -> np.ndarray:
     """Decodes the importance tiers written by `encode_tiers`.
 
     Returns:
-        Importance tier of each anchor, uint8 (N).
+        Importance tier of each element, uint8 (N).
     """
-    models, tiers = fresh_models((num_tiers - 1) * kernels.STATES), np.empty(num_anchors, dtype=np.uint8)
+    models, tiers = fresh_models((num_tiers - 1) * kernels.STATES), np.empty(num_elements, dtype=np.uint8)
     kernels.decode_tiers(np.frombuffer(data, dtype=np.uint8), num_tiers, models, tiers)
     return tiers
 
 
 def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
-    """Returns the importance tier of each anchor of a stream, in coding order.
+    """Returns the importance tier of each element of a stream, in the order of the decoded scene.
 
     Args:
         sections: Named sections of the stream's side information.
         manifest: The stream's manifest.
 
     Returns:
-        Importance tier of each anchor, uint8 (N).
+        Importance tier of each element, uint8 (N).
 
     Raises:
         BitstreamError: If manifest and side information contradict each other.
@@ -59,7 +59,7 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
     tiers = decode_tiers(sections[SECTION], manifest.num_elements, len(tier_counts))
     counts = np.bincount(tiers, minlength=len(tier_counts)).tolist()
     if counts != [tier.num_elements for tier in tier_counts]:
-        raise BitstreamError(f"the side information has tiers of {counts} anchors, which the manifest denies")
+        raise BitstreamError(f"the side information has tiers of {counts} elements, which the manifest denies")
     return tiers
 
 

@@ -87,7 +87,9 @@ class Dataset(CheckedFields):
         return photo if undistortion is None else undistortion.image(photo)
 
     def mask(self, view: int) -> Bool[np.ndarray, "H W"] | None:
-        """Loads the mask of a view, True for pixels that are evaluated; None if the view has no mask.
+        """Loads the mask of a view; None if the view has no mask.
+
+        The mask is True for pixels that are compared, in the training loss and in evaluation.
 
         Raises:
             DatasetError: If the file is missing or damaged, or the mask is empty.

@@ -103,7 +103,9 @@ def load_photo(
 
 
 def load_mask(path: Path, size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
-    """Loads an evaluation mask: True for pixels that are evaluated (brighter than middle grey).
+    """Loads the mask of a photo: True for pixels that are compared, in training and evaluation.
+
+    These pixels are brighter than middle grey in the file.
 
     Args:
         path: The file, 8 bits per channel.

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from splatwire.lazy_names import renamed_attributes
 from splatwire.plugins import Registry
 
 if TYPE_CHECKING:
@@ -24,11 +25,11 @@ class FileFormat:
             `splatwire.types.splats.Splats`. With `scene_type`, it returns a scene of that type. None for write-only
             formats.
         write: Function that writes a file and returns the number of Gaussians. Without `scene_type`, its arguments are
-            batches of Gaussians (`Splats`, all of one degree), the path, and the properties in `keeps`. With
+            batches of Gaussians (`Splats`, all of one degree), the path, and keyword arguments in `write_options`. With
             `scene_type`, its arguments are a scene and the path. None for read-only formats.
         scene_type: Type of the scenes in such files; None for explicit Gaussians.
         ending: File name extension without the first dot; `name` if empty.
-        keeps: Names of the optional keyword arguments that `write` accepts. `antialiased`, `origin`, `metadata` and
+        write_options: Names of the optional keyword arguments of `write`. `antialiased`, `origin`, `metadata` and
             `steps` (quantisation steps) are scene properties that the format can store. `outliers` (`clamp`, `prune` or
             `keep`) is the treatment of distant Gaussians, for formats in which they reduce the precision of all others.
         kinds: Results of format detection (`splatwire.files.kinds.file_kind`) for the files that `read` accepts.
@@ -41,8 +42,10 @@ class FileFormat:
     write: Callable[..., Any] | None = None
     scene_type: type | None = None
     ending: str = ""
-    keeps: frozenset[str] = frozenset()
+    write_options: frozenset[str] = frozenset()
     kinds: tuple["Kind", ...] = ()
+
+    __getattr__ = renamed_attributes("FileFormat", {"keeps": "write_options"})
 
     @property
     def suffix(self) -> str:

@@ -34,7 +34,7 @@ class Latents:
         logits: Logits of the opacities.
         base: Harmonics of degree 0.
         harmonics: Harmonics above degree 0.
-        centres: Centres without displacements, world coordinates.
+        centres: Centres without displacements, world units, relative to the scene's origin.
         units: Geometric mean of the two largest standard deviations of each Gaussian at the start, world units.
         quats: Unit quaternions, (w, x, y, z).
     """

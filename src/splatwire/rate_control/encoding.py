@@ -69,7 +69,7 @@ _IDENTITY = np.array([1, 0, 0, 0], np.float32)
 """Quaternion (w, x, y, z) of no rotation."""
 _LOG = logging.getLogger(__name__)
 Encoder = Callable[[SplatScene, np.ndarray, Quality], SceneStream]
-"""Encodes a scene with the given precision classes and quality setting."""
+"""Encodes a scene with the given class offsets and quality setting."""
 Progress = Callable[[str, float], None]
 
 
@@ -457,7 +457,7 @@ class _Trials:
     """Encodes a scene at several quantisation levels (`Quality.level`), to find a level for a target size or PSNR.
 
     Args:
-        plan: The scene and its precision classes.
+        plan: The scene and its class offsets.
         encode: Function that encodes a scene.
         progress: Called with the name of the current task and its finished share.
         tuned_level: Quantisation level for which the Gaussians were fine-tuned. The search begins at this level. None

@@ -120,7 +120,7 @@ def project_splats(
     """Projects Gaussians to the image, and finds the tiles that each of them overlaps.
 
     Args:
-        means: Centres, world coordinates.
+        means: Centres, world units, relative to the origin of `pose`.
         quats: Unit quaternions, (w, x, y, z).
         scales: Standard deviations along the axes, world units.
         opacities: Opacities.
@@ -186,7 +186,7 @@ def project_back(
     """Back-propagates gradients from projected Gaussians to the parameters of the Gaussians.
 
     Args:
-        means: Centres, world coordinates.
+        means: Centres, world units, relative to the origin of `pose`.
         quats: Unit quaternions, (w, x, y, z).
         scales: Standard deviations along the axes, world units.
         opacities: Opacities.
@@ -238,7 +238,7 @@ def _project_back_one(
     """Applies the chain rule to one Gaussian: from the projected mean and covariance to mean, quaternion and scales.
 
     Args:
-        mean: Centre, world coordinates.
+        mean: Centre, world units, relative to the origin of `pose`.
         quat: Unit quaternion, (w, x, y, z).
         scale: Standard deviations, world units.
         pose: World-to-camera transform.

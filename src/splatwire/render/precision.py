@@ -318,8 +318,8 @@ def _class_offsets(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, 
             total[is_degenerate] -= weight
         log_sensitivities += weighted
     log_sensitivities /= total
-    class_0 = np.quantile(log_sensitivities, FINEST_SHARE)
-    return np.rint(log_sensitivities - class_0).clip(-100, 100).astype(np.int8)
+    finest_sensitivity = np.quantile(log_sensitivities, FINEST_SHARE)
+    return np.rint(log_sensitivities - finest_sensitivity).clip(-100, 100).astype(np.int8)
 
 
 def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> dict[str, Float64[np.ndarray, "G"]]:

@@ -45,7 +45,7 @@ class SequenceFormat:
 
     def _checked(self, frames: Iterable[FileContent], path: Path) -> Iterator[FileContent]:
         """Yields the frames unchanged; logs properties of the first frame that the file format cannot store."""
-        form = FileFormat(self.name, "a sequence", keeps=self.keeps)
+        form = FileFormat(self.name, "a sequence", write_options=self.keeps)
         for number, frame in enumerate(frames):
             if not number:
                 storable_properties(

@@ -32,7 +32,7 @@ class Anchors:
     Fields are numpy arrays, or torch tensors during training.
 
     Attributes:
-        positions: World coordinates.
+        positions: World units, relative to the scene's origin.
         features: Anchor features.
         scalings: Sizes (not logarithms): the first three scale the offsets, the last three are the base size of the
             Gaussians.
@@ -83,7 +83,8 @@ class Anchors:
 
         Args:
             fully_received: Mask of received anchors.
-            positions: Positions for the lost anchors, world coordinates; other rows are ignored.
+            positions: Positions for the lost anchors, world units, relative to the scene's origin. Other rows are
+                ignored.
 
         Raises:
             InvalidValueError: If an array has another shape or type.

@@ -21,7 +21,7 @@ class Gaussians:
     Fields are float32 numpy arrays, or torch tensors in training.
 
     Attributes:
-        means: World coordinates of the centres.
+        means: Centres, world units, relative to the scene's origin.
         quats: Unit quaternions, (w, x, y, z).
         scales: Standard deviations along the principal axes, world units.
         opacities: Opacity at the centre, in (0, 1).

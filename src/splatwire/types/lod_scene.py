@@ -14,7 +14,7 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class LevelScene(SplatScene):
-    """Gaussians of all levels of detail of a scene, in coding order.
+    """Gaussians of all levels of detail of a scene, in the order of the decoded scene.
 
     The coarsest level comes first. The Gaussians of a level are sorted by tile. A tile is a spatial block of
     neighbouring Gaussians of one level.
@@ -30,7 +30,7 @@ class LevelScene(SplatScene):
     def select(self, index: Any) -> "LevelScene":
         """Returns the scene with only the Gaussians at `index` (integers, mask or slice).
 
-        The Gaussians stay in coding order, whatever the order of the integers.
+        The Gaussians keep their order, whatever the order of the integers.
         """
         chosen = np.zeros(self.num_elements, np.bool_)
         chosen[indices_of(index, self.num_elements)] = True

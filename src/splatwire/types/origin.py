@@ -29,8 +29,8 @@ _NARROW_RATIO, _NARROW_MIN_DISTANCE = 256.0, 1000.0
 so only file formats with fewer bits benefit from an origin."""
 _PRECISE_RATIO = 256.0
 """Ratio of the distance from 0 to the spread above which float32 would round precise positions visibly."""
-_MIN_SPREADS = 64.0
-"""Origins are rounded to integers, or to a power of 2 of at most this many spreads if that is smaller."""
+_MAX_STEP_SPREADS = 64.0
+"""Origins are rounded to multiples of a step: 1, or a smaller power of 2 of at most this many spreads."""
 
 
 def check_origin(values: object) -> Origin:
@@ -127,7 +127,11 @@ def _is_far_and_small(far: float, spread: float) -> bool:
 
 
 def _rounded(middle: np.ndarray, spread: float) -> Origin:
-    """Returns an origin near the median of positions, rounded to a step much smaller than the scene.
+    """Returns an origin near the median of positions, rounded to multiples of a step.
+
+    The step is 1 for most scenes, and a smaller power of 2 for scenes below 1/64 of a unit. It may be larger than the
+    scene, but it is at most `_MAX_STEP_SPREADS` spreads (or the spacing of float64 at the origin), so that float32
+    positions relative to the origin are precise.
 
     Args:
         middle: The median position.
@@ -141,8 +145,8 @@ def _rounded(middle: np.ndarray, spread: float) -> Origin:
         raise InvalidValueError(
             f"positions are around {far:.4g} from 0, and origins end at {_MAX_COORDINATE:g}: subtract a point near them"
         )
-    min_step = max(_MIN_SPREADS * spread, float(np.spacing(far)))
-    step = min(1.0, 2.0 ** math.floor(math.log2(min_step))) if spread > 0 else 1.0
+    max_step = max(_MAX_STEP_SPREADS * spread, float(np.spacing(far)))
+    step = min(1.0, 2.0 ** math.floor(math.log2(max_step))) if spread > 0 else 1.0
     return check_origin((np.rint(middle / step) * step).tolist())
 
 

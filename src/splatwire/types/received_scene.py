@@ -43,7 +43,8 @@ class PredictedPositions(CheckedFields):
     """Predicted positions of Gaussians or anchors, for streams whose packets also contain the positions.
 
     Attributes:
-        positions: Predicted positions of all Gaussians or anchors, world coordinates. Lost elements are placed there.
+        positions: Predicted positions of all Gaussians or anchors, world units, relative to the scene's origin. Lost
+            elements are placed there.
     """
 
     positions: Float[Any, "N 3"]
@@ -71,7 +72,7 @@ class Copies(CheckedFields):
     """Coarse redundant copies of Gaussians, drawn by a receiver if the originals are lost.
 
     Attributes:
-        indices: For each copy, index of its original Gaussian in coding order, without duplicates.
+        indices: For each copy, index of its original Gaussian in the decoded scene, without duplicates.
         splats: Attributes of the copies.
         growth: Three parameters, chosen by the encoder, for concealing lost Gaussians that have no copy. The larger
             the first two, the more the size and the opacity of received neighbours increase. The third is the weight of

@@ -32,7 +32,7 @@ def check_arrays(
         shapes: Expected shape of each array, by field name.
         boolean: Names of the boolean fields; the others are floating-point.
         tensors: True to accept torch tensors too, for training.
-        positions: Field with world coordinates, which float32 must represent precisely enough; None for no check.
+        positions: Field with positions, which float32 must represent precisely enough; None for no check.
 
     Raises:
         InvalidValueError: If a field is not an array or has the wrong type or shape, or if positions are float64 and

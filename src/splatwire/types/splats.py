@@ -37,7 +37,7 @@ class Splats:
     """Attributes of G anisotropic Gaussians. Spherical harmonics describe how the colour depends on the view.
 
     Attributes:
-        means: World coordinates of the centres.
+        means: Centres, world units, relative to the scene's origin.
         quats: Unit quaternions, (w, x, y, z). Functions that take a scene normalise quaternions of other lengths.
         scales: Standard deviations along the principal axes, world units (linear, not logarithms).
         opacities: Opacity at the centre, in (0, 1) (not logits).

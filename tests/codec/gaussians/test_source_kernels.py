@@ -130,7 +130,7 @@ def test_summaries_of_blocks_equal_their_reference(layout: Callable[[Splats], Sp
     scene = scene_of(layout(splats), QUALITIES["default"])
     assert scene.num_blocks > 1
     for block in range(scene.num_blocks):
-        members, (bounds, means) = scene.order[scene.block_ranks(block)], scene.summary(block)
+        members, (bounds, means) = scene.order[scene.block_range(block)], scene.summary(block)
         places = to_lattice(scene.centres[members].astype(np.float64), scene.lattice_bits, scene.size_log)
         np.testing.assert_array_equal(bounds, [places.min(axis=0), places.max(axis=0)])
         expected = reference_means(scene.splats.select(members), scene.size_log)

@@ -1,9 +1,13 @@
 import dataclasses
+import inspect
 import math
 
 import pytest
 
+from scenes import tiny_causal_scene
+from splatwire.cli.train import Train
 from splatwire.neural.training.config import LearningRate, LearningRates, Milestones
+from splatwire.neural.training.finetune import fine_tuning_config
 from splatwire.neural.training.presets import create_config
 from splatwire.neural.training.schedule import (
     Phase,
@@ -13,6 +17,21 @@ from splatwire.neural.training.schedule import (
     learning_rates,
     phase_of,
 )
+from splatwire.neural.training.size import measuring_start
+
+
+def test_size_control_and_iterations_for_losses_are_as_the_help_of_train_states() -> None:
+    stated = " ".join(inspect.getsource(Train).split())
+    assert "adjusted after 42 % of --iterations, or from the start if --init continues a finished scene." in stated
+    assert "--loss adds 30 % to a new training of the model causal;" in stated
+    iterations, losses = 24_000, ("bernoulli:0.2",)
+    for model, num_iterations in (("causal", 31_200), ("hacpp", 24_000)):
+        config = create_config(model=model, iterations=iterations, losses=losses)
+        assert config.milestones.iterations == num_iterations
+        assert measuring_start(config.milestones) / iterations == pytest.approx(0.42, abs=0.005)
+    continued = fine_tuning_config(create_config(iterations=iterations, losses=losses), tiny_causal_scene())
+    assert continued.milestones.iterations == iterations
+    assert measuring_start(continued.milestones) < 1
 
 
 def test_phases_equal_the_published_schedule() -> None:

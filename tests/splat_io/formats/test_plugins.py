@@ -157,13 +157,19 @@ def test_scene_properties_that_a_format_cannot_store_give_a_warning(register, tm
         path.write_bytes(HEAD)
 
     register(toy(name="plain", write=write))
-    register(toy(name="full", write=write, keeps=frozenset(("antialiased", "origin"))))
+    register(toy(name="full", write=write, write_options=frozenset(("antialiased", "origin"))))
     with caplog.at_level(logging.WARNING):
         write_splats([some_splats()], tmp_path / "a.full", antialiased=True, origin=(1.0, 2.0, 3.0))
         assert caplog.text == ""
         write_splats([some_splats()], tmp_path / "a.plain", antialiased=True)
     assert kept == [{"antialiased": True, "origin": (1.0, 2.0, 3.0)}, {}]
     assert "such files cannot ask for antialiasing" in caplog.text
+
+
+def test_former_name_of_write_options_gives_them_with_a_warning() -> None:
+    form = toy(write_options=frozenset(("origin",)))
+    with pytest.warns(DeprecationWarning, match="FileFormat.keeps is deprecated, use write_options"):
+        assert form.keeps == {"origin"}
 
 
 @pytest.mark.parametrize(
@@ -175,7 +181,10 @@ def test_scene_properties_that_a_format_cannot_store_give_a_warning(register, tm
         ({"recognises": None}, "recognises is missing"),
         ({"read": 3}, "read cannot be called"),
         ({"scene_type": "Points"}, "scene_type must be a class, not 'Points'"),
-        ({"keeps": frozenset(("colour",))}, "keeps has colour; known are antialiased, metadata, origin, outliers, s"),
+        (
+            {"write_options": frozenset(("colour",))},
+            "write_options has colour; known are antialiased, metadata",
+        ),
         ({"name": "spz"}, "two file formats are called 'spz': splatwire.io.formats"),
     ],
 )

@@ -127,7 +127,7 @@ function readPacketization(fields: Json | undefined): Packetization {
     grouping,
     packaging,
     packetBytes: hashed
-      ? integer(fields, "packet_bytes", limits.MIN_PACKET_BYTES, limits.MAX_DATAGRAM_BYTES)
+      ? integer(fields, "packet_bytes", limits.MIN_PACKET_BYTES, limits.MAX_HASHED_PACKET_BYTES)
       : limits.MAX_PACKET_BYTES,
   };
 }

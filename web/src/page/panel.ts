@@ -287,8 +287,7 @@ export class Panel {
       input.addEventListener("change", () => this.set({ show }));
       group.append(createElement("label", {}, input, show));
     }
-    // a form, because Chromium retains radio buttons without one after the panel is removed
-    return createElement("form", { method: "dialog" }, group);
+    return group;
   }
 
   #copyButton(words: string, text: () => string): HTMLElement {

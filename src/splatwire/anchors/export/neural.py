@@ -16,7 +16,7 @@ class PossibleGaussians:
     Attributes:
         anchor_index: Anchor of each Gaussian, ascending.
         offset_index: Index of each Gaussian's offset within the anchor.
-        means: Centre of each Gaussian, which is the same in all views, world coordinates.
+        means: Centre of each Gaussian, which is the same in all views; world units, relative to the scene's origin.
     """
 
     anchor_index: Int64[np.ndarray, "S"]
@@ -68,7 +68,7 @@ def gaussians_in_view(
     Args:
         scene: The anchor scene.
         possible: The Gaussians.
-        camera_center: Position of the camera, world coordinates.
+        camera_center: Position of the camera, world units, relative to the scene's origin.
     """
     anchors, heads = scene.anchors, scene.heads
     index, row = np.unique(possible.anchor_index, return_inverse=True)

@@ -58,7 +58,8 @@ def convert(
         colours: Orthonormal matrix from RGB to Y Co Cg, divided by the value of the spherical harmonic of degree 0,
             float64 (3, 3).
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
-        means: Output for the N Gaussians of the scene, world coordinates of centres, float32 (N, 3).
+        means: Output for the N Gaussians of the scene: centres, world units relative to the scene's origin, float32
+            (N, 3).
         quats: Output, unit quaternions (w, x, y, z), float32 (N, 4).
         scales: Output, standard deviations, float32 (N, 3).
         opacities: Output, float32 (N).

@@ -20,7 +20,7 @@ def write_copies(
     """Encodes redundant copies of Gaussians, with the stream's quantisation steps and probability tables.
 
     Args:
-        splats: All Gaussians of the stream, in coding order.
+        splats: All Gaussians of the stream, in the order of the decoded scene.
         indices: int64, indices in `splats` of the Gaussians to copy.
         info: The stream's side information.
         precision_class: Precision class of all copies (their set of quantisation steps), 0 for the coarsest.

@@ -267,7 +267,8 @@ def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, n
     Args:
         info: Side information of the stream, with default attribute values for each block.
         block: Index of the spatial block.
-        received_positions: Lattice coordinates of the block's received Gaussians, int64 (received, 3).
+        received_positions: Positions of the block's received Gaussians in half lattice spacings, relative to the corner
+            of the block's bounding box, int64 (received, 3).
         num_lost: Number of lost Gaussians.
 
     Returns:

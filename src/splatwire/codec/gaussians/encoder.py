@@ -243,17 +243,17 @@ class GaussianEncoder:
         coded = encode_block(source, self._info, block, self._counts[block], self._max_payload_bytes)
         return CodedPackets(coded.counts, coded.payloads, (coded.symbols, coded.harmonic_symbols))
 
-    def coding_order(self, block: int, counts: np.ndarray) -> np.ndarray:
-        """Sorts a block's Gaussians into coding order.
+    def packet_order(self, block: int, counts: np.ndarray) -> np.ndarray:
+        """Returns a block's Gaussians in the order in which they are coded, packet by packet.
 
         Args:
             block: Index of the block.
             counts: Number of Gaussians in each packet of the block, from `encode`.
 
         Returns:
-            Entry i is the index in the scene of the i-th Gaussian in coding order, int64 (n).
+            Entry i is the index in the scene of the i-th Gaussian in packet order, int64 (n).
         """
-        return self._scene.coding_order(block, self._info, counts)
+        return self._scene.packet_order(block, self._info, counts)
 
 
 def _fixed_counts(plan: PacketPlan) -> list[np.ndarray]:

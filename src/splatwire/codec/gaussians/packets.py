@@ -40,7 +40,7 @@ def divide_into_packets(scene: SplatScene, packetization: Packetization) -> Pack
     sizes, keys = list[int](), list[tuple[int, int]]()
     for block in encoder.batches():
         coded = encoder.encode(block)
-        members = encoder.coding_order(block, coded.counts)
+        members = encoder.packet_order(block, coded.counts)
         packet_of_gaussian[members] = num_packets + np.repeat(np.arange(len(coded.counts)), coded.counts)
         sizes += [len(payload) + HEADER_BYTES for payload in coded.payloads]
         keys += [(index_in_block, block) for index_in_block in range(len(coded.counts))]

@@ -92,7 +92,8 @@ class SourceScene:
     Attributes:
         splats: The N Gaussians in input order.
         centres: float32 (N, 3), positions as a decoder obtains them, in input order.
-        order: uint32 (N), indices in `splats` of the Gaussians of block 0, then of block 1, and so on.
+        order: uint32 (N), indices in `splats` of the Gaussians of block 0, then of block 1, and so on. An index in this
+            array is a *sorted position*.
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
         precision_classes: uint8 (N), in input order, which select the quantisation steps; 0 is the coarsest.
         size_log: log2 of the scene's size in world units.
@@ -186,28 +187,26 @@ class SourceScene:
         """Returns the indices of a sample of blocks, used by an encoder to fit probability tables."""
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
-    def block_ranks(self, block: int) -> slice:
-        """Returns the range of a block's Gaussians in the attribute `order`."""
+    def block_range(self, block: int) -> slice:
+        """Returns the range of the sorted positions of a block's Gaussians, their indices in the attribute `order`."""
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
-    def splats_at(self, ranks: slice | np.ndarray) -> Splats:
-        """Returns the Gaussians with the given ranks.
-
-        The rank of a Gaussian is its index in the attribute `order`, in which all Gaussians are sorted by block.
+    def splats_at(self, sorted_positions: slice | np.ndarray) -> Splats:
+        """Returns the Gaussians at the given sorted positions.
 
         Args:
-            ranks: Ranks of the Gaussians, as a range or an array of integers.
+            sorted_positions: Indices in the attribute `order`, as a range or an array of integers.
         """
         # numpy's `take` is several times as fast as indexing a tensor.
-        return self.splats.select(self.order[ranks])
+        return self.splats.select(self.order[sorted_positions])
 
-    def classes_at(self, ranks: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of the Gaussians with the given ranks (see `splats_at`), int64.
+    def classes_at(self, sorted_positions: slice | np.ndarray) -> np.ndarray:
+        """Returns the precision classes of the Gaussians at the given sorted positions, int64.
 
         Args:
-            ranks: Ranks of the Gaussians, as a range or an array of integers.
+            sorted_positions: Indices in the attribute `order`, as a range or an array of integers.
         """
-        return self.precision_classes[self.order[ranks]].astype(np.int64)
+        return self.precision_classes[self.order[sorted_positions]].astype(np.int64)
 
     def summary(self, block: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns the bounding box and the mean attributes of a block's Gaussians.
@@ -219,7 +218,7 @@ class SourceScene:
             Smallest and largest coordinates in lattice spacings, int64 (2, 3); and means of the seven coded quantities
             (see `summarise_block`), int64 (7), multiples of `1 << MEAN_SHIFT`.
         """
-        members = self.order[self.block_ranks(block)]
+        members = self.order[self.block_range(block)]
         scene, indices = self._kernel_splats(members)
         bounds, means = np.empty((2, 3), np.int64), np.empty(7)
         centres = self.centres if indices is members else self.centres.take(members, axis=0)
@@ -269,12 +268,12 @@ class SourceScene:
             Four items:
 
             * Positions relative to the corner of the block's bounding box, in spacings of the position lattice, int64
-              (n, 3). Rows are in the order of `block_ranks(block)`.
+              (n, 3). Rows are in the order of `block_range(block)`.
             * Morton code of each row, int64 (n).
             * log2 of the cell size of the coarse position grid, in lattice spacings.
             * Rows in the order in which their Gaussians are put into packets, int64 (n).
         """
-        members, bits = self.order[self.block_ranks(block)], int(info.boxes.bits[block])
+        members, bits = self.order[self.block_range(block)], int(info.boxes.bits[block])
         positions, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
         centres, dropped_bits = kernel_array(self.centres), max(bits - MAX_CELL_BITS, 0)
         max_coordinate, used_bits = sources.write_block_positions(
@@ -285,8 +284,11 @@ class SourceScene:
         cell_shift = choose_cell_shift(positions, bits)
         return positions, codes, cell_shift, sources.sort_cells(codes, 3 * (cell_shift - dropped_bits), self.contiguous)
 
-    def coding_order(self, block: int, info: SideInfo, counts: np.ndarray) -> np.ndarray:
-        """Sorts a block's Gaussians into coding order.
+    def packet_order(self, block: int, info: SideInfo, counts: np.ndarray) -> np.ndarray:
+        """Returns a block's Gaussians in coded order: packet by packet, and along a Morton curve within a packet.
+
+        The i-th Gaussian in this order gets the plan index `PacketPlan.block_indices(block)[i]`, its index in the
+        decoded scene.
 
         Args:
             block: Index of the spatial block.
@@ -294,12 +296,12 @@ class SourceScene:
             counts: Number of Gaussians in each packet of the block.
 
         Returns:
-            Entry i is the index in `splats` of the i-th Gaussian in coding order, int64 (n).
+            Entry i is the index in `splats` of the i-th Gaussian in packet order, int64 (n).
         """
         _, codes, _, order = self._block_positions(block, info)
         # Within a packet Gaussians are sorted along the curve, as in the kernels.
         packet = np.repeat(np.arange(len(counts)), counts)
-        return self.order[self.block_ranks(block).start + order[np.lexsort((codes[order], packet))]].astype(np.int64)
+        return self.order[self.block_range(block).start + order[np.lexsort((codes[order], packet))]].astype(np.int64)
 
     def block_source(self, block: int, info: SideInfo, selection: slice | np.ndarray = slice(None)) -> BlockSource:
         """Returns a block's Gaussians as input of the encoding kernels, in the order in which packets are filled.
@@ -316,7 +318,7 @@ class SourceScene:
         """
         positions, codes, cell_shift, order = self._block_positions(block, info)
         order = order[selection]
-        members = self.order[self.block_ranks(block)].take(order)
+        members = self.order[self.block_range(block)].take(order)
         scene, indices = self._kernel_splats(members)
         precision_classes, count = self.precision_classes.take(members).astype(np.int64), len(order)
         logs, axes, colours = np.empty((count, 4), np.int64), np.empty((count, 3, 3)), np.empty((count, 3), np.int64)

@@ -49,7 +49,7 @@ class CodedKeyframes:
     """Encoded keyframe Gaussians of one group of frames.
 
     Attributes:
-        order: Entry i is the input index of the i-th keyframe Gaussian in coding order, int64 (n).
+        order: Entry i is the input index of the i-th keyframe Gaussian in packet order, int64 (n).
         symbols: Decoded integers of the keyframe Gaussians, int64 (n, columns). Positions are relative to their blocks.
         positions: Positions relative to the scene's origin, in the unit in which the motion of positions is coded,
             int64 (n, 3).
@@ -305,7 +305,7 @@ class KeyframeEncoder:
             starts = np.cumsum(coded.counts) - coded.counts
             for start, count, payload in zip(starts.tolist(), coded.counts.tolist(), coded.payloads, strict=True):
                 packets.append(make_packet(PacketId(block, start), count, payload))
-            order.append(source.coding_order(block, info, coded.counts))
+            order.append(source.packet_order(block, info, coded.counts))
             block_symbols.append((coded.symbols, coded.harmonic_symbols))
             symbols.append(coded.symbols)
             positions.append(to_motion_units(coded.symbols, info, block, lattice_shift))

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from splatwire.bitstream import SceneStream
+from splatwire.bitstream.packetization import DATAGRAM_BYTES
 from splatwire.bitstream.tile_selection import Viewpoint, cut_of
 from splatwire.bitstream.tiles import Tiles
 from splatwire.channel import LossModel, NoLoss
-from splatwire.channel.transmit import DATAGRAM_BYTES
 from splatwire.errors import InvalidValueError
 from splatwire.lod.tiles import tiles_of
 

@@ -364,16 +364,16 @@ def storable_properties(
         The selected properties, as keyword arguments of the format's writer.
     """
     treatment = check_outliers(outliers)
-    properties: dict[str, Any] = {"outliers": treatment} if "outliers" in file_format.keeps else {}
-    if steps is not None and "steps" in file_format.keeps:
+    properties: dict[str, Any] = {"outliers": treatment} if "outliers" in file_format.write_options else {}
+    if steps is not None and "steps" in file_format.write_options:
         properties["steps"] = steps
-    if antialiased and "antialiased" in file_format.keeps:
+    if antialiased and "antialiased" in file_format.write_options:
         properties["antialiased"] = True
     if antialiased and file_format.name == "glb":
         warn_of_antialiasing_in_extras(path)
-    elif antialiased and "antialiased" not in file_format.keeps:
+    elif antialiased and "antialiased" not in file_format.write_options:
         LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: PLY, SPZ and SOG can", path)
-    if origin != NO_ORIGIN and "origin" in file_format.keeps:
+    if origin != NO_ORIGIN and "origin" in file_format.write_options:
         properties["origin"] = origin
     if origin != NO_ORIGIN and ("origin" not in properties or file_format.name in _OWN_ORIGIN):
         where = "only splatwire reads from such files" if "origin" in properties else "such files do not hold"
@@ -381,7 +381,7 @@ def storable_properties(
             "%s: positions are relative to the scene's origin (%s), which %s; PLY and glTF have world coordinates",
             path, describe_origin(origin).replace(" ", ", "), where,
         )  # fmt: skip
-    if (stated := metadata.known()) and "metadata" in file_format.keeps:
+    if (stated := metadata.known()) and "metadata" in file_format.write_options:
         properties["metadata"] = metadata
     elif stated:
         LOG.warning("%s: such files have no place for metadata: %s will be lost", path, ", ".join(stated))
@@ -441,12 +441,12 @@ def _problem(file_format: FileFormat) -> str:
         return f"{', '.join(wrong)} cannot be called"
     if file_format.scene_type is not None and not isinstance(file_format.scene_type, type):
         return f"scene_type must be a class, not {file_format.scene_type!r:.40}"
-    if not isinstance(file_format.keeps, frozenset | set | tuple | list) or not all(
-        isinstance(k, str) for k in file_format.keeps
+    if not isinstance(file_format.write_options, frozenset | set | tuple | list) or not all(
+        isinstance(k, str) for k in file_format.write_options
     ):
-        return "keeps must be a set of names"
-    unknown = sorted(set(file_format.keeps) - _PROPERTIES)
-    return f"keeps has {', '.join(unknown)}; known are {', '.join(sorted(_PROPERTIES))}" if unknown else ""
+        return "write_options must be a set of names"
+    unknown = sorted(set(file_format.write_options) - _PROPERTIES)
+    return f"write_options has {', '.join(unknown)}; known are {', '.join(sorted(_PROPERTIES))}" if unknown else ""
 
 
 _OWN_ORIGIN = ("compressed.ply", "spz", "sog")
@@ -470,16 +470,16 @@ _EXPLICIT = (
         read=lambda path: _read_ply(path),
         write=write_ply,
         kinds=(SPLATS_PLY, ANCHORS_PLY, COMPRESSED_PLY, OTHER_PLY),
-        keeps=_PROPERTIES - {"outliers"},
+        write_options=_PROPERTIES - {"outliers"},
     ),
-    FileFormat("compressed.ply", "a compressed PLY", write=write_compressed_ply, keeps=_PROPERTIES - {"steps"}),
+    FileFormat("compressed.ply", "a compressed PLY", write=write_compressed_ply, write_options=_PROPERTIES - {"steps"}),
     FileFormat(
         "spz",
         "an SPZ file",
         read=_lazy_import("spz", "read_spz"),
         write=_lazy_import("spz_writer", "write_spz"),
         kinds=(SPZ,),
-        keeps=_PROPERTIES - {"steps"},
+        write_options=_PROPERTIES - {"steps"},
     ),
     FileFormat(
         "sog",
@@ -487,7 +487,7 @@ _EXPLICIT = (
         read=_lazy_import("sog", "read_sog"),
         write=_lazy_import("sog_writer", "write_sog"),
         kinds=(SOG, SOG_FOLDER, SOG_META),
-        keeps=_PROPERTIES - {"steps"},
+        write_options=_PROPERTIES - {"steps"},
     ),
     FileFormat(
         "streamed sog", "a streamed SOG", read=_lazy_import("streamed_sog", "read_streamed_sog"), kinds=(SOG_LEVELS,)
@@ -506,7 +506,7 @@ _EXPLICIT = (
         read=_lazy_import("gltf", "read_gltf"),
         write=_lazy_import("gltf_writer", "write_gltf"),
         kinds=(GLB, GLTF),
-        keeps=_PROPERTIES - {"steps", "outliers"},
+        write_options=_PROPERTIES - {"steps", "outliers"},
     ),
     *(
         FileFormat(
@@ -515,7 +515,7 @@ _EXPLICIT = (
             read=_lazy_import("usd", "read_usd"),
             write=_lazy_import("usd", "write_usd"),
             kinds=(USD,) if name == "usd" else (),
-            keeps=frozenset(("origin", "metadata")),
+            write_options=frozenset(("origin", "metadata")),
         )
         for name in ("usd", "usda", "usdc", "usdz")
     ),

@@ -59,7 +59,7 @@ class AttributeBits:
 
 
 class AnchorCache:
-    """Cache of data derived from anchor positions: world coordinates, and table rows and weights of the hash grid."""
+    """Cache of data derived from anchor positions: the positions, and table rows and weights of the hash grid."""
 
     # Valid until anchors or the bounding box of the hash grid change.
 
@@ -71,7 +71,7 @@ class AnchorCache:
         self._corners: GridCorners | None = None
 
     def positions(self, state: TrainState) -> Float[Tensor, "N 3"]:
-        """Returns the world coordinates of the anchors."""
+        """Returns the positions of the anchors, world units, relative to the scene's origin."""
         if self._positions is None or self._voxels is not state.voxels:
             self._voxels, self._positions, self._corners = state.voxels, state.positions, None
         return self._positions

@@ -150,7 +150,7 @@ class CausalDecoder(AnchorDecoder):
             self._values[name][ranks] = values
 
     def _positions_of(self, voxels: np.ndarray) -> np.ndarray:
-        """World coordinates of voxels, float32 (n, 3)."""
+        """Positions of voxels, world units relative to the scene's origin, float32 (n, 3)."""
         return (voxels.astype(np.float64) * self._info.voxel_size).astype(np.float32)
 
     def _attributes(self, quantised: np.ndarray) -> dict[str, np.ndarray]:
