@@ -52,7 +52,7 @@ class Packetization:
         grouping: Division of a block's plan indices among packets: `stratified` (by hash), `contiguous` (consecutive
             indices) or `hashed` (in the order of a hash, each packet filled up to `packet_bytes`; `lanes` is 1). For
             anchors, this determines the members of a packet. The encoder of explicit Gaussians chooses the members of
-            each packet; the hash fixes only how many there are and their indices in the decoded scene.
+            each packet; the hash fixes only their indices in the decoded scene and, with `stratified`, their number.
         packaging: `atomic` (a packet contains whole anchors) or `separated` (separate packets for each feature group,
             for scalings and for offsets, as in HAC++).
         packet_bytes: Maximum packet size with grouping `hashed`, header included; 0 with any other grouping.

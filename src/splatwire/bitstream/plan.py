@@ -282,8 +282,8 @@ class PacketPlan:
             packet_id: Id of any packet of the block.
 
         Returns:
-            Two values. The first is the first plan index of the block. The second is an array with
-            one entry for each element of the block: the index of the element's packet within the block, uint8.
+            Two values. The first is the first plan index of the block. The second is an array with one entry for each
+            element of the block: the index of the element's packet within the block, uint8.
 
         Raises:
             InvalidValueError: If the plan has no such packet.
