@@ -154,7 +154,7 @@ def _gunzip(path: Path, file_bytes: int) -> tuple[_Header, dict[str, np.ndarray]
                 if not file.read(_PIECE_BEHIND):
                     break
     except (zlib.error, EOFError, gzip.BadGzipFile) as error:
-        raise DatasetError(f"{path}: the gzip data are damaged: {error}") from error
+        raise DatasetError(f"{path}: the gzip data are damaged, or other bytes follow them: {error}") from error
     if len(body) < needed:
         raise DatasetError(f"{path}: the gzip data end after {len(body)} bytes, {needed} were promised")
     if not header.flags & EXTENDED:
