@@ -13,7 +13,7 @@ from splatwire.bitstream import PRESETS, SceneStream, make_packet, read_stream, 
 from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
 from splatwire.codec import decode_stream, encode_scene, memory
-from splatwire.concealment.temporal.extrapolation import started_share
+from splatwire.concealment.temporal.motion_prediction import started_share
 from splatwire.errors import BitstreamError, DatasetError, InvalidValueError, MissingSideInfoError, UnknownNameError
 from splatwire.evaluation.sequence.evaluation import SequenceRow, SequenceScore
 from splatwire.io.formats import write_splats

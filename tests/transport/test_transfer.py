@@ -36,6 +36,7 @@ from splatwire.transport.protocol.messages import (
     Welcome,
 )
 from splatwire.transport.protocol.preview import SECTION, stream_preview
+from splatwire.transport.protocol.send_queue import SendQueue
 from splatwire.transport.protocol.transfer import ServerTransfer
 from splatwire.transport.protocol.wire import DATA, INIT_SYMBOL, PARITY, decode, encode
 from transport.network import SECRET, Link, bernoulli, bursts, datagram_stream, tiered_stream, transfer
@@ -528,3 +529,17 @@ def test_a_lost_first_flight_does_not_end_slow_start():
     late = transfer(stream, down=dead, up=Link(delay_s=DELAY_S))
     assert late.receiver.report().complete
     assert late.ended_at < 2.0 * whole.ended_at
+
+
+@pytest.mark.parametrize("reliable", [True, False])
+def test_stream_that_is_set_again_is_still_sent_whole_if_nothing_may_be_retransmitted(reliable):
+    served = make_served_stream(STREAM, Protection(retransmit_until=0.0))
+    queue, sent = SendQueue(served, reliable), []
+    for _ in range(5):
+        sent.append(queue.pop())
+    queue.set_stream(served, reliable, len(served.packets))
+    while queue:
+        sent.append(queue.pop())
+    packets = sorted(index for kind, _, index in sent if kind == DATA)
+    assert packets == list(range(served.num_bundled, len(served.packets)))
+    assert not any(served.may_retransmit(index) for index in packets)

@@ -39,9 +39,10 @@ const INTERNAL = `
   numConcealed numElements numElementsOf numGaussians numHarmonicColumns numHidden numInitSegments numIntact numKept
   numKeyframes numLatePackets numLowBits numMaskLogits numMotionTracks numNew numOffsets numPackets numReceived
   numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextAvailable
-  onContextLost onLiveHead onUse openFile orderDigest origins owners packetBytes packetDecoder packetsOf paintedCanvas
+  onContextLost onLiveHead onUse openFile orderDigest owners packetBytes packetDecoder packetsOf paintedCanvas
   parents pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt polynomials positionStep
-  predictAxis ranges ranks receiveDatagrams recordWhen redraw refusals rejected renderer reordered reorient repeatMs
+  predictAxis ranges ranks receiveDatagrams recordWhen redraw referenceOffsets referenceRows refusals rejected renderer
+  reordered reorient repeatMs
   replaceTiles reportCamera reportPlayable requestFrame requestId rescale residuals resultDigest rowSteps scaleIndices
   sceneInView sections sequence setCamera setConcealers setCooperative setLimits setMessage setRow settled
   setViewpoint setVisible shifts showNotice showStatistics sideInfo sideInfoBytes sideInfoDigest signed simulation

@@ -220,7 +220,9 @@ def _match_one_to_one(
 
     matched_difference, matched_score = own(appearance_distance), own(score)
     second = np.partition(score, 1, axis=1)[:, 1] if count > 1 else np.full(len(current_positions), np.inf)
-    # Only appearance decides the confidence: fast Gaussians are far from their prediction, and matter most.
+    # A confident match scores clearly better than the second candidate, and is among the 80 % with the smallest
+    # differences in appearance. The latter ignores distances: fast Gaussians are far from their prediction, and matter
+    # most.
     is_confident = has_partner & (matched_score < 0.7 * second)
     return partner, is_confident & (
         matched_difference <= np.quantile(matched_difference[has_partner], 0.8)

@@ -196,7 +196,7 @@ def extrapolate_partial_tracks(
     Returns:
         True if positions were extrapolated. False if nothing was changed, because neighbours do not move alike.
     """
-    # The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly
+    # The decoder conceals lost motion in the same way (`concealment.temporal.motion_prediction`), so it finds nearly
     # the true position in the first frame of the track.
     num_frames = means.shape[1]
     is_full_length = (begins == 0) & (ends == num_frames)

@@ -17,7 +17,8 @@ const MIN_CAPACITY = 4096;
 export class ClipEntity extends Entity {
   /** Child entity; its scale is the unit of length of the frames. */
   readonly #child: Entity;
-  #drawn: GpuGaussians | null = null;
+  /** Gaussians of the newest frame. */
+  #current: GpuGaussians | null = null;
   /** Gaussians of the previous frame; their memory is reused once the newest frame is sorted. */
   #previous: GpuGaussians | null = null;
   /** True if a camera has not sorted the newest frame yet. It draws the one before until then. */
@@ -54,9 +55,9 @@ export class ClipEntity extends Entity {
   override destroy(): void {
     this.#release();
     super.destroy();
-    this.#drawn?.destroy();
+    this.#current?.destroy();
     this.#previous?.destroy();
-    this.#drawn = this.#previous = null;
+    this.#current = this.#previous = null;
   }
 
   #update(): void {
@@ -67,7 +68,7 @@ export class ClipEntity extends Entity {
   }
 
   #show(packed: Packed): void {
-    const last = this.#drawn,
+    const last = this.#current,
       next = this.#roomFor(packed);
     next.clear();
     next.append(packed);
@@ -76,7 +77,7 @@ export class ClipEntity extends Entity {
     if (this.clip.antialiased) this.app.scene.gsplat.antiAlias = true;
     if (this.#child.gsplat) this.#child.gsplat.resource = next;
     else this.#child.addComponent("gsplat", { resource: next });
-    this.#drawn = next;
+    this.#current = next;
     this.#previous = last;
     this.#isWaiting = true;
   }

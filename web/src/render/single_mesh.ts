@@ -14,8 +14,9 @@ export class SingleMesh {
   #parts: Packed[] = [];
   #count = 0;
   #gains: Float32Array | null = null;
-  #drawn: GpuGaussians | null = null;
-  /** Larger memory with everything added, which replaces `#drawn` when it is shown; null if there is enough room. */
+  /** Newest Gaussians, which `add` fills; on the screen once they are shown and sorted. */
+  #current: GpuGaussians | null = null;
+  /** Larger memory with everything added, which replaces `#current` when it is shown; null if there is enough room. */
   #larger: GpuGaussians | null = null;
   /** Replaced Gaussians, on the screen until the new ones are sorted. Their memory is then reused. */
   #previous: GpuGaussians | null = null;
@@ -29,7 +30,7 @@ export class SingleMesh {
   }
 
   get count(): number {
-    return this.#drawn?.count ?? 0;
+    return this.#current?.count ?? 0;
   }
 
   /** True if no Gaussians were added. */
@@ -39,12 +40,12 @@ export class SingleMesh {
 
   /** True if Gaussians exist that others can replace. */
   get hasGaussians(): boolean {
-    return this.#drawn !== null;
+    return this.#current !== null;
   }
 
   /** Uploads Gaussians. They are drawn after `show`. Returns the number of uploaded bytes. */
   add(packed: Packed): number {
-    const target = this.#larger ?? this.#drawn;
+    const target = this.#larger ?? this.#current;
     this.#parts.push(packed);
     this.#count += packed.count;
     if (!target || target.capacity < this.#count || target.degree !== packed.degree)
@@ -61,7 +62,7 @@ export class SingleMesh {
 
   /** Hides Gaussians for good, by index in the order of arrival. */
   hide(which: Int32Array): void {
-    (this.#larger ?? this.#drawn)?.hide(which);
+    (this.#larger ?? this.#current)?.hide(which);
   }
 
   /** Draws everything added. It is sorted first. */
@@ -71,12 +72,12 @@ export class SingleMesh {
       if (this.#entity.gsplat) this.#entity.removeComponent("gsplat");
       this.#entity.addComponent("gsplat", { resource: larger });
       this.releaseSpare();
-      this.#drawn?.destroy();
-      this.#drawn = larger;
+      this.#current?.destroy();
+      this.#current = larger;
       this.#larger = null;
     }
-    if (this.#gains) this.#drawn?.setGains(this.#gains);
-    this.#drawn?.show();
+    if (this.#gains) this.#current?.setGains(this.#gains);
+    this.#current?.show();
   }
 
   /**
@@ -91,11 +92,11 @@ export class SingleMesh {
     this.#gains = null;
     this.#larger?.destroy();
     this.#larger = null;
-    const last = this.#drawn;
+    const last = this.#current;
     if (!last) return;
-    this.#drawn = (sorted && this.#previous) || new GpuGaussians(this.app.graphicsDevice, last.capacity, last.degree);
-    this.#drawn.clear();
-    this.#entity.gsplat!.resource = this.#drawn;
+    this.#current = (sorted && this.#previous) || new GpuGaussians(this.app.graphicsDevice, last.capacity, last.degree);
+    this.#current.clear();
+    this.#entity.gsplat!.resource = this.#current;
     if (sorted) this.#previous = last;
     else last.destroy();
   }
@@ -106,7 +107,7 @@ export class SingleMesh {
    */
   setGains(gains: Float32Array | null): void {
     this.#gains = gains;
-    this.#drawn?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));
+    this.#current?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));
   }
 
   /** Requests another copy and depth sort. */
@@ -123,9 +124,9 @@ export class SingleMesh {
   clear(): void {
     if (this.#entity.gsplat) this.#entity.removeComponent("gsplat");
     this.releaseSpare();
-    this.#drawn?.destroy();
+    this.#current?.destroy();
     this.#larger?.destroy();
-    this.#drawn = this.#larger = this.#gains = null;
+    this.#current = this.#larger = this.#gains = null;
     this.#parts = [];
     this.#count = 0;
   }

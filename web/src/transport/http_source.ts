@@ -95,7 +95,7 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
   }
 }
 
-/** Revalidates the stored manifest against the file. Throws `Changed` for a different one. */
+/** Revalidates the stored manifest against the file. Throws `FileReplaced` for a different one. */
 async function compare(file: HttpFile, listener: Listener, store: PacketStore): Promise<void> {
   const stored = store.manifestBytes,
     cache = file.cache === "default" ? "no-cache" : file.cache,

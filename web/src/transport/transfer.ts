@@ -255,7 +255,7 @@ export class Transfer {
         continue;
       const attempts = this.#nackCounts.get(packetIndex) ?? 0;
       if (this.#beganLive && attempts === MAX_NACK_ATTEMPTS) {
-        this.#packetStates[packetIndex] = 2; // a late motion packet is useless
+        this.#packetStates[packetIndex] = 2; // any late packet of a live stream, keyframe Gaussians included
         this.#nackCounts.delete(packetIndex);
         this.#packetNackedAt.delete(packetIndex);
         continue;

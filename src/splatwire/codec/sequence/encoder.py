@@ -343,11 +343,11 @@ class TracksEncoder:
             cut=cut,
         )
         track_rows = keyframe_rows[coded.order]
-        keyframes = group.trajectories.at(track_rows, np.zeros_like(track_rows))
+        source_keyframes = group.trajectories.at(track_rows, np.zeros_like(track_rows))
         shifts = self._keyframe_encoder.shifts_of(coded.symbols, LOG_STEP_RATIOS)
         first_new = len(self._known.keys)
         self._known = self._known.with_births(
-            keyframes, group.keys[track_rows], coded.positions, shifts, self._keyframe_encoder.log2_motion_unit
+            source_keyframes, group.keys[track_rows], coded.positions, shifts, self._keyframe_encoder.log2_motion_unit
         )
         for symbols in coded.block_symbols:
             digest_keyframes(self._digest, symbols)

@@ -110,7 +110,7 @@ def fit(
     add_frames(
         motion,
         trajectories,
-        known_tracks.keyframes,
+        known_tracks.source_keyframes,
         track_indices,
         *frame_range,
         info.lattice_bits,

@@ -18,7 +18,7 @@ class KnownTracks:
     Attributes:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
         by_key: Entry i is the index of the track with the i-th smallest key, int64 (T).
-        keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
+        source_keyframes: Keyframe Gaussian of each track before quantisation, as trajectories of one frame.
         positions: Decoded position of each keyframe Gaussian, int64 (T, 3), in the unit of positions of the shot in
             which it was encoded. A shot is a range of groups of frames that share quantisation steps.
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
@@ -30,7 +30,7 @@ class KnownTracks:
 
     keys: np.ndarray
     by_key: np.ndarray
-    keyframes: Trajectories
+    source_keyframes: Trajectories
     positions: np.ndarray
     shifts: np.ndarray
     log2_units: np.ndarray
@@ -77,7 +77,9 @@ class KnownTracks:
             num_frames: Number of frames in the group.
         """
         one, none = self.alive[-1:], np.zeros(1, np.int64)
-        poses = {name: np.repeat(values[one], num_frames, axis=1) for name, values in vars(self.keyframes).items()}
+        poses = {
+            name: np.repeat(values[one], num_frames, axis=1) for name, values in vars(self.source_keyframes).items()
+        }
         return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
 
     def with_births(
@@ -86,19 +88,21 @@ class KnownTracks:
         """Returns these tracks (Gaussians over time) with new tracks appended.
 
         Args:
-            keyframes: Keyframe Gaussians of the n new tracks, as trajectories of one frame.
+            keyframes: Keyframe Gaussians of the n new tracks before quantisation, as trajectories of one frame.
             keys: Keys (identifiers) of the new tracks, int64 (n).
             positions: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
             log2_unit: log2 of the ratio of the unit of `positions` to the unit of the first shot. A shot is a range of
                 groups of frames that share quantisation steps.
         """
-        joined = {name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.keyframes).items()}
+        source_keyframes = {
+            name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.source_keyframes).items()
+        }
         all_keys = np.concatenate([self.keys, keys])
         return KnownTracks(
             all_keys,
             np.argsort(all_keys, kind="stable"),
-            Trajectories(**joined),
+            Trajectories(**source_keyframes),
             np.concatenate([self.positions, positions]),
             np.concatenate([self.shifts, shifts]),
             np.concatenate([self.log2_units, np.full(len(keys), log2_unit, np.int64)]),

@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from splatwire.concealment.registry import create, find_temporal, register_concealer, temporal_names
-from splatwire.concealment.temporal.extrapolation import MotionPrediction, extrapolate
+from splatwire.concealment.temporal.motion_prediction import MotionPrediction, predict_lost_motion
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
 from splatwire.concealment.temporal.selection import select
 from splatwire.errors import InvalidValueError
@@ -113,7 +113,7 @@ class MotionConcealer:
         """Returns a function that estimates the motion of lost tracks in a frame, and the mask of tracks to draw."""
 
         def moved(arrived: GroupPoses, tracks: np.ndarray) -> MotionPrediction:
-            return extrapolate(
+            return predict_lost_motion(
                 lost.sequence, arrived, tracks, lost.before, lost.group,
                 neighbors=self.neighbors, smooth=self.smooth, momentum=self.momentum,
             )  # fmt: skip

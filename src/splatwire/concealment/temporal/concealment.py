@@ -6,7 +6,7 @@ import numpy as np
 
 from splatwire.codec.sequence.layout import NUM_CHANNELS
 from splatwire.concealment.temporal.concealers import ConcealedMotion, LostMotion, TemporalConcealer
-from splatwire.concealment.temporal.extrapolation import MotionPrediction, no_motion
+from splatwire.concealment.temporal.motion_prediction import MotionPrediction, no_motion
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses, lifetimes
 from splatwire.errors import InvalidValueError
 from splatwire.types.sequence_scene import GroupMotion, SequenceScene

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatwire.concealment.temporal.extrapolation import MotionPrediction
+from splatwire.concealment.temporal.motion_prediction import MotionPrediction
 from splatwire.concealment.temporal.neighbors import POSITION
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses, lifetimes
 from splatwire.ops.kd_tree import build_kd_tree

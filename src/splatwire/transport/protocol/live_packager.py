@@ -44,10 +44,10 @@ class LiveSnapshot(ServedStream):
     persistent: bytes = b""
     newest_start: int = 0
 
-    def may_retransmit(self, index: int) -> bool:
-        """Returns True if a packet may be retransmitted.
+    def is_still_needed(self, index: int) -> bool:
+        """Returns True if clients still need a packet.
 
-        Only packets of the newest group of pictures, and packets that later groups also need, may be retransmitted.
+        These are the packets of the newest group of pictures, and packets that later groups also need.
 
         Args:
             index: Index of the packet in sending order.

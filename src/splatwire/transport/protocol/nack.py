@@ -21,9 +21,9 @@ from splatwire.transport.protocol.messages import MAX_NACKS
 #
 # * interval between retransmissions of a packet: `transfer.RETRANSMIT_INTERVAL_S`, or 1.25 round-trip times if that is
 #   longer;
-# * packets that are retransmitted at all: `may_retransmit` of the served stream. For a live stream, these are keyframe
-#   Gaussians and the packets of the newest group (`live_packager`), otherwise the packets up to
-#   `Protection.retransmit_until`;
+# * packets that are retransmitted at all: `may_retransmit` of the served stream. For a live stream, these are the
+#   packets that are still needed: keyframe Gaussians and the packets of the newest group (`live_packager`). Otherwise,
+#   these are the packets up to `Protection.retransmit_until`;
 # * retransmitted bytes as a share of the stream: `Protection.retransmit_share`;
 # * number of latest datagrams that NACKs may name by sequence number: `send_queue.MAX_LOGGED_DATAGRAMS`;
 # * bytes sent to a client: `ServerLimits.max_sent_ratio`.
@@ -35,8 +35,8 @@ from splatwire.transport.protocol.messages import MAX_NACKS
 NACK_INTERVAL_S = 0.12
 """Minimum interval between NACKs for the same packet, seconds."""
 MAX_NACK_ATTEMPTS = 8
-"""Maximum number of NACKs per packet of a live stream, where packets that arrive too late are useless. Also the maximum
-per sequence number, for streams with view-dependent order (`gap_tracker`).
+"""Maximum number of NACKs per packet of a live stream, for keyframe Gaussians and motion alike. Also the maximum per
+sequence number, for streams with view-dependent order (`gap_tracker`).
 """
 
 

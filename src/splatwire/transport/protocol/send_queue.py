@@ -183,18 +183,18 @@ class SendQueue:
         self._queued_tiles[tile] = True
         self._packet_queue.extend(range(max(first, self._next_packet) if only_rest else first, end))
 
-    def set_stream(self, stream: ServedStream, reliable: bool, num_known: int) -> None:
+    def set_stream(self, stream: ServedStream, reliable: bool, num_packets_before: int) -> None:
         """Updates the send queue after a live stream has grown, or after another stream has replaced it.
 
         Args:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
-            num_known: Number of packets of the live stream before its growth; the new packets are added to the queue. 0
-                if another stream replaces the previous stream; the whole queue is then replaced.
+            num_packets_before: Number of packets of the live stream before its growth, sent or not; the new packets are
+                added to the queue. 0 if another stream replaces the previous stream; the whole queue is then replaced.
         """
         self._stream = stream
-        added = stream.added_datagrams(num_known, reliable=reliable)
-        remaining = stream.still_useful(self._schedule.datagrams[self._next :]) if num_known else []
+        added = stream.added_datagrams(num_packets_before, reliable=reliable)
+        remaining = stream.still_useful(self._schedule.datagrams[self._next :]) if num_packets_before else []
         datagrams = (WELCOME_ITEM, *added.init_segment, WELCOME_ITEM, *remaining, WELCOME_ITEM, *added.packets)
         if stream.tiles is None:
             end = 1 + len(added.init_segment) if added.init_segment else 0

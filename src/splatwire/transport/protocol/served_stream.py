@@ -202,46 +202,53 @@ class ServedStream:
 
     def may_retransmit(self, index: int) -> bool:
         """Returns True if the packet with a given index in sending order may be retransmitted."""
-        return index < self.num_retransmittable
+        return index < self.num_retransmittable and self.is_still_needed(index)
+
+    def is_still_needed(self, index: int) -> bool:
+        """Returns True if clients still need the packet with a given index in sending order.
+
+        Other packets are neither retransmitted nor sent for the first time.
+        """
+        return index < len(self.packets)
 
     def still_useful(self, items: Sequence[ScheduledDatagram]) -> list[ScheduledDatagram]:
-        """Returns the datagrams that were queued in an earlier state of a live stream and are still useful.
+        """Returns the datagrams that were queued in an earlier state of the stream and are still useful.
 
         Args:
             items: Datagrams. Only packets and repair symbols can be useful.
         """
-        is_allowed, num_packets, num_repair = self._retransmittable_flags, len(self.packets), [*map(len, self.parity)]
+        is_needed, num_packets, num_repair = self._needed_flags, len(self.packets), [*map(len, self.parity)]
         return [
             item
             for item in items
             for kind, group, index in (item,)
-            if (kind == DATA and index < num_packets and is_allowed[index])
+            if (kind == DATA and index < num_packets and is_needed[index])
             or (kind == PARITY and group < len(num_repair) and index < num_repair[group])
         ]
 
     @functools.cached_property
-    def _retransmittable_flags(self) -> bytes:
-        """One number per packet: 1 if the packet may be retransmitted, else 0."""
-        return bytes(map(self.may_retransmit, range(len(self.packets))))
+    def _needed_flags(self) -> bytes:
+        """One number per packet: 1 if clients still need the packet, else 0."""
+        return bytes(map(self.is_still_needed, range(len(self.packets))))
 
     @functools.cached_property
     def _added_datagrams(self) -> dict[tuple[bool, int], "AddedDatagrams"]:
         return {}
 
-    def added_datagrams(self, num_known: int, *, reliable: bool) -> "AddedDatagrams":
+    def added_datagrams(self, num_packets_before: int, *, reliable: bool) -> "AddedDatagrams":
         """Returns the datagrams that this state of a live stream adds to a queue; computed once for all clients.
 
         Args:
-            num_known: Number of packets of the state that the client has; 0 for none.
+            num_packets_before: Number of packets of the stream's previous state, sent or not; 0 if there was none.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
         """
-        key = reliable, num_known
+        key = reliable, num_packets_before
         if key not in self._added_datagrams:
             datagrams = (self.reliable_schedule if reliable else self.send_schedule).datagrams
             init_symbols = tuple(item for item in datagrams if item[0] == INIT_SYMBOL)
-            new = () if num_known == len(self.packets) else tuple(
+            new = () if num_packets_before == len(self.packets) else tuple(
                 item for item in datagrams for kind, _, index in (item,)
-                if kind == PARITY or (kind == DATA and index >= num_known)
+                if kind == PARITY or (kind == DATA and index >= num_packets_before)
             )  # fmt: skip
             self._added_datagrams[key] = AddedDatagrams(init_symbols, new)
         return self._added_datagrams[key]
@@ -275,14 +282,14 @@ class ServedStream:
         """Returns the bytes to send for all packets from index `first` in sending order on."""
         return sum(DATA_OVERHEAD + len(packet) for packet in self.packets[first:])
 
-    def num_added_bytes(self, num_known: int) -> int:
-        """Returns the bytes to send to a client with an earlier state of a live stream, protection included.
+    def num_added_bytes(self, num_packets_before: int) -> int:
+        """Returns the bytes that this state of a live stream adds for a client, protection included.
 
         Args:
-            num_known: Number of packets of the state that the client has; 0 for none.
+            num_packets_before: Number of packets of the stream's previous state, sent or not; 0 if there was none.
         """
         sizes = self._sizes
-        packets = sizes["packets"] if num_known <= self.num_bundled else self._bytes_from(num_known)
+        packets = sizes["packets"] if num_packets_before <= self.num_bundled else self._bytes_from(num_packets_before)
         return sum(sizes.values()) - sizes["packets"] + packets
 
 

@@ -158,12 +158,13 @@ class ServerTransfer:
             stream: New state of the prepared live stream, or another prepared stream.
         """
         old, self.stream = self.stream, stream
-        num_known, retransmissions = len(old.packets), self._retransmissions
+        num_packets_before, retransmissions = len(old.packets), self._retransmissions
         if stream.stream_id != old.stream_id:
-            self._queue, num_known, retransmissions = SendQueue(stream, self._reliable_init_segment), 0, deque()
+            self._queue = SendQueue(stream, self._reliable_init_segment)
+            num_packets_before, retransmissions = 0, deque()
             self._known_packets, self._retransmitted_at = KnownPackets(), {}
             self._max_bytes = self.bytes_sent + SPARE_BYTES
-        self._queue.set_stream(stream, self._reliable_init_segment, num_known)
+        self._queue.set_stream(stream, self._reliable_init_segment, num_packets_before)
         self._retransmissions = deque(
             (kind, group, index)
             for kind, group, index in retransmissions
@@ -175,15 +176,15 @@ class ServerTransfer:
             None,
             stream.num_proactive_symbols,
         )
-        self._raise_byte_limit(num_known)
+        self._raise_byte_limit(num_packets_before)
 
-    def _raise_byte_limit(self, num_known: int) -> None:
+    def _raise_byte_limit(self, num_packets_before: int) -> None:
         """Raises the maximum number of bytes for this client, because a live stream has grown.
 
         Args:
-            num_known: Number of packets of the stream before the growth.
+            num_packets_before: Number of packets of the stream before the growth.
         """
-        self._max_bytes += int(self._limits.max_sent_ratio * self.stream.num_added_bytes(num_known))
+        self._max_bytes += int(self._limits.max_sent_ratio * self.stream.num_added_bytes(num_packets_before))
 
     def exclude_known(self, message: Have) -> None:
         """Records which packets the client already has. These are not sent, and the client's byte limit is lowered."""

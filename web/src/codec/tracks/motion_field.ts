@@ -28,20 +28,20 @@ export class MotionField {
    */
   readonly #neighbours: NeighbourSet;
   readonly #previousNeighbours: NeighbourSet;
-  readonly #offsets: Float64Array;
+  readonly #relativePositions: Float64Array;
   readonly #contrast = new Float64Array(3);
   readonly #position = new Float32Array(3);
   readonly #deviation = new Float32Array(NUM_CHANNELS);
   readonly #found: Float32Array;
 
   /**
-   * Rows `observedRows` of the received motion are placed at `origins` and contribute their changes from there. `null`
-   * means origins of 0.
+   * Rows `observedRows` of the received motion contribute their changes from `referenceOffsets`, shape (rows, channels),
+   * at the position of these. `null` means 0.
    */
   constructor(
     readonly arrived: TrackOffsets,
     readonly observedRows: Int32Array,
-    readonly origins: Float32Array | null,
+    readonly referenceOffsets: Float32Array | null,
     readonly trackProperties: TrackProperties,
     readonly frames: number,
   ) {
@@ -51,16 +51,17 @@ export class MotionField {
     for (let n = 0; n < observedRows.length; n++)
       for (let a = 0; a < 3; a++)
         points[3 * n + a] =
-          means[3 * arrived.keyframeIndices[observedRows[n]] + a] + (origins ? origins[n * NUM_CHANNELS + a] : 0);
+          means[3 * arrived.keyframeIndices[observedRows[n]] + a] +
+          (referenceOffsets ? referenceOffsets[n * NUM_CHANNELS + a] : 0);
     this.#tree = new KdTree(points, count);
     this.#fit = new Quadratic(count);
-    this.#currentSums = new NeighbourSums(frames, count, arrived.offsets, origins);
+    this.#currentSums = new NeighbourSums(frames, count, arrived.offsets, referenceOffsets);
     this.#previousSums = new NeighbourSums(1, count, trackProperties.lastOffsets, null);
     this.#changedKinds = new Uint8Array(observedRows.length).fill(UNKNOWN);
     this.#previousKinds = new Uint8Array(observedRows.length);
     this.#neighbours = emptyNeighbours(count);
     this.#previousNeighbours = { ...this.#neighbours, rows: new Int32Array(count), kinds: new Uint8Array(count) };
-    this.#offsets = new Float64Array(3 * count);
+    this.#relativePositions = new Float64Array(3 * count);
     this.#found = new Float32Array(frames * NUM_CHANNELS);
   }
 
@@ -72,12 +73,14 @@ export class MotionField {
   /** Determines the kinds of an observed row when it is a neighbour for the first time. */
   #findKinds(n: number): void {
     if (this.#changedKinds[n] !== UNKNOWN) return;
-    const { arrived, origins, trackProperties, frames } = this,
+    const { arrived, referenceOffsets, trackProperties, frames } = this,
       row = this.observedRows[n],
       size = frames * NUM_CHANNELS,
       last = arrived.keyframeIndices[row] * NUM_CHANNELS,
-      kindsOfOrigin = origins ? changedKinds(origins, n * NUM_CHANNELS, (n + 1) * NUM_CHANNELS) : 0;
-    this.#changedKinds[n] = changedKinds(arrived.offsets, row * size, (row + 1) * size) | kindsOfOrigin;
+      kindsOfReference = referenceOffsets
+        ? changedKinds(referenceOffsets, n * NUM_CHANNELS, (n + 1) * NUM_CHANNELS)
+        : 0;
+    this.#changedKinds[n] = changedKinds(arrived.offsets, row * size, (row + 1) * size) | kindsOfReference;
     this.#previousKinds[n] = changedKinds(trackProperties.lastOffsets, last, last + NUM_CHANNELS);
   }
 
@@ -122,8 +125,8 @@ export class MotionField {
       { splats, lastOffsets } = this.trackProperties,
       { means } = splats,
       position = this.#position,
-      offsets = this.#offsets,
-      { rows, origins, kinds } = this.#neighbours,
+      relative = this.#relativePositions,
+      { rows, referenceRows, kinds } = this.#neighbours,
       previous = this.#previousNeighbours;
     for (let a = 0; a < 3; a++)
       position[a] = means[3 * keyframeIndex + a] + moved * lastOffsets[keyframeIndex * NUM_CHANNELS + a];
@@ -131,10 +134,10 @@ export class MotionField {
     for (let i = 0; i < near.length; i++) {
       const n = near[i],
         row = observedRows[n];
-      for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * n + a] - position[a];
+      for (let a = 0; a < 3; a++) relative[3 * i + a] = points[3 * n + a] - position[a];
       this.#findKinds(n);
       rows[i] = row;
-      origins[i] = n;
+      referenceRows[i] = n;
       kinds[i] = this.#changedKinds[n];
       previous.rows[i] = arrived.keyframeIndices[row];
       previous.kinds[i] = this.#previousKinds[n];
@@ -146,8 +149,8 @@ export class MotionField {
   #computeWeights(keyframeIndex: number, changed: number): void {
     const { closeness, weights } = this.#neighbours;
     if (!changed) return;
-    const unit = proximityWeights(this.#offsets, closeness);
-    if (changed & (POSE | SHAPE)) this.#fit.weights(this.#offsets, closeness, unit, weights);
+    const unit = proximityWeights(this.#relativePositions, closeness);
+    if (changed & (POSE | SHAPE)) this.#fit.weights(this.#relativePositions, closeness, unit, weights);
     if (changed & COLOUR) this.#computeContrasts(keyframeIndex);
   }
 
@@ -175,7 +178,7 @@ export class MotionField {
 function emptyNeighbours(count: number): NeighbourSet {
   return {
     rows: new Int32Array(count),
-    origins: new Int32Array(count),
+    referenceRows: new Int32Array(count),
     kinds: new Uint8Array(count),
     weights: new Float64Array(count),
     closeness: new Float64Array(count),

@@ -3,7 +3,7 @@
 import { instantiate } from "../gaussians/native.ts";
 import { HEADER_FIELDS, MAX_GROUP_FRAMES, MOVING, NUM_CHANNELS, STATE } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
-import { codingOrder, coefficients, normalisedPositions, totalCoefficients } from "./predict.ts";
+import { coefficients, normalisedPositions, predictionOrder, totalCoefficients } from "./predict.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import { offsetsOf, polynomials, unitsOf } from "./trajectories.ts";
 
@@ -152,7 +152,7 @@ export class NativeMotionPacketDecoder implements MotionPacketDecoder {
     const shiftsAt = headersAt + headers.byteLength;
     new Int32Array(memory.buffer, shiftsAt).set(keyframes.shifts);
     const positions = normalisedPositions(keyframes.positions),
-      order = codingOrder(positions, movingOf(headers), keyframes.shifts),
+      order = predictionOrder(positions, movingOf(headers), keyframes.shifts),
       positionsAt = 8 * Math.ceil((shiftsAt + keyframes.shifts.byteLength) / 8);
     new Float64Array(memory.buffer, positionsAt).set(positions);
     new Int32Array(memory.buffer, positionsAt + positions.byteLength).set(order);

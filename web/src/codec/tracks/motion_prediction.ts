@@ -1,5 +1,5 @@
 // Estimates the motion of tracks with lost motion by a quadratic fit to the motion of their neighbours. Counterpart of
-// `splatwire.concealment.temporal.extrapolation`.
+// `splatwire.concealment.temporal.motion_prediction`.
 
 import { NUM_CHANNELS } from "./layout.ts";
 import { MotionField, NEIGHBOURS } from "./motion_field.ts";
@@ -9,8 +9,8 @@ const OPACITY = 9,
   /** Least factor of opacity for tracks that may not exist yet. */
   MIN_FADE = 1e-3;
 
-/** Estimates lost motion of a group from its received motion. */
-export class Extrapolation {
+/** Predicts lost motion of a group from its received motion, as the concealer `motion` does. */
+export class LostMotionPredictor {
   /** Motion fields by case and birth group. */
   readonly #fields = new Map<string, MotionField>();
 
@@ -31,7 +31,7 @@ export class Extrapolation {
    * used. Tracks that are born in the same group as most of the received ones are predicted from these, because
    * offsets of others refer to another time.
    */
-  estimate(leftOut: Uint8Array, queryKeyframes: Int32Array): Float32Array {
+  predict(leftOut: Uint8Array, queryKeyframes: Int32Array): Float32Array {
     const { arrived, trackProperties, frames, birthGroups } = this,
       { keyframeIndices } = arrived,
       out = new Float32Array(frames * NUM_CHANNELS * queryKeyframes.length),
@@ -67,8 +67,8 @@ export class Extrapolation {
   #field(kind: string, sources: Int32Array, birth: number, leftOut: Uint8Array): MotionField {
     const { arrived, trackProperties, frames } = this,
       make = (rows: Int32Array) => {
-        const origins = motionOrigins(kind, arrived, rows, trackProperties, frames);
-        return new MotionField(arrived, rows, origins, trackProperties, frames);
+        const references = referenceOffsetsOf(kind, arrived, rows, trackProperties, frames);
+        return new MotionField(arrived, rows, references, trackProperties, frames);
       };
     if (sources.length < NEIGHBOURS) return make(sources);
     const name = `${kind} ${birth}`,
@@ -105,7 +105,7 @@ export function repeatLastOffset(
  * Returns the reference offsets of the neighbours' motion, by case: null for tracks born together (`peers`), the first
  * frame of this group for new tracks (`new`), the end of the group before otherwise.
  */
-function motionOrigins(
+function referenceOffsetsOf(
   kind: string,
   arrived: TrackOffsets,
   observedRows: Int32Array,

@@ -34,8 +34,8 @@ function changes(values: Float32Array, begin: number, end: number): boolean {
 export interface NeighbourSet {
   /** Row of each neighbour in the values. */
   readonly rows: Int32Array;
-  /** Row of each neighbour in the origins. */
-  readonly origins: Int32Array;
+  /** Row of each neighbour in the reference offsets. */
+  readonly referenceRows: Int32Array;
   /** Kinds of channels that change in each neighbour. */
   readonly kinds: Uint8Array;
   /**
@@ -57,12 +57,12 @@ export class NeighbourSums {
   readonly #valueOffsets: Int32Array;
   readonly #weights: Float64Array;
 
-  /** `values` has shape (rows, frames, channels). `origins`, shape (rows, channels), is subtracted; null means 0. */
+  /** `values` has shape (rows, frames, channels). `referenceOffsets`, shape (rows, channels), are subtracted; null means 0. */
   constructor(
     readonly frames: number,
     maxNeighbours: number,
     readonly values: Float32Array,
-    readonly origins: Float32Array | null,
+    readonly referenceOffsets: Float32Array | null,
   ) {
     this.#sums = new Float64Array(frames * NUM_CHANNELS);
     this.#lows = new Float64Array(frames * NUM_CHANNELS);
@@ -113,7 +113,7 @@ export class NeighbourSums {
         d += NUM_CHANNELS;
       }
     }
-    if (this.origins) this.#subtract(near, this.origins, weights, begin, end);
+    if (this.referenceOffsets) this.#subtract(near, this.referenceOffsets, weights, begin, end);
   }
 
   /** Lists the neighbours that change in a kind of channel. Returns their number, rounded up. */
@@ -136,13 +136,13 @@ export class NeighbourSums {
     const sums = this.#sums;
     for (let c = begin; c < end; c++) {
       let sum = 0;
-      for (let i = 0; i < weights.length; i++) sum += weights[i] * from[near.origins[i] * NUM_CHANNELS + c];
+      for (let i = 0; i < weights.length; i++) sum += weights[i] * from[near.referenceRows[i] * NUM_CHANNELS + c];
       for (let k = c; k < sums.length; k += NUM_CHANNELS) sums[k] -= sum;
     }
   }
 
   /** Clamps scales and opacity to the range of the neighbours' changes. */
-  #clampToNeighbours({ rows, origins, kinds }: NeighbourSet): void {
+  #clampToNeighbours({ rows, referenceRows, kinds }: NeighbourSet): void {
     const { values, frames } = this,
       sums = this.#sums,
       lows = this.#lows.fill(Infinity),
@@ -151,7 +151,7 @@ export class NeighbourSums {
       const at = rows[i] * frames * NUM_CHANNELS,
         changed = kinds[i] & SHAPE;
       for (let c = FIRST_SHAPE; c < FIRST_COLOUR; c++) {
-        const origin = this.origins ? this.origins[origins[i] * NUM_CHANNELS + c] : 0;
+        const origin = this.referenceOffsets ? this.referenceOffsets[referenceRows[i] * NUM_CHANNELS + c] : 0;
         for (let k = c; k < sums.length; k += NUM_CHANNELS) {
           const value = changed ? values[at + k] - origin : 0;
           if (value < lows[k]) lows[k] = value;
@@ -164,7 +164,7 @@ export class NeighbourSums {
   }
 
   /** Adds the part of the colour change that is proportional to the colour contrast. */
-  #addContrast({ rows, origins, kinds, contrasts }: NeighbourSet, contrast: Float64Array): void {
+  #addContrast({ rows, referenceRows, kinds, contrasts }: NeighbourSet, contrast: Float64Array): void {
     const { values, frames } = this,
       sums = this.#sums,
       shares = this.#shares.fill(0);
@@ -173,8 +173,10 @@ export class NeighbourSums {
       const x = contrasts[3 * i],
         y = contrasts[3 * i + 1],
         z = contrasts[3 * i + 2],
-        from = origins[i] * NUM_CHANNELS + FIRST_COLOUR,
-        origin = this.origins ? x * this.origins[from] + y * this.origins[from + 1] + z * this.origins[from + 2] : 0;
+        from = referenceRows[i] * NUM_CHANNELS + FIRST_COLOUR,
+        origin = this.referenceOffsets
+          ? x * this.referenceOffsets[from] + y * this.referenceOffsets[from + 1] + z * this.referenceOffsets[from + 2]
+          : 0;
       for (let frame = 0, at = rows[i] * frames * NUM_CHANNELS + FIRST_COLOUR; frame < frames; frame++) {
         shares[frame] += x * values[at] + y * values[at + 1] + z * values[at + 2] - origin;
         at += NUM_CHANNELS;

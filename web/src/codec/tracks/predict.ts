@@ -52,7 +52,7 @@ export function coefficients(
   const out = buffer.subarray(0, count * size).fill(0);
   let numKnown = 0;
   for (let i = 0; i < count; i++) if (!moving[i]) known[numKnown++] = i;
-  for (const i of codingOrder(normalised, moving, shifts)) {
+  for (const i of predictionOrder(normalised, moving, shifts)) {
     plane.fit(known, numKnown, i);
     const row = i * size;
     weightedMeans(plane, moving, out, means);
@@ -110,8 +110,8 @@ export function normalisedPositions(positions: Float64Array): Float64Array {
   return found;
 }
 
-/** Returns the moving tracks in coding order: by step, then along a Z-order curve with decreasing strides. */
-export function codingOrder(positions: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
+/** Returns the moving tracks in the order in which their motion is predicted: by step, then along a Z-order curve with decreasing strides. */
+export function predictionOrder(positions: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
   const keys = new Float64Array(moving.length),
     tracks = new Int32Array(moving.length);
   let n = 0;

@@ -10,7 +10,7 @@ import { emptySplats, type Splats, subSplats } from "../splats.ts";
 import { KeyframeGaussians } from "./keyframe_gaussians.ts";
 import { BEGINS, ENDS, GAP_AFTER, GAP_BEFORE, HEADER_FIELDS, NUM_CHANNELS, TRACK } from "./layout.ts";
 import { type DecodedMotion, FastMotionPacketDecoder } from "./motion_packets.ts";
-import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
+import { LostMotionPredictor, repeatLastOffset } from "./motion_prediction.ts";
 import { HELD, HIDDEN, INTERPOLATED, positionsOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
@@ -384,8 +384,8 @@ export class Sequence implements SequenceDecoder {
       { begins, ends, keyframeIndices } = received,
       order = this.#rowsByTrack(keyframeIndices),
       complete = order.filter((n) => begins[n] === 0 && ends[n] === frames),
-      estimates = new Extrapolation(received, complete, this.#keyframes.birthGroups, trackProperties, frames),
-      interpolate = estimates.estimate.bind(estimates),
+      predictor = new LostMotionPredictor(received, complete, this.#keyframes.birthGroups, trackProperties, frames),
+      interpolate = predictor.predict.bind(predictor),
       lifetime = (keyframeIndex: number) => this.#lifetime(keyframeIndex, group),
       methods = select(received, order, lostKeyframes, frames, trackProperties, interpolate, lifetime),
       moving = rowsWhere(lostKeyframes.length, (n) => methods[n] === INTERPOLATED),

@@ -20,11 +20,11 @@ def no_motion(lost_tracks: np.ndarray) -> MotionPrediction:
     return lambda _frame, _arrived: np.zeros((len(lost_tracks), NUM_CHANNELS), np.float32)
 
 
-def extrapolate(
+def predict_lost_motion(
     sequence: SequenceScene, arrived: GroupPoses, lost_tracks: np.ndarray, before: ConcealmentState, group: int,
     *, neighbors: int, smooth: bool, momentum: float,
 ) -> MotionPrediction:  # fmt: skip
-    """Estimates the motion of lost tracks from neighbouring tracks with received motion.
+    """Predicts the motion of lost tracks from neighbouring tracks with received motion, or from their own last motion.
 
     Args:
         sequence: The sequence.
@@ -51,12 +51,14 @@ def extrapolate(
     if len(peers) < neighbors:
         peers, mine = observed, np.zeros(len(lost_tracks), bool)
 
-    def query(rows: np.ndarray, origins: np.ndarray | None, queries: np.ndarray) -> Neighbors:
-        return _query_neighbors(sequence, arrived.tracks, rows, origins, queries, before, neighbors, smooth=smooth)
+    def query(rows: np.ndarray, reference_offsets: np.ndarray | None, queries: np.ndarray) -> Neighbors:
+        return _query_neighbors(
+            sequence, arrived.tracks, rows, reference_offsets, queries, before, neighbors, smooth=smooth
+        )
 
     estimates = [
-        (index, query(observed, origins, lost_tracks[index]), origins)
-        for index, origins in (
+        (index, query(observed, reference_offsets, lost_tracks[index]), reference_offsets)
+        for index, reference_offsets in (
             (fresh[lost_tracks] & ~mine, arrived.at(0)[observed]),  # keyframe positions are those of the first frame
             (~(fresh[lost_tracks] | mine), before.offsets[arrived.tracks[observed]]),
         )
@@ -72,8 +74,8 @@ def extrapolate(
     def at(frame: int, offsets: np.ndarray) -> np.ndarray:
         estimate = start.copy()
         estimate[mine] = same_start.interpolate(offsets[peers]) + own_motion
-        for index, others, origins in estimates:
-            estimate[index] += others.interpolate(offsets[observed] - origins)
+        for index, others, reference_offsets in estimates:
+            estimate[index] += others.interpolate(offsets[observed] - reference_offsets)
         estimate[starts_unknown[lost_tracks], OPACITY] += begun[frame]
         return estimate
 
@@ -81,7 +83,7 @@ def extrapolate(
 
 
 def _query_neighbors(
-    sequence: SequenceScene, tracks: np.ndarray, observed: np.ndarray, origins: np.ndarray | None,
+    sequence: SequenceScene, tracks: np.ndarray, observed: np.ndarray, reference_offsets: np.ndarray | None,
     lost_tracks: np.ndarray, before: ConcealmentState, count: int, *, smooth: bool,
 ) -> Neighbors:  # fmt: skip
     """Finds, for each track with lost motion, its nearest tracks with received motion.
@@ -90,18 +92,18 @@ def _query_neighbors(
         sequence: The sequence.
         tracks: Indices of all tracks with received motion.
         observed: Indices into `tracks` of the m tracks that may serve as neighbours.
-        origins: Offsets of the m tracks from their keyframe Gaussians at the start of the group, float32 (m, C). If
-            given, the neighbours are the nearest tracks at the start of the group. If None, they are the tracks with
-            the nearest keyframe Gaussians.
+        reference_offsets: Offsets of the m tracks from their keyframe Gaussians at the start of the group, float32 (m,
+            C). If given, the neighbours are the nearest tracks at the start of the group. If None, they are the tracks
+            with the nearest keyframe Gaussians.
         lost_tracks: Indices of the tracks with lost motion.
         before: Concealment state at the end of the previous group.
         count: Maximum number of neighbours per track.
         smooth: True to interpolate with a quadratic fit to the neighbours, False with their weighted mean.
     """
     positions = sequence.tracks.splats.means
-    if origins is not None:
+    if reference_offsets is not None:
         positions = positions + before.offsets[:, POSITION]
-        positions[tracks[observed]] = sequence.tracks.splats.means[tracks[observed]] + origins[:, POSITION]
+        positions[tracks[observed]] = sequence.tracks.splats.means[tracks[observed]] + reference_offsets[:, POSITION]
     colours = sequence.tracks.splats.sh[:, 0]
     return Neighbors.of(positions, colours, tracks, observed, lost_tracks, count, smooth=smooth)
 
