@@ -15,7 +15,7 @@ def test_tables_are_pinned() -> None:
     assert digest(tables.normal_table()) == "be354dbf4d6701d7"
     assert digest(tables.inverse_scale_table()) == "4ffd79d2cee04b00"
     assert digest(tables.half_width_table()) == "819a0da4fd31092e"
-    assert digest(tables.weight_table()) == "0154e2ecec5d8969"
+    assert digest(tables.logistic_table()) == "0154e2ecec5d8969"
     assert digest(tables.step_table(1024, 4, 16)) == "fd9fd815695828e9"
 
 
@@ -36,7 +36,7 @@ def test_inverse_scales_are_bin_centres() -> None:
 
 
 def test_logistic_tables_equal_the_logistic_function() -> None:
-    logits = (np.arange(tables.NUM_WEIGHTS) - 128) / 16
-    assert np.abs(tables.weight_table() - 65536 * expit(logits)).max() <= 0.51
+    logits = (np.arange(tables.NUM_LOGITS) - 128) / 16
+    assert np.abs(tables.logistic_table() - 65536 * expit(logits)).max() <= 0.51
     q = np.arange(-4096, 4097) / 1024
     assert np.abs(tables.step_table(1024, 4, 16) - 65536 * (1 + np.tanh(q))).max() <= 1.01

@@ -52,11 +52,11 @@ def test_gradients_equal_those_of_the_reference(rounded: bool, lossy: bool) -> N
     known = np.arange(60) % 5 > 0
     reception = SimulatedReception.from_mask(known) if lossy else None
     target = np.full((48, 48, 3), 0.4, np.float32)
-    drawn = latents.splats(offsets)
-    shown = drawn if reception is None else reception.drawn_splats(drawn)
+    decoded = latents.splats(offsets)
+    shown = decoded if reception is None else reception.received_splats(decoded)
     error, found = picture_gradients(replace(scene, splats=shown), cameras, 1, target)
-    found = found if reception is None else reception.gradients(drawn, found)
-    ours = gradients_of(latents, drawn, offsets, found)
+    found = found if reception is None else reception.gradients(decoded, found)
+    ours = gradients_of(latents, decoded, offsets, found)
 
     t = {name: torch.tensor(getattr(latents, name), dtype=torch.float64, requires_grad=True) for name in NAMES}
     fixed = {name: torch.tensor(getattr(latents, name), dtype=torch.float64) for name in ("centres", "units", "quats")}

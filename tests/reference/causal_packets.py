@@ -10,7 +10,7 @@ from splatwire.codec.anchors.causal.context import CodingContext
 from splatwire.codec.anchors.causal.positions import AnchorPositions
 from splatwire.codec.fixed_point import ACTIVATION_BITS, ACTIVATION_LIMIT, OUTPUT_BITS, OUTPUT_LIMIT, WEIGHT_EXPONENT
 from splatwire.codec.integer_network import IntegerLinear, IntegerMlp
-from splatwire.entropy.tables import weight_table
+from splatwire.entropy.tables import logistic_table
 from splatwire.types.causal_coding import OCTAVES
 
 LEAK = 655
@@ -139,4 +139,4 @@ def _decode_mask(coder: ReferenceDecoder, one: int) -> int:
 def mask_weight(logit: int) -> int:
     """Probability that an offset exists, out of 2**16."""
     index = min(max(((logit + 2048) >> 12) + 128, 0), 255)
-    return min(max(int(weight_table()[index]), 32), 65504)
+    return min(max(int(logistic_table()[index]), 32), 65504)

@@ -24,7 +24,7 @@ from splatwire.codec.preview import preview_gaussians
 from splatwire.codec.tiers import assign_stream_packets
 from splatwire.concealment import conceal
 from splatwire.concealment.sketch.section import SECTION
-from splatwire.entropy.tables import exp2_table, half_width_table, inverse_scale_table, normal_table, weight_table
+from splatwire.entropy.tables import exp2_table, half_width_table, inverse_scale_table, logistic_table, normal_table
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.transport.protocol.messages import ParityRange, Request, Welcome
 from splatwire.transport.protocol.wire import encode
@@ -75,7 +75,7 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
         "normal": normal_table(), "inverse": inverse_scale_table(), "widths": half_width_table(),
         "flatness": flatness_table(), "sixteenths": (exp2_table(8, 20)[:-1] - (1 << 20)) >> 16,
         "powers": exp2_table(10, 40),
-        "exists": np.clip(weight_table(), 32, 65504),
+        "exists": np.clip(logistic_table(), 32, 65504),
     }  # fmt: skip
     rng = random.Random(1)
     lanes = []

@@ -22,14 +22,14 @@ class CausalPrediction:
 
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.
-        exists: Predicted probability that each offset exists, as a logit.
+        mask_logits: Predicted probability that each offset exists, as a logit.
         log_scalings: Means and log2 of standard deviations of four logarithms. An anchor has one for the common scale
             of its offsets, and three for the base sizes of its Gaussians along the axes.
         offset: Means and log2 of standard deviations of the offsets.
     """
 
     feature: tuple[Float[Any, "M F"], Float[Any, "M F"]]
-    exists: Float[Any, "M K"]
+    mask_logits: Float[Any, "M K"]
     log_scalings: tuple[Float[Any, "M 4"], Float[Any, "M 4"]]
     offset: tuple[Float[Any, "M O"], Float[Any, "M O"]]
 
@@ -97,15 +97,15 @@ def predict_causal(
         means.append(mean)
         log_deviations.append(log_deviation)
         before += size
-    masks = config.layout.num_offsets
+    num_mask_logits = config.layout.num_offsets
     outputs = networks[MASK_AND_SCALE](known_inputs)
-    exists, scale_mean = outputs[:, :masks], outputs[:, masks : masks + 1]
-    scale_log_deviation = outputs[:, masks + 1 :]
+    mask_logits, scale_mean = outputs[:, :num_mask_logits], outputs[:, num_mask_logits : num_mask_logits + 1]
+    scale_log_deviation = outputs[:, num_mask_logits + 1 :]
     follow(MASK_AND_SCALE, scale_mean, log_scalings[:, :1])
     size_mean, size_log_deviation = predicted("size")
     follow("size", size_mean, log_scalings[:, 1:])
     return CausalPrediction(
-        (join(means, 1), join(log_deviations, 1)), exists,
+        (join(means, 1), join(log_deviations, 1)), mask_logits,
         (join([scale_mean, size_mean], 1), join([scale_log_deviation, size_log_deviation], 1)),
         predicted("offset"),
     )  # fmt: skip

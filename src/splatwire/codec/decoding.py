@@ -10,7 +10,7 @@ from splatwire.bitstream.sections import split_sections
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.memory import allocating, threads_within
 from splatwire.codec.registry import schema_named
-from splatwire.codec.schema import CHUNK, Decoder, PacketBatch, SymbolRows
+from splatwire.codec.schema import CHUNK, DecodedRows, Decoder, PacketBatch
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.viewpoint import check_viewpoint
 from splatwire.errors import DesyncError, check_kind, check_progress
@@ -50,7 +50,7 @@ def decode_stream(
         threads = threads_within(decoder.scene_bytes, working, stream.num_bytes, activity, threads)
         decoder.allocate(threads)
 
-        def decode_batch(batch: PacketBatch) -> tuple[int, SymbolRows | None]:
+        def decode_batch(batch: PacketBatch) -> tuple[int, DecodedRows | None]:
             rows = decoder.decode(batch)
             decoder.store(batch, rows)
             return len(batch.packets), rows if complete else None

@@ -172,7 +172,7 @@ def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, pro
     hashed, encoder, num_encoded = plan.packetization.hashed, prepared.encoder, 0
     ids = () if hashed else plan.ids
     for coded in ordered_map(encoder.encode, encoder.batches(), threads):
-        schema.update_digest(digest, coded.symbols)
+        schema.update_digest(digest, coded.decoded_rows)
         for count, payload in zip(coded.counts.tolist(), coded.payloads, strict=True):
             # The id of a hashed packet is the position of its first element.
             packet_id = plan.id_of_hashed(num_encoded) if hashed else ids[len(packets)]

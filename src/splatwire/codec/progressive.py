@@ -13,7 +13,7 @@ from splatwire.bitstream import Manifest, Packet, PacketId, PacketIntake
 from splatwire.codec.arrivals import Arrivals
 from splatwire.codec.decoding import batches_of, open_decoder
 from splatwire.codec.memory import allocating, check_memory, threads_within
-from splatwire.codec.schema import Decoder, PacketBatch, SymbolRows
+from splatwire.codec.schema import DecodedRows, Decoder, PacketBatch
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import BitstreamError, DesyncError
 from splatwire.types import LossMask
@@ -64,7 +64,7 @@ class ProgressiveDecoder(Arrivals):
             raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
         self._threads, self._progress = threads, progress
         self._activity = f"decoding {manifest.num_elements:,} {manifest.elements}"
-        self._decoded: dict[PacketId, tuple[Packet, SymbolRows | None]] = {}
+        self._decoded: dict[PacketId, tuple[Packet, DecodedRows | None]] = {}
         self._blocks: dict[int, list[Packet]] = {}
         self._checked, self._num_received = False, 0
         self._scene_decoder: Decoder | None = None
@@ -163,10 +163,10 @@ class ProgressiveDecoder(Arrivals):
             self._check()
         return np.concatenate(new_indices)
 
-    def _decode(self, batch: PacketBatch) -> tuple[PacketBatch, SymbolRows | None]:
+    def _decode(self, batch: PacketBatch) -> tuple[PacketBatch, DecodedRows | None]:
         return batch, None if self._decoder.redecode_on_demand else self._decoder.decode(batch)
 
-    def _store_new(self, batch: PacketBatch, rows: SymbolRows | None) -> None:
+    def _store_new(self, batch: PacketBatch, rows: DecodedRows | None) -> None:
         """Keeps the decoded integers of new packets, and writes the elements of the packets to the scene.
 
         Args:
@@ -207,7 +207,7 @@ class ProgressiveDecoder(Arrivals):
     def _packets(self) -> list[Packet]:
         return [packet for packet, _ in self._decoded.values()]
 
-    def _decoded_integers(self, batch: PacketBatch) -> SymbolRows:
+    def _decoded_integers(self, batch: PacketBatch) -> DecodedRows:
         """Returns the decoded integers of packets that were added before.
 
         Args:

@@ -16,8 +16,11 @@ from splatwire.types.received_scene import ReceivedScene
 
 CHUNK = 3000
 """Elements processed at once: large enough for efficient matrix products, small enough for the CPU cache."""
-SymbolRows = tuple[np.ndarray, ...]
-"""Decoded integers of elements: arrays with one row per element."""
+DecodedRows = tuple[np.ndarray, ...]
+"""Decoded values of elements: arrays with one row per element.
+
+They are entropy-coded integers (symbols), or numbers that a decoder reconstructs from these.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +30,12 @@ class CodedPackets:
     Attributes:
         counts: int64 (packets), number of elements in each packet.
         payloads: Payload of each packet.
-        symbols: Integers that a decoder obtains from the packets: arrays with one row for each element.
+        decoded_rows: Values that a decoder obtains from the packets: arrays with one row for each element.
     """
 
     counts: np.ndarray
     payloads: list[bytes]
-    symbols: SymbolRows
+    decoded_rows: DecodedRows
 
 
 @runtime_checkable
@@ -110,14 +113,14 @@ class Decoder(Protocol):
             progress: Called with the completed fraction of the work, 0 to 1; None for no calls.
         """
 
-    def decode(self, batch: PacketBatch) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> DecodedRows:
         """Decodes packets; any bytes decode without an error. May be called from several threads.
 
         Returns:
-            The integers of the packets' elements, packet by packet.
+            The decoded values of the packets' elements, packet by packet.
         """
 
-    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: DecodedRows) -> None:
         """Writes decoded elements to the arrays of the scene.
 
         If batches are whole blocks (`batches_are_blocks`), this method also estimates the lost elements of the block.
@@ -127,8 +130,8 @@ class Decoder(Protocol):
             rows: Result of `decode` for these packets.
         """
 
-    def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds decoded integers to the hash of all integers, for comparison with the hash in the manifest."""
+    def update_digest(self, digest: Any, rows: DecodedRows) -> None:
+        """Adds decoded values to the hash of all decoded values, for comparison with the hash in the manifest."""
         # The division of the elements into batches does not change the hash. Batches with losses are not added.
 
     def scene(self) -> ReceivedScene:
@@ -161,7 +164,7 @@ class Schema(StreamSchema):
     provides: frozenset[type]
     prepare: Callable[[Any, Options], Prepared]
     open_decoder: Callable[[Manifest, bytes, int], Decoder]
-    update_digest: Callable[[Any, SymbolRows], None]
+    update_digest: Callable[[Any, DecodedRows], None]
     can_encode: Callable[[Any], bool] = lambda scene: True
     prepare_repack: Callable[[SceneStream, Packetization, int | None], Prepared] | None = None
     can_repack: Callable[[SceneStream], bool] = lambda stream: True

@@ -34,8 +34,8 @@ Z_CELL_BITS = 9
 Z_LIMIT = 6
 """Range of the normal table, standard deviations: -6 to 6. The tail falls below 2**-24 at 5.3."""
 
-NUM_WEIGHTS = 256
-"""Entries of the mixture-weight table: logits from -8 up to, not including, 8 in steps of 1/16."""
+NUM_LOGITS = 256
+"""Entries of the table of the logistic function: logits from -8 up to, not including, 8 in steps of 1/16."""
 
 
 @functools.cache
@@ -113,15 +113,15 @@ def half_width_table() -> np.ndarray:
 
 
 @functools.cache
-def weight_table() -> np.ndarray:
-    """Tabulates the logistic function, which converts a logit to the weight of a mixture's first component.
+def logistic_table() -> np.ndarray:
+    """Tabulates the logistic function, which converts a logit to a probability or to a mixture's first weight.
 
-    Entry i is the weight, in units of 2**-16, for the logit `i / 16 - 8`.
+    Entry i is the value, in units of 2**-16, for the logit `i / 16 - 8`.
 
     Returns:
-        int64 of length `NUM_WEIGHTS`.
+        int64 of length `NUM_LOGITS`.
     """
-    return frozen_table([_logistic_integer(decimal.Decimal(i - NUM_WEIGHTS // 2) / 16, 16) for i in range(NUM_WEIGHTS)])
+    return frozen_table([_logistic_integer(decimal.Decimal(i - NUM_LOGITS // 2) / 16, 16) for i in range(NUM_LOGITS)])
 
 
 @functools.cache

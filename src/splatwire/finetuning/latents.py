@@ -215,18 +215,18 @@ class Gradients:
 
 
 def gradients_of(
-    latents: Latents, drawn: Splats, rounding_errors: RoundingErrors | None, drawn_gradients: Gradients
+    latents: Latents, decoded: Splats, rounding_errors: RoundingErrors | None, decoded_gradients: Gradients
 ) -> dict[str, Float[np.ndarray, "..."]]:
-    """Back-propagates gradients from the drawn Gaussians to the trainable parameters.
+    """Back-propagates gradients from the decoded Gaussians to the trainable parameters.
 
     Rounding is treated as the identity function (straight-through).
 
     Args:
         latents: The trainable parameters. `latents.rotations` must be 0.
-        drawn: The drawn Gaussians, `latents.splats(rounding_errors)`.
+        decoded: The decoded Gaussians, `latents.splats(rounding_errors)`.
         rounding_errors: Differences between rounded and exact parameters, which count as constants; None without
             rounding.
-        drawn_gradients: Gradients with respect to the drawn Gaussians.
+        decoded_gradients: Gradients with respect to the decoded Gaussians.
 
     Returns:
         Gradient with respect to each array of `Latents.trained`, by name.
@@ -236,17 +236,17 @@ def gradients_of(
     }
 
     def fill(rows: slice) -> None:
-        quats = drawn_gradients.quats[rows]
+        quats = decoded_gradients.quats[rows]
         if rounding_errors is not None:
             quats = _product(quats, _conjugate(rounding_errors.quats[rows]))
         gradients["rotations"][rows] = _product(_conjugate(latents.quats[rows]), quats)[:, 1:] * np.float32(0.5)
-        opacities = drawn.opacities[rows]
-        gradients["displacements"][rows] = drawn_gradients.means[rows] * latents.units[rows, None]
-        gradients["logs"][rows] = drawn_gradients.scales[rows] * drawn.scales[rows]
-        gradients["logits"][rows] = drawn_gradients.opacities[rows] * (opacities * (1 - opacities))
+        opacities = decoded.opacities[rows]
+        gradients["displacements"][rows] = decoded_gradients.means[rows] * latents.units[rows, None]
+        gradients["logs"][rows] = decoded_gradients.scales[rows] * decoded.scales[rows]
+        gradients["logits"][rows] = decoded_gradients.opacities[rows] * (opacities * (1 - opacities))
 
     map_slices(len(latents.quats), fill)
-    gradients |= {"base": drawn_gradients.sh[:, 0], "harmonics": drawn_gradients.sh[:, 1:]}
+    gradients |= {"base": decoded_gradients.sh[:, 0], "harmonics": decoded_gradients.sh[:, 1:]}
     return {name: gradients[name] for name in latents.trained()}
 
 

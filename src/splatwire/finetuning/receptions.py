@@ -50,26 +50,26 @@ class SimulatedReception:
         gain, coverage = float(_GROW.gain(np.array([fully_received.mean()]), fully_received)[0]), SplatScene.COVERAGE
         return SimulatedReception(fully_received, gain**coverage.size, gain**coverage.opacity)
 
-    def drawn_splats(self, splats: Splats) -> Splats:
-        """Returns the Gaussians that a receiver draws: the received Gaussians, enlarged to cover gaps."""
+    def received_splats(self, splats: Splats) -> Splats:
+        """Returns the received Gaussians as a receiver draws them: enlarged to cover gaps."""
         received = splats.select(self.received)
         clear = 1 - np.minimum(received.opacities, np.float32(_MAX_OPAQUE))
         opacities = 1 - clear ** np.float32(self.exponent)
         return replace(received, scales=received.scales * np.float32(self.size_gain), opacities=opacities)
 
-    def gradients(self, splats: Splats, drawn_gradients: Gradients) -> Gradients:
-        """Back-propagates gradients from the drawn Gaussians to all Gaussians; gradients of lost Gaussians are 0.
+    def gradients(self, splats: Splats, received_gradients: Gradients) -> Gradients:
+        """Back-propagates gradients from the received Gaussians to all Gaussians; gradients of lost Gaussians are 0.
 
         Args:
             splats: All Gaussians, including those lost with packets.
-            drawn_gradients: Gradients with respect to the drawn Gaussians, the result of `drawn_splats`.
+            received_gradients: Gradients with respect to the received Gaussians, the result of `received_splats`.
         """
         clear = 1 - np.minimum(splats.opacities[self.received], np.float32(_MAX_OPAQUE))
         slope = np.float32(self.exponent) * clear ** np.float32(self.exponent - 1)
         changed = replace(
-            drawn_gradients,
-            scales=drawn_gradients.scales * np.float32(self.size_gain),
-            opacities=drawn_gradients.opacities * slope,
+            received_gradients,
+            scales=received_gradients.scales * np.float32(self.size_gain),
+            opacities=received_gradients.opacities * slope,
         )
         whole = {}
         for name, values in vars(changed).items():

@@ -74,7 +74,7 @@ class SampledLoss:
         return float(losses[0] if len(losses) == 1 else (losses[0] + losses[1:].mean()) / 2)
 
     def _errors(self, splats: Splats) -> Float[np.ndarray, "R V"]:
-        shown = [splats, *(reception.drawn_splats(splats) for reception in self.receptions)]
+        shown = [splats, *(reception.received_splats(splats) for reception in self.receptions)]
         return np.array([self._view_errors(each) for each in shown])
 
     def _view_errors(self, splats: Splats) -> list[float]:

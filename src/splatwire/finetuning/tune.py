@@ -181,11 +181,11 @@ def tuned_gaussians(
             cost_gradient = None if cost is None else cost.gradient(latents.harmonics)
             if options.packet_loss is not None and step % division_interval == 0:
                 division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
-        view, drawn = next(views), latents.splats(rounding_errors)
+        view, decoded = next(views), latents.splats(rounding_errors)
         reception = None
         if division is not None and step % 2:
             reception = simulate_reception(division, options, rng)
-        shown = drawn if reception is None else reception.drawn_splats(drawn)
+        shown = decoded if reception is None else reception.received_splats(decoded)
         mask = None if pictures.masks is None else pictures.masks[view]
         target = pictures.images[view].astype(np.float32) / 255
         shown_scene = replace(scene, splats=shown, coding=None, hints=None)
@@ -196,8 +196,8 @@ def tuned_gaussians(
         )
         divisors.setdefault((view, reception is None), error)
         if reception is not None:
-            splat_gradients = reception.gradients(drawn, splat_gradients)
-        gradients = gradients_of(latents, drawn, rounding_errors, splat_gradients)
+            splat_gradients = reception.gradients(decoded, splat_gradients)
+        gradients = gradients_of(latents, decoded, rounding_errors, splat_gradients)
         if cost_gradient is not None:
             _add(gradients["harmonics"], cost_gradient)
         optimizer.update(latents.trained(), gradients, rate * _decay(step / options.iterations))
@@ -348,8 +348,8 @@ def _sampled_loss(
     rng = np.random.Generator(np.random.PCG64([options.seed, 1]))
     if options.packet_loss is not None:
         division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
-        drawn = [simulate_reception(division, options, rng) for _ in range(_CHECKED_RECEPTIONS)]
-        receptions = [reception for reception in drawn if reception is not None]
+        sampled = [simulate_reception(division, options, rng) for _ in range(_CHECKED_RECEPTIONS)]
+        receptions = [reception for reception in sampled if reception is not None]
     return SampledLoss.create(scene, rounded, pictures, receptions, MIN_ERROR, rng)
 
 

@@ -25,7 +25,7 @@ from splatwire.codec.background import BACKGROUND
 from splatwire.codec.geometry import anchor_order
 from splatwire.codec.metadata import SECTION as METADATA
 from splatwire.codec.metadata import metadata_sections
-from splatwire.codec.schema import CHUNK, CodedPackets, Options, Prepared, SymbolRows
+from splatwire.codec.schema import CHUNK, CodedPackets, DecodedRows, Options, Prepared
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tier_sizes import encode_tier_sizes, read_tier_sizes
@@ -201,7 +201,7 @@ def chunks(sizes: np.ndarray, max_anchors: int = CHUNK) -> Iterator[slice]:
         yield slice(first, len(sizes))
 
 
-def update_digest(digest: Any, rows: SymbolRows) -> None:
+def update_digest(digest: Any, rows: DecodedRows) -> None:
     """Adds the decoded integers of anchors to a hash, with which receivers verify their decoding.
 
     Args:
@@ -273,6 +273,6 @@ class AnchorDecoder:
         """
         raise NotImplementedError
 
-    def update_digest(self, digest: Any, rows: SymbolRows) -> None:
+    def update_digest(self, digest: Any, rows: DecodedRows) -> None:
         """Adds the decoded integers of anchors to a hash, with which receivers verify their decoding."""
         update_digest(digest, rows)

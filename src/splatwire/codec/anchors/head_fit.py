@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatwire.codec.heads import quantise_network
+from splatwire.codec.quantised_networks import quantise_network
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.ops.arrays import lower_median
 from splatwire.ops.twister import Twister

@@ -32,7 +32,7 @@ from splatwire.codec.gaussians.side_info import SideInfo, read_side_info
 from splatwire.codec.memory import packet_reader_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import PacketBatch, SymbolRows
+from splatwire.codec.schema import DecodedRows, PacketBatch
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import LossMask, ReceivedScene, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
@@ -86,7 +86,7 @@ class GaussianDecoder:
         self._precision_classes = np.zeros(self._num, dtype=np.uint8)
         self._loss_mask = LossMask.of_elements(np.zeros(self._num, dtype=np.bool_))
 
-    def decode(self, batch: PacketBatch) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> DecodedRows:
         """Decodes the received packets of one spatial block to integers.
 
         Args:
@@ -98,7 +98,7 @@ class GaussianDecoder:
         """
         return decode_packets(self._info, batch.block, batch.counts, batch.payloads)
 
-    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: DecodedRows) -> None:
         """Writes the Gaussians of a block to the scene as floats; lost Gaussians get estimated attributes.
 
         Args:
@@ -119,7 +119,7 @@ class GaussianDecoder:
         if received.any():
             self._precision_classes[indices] = rows[0][:, CLASS].astype(np.uint8)
 
-    def update_digest(self, digest: Any, rows: SymbolRows) -> None:
+    def update_digest(self, digest: Any, rows: DecodedRows) -> None:
         """Adds the decoded integers of one block to a hash, with which receivers verify their decoding."""
         update_digest(digest, rows)
 

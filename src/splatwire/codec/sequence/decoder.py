@@ -16,7 +16,7 @@ from splatwire.codec.gaussians.layout import COLUMNS
 from splatwire.codec.memory import check_memory, packet_reader_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import PacketBatch, SymbolRows
+from splatwire.codec.schema import DecodedRows, PacketBatch
 from splatwire.codec.sequence.keyframes import to_motion_units
 from splatwire.codec.sequence.layout import (
     BEGINS,
@@ -127,7 +127,7 @@ class TracksDecoder:
         self._rounding[:num_earlier] = other._rounding
         self._loss_mask.received[: other._num_elements] = other._loss_mask.received
 
-    def decode(self, batch: PacketBatch) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> DecodedRows:
         """Decodes the received packets of one block to integers.
 
         Args:
@@ -142,7 +142,7 @@ class TracksDecoder:
             return decode_packets(*self.info.shot_of(keyframe_block), batch.counts, batch.payloads)
         return decode_motion(self.info, group, batch.counts, batch.payloads, self._block_map.first_new[group])[:2]
 
-    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: DecodedRows) -> None:
         """Writes decoded keyframe Gaussians to the scene. Motion packets are kept and decoded on request.
 
         Args:
@@ -186,7 +186,7 @@ class TracksDecoder:
         self._motion_packets[block] = packets
         self._block_bytes[block] = sum(packet.num_bytes for packet in packets)
 
-    def update_digest(self, digest: Any, rows: SymbolRows) -> None:
+    def update_digest(self, digest: Any, rows: DecodedRows) -> None:
         """Adds the decoded integers of one block to a hash, with which receivers verify their decoding."""
         update_digest(digest, rows)
 
@@ -367,7 +367,7 @@ class _BlockMap:
         return self._motion_blocks.get(group, range(0))
 
 
-def update_digest(digest: Any, rows: SymbolRows) -> None:
+def update_digest(digest: Any, rows: DecodedRows) -> None:
     """Adds the decoded integers of one block to a hash, with which receivers verify their decoding.
 
     Args:

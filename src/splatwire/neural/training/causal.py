@@ -88,12 +88,12 @@ class TrainableCausal:
         if phase is Phase.NOISE:
             steps = (steps[0].detach(), steps[1].detach(), steps[2].detach())
         feature, logs, offsets = noisy_causal_attributes(state, visible, steps, self._random.uniform)
-        drawn = feature, expanded_scalings(logs.exp()), offsets
+        visible_attributes = feature, expanded_scalings(logs.exp()), offsets
         if phase is Phase.NOISE:  # masks are trained only once the loss includes the rate
-            return (drawn, masks.detach()), None
+            return (visible_attributes, masks.detach()), None
         share = config.weights.sample_share
         sample = self._random.sample(state.num_anchors, share, state.generator, state.device)
-        return (drawn, masks), self._rate(state, sample, steps)
+        return (visible_attributes, masks), self._rate(state, sample, steps)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
         """Returns the scalings, world units, that a receiver predicts for lost anchors.
@@ -115,8 +115,8 @@ class TrainableCausal:
 
     def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the estimated size of the scene in megabytes."""
-        share = state.num_anchors / max(estimated_bits.num_anchors, 1)
-        return state.current_lambda(self._config.weights) * estimated_bits.bits * share / RATE_UNIT
+        scale_to_all = state.num_anchors / max(estimated_bits.num_anchors, 1)
+        return state.current_lambda(self._config.weights) * estimated_bits.bits * scale_to_all / RATE_UNIT
 
     def _rate(self, state: TrainState, sample: Int64[Tensor, "M"], steps: tuple[Tensor, Tensor, Tensor]) -> SampleBits:
         masks = straight_through_masks(state, self._config, sample)
@@ -275,7 +275,7 @@ def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[
         Cost if the offset exists, and cost if it does not, (M, K) each.
     """
     softplus = torch.nn.functional.softplus
-    return softplus(-predicted.exists) / math.log(2), softplus(predicted.exists) / math.log(2)
+    return softplus(-predicted.mask_logits) / math.log(2), softplus(predicted.mask_logits) / math.log(2)
 
 
 def value_bits(

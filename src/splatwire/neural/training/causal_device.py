@@ -91,8 +91,8 @@ class DeviceCausal(TrainableCausal):
         (visible_masks, sampled_masks), (_, sampled_any_mask) = masks.split(counts), any_mask.split(counts)
         sampled = sampled_features, sampled_logs, sampled_offsets
         total = self._bits(state, sample, sampled, steps, (sampled_masks, sampled_any_mask))
-        drawn = visible_features, expanded_scalings(visible_logs.exp()), visible_offsets
-        return (drawn, visible_masks), SampleBits(total, len(sample))
+        visible_attributes = visible_features, expanded_scalings(visible_logs.exp()), visible_offsets
+        return (visible_attributes, visible_masks), SampleBits(total, len(sample))
 
     def _bits(
         self,
@@ -137,8 +137,8 @@ class DeviceCausal(TrainableCausal):
 
     def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the estimated size of the scene in megabytes."""
-        share = state.num_anchors / max(estimated_bits.num_anchors, 1)
-        return estimated_bits.bits * (state.current_lambda(self._config.weights) * share / RATE_UNIT)
+        scale_to_all = state.num_anchors / max(estimated_bits.num_anchors, 1)
+        return estimated_bits.bits * (state.current_lambda(self._config.weights) * scale_to_all / RATE_UNIT)
 
 
 def value_steps(log_steps: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
@@ -183,12 +183,12 @@ def packed_anchor_bits(
     inputs, _ = values.split([num_anchor_values, 3 * layout.num_offsets], dim=1)
     hidden = torch.cat([run_network(position, position_inputs), inputs * INPUT_UNIT], dim=1)
     outputs = packed(hidden, CONTEXT_NEGATIVE_SLOPE)
-    mean, log_deviation, exists = outputs.split([order.num_values, order.num_values, layout.num_offsets], dim=1)
+    mean, log_deviation, mask_logits = outputs.split([order.num_values, order.num_values, layout.num_offsets], dim=1)
     all_bits = _ValueBits.apply(values, mean, log_deviation)
     anchor_value_bits, offset_value_bits = all_bits.split([num_anchor_values, 3 * layout.num_offsets], dim=1)
     # the mask bit costs softplus(-x) if the offset exists, otherwise softplus(x); the difference is x
-    absent_bits = torch.nn.functional.softplus(exists).mul(1 / math.log(2))
-    extra_bits = offset_value_bits.view(len(position_inputs), -1, 3).sum(dim=2).add(exists, alpha=-1 / math.log(2))
+    absent_bits = torch.nn.functional.softplus(mask_logits).mul(1 / math.log(2))
+    extra_bits = offset_value_bits.view(len(position_inputs), -1, 3).sum(dim=2).add(mask_logits, alpha=-1 / math.log(2))
     return anchor_value_bits.sum(dim=1) + (offset_mask * extra_bits + absent_bits).sum(dim=1) + POSITION_BITS
 
 
@@ -240,11 +240,11 @@ def _output_order(config: CausalConfig) -> _OutputOrder:
     names = [name for name in config.shapes() if name != "position"]
     sizes = [config.shapes()[name][1] for name in names]
     first = dict(zip(names, accumulate([0, *sizes[:-1]]), strict=True))
-    means, log_deviations, exists = list[int](), list[int](), list[int]()
+    means, log_deviations, mask_logits = list[int](), list[int](), list[int]()
     for name, size in zip(names, sizes, strict=True):
         outputs = list(range(first[name], first[name] + size))
         if name == MASK_AND_SCALE:
-            exists, outputs = outputs[:-2], outputs[-2:]
+            mask_logits, outputs = outputs[:-2], outputs[-2:]
         half = len(outputs) // 2
         means, log_deviations = means + outputs[:half], log_deviations + outputs[half:]
-    return _OutputOrder(tuple(means + log_deviations + exists), len(means))
+    return _OutputOrder(tuple(means + log_deviations + mask_logits), len(means))

@@ -238,7 +238,8 @@ class PacketLossConfig:
         lossy_share: Share of the iterations with packet loss, after the start of its simulation.
     """
 
-    # With fine-tuning, packet loss is simulated only there, otherwise once the set of anchors is fixed.
+    # Packet loss is simulated once the set of anchors is fixed; with fine-tuning and without `received_shares`, only in
+    # the fine-tuning.
 
     models: tuple[str, ...] = ()
     received_shares: tuple[float, ...] = field(default=(), metadata=stored_as("first"))

@@ -147,12 +147,12 @@ class TrainableHacpp:
             bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
         steps, estimated_bits = self.steps_and_bits(state, visible)
-        drawn = (
+        visible_attributes = (
             state.attributes(visible)
             if steps is None
             else noisy_attributes(state, visible, steps, self._kernels.random.uniform)
         )
-        return (drawn, straight_through_masks(state, self._config, visible)[0]), estimated_bits
+        return (visible_attributes, straight_through_masks(state, self._config, visible)[0]), estimated_bits
 
     def rate_loss(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the mean bits per attribute value.

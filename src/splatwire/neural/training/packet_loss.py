@@ -85,7 +85,7 @@ class PacketLossSimulator:
         self._order = torch.empty(0, dtype=torch.int64)
 
     def active(self, state: TrainState) -> bool:
-        """True if the next training iteration may simulate packet losses."""
+        """True if the current training iteration (`state.iteration`, counted from 1) may simulate packet losses."""
         return bool(self._choices) and state.iteration > self._last_iteration_without_loss
 
     @property
@@ -113,7 +113,7 @@ class PacketLossSimulator:
         are sorted if only the most important ones are received in some iterations (`PacketLossConfig.received_shares`).
 
         Args:
-            state: State of the training before an iteration; changed in place.
+            state: State of the training, whose `iteration` is the one that begins; changed in place.
             cameras: The training cameras, in which the importance of anchors is measured.
         """
         num_iterations = state.iteration - self._last_iteration_without_loss

@@ -18,11 +18,11 @@ from splatwire.codec.anchors.causal.packet_coder import anchor_rows, decode_pack
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.fixed_point import ACTIVATION_BITS
-from splatwire.codec.heads import network_of
 from splatwire.codec.memory import check_memory
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import PacketBatch, SymbolRows
+from splatwire.codec.quantised_networks import network_of
+from splatwire.codec.schema import DecodedRows, PacketBatch
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import (
     Anchors,
@@ -123,7 +123,7 @@ class CausalDecoder(AnchorDecoder):
         self._deviations["scaling"][ranks] = self._means["scaling"][ranks] * relative
         self._deviations["offset"][ranks] = deviations[:, self._num_features + 4 :] * self._info.linear_steps[-1]
 
-    def decode(self, batch: PacketBatch) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> DecodedRows:
         """Decodes packets of anchors to integers.
 
         Args:
@@ -135,7 +135,7 @@ class CausalDecoder(AnchorDecoder):
         positions = self._info.positions.known.select(batch.indices)
         return (anchor_rows(*decode_packets(self._context, positions, batch.counts, batch.payloads)),)
 
-    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: DecodedRows) -> None:
         """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene.
 
         Args:

@@ -12,7 +12,7 @@ from splatwire.anchors.causal_prediction import position_inputs, predict_causal
 from splatwire.codec.anchors.causal.positions import encode_coarse_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo
 from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
-from splatwire.codec.heads import quantise_network
+from splatwire.codec.quantised_networks import quantise_network
 from splatwire.ops.arrays import lower_median
 from splatwire.types import AnchorScene, CausalCoding
 from splatwire.types.causal_coding import MASK_AND_SCALE
@@ -118,8 +118,8 @@ def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarr
     # Errors of these sizes cost about the same number of bits in every output.
     if name == "position":
         return POSITION_TOLERANCE_FACTOR * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)
-    masks = coding.config.layout.num_offsets if name == MASK_AND_SCALE else 0
-    log_deviations = outputs[:, masks + (outputs.shape[1] - masks) // 2 :].astype(np.float64)
+    num_mask_logits = coding.config.layout.num_offsets if name == MASK_AND_SCALE else 0
+    log_deviations = outputs[:, num_mask_logits + (outputs.shape[1] - num_mask_logits) // 2 :].astype(np.float64)
     typical = lower_median(2.0 ** log_deviations.clip(-3, 13))
     width = np.sqrt(typical**2 + 1 / 12)
-    return np.concatenate([np.full(masks, 2.0), width, np.ones_like(width)])
+    return np.concatenate([np.full(num_mask_logits, 2.0), width, np.ones_like(width)])

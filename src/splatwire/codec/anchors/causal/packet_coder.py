@@ -15,7 +15,7 @@ from splatwire.codec.anchors.causal import _position_kernels as position_kernels
 from splatwire.codec.anchors.causal.context import CodingContext, Stage, scale_indices
 from splatwire.codec.anchors.causal.positions import AnchorPositions
 from splatwire.entropy.coder import tables
-from splatwire.entropy.tables import weight_table
+from splatwire.entropy.tables import logistic_table
 from splatwire.ops.morton import morton_decode
 
 
@@ -123,7 +123,7 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
     kernels.encode_packets(
         anchor_starts, quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities,
         quantised.masks, quantised.logits, quantised.symbols,
-        quantised.scale_indices, first_columns, mask_stage, weight_table(), *tables(), buffer, lengths,
+        quantised.scale_indices, first_columns, mask_stage, logistic_table(), *tables(), buffer, lengths,
     )  # fmt: skip
     begins = anchor_starts[:-1] * max_anchor_bytes + 64 * np.arange(len(lengths))
     return [buffer[begin : begin + length].tobytes() for begin, length in zip(begins, lengths, strict=True)]
@@ -140,7 +140,7 @@ def anchor_bits(context: CodingContext, quantised: Quantised) -> np.ndarray:
     kernels.anchor_bits(
         quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities, quantised.masks,
         quantised.logits,
-        quantised.symbols, quantised.scale_indices, context.stages[-1].first, weight_table(), *tables(), bits,
+        quantised.symbols, quantised.scale_indices, context.stages[-1].first, logistic_table(), *tables(), bits,
     )  # fmt: skip
     return bits
 
@@ -207,7 +207,7 @@ def decode_packets(
     for stage, outputs in predictor.outputs():
         if stage.num_mask_logits:
             logits = np.ascontiguousarray(outputs[:, : stage.num_mask_logits])
-            kernels.decode_masks(data, byte_starts, anchor_starts, states, logits, weight_table(), masks)
+            kernels.decode_masks(data, byte_starts, anchor_starts, states, logits, logistic_table(), masks)
         indices = scale_indices(np.ascontiguousarray(outputs[:, stage.num_mask_logits + stage.size :]))
         symbols, reconstructed = np.empty(indices.shape, dtype=np.int32), np.empty(indices.shape, dtype=np.int32)
         coded = masks if stage is last else all_coded

@@ -17,9 +17,9 @@ from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
 from splatwire.codec.anchors.hacpp.side_info import SideInfo
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
-from splatwire.codec.heads import network_of
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.quantised_networks import network_of
 from splatwire.types import (
     Anchors,
     AnchorScene,

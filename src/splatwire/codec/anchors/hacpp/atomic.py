@@ -18,7 +18,7 @@ from splatwire.codec.anchors.hacpp.coding_params import (
     step_indices,
 )
 from splatwire.entropy.coder import tables
-from splatwire.entropy.tables import weight_table
+from splatwire.entropy.tables import logistic_table
 from splatwire.types import AnchorLayout
 
 
@@ -160,7 +160,7 @@ def split_into_packets(
     kernels.anchor_bits(
         symbols.mask, symbols.feature, symbols.scaling, symbols.offset,
         *predicted.feature, mixture.mean, mixture.scale, mixture.weight, *predicted.scaling, *predicted.offset,
-        weight_table(), *tables(), bits,
+        logistic_table(), *tables(), bits,
     )  # fmt: skip
     # The last byte is rounded up, and the coder's range loses up to 2**-16 of itself with each symbol.
     max_bits, block_counts, begin = 8.0 * (max_payload_bytes - 1) - 1.0, [], 0
@@ -203,7 +203,7 @@ def encode_packets(
     kernels.encode_packets(
         anchor_starts, symbols.mask, symbols.feature, symbols.scaling, symbols.offset, mask_models,
         *predicted.feature, mixture.mean, mixture.scale, mixture.weight, *predicted.scaling, *predicted.offset,
-        _group_edges(context), weight_table(), *tables(), buffer, lengths,
+        _group_edges(context), logistic_table(), *tables(), buffer, lengths,
     )  # fmt: skip
     begins = anchor_starts[:-1] * max_anchor_bytes + 64 * np.arange(len(lengths))
     return [buffer[begin : begin + length].tobytes() for begin, length in zip(begins, lengths, strict=True)]
@@ -246,7 +246,7 @@ def decode_packets(
         mean1, scale1, weight = predict_group(context, group, shared, before, outputs)
         kernels.decode_group(
             data, byte_starts, anchor_starts, states, edges[group], *predicted.feature, mean1, scale1, weight,
-            weight_table(), *tables(), feature,
+            logistic_table(), *tables(), feature,
         )  # fmt: skip
     kernels.decode_scalings_and_offsets(
         data,

@@ -13,7 +13,7 @@ from splatwire.codec.anchors.hacpp.coding_params import factor_table, step_indic
 from splatwire.codec.anchors.hacpp.separated import decode_masks, decode_parts
 from splatwire.codec.anchors.hacpp.side_info import SideInfo, read_side_info
 from splatwire.codec.memory import check_memory
-from splatwire.codec.schema import Decoder, PacketBatch, SymbolRows
+from splatwire.codec.schema import DecodedRows, Decoder, PacketBatch
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import AnchorScene, Attribute, ReceivedScene
 
@@ -118,7 +118,7 @@ class HacppDecoder(AnchorDecoder):
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._allocated.outputs[ranks], self._allocated.context_features[ranks] = outputs, features
 
-    def decode(self, batch: PacketBatch) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> DecodedRows:
         """Decodes packets of anchors to integers: offset masks and quantised attributes.
 
         Args:
@@ -135,7 +135,7 @@ class HacppDecoder(AnchorDecoder):
             outputs = self._arrays.outputs[ranks]
         return (decode_packets(self._context, outputs, batch.counts, batch.payloads, self._models)[0].rows(),)
 
-    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: DecodedRows) -> None:
         """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene.
 
         Args:
@@ -179,7 +179,7 @@ class SeparatedDecoder(HacppDecoder):
         super()._allocate_arrays()
         self._allocated.mask[:], self._allocated.received[:, Attribute.MASK] = self._masks, True
 
-    def decode(self, batch: PacketBatch) -> SymbolRows:
+    def decode(self, batch: PacketBatch) -> DecodedRows:
         """Decodes the received packets of one spatial block.
 
         Args:
@@ -194,13 +194,13 @@ class SeparatedDecoder(HacppDecoder):
             * Mask of the received attributes, bool (n, attributes).
         """
         empty = Symbols.of_rows(np.empty((0, self.row_bytes // 4), np.int32), self._layout).rows()
-        rows: list[SymbolRows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
+        rows: list[DecodedRows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
         for ranks, payloads in _payloads_by_group(batch):
             decoded = decode_parts(self._context, self._allocated.outputs[ranks], self._masks[ranks], payloads)
             rows.append((decoded.symbols.rows(), decoded.factors, decoded.received))
         return tuple(np.concatenate(parts) for parts in zip(*rows, strict=True))
 
-    def store(self, batch: PacketBatch, rows: SymbolRows) -> None:
+    def store(self, batch: PacketBatch, rows: DecodedRows) -> None:
         """Dequantises received attributes of anchors, and writes them and their mask to the arrays of the scene.
 
         Args:

@@ -7,7 +7,7 @@ from splatwire.codec.anchors.hacpp.grid_lookup import lookup, unit_coordinates
 from splatwire.codec.anchors.hacpp.side_info import MASK_CONTEXTS, SideInfo
 from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
 from splatwire.codec.fixed_point import ACTIVATION_BITS
-from splatwire.codec.heads import quantise_network
+from splatwire.codec.quantised_networks import quantise_network
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.ops.arrays import lower_median
 from splatwire.types import AnchorScene, ModelConfig

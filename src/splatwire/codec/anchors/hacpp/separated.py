@@ -18,7 +18,7 @@ from splatwire.codec.anchors.hacpp.atomic import Mixture, Predictions, Symbols, 
 from splatwire.codec.anchors.hacpp.coding_params import CodingContext
 from splatwire.codec.anchors.hacpp.side_info import SideInfo
 from splatwire.entropy.coder import Mixtures, decode_symbols, encode_bits, encode_symbols
-from splatwire.entropy.tables import weight_table
+from splatwire.entropy.tables import logistic_table
 from splatwire.errors import BitstreamError
 from splatwire.types import Attribute
 
@@ -204,5 +204,5 @@ def _feature_mixtures(
         weight: Weight of the first distribution, as indices in the coder's table of weights.
     """
     first = (values[rows, columns] for values in predicted.feature)
-    parts = (*first, mean, scale, weight_table()[weight])
+    parts = (*first, mean, scale, logistic_table()[weight])
     return Mixtures(*(part.astype(np.int64).ravel() for part in parts))

@@ -71,8 +71,8 @@ def relocate(state: GaussianState, num_gaussians: int, dead_opacity: float) -> N
     added = num_gaussians - count
     if not len(alive) or not len(dead) + added:
         return
-    drawn = torch.multinomial(opacities[alive], len(dead) + added, replacement=True, generator=state.generator)
-    sources = alive[drawn]
+    sampled = torch.multinomial(opacities[alive], len(dead) + added, replacement=True, generator=state.generator)
+    sources = alive[sampled]
     num_copies = torch.bincount(sources, minlength=count) + 1
     targets = torch.cat([dead, torch.arange(count, count + added)])
     split = (num_copies > 1).nonzero()[:, 0]
