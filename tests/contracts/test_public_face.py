@@ -12,6 +12,7 @@ import pytest
 
 import splatwire
 from splatwire.codec import ProgressiveDecoder
+from splatwire.codec.schema import CodedPackets
 from splatwire.sequence import SequenceEncoder, SequenceOptions, TrackingReport
 from splatwire.transport import Welcomed
 from splatwire.types import LossMask
@@ -177,3 +178,9 @@ def test_every_module_is_importable():
             continue
         name = ".".join(words[:-1] if words[-1] == "__init__" else words)
         importlib.import_module(name)
+
+
+def test_decoded_rows_of_coded_packets_have_their_former_name_with_a_warning():
+    coded = CodedPackets(np.array([2]), [b"ab"], (np.arange(2),))
+    with pytest.warns(DeprecationWarning, match="use decoded_rows"):
+        assert coded.symbols is coded.decoded_rows

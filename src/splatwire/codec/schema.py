@@ -12,14 +12,15 @@ import numpy as np
 
 from splatwire.bitstream import Manifest, Packet, PacketBatch, Packetization, PacketPlan, SceneStream
 from splatwire.bitstream.limits import StreamSchema
+from splatwire.lazy_names import renamed_attributes
 from splatwire.types.received_scene import ReceivedScene
 
 CHUNK = 3000
 """Elements processed at once: large enough for efficient matrix products, small enough for the CPU cache."""
 DecodedRows = tuple[np.ndarray, ...]
-"""Decoded values of elements: arrays with one row per element.
+"""Decoded integers of elements: arrays with one row per element.
 
-They are entropy-coded integers (symbols), or numbers that a decoder reconstructs from these.
+They are symbols (entropy-coded integers), or quantised values that a decoder reconstructs from symbols.
 """
 
 
@@ -30,12 +31,14 @@ class CodedPackets:
     Attributes:
         counts: int64 (packets), number of elements in each packet.
         payloads: Payload of each packet.
-        decoded_rows: Values that a decoder obtains from the packets: arrays with one row for each element.
+        decoded_rows: Integers that a decoder obtains from the packets: arrays with one row for each element.
     """
 
     counts: np.ndarray
     payloads: list[bytes]
     decoded_rows: DecodedRows
+
+    __getattr__ = renamed_attributes("CodedPackets", {"symbols": "decoded_rows"})
 
 
 @runtime_checkable
@@ -117,7 +120,7 @@ class Decoder(Protocol):
         """Decodes packets; any bytes decode without an error. May be called from several threads.
 
         Returns:
-            The decoded values of the packets' elements, packet by packet.
+            The integers of the packets' elements, packet by packet.
         """
 
     def store(self, batch: PacketBatch, rows: DecodedRows) -> None:
@@ -131,7 +134,7 @@ class Decoder(Protocol):
         """
 
     def update_digest(self, digest: Any, rows: DecodedRows) -> None:
-        """Adds decoded values to the hash of all decoded values, for comparison with the hash in the manifest."""
+        """Adds decoded integers to the hash of all integers, for comparison with the hash in the manifest."""
         # The division of the elements into batches does not change the hash. Batches with losses are not added.
 
     def scene(self) -> ReceivedScene:
