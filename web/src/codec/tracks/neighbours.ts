@@ -57,7 +57,10 @@ export class NeighbourSums {
   readonly #valueOffsets: Int32Array;
   readonly #weights: Float64Array;
 
-  /** `values` has shape (rows, frames, channels). `referenceOffsets`, shape (rows, channels), are subtracted; null means 0. */
+  /**
+   * `values` has shape (rows, frames, channels). `referenceOffsets`, shape (rows, channels), are subtracted; null
+   * means 0.
+   */
   constructor(
     readonly frames: number,
     maxNeighbours: number,

@@ -110,7 +110,10 @@ export function normalisedPositions(positions: Float64Array): Float64Array {
   return found;
 }
 
-/** Returns the moving tracks in the order in which their motion is predicted: by step, then along a Z-order curve with decreasing strides. */
+/**
+ * Returns the moving tracks in the order in which their motion is predicted: by step, then along a Z-order curve with
+ * decreasing strides.
+ */
 export function predictionOrder(positions: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
   const keys = new Float64Array(moving.length),
     tracks = new Int32Array(moving.length);
