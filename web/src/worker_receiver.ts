@@ -94,6 +94,8 @@ export class WorkerReceiver implements Receiver {
   #sending: Promise<void> | null = null;
   /** Drawn units (`codec/levels/draw_units.ts`) of a scene with levels, and the number of packets of each one. */
   readonly #drawnUnits = new Map<number, number>();
+  /** Stream whose default viewpoint the page can compute. */
+  #framed: DecodedStream | null = null;
   #decodeMs = 0;
   #counts: Counts | null = null;
   /** State restored completely from the cache; null otherwise. */
@@ -434,13 +436,9 @@ export class WorkerReceiver implements Receiver {
 
   async #sendGaussians(stream: DecodedStream): Promise<void> {
     const { elementDecoder } = stream.decoder;
-    if (
-      this.#unconfirmed ||
-      this.#isUpdated ||
-      elementDecoder.sequence ||
-      (elementDecoder.viewDependent && !this.#viewRequest)
-    )
-      return;
+    if (this.#unconfirmed || this.#isUpdated) return;
+    this.#sendFraming(stream);
+    if (elementDecoder.sequence || (elementDecoder.viewDependent && !this.#viewRequest)) return;
     if (elementDecoder.tiling) return this.#sendTiles(stream);
     while (stream.hasNew || this.#answeredRequest !== this.#viewRequest) {
       const requestId = this.#viewRequest,
@@ -458,6 +456,16 @@ export class WorkerReceiver implements Receiver {
         transfer,
       );
     }
+  }
+
+  /** Sends the Gaussians that determine the default viewpoint, once all of them have arrived. */
+  #sendFraming(stream: DecodedStream): void {
+    if (this.#framed === stream || this.live) return;
+    const framing = stream.framingGaussians;
+    if (!framing) return;
+    this.#framed = stream;
+    const packed = pack(framing, 0, stream.decoder.elementDecoder.size);
+    post({ kind: "framing", packed }, [bufferOf(packed)]);
   }
 
   /** Sends tile replacements. Starts again after a swap if the view has changed. */

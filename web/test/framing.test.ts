@@ -11,7 +11,8 @@ import { Orbit } from "../src/render/orbit.ts";
 import { type Packed, pack } from "../src/render/packed.ts";
 import { pickDepth, pickPoint } from "../src/render/pick.ts";
 import { cameraFromPose, halfHeight } from "../src/render/projection.ts";
-import { random } from "./vectors.ts";
+import { DecodedStream } from "../src/transport/decoded_stream.ts";
+import { random, readStream } from "./vectors.ts";
 
 const WINDOWS = [
   [1280, 760],
@@ -147,6 +148,24 @@ test("a moving scene fits in all its frames", () => {
     assert.ok(most < 1.02 && most > 0.75, `${most} in ${width} x ${height}`);
   }
 });
+
+for (const name of ["tiny_levels", "tiny_clip", "tiny_shots"])
+  test(`the framing Gaussians of ${name} are the same in any order of arrival, and none before all arrived`, () => {
+    const { head, packets } = readStream(`../tests/golden/${name}.swz`),
+      found = [packets, [...packets].reverse()].map((order) => {
+        const stream = new DecodedStream(head),
+          results = new Set<string>();
+        assert.equal(stream.framingGaussians, null);
+        for (const bytes of order) {
+          stream.addPacket(bytes);
+          const framing = stream.framingGaussians;
+          if (framing) results.add(JSON.stringify(framing));
+        }
+        assert.equal(results.size, 1, "later packets change them");
+        return [...results][0];
+      });
+    assert.ok(found[0] === found[1], "the order of arrival changes them");
+  });
 
 test("a room is viewed from inside", () => {
   const parts = [scene([...sphere(8000, 0.4), ...walls(12000, 1.5)], 0.08)],

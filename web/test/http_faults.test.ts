@@ -112,6 +112,18 @@ for (const [kind, file] of KINDS) {
     );
   });
 
+  test(`${kind}: the Gaussians of the default viewpoint are the same in a repeated visit`, async () => {
+    const caches = new Caches(),
+      found: FromWorker[][] = [];
+    new Server((asked) => part(file, asked));
+    for (let n = 0; n < 2; n++) {
+      const { said } = await visit(caches);
+      found.push(said.filter((one) => one.kind === "framing"));
+      assert.equal(found[n].length, kind === "still" ? 0 : 1);
+    }
+    assert.deepEqual(found[0], found[1]);
+  });
+
   test(`${kind}: a file replaced between visits is received from the beginning`, async () => {
     for (const answering of [(asked) => part(other, asked), () => whole(other)] satisfies Answering[]) {
       const caches = new Caches(),

@@ -78,6 +78,39 @@ test("a viewpoint far from 0 is kept if the first frame is empty", (context) => 
   assert.ok(Math.hypot(eye[0], eye[1], eye[2] - 5003) < 1e-3, String(eye));
 });
 
+test("the framing Gaussians determine the viewpoint instead of the drawn ones, unless the visitor moved", (context) => {
+  const [expected, before, after, moved] = Array.from({ length: 4 }, () => stageOf(context));
+  expected.add(line(7));
+  before.framingGaussians = line(7);
+  before.add(line(0));
+  after.add(line(0));
+  assert.notDeepEqual(after.viewpoint, expected.viewpoint);
+  after.framingGaussians = line(7);
+  after.resize();
+  for (const stage of [before, after]) {
+    assert.deepEqual(stage.viewpoint, expected.viewpoint);
+    for (const z of [1, 2, 3]) stage.add(line(z));
+    stage.end();
+    assert.deepEqual(stage.viewpoint, expected.viewpoint);
+  }
+  moved.add(line(0));
+  moved.orbit.rotate(0.5, 0);
+  const { viewpoint } = moved;
+  moved.framingGaussians = line(7);
+  moved.resize();
+  moved.end();
+  assert.deepEqual(moved.viewpoint, viewpoint);
+});
+
+test("a preview is framed by its own Gaussians, although those of the scene are known", (context) => {
+  const stage = stageOf(context),
+    plain = stageOf(context),
+    preview = { packed: line(0), background: [0, 0, 0], size: 1 } as const;
+  stage.framingGaussians = line(7);
+  for (const each of [stage, plain]) void each.preview(preview);
+  assert.deepEqual(stage.viewpoint, plain.viewpoint);
+});
+
 test("the automatic rotation continues when the scene is framed again", (context) => {
   const stage = stageOf(context),
     { orbit } = stage;

@@ -17,6 +17,8 @@ export interface ElementBatch {
   readonly count: number;
   /** Index of each element in the scene. */
   readonly indices: Int32Array;
+  /** All Gaussians, whether drawn or not; absent if they depend on the camera. */
+  readonly splats?: Splats;
   /** Returns the Gaussians for a camera. The camera has no effect for explicit Gaussians. */
   forCamera(camera: Camera): ViewGaussians;
 }

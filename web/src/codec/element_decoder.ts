@@ -63,6 +63,11 @@ export interface ElementDecoder<P extends ElementBatch = ElementBatch> {
   readonly size: number;
   /** Centre of the scene, world units; null if it is unknown before the first packet. */
   readonly middle: readonly number[] | null;
+  /**
+   * Number of first blocks whose Gaussians determine the default viewpoint: the coarsest tiles, or the first group of
+   * frames that has any. Absent if all Gaussians determine it.
+   */
+  readonly framingBlocks?: number;
   readonly sections: Map<string, Uint8Array>;
   /** Frames of a moving scene; null for static scenes. */
   readonly sequence: SequenceDecoder | null;

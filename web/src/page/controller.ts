@@ -406,6 +406,10 @@ export class Controller {
         return this.#replaceTiles(message);
       case "frame":
         return this.#frame(message);
+      case "framing":
+        this.stage.framingGaussians = message.packed;
+        if (this.#started) this.stage.resize();
+        return;
       case "playable":
         return this.#playback.playable(message);
       case "counts":
@@ -469,6 +473,7 @@ export class Controller {
     if (viewpoint) stage.setViewpoint(viewpoint);
     if (middle) stage.pointCameraAt(middle, size);
     stage.extent = extent;
+    stage.framingGaussians = null;
     this.#viewUpdates = null;
     stage.onCamera = null;
     if (!viewDependent) return;

@@ -67,6 +67,8 @@ export class Stage implements ContextOwner {
   isVisible = true;
   /** Sphere around all frames of a clip, world units; null if the stream has none. */
   extent: BoundingSphere | null = null;
+  /** Gaussians that determine the default viewpoint; null if the drawn ones do. */
+  framingGaussians: Packed | null = null;
   /** Callback with the camera of each picture. */
   onCamera: ((camera: Camera) => void) | null = null;
   /** Callback after the loss of the WebGL context. */
@@ -354,14 +356,15 @@ export class Stage implements ContextOwner {
     if (orbit.touched || !this.count || !this.#hasSize) return;
     if (orbit.placed && (!this.#begun || this.#framedCount)) return;
     const { across, down } = this.#frustum(),
-      core = sceneCore(this.#parts);
+      framing = this.#begun && this.framingGaussians, // not of a preview, which has another unit
+      parts = framing ? [framing] : this.#parts,
+      core = sceneCore(parts);
+    this.#framedCount = framing ? Infinity : this.#count;
     if (orbit.placed) {
-      this.#framedCount = this.#count;
       orbit.placed = orbit.pose().position.distance(new Vec3(...core.middle)) <= FAR_CLIP;
       if (orbit.placed) return;
     }
-    frameScene(this.orbit, core, new FreeSpace(core, this.#parts), across, down, this.#extent(core));
-    this.#framedCount = this.#count;
+    frameScene(orbit, core, new FreeSpace(core, parts), across, down, this.#extent(core));
   }
 
   /** Announces that no more Gaussians will arrive. */

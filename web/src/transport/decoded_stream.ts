@@ -8,7 +8,7 @@ import { type Swap, swapsOf } from "../codec/levels/swaps.ts";
 import type { Splats } from "../codec/splats.ts";
 import { ANY_CAMERA, type Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
-import type { Packet } from "../packets/packet.ts";
+import { identityOf, type Packet } from "../packets/packet.ts";
 import type { Pause } from "../scheduler.ts";
 import { keptPackets, type LossSimulation } from "./losses.ts";
 
@@ -56,6 +56,22 @@ export class DecodedStream {
   /** Decoded Gaussians of all packets, without redundant copies, in order of arrival. */
   get splats(): Splats[] {
     return this.#batches.filter((batch) => batch.packet).map((batch) => batch.forCamera(ANY_CAMERA).splats);
+  }
+
+  /**
+   * Gaussians that determine the default viewpoint, in an order that does not depend on arrival. Null until all of them
+   * were received, or if all Gaussians of the stream determine it.
+   */
+  get framingGaussians(): Splats[] | null {
+    const { elementDecoder, intake } = this.decoder,
+      { framingBlocks = 0 } = elementDecoder,
+      found = this.#batches.filter(({ packet }) => packet && packet.block < framingBlocks);
+    let missing = 0;
+    for (let block = 0; block < framingBlocks; block++) missing += intake.plan.numElementsOf(block);
+    for (const { count } of found) missing -= count;
+    if (missing || !found.length) return null;
+    found.sort((a, b) => identityOf(a.packet!) - identityOf(b.packet!)); // the viewpoint depends on a sample of them
+    return found.map(({ splats }) => splats!);
   }
 
   /** True if redundant copies are among the drawn Gaussians. */

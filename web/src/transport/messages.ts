@@ -85,6 +85,11 @@ export type FromWorker =
       numKept: number;
       frameMs: number;
     }
+  /**
+   * Gaussians that determine the default viewpoint of a clip or of a scene with levels. Sent once they are complete.
+   * Live clips have none.
+   */
+  | { kind: "framing"; packed: Packed }
   /** Playable frames of a live clip. `late` is the number of packets that arrived after their group was shown. */
   | { kind: "playable"; begin: number; end: number; late: number }
   /** `droppedGroups` is the number of groups of a live clip's current period that a device too slow for it dropped. */

@@ -43,7 +43,7 @@ class LevelBatch implements ElementBatch {
   /** Returns the indices of the Gaussians that represent a child tile; all if `child` is null. */
   which(child: number | null, splats?: Splats): Int32Array {
     if (child === null) return Int32Array.from({ length: this.count }, (_, n) => n);
-    this.#ofChildren ??= this.#grouped((splats ?? this.decoded()).means);
+    this.#ofChildren ??= this.#grouped((splats ?? this.splats).means);
     return this.#ofChildren.get(child) ?? new Int32Array();
   }
 
@@ -58,7 +58,7 @@ class LevelBatch implements ElementBatch {
     return new Map([...found].map(([child, some]) => [child, Int32Array.from(some)]));
   }
 
-  decoded(): Splats {
+  get splats(): Splats {
     return this.elementDecoder.gaussianDecoder.read(this.packet).splats;
   }
 
@@ -68,7 +68,7 @@ class LevelBatch implements ElementBatch {
       this.#splats = null;
       return { splats: this.elementDecoder.noGaussians, owners: new Int32Array() };
     }
-    const splats = (this.#splats ??= this.decoded()),
+    const splats = (this.#splats ??= this.splats),
       owners = Int32Array.from(drawn.flatMap((child) => [...this.which(child, splats)]));
     return { splats: owners.length === this.count ? splats : selectSplats(splats, owners), owners };
   }
@@ -125,13 +125,17 @@ export class LevelDecoder implements ElementDecoder<LevelBatch>, Tiling {
 
   /** Mean of the coarsest tiles' centres, world units. */
   get middle(): readonly number[] {
-    const { low, high, parents } = this.tiles,
-      roots = parents.filter((parent) => parent < 0).length;
+    const { low, high } = this.tiles,
+      roots = this.framingBlocks;
     return [0, 1, 2].map((a) => {
       let sum = 0;
       for (let root = 0; root < roots; root++) sum += (low[3 * root + a] + high[3 * root + a]) / 2;
       return sum / roots;
     });
+  }
+
+  get framingBlocks(): number {
+    return this.tiles.parents.filter((parent) => parent < 0).length;
   }
 
   get wanted(): readonly number[] {
@@ -154,9 +158,9 @@ export class LevelDecoder implements ElementDecoder<LevelBatch>, Tiling {
   splatsOf(unit: number): Splats[] {
     const { tile, child } = this.drawUnits.of(unit),
       batches = this.#batches[tile];
-    if (child === null) return batches.map((batch) => batch.decoded());
+    if (child === null) return batches.map((batch) => batch.splats);
     const isCached = this.#cachedTile?.tile === tile && this.#cachedTile.splats.length === batches.length;
-    if (!isCached) this.#cachedTile = { tile, splats: batches.map((batch) => batch.decoded()) };
+    if (!isCached) this.#cachedTile = { tile, splats: batches.map((batch) => batch.splats) };
     return this.#cachedTile!.splats.map((splats, n) => selectSplats(splats, batches[n].which(child, splats)));
   }
 

@@ -81,6 +81,10 @@ export class TrackDecoder implements ElementDecoder<GaussianBatch> {
     return this.info.sections;
   }
 
+  get framingBlocks(): number {
+    return this.plan.tiers.find(({ numBlocks }) => numBlocks)?.numBlocks ?? 0; // keyframes of the first group with any
+  }
+
   /** Memory of decoded keyframe Gaussians, bytes. Motion is decoded later and has its own limit. */
   bytesOf(packet: Packet): number {
     return this.plan.isKeyframe(packet.block) ? packet.count * (splatBytes(this.degree) + TRACK_BYTES) : 0;
