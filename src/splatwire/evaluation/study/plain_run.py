@@ -11,6 +11,8 @@ from splatwire.bitstream import SceneStream, packetization_named
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import schema_named, schema_of
 from splatwire.concealment import concealer_names
+from splatwire.concealment.registry import why_unfit
+from splatwire.errors import InvalidValueError
 from splatwire.evaluation.study.curve import run_loss_curve
 from splatwire.evaluation.study.definition import Row, SceneEntry, Study
 from splatwire.evaluation.study.engines import InProcess
@@ -70,6 +72,9 @@ def plain_rows(
         files: Reader of the scene's files.
         lossy: True if packets are lost; False to evaluate the source as it is.
         contiguous: True to add a row in which neighbouring elements share a packet, for comparison.
+
+    Raises:
+        InvalidValueError: If a named concealer cannot conceal losses of the stream or scene.
     """
     if entry.kind == "stream":
         stream = files.stream(entry.source).require_static(entry.source)
@@ -86,7 +91,12 @@ def plain_rows(
         codec = schema_of(scene).name
         packed = packetization_named(None, codec, int(scene.drawable.sum()))
         sections = dict(loaded.sections) if isinstance(loaded, ReceivedScene) else {}
-    names = concealers or concealer_names(sections, schema_named(codec).provides)
+    provides = schema_named(codec).provides
+    for name in concealers:
+        if reason := why_unfit(name, provides, sections):
+            usable = ", ".join(concealer_names(sections, provides))
+            raise InvalidValueError(f"{entry.name}: {reason}; use {usable}")
+    names = concealers or concealer_names(sections, provides)
     if not lossy:
         return concealment_rows(() if complete else names, complete=complete)
     return concealment_rows(
