@@ -125,6 +125,12 @@ def test_unknown_concealer_is_reported_before_any_work(run, journey, tmp_path):
     )
 
 
+def test_evaluate_refuses_a_concealer_that_cannot_conceal_losses_of_the_file(run, journey):
+    reference = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
+    outcome = run("evaluate", journey / "tiny.swz", *reference, "--loss", "bernoulli:0.2", "--conceal", "sketch")
+    assert_complains(outcome, "tiny: concealer 'sketch' reads the section 'sketch'", "use drop")
+
+
 def test_evaluate_refuses_a_protocol_and_names_study(run, tmp_path):
     assert_complains(run("evaluate", "table3.toml", "-o", tmp_path), "splatwire study table3.toml")
 

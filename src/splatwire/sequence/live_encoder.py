@@ -11,7 +11,7 @@ from splatwire.transport.protocol.protection import Protection
 from splatwire.types.splats import Splats
 
 PERIOD_GROUPS = 120
-"""Groups of pictures per period: one minute at the default group length and frame rate. Each period repeats the
+"""Groups of pictures per period: one minute at 15 frames per group and 30 frames per second. Each period repeats the
 keyframe Gaussians.
 """
 PERIOD_BYTES = 1 << 26

@@ -287,7 +287,8 @@ export class Panel {
       input.addEventListener("change", () => this.set({ show }));
       group.append(createElement("label", {}, input, show));
     }
-    return group;
+    // a form, because Chromium retains radio buttons without one after the panel is removed
+    return createElement("form", { method: "dialog" }, group);
   }
 
   #copyButton(words: string, text: () => string): HTMLElement {
