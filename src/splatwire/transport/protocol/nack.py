@@ -12,8 +12,8 @@ from splatwire.transport.protocol.messages import MAX_NACKS
 # * number of NACKs per packet of a live stream, and per sequence number: `MAX_NACK_ATTEMPTS` (a packet of a still scene
 #   has no maximum);
 # * number of missing sequence numbers that are stored: `gap_tracker.MAX_GAPS`;
-# * number of NACKs per feedback datagram: `messages.MAX_NACKS`; after `receiver.SUSPECT_ENDS` successive `End` datagrams
-#   without a new packet, `receiver.MAX_SMALL_NACKS`;
+# * number of NACKs per feedback datagram: `messages.MAX_NACKS`; after `receiver.SUSPECT_ENDS` successive
+#   `End` datagrams without a new packet, `receiver.MAX_SMALL_NACKS`;
 # * number of later packets after which a packet counts as missing: `receiver.REORDER_THRESHOLD`;
 # * number of successive `End` datagrams without a new packet, after which the receiver gives up:
 #   `receiver.MAX_FRUITLESS_ENDS`; and time without anything new, after which it gives up: `receiver.MAX_FRUITLESS_S`.
