@@ -26,7 +26,7 @@ class Projected:
 
     Attributes:
         means2d: Centres in pixels, (0, 0) is the centre of the top-left pixel.
-        covs2d: Entries xx, xy, yy of the projected covariance plus 0.3 on the diagonal, square pixels.
+        covs2d: Entries xx, xy, yy of the projected covariance, plus 0.3 on the diagonal, in pixels squared.
         depths: Distance from the camera along the viewing axis, world units.
         radii: Three standard deviations along the longest axis, whole pixels; 0 for Gaussians too near to the camera.
     """

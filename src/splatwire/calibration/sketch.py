@@ -39,7 +39,7 @@ class SketchResult:
         section: Encoded sketch. It becomes the section `sketch` of the stream's side information.
         num_sketched: Number of elements that have a coarse copy in the sketch.
         exponent: Exponent that controls how much a receiver enlarges received elements to cover lost neighbours.
-        trust: Weight of the neural network that corrects the enlargement, 0 to 1.
+        trust: Share, 0 to 1, of the correction of the enlargement that the neural network predicts.
         psnr: Mean PSNR in decibels without loss (`no loss`), and after simulated packet losses with the concealers
             `drop`, `grow` and `sketch`.
         seconds: Duration in seconds.
@@ -64,8 +64,8 @@ class Sketch(Protocol):
 
     Attributes:
         num_sketched: Number of elements that have a coarse copy.
-        growth: Parameters of the enlargement: first the exponents, then the weight of a neural network that corrects
-            the enlargement, 0 (no correction) to 1. Anchors have one exponent, explicit Gaussians have two (size and
+        growth: Parameters of the enlargement: first the exponents, then the share, 0 (none) to 1, of the correction
+            that a neural network predicts. Anchors have one exponent, explicit Gaussians have two (size and
             opacity).
         growth_candidates: Candidates for the exponents, the default first.
         trust_candidates: Candidates for the weight of the network, 0 to 1, the default first.

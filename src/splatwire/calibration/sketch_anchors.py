@@ -40,9 +40,9 @@ class AnchorSketch:
     Attributes:
         copies: The coarse copies, and the parameters with which a receiver enlarges anchors next to lost ones.
         buckets: Size class of each anchor, 0 for the largest, int64 (N); context of the entropy coder.
-        growth_candidates: Exponents of the enlargement that the calibration tries, the default first.
-        trust_candidates: Weights of the neural network that corrects the enlargement, 0 to 1. The calibration tries
-            each weight, the default first.
+        growth_candidates: Exponents of the enlargement. The calibration tries each exponent, the default first.
+        trust_candidates: Shares, 0 to 1, of the correction of the enlargement that the neural network predicts. The
+            calibration tries each share, the default first.
     """
 
     copies: SketchSection

@@ -65,7 +65,7 @@ def _run_sizes(command: StudyCommand, study: Study, store: Store) -> None:
 
 
 def study_of(command: StudyCommand) -> Study:
-    """Reads the definition of an evaluation from its protocol file, and changes it by the command-line options."""
+    """Reads the definition of an evaluation from its protocol file. Command-line options override its values."""
     study = load_study(command.protocol, replaced=_replaced_scene(command))
     return dataclasses.replace(
         study,

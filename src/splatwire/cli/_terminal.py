@@ -15,7 +15,7 @@ _KEPT = "\n\t"
 
 
 def printable(text: str) -> str:
-    """Replaces each character of a text that may control a terminal by an escape sequence."""
+    """Replaces each character that may control a terminal by a visible escape sequence."""
     # These are control characters (C0 but for line feed and tab, and C1), format characters such as bidirectional
     # overrides and zero-width characters, line and paragraph separators, lone surrogates, and unassigned characters.
     if text.isascii() and text.isprintable():

@@ -1,7 +1,7 @@
 """Interface between the codec and the kinds of scene that it can encode.
 
-A codec schema encodes and decodes one kind of scene, such as explicit Gaussians. This module defines the record of a
-schema, and the typing protocols (structural types) for its encoder and its decoder.
+A codec schema names the encoder and the decoder of one kind of scene, such as explicit Gaussians. This module defines
+the data class of a schema, and the typing protocols (structural types) for its encoder and its decoder.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

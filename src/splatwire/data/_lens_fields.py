@@ -1,4 +1,4 @@
-"""Detects fields in camera files that describe an unsupported lens or projection, by patterns for their names."""
+"""Detects unsupported lenses and projections by the names of the fields in camera files."""
 
 import math
 import re

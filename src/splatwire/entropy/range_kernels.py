@@ -161,7 +161,7 @@ def decode_raw(data, end, state):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def encode_bits(buffer, state, value, bits):
-    """Encodes the low `bits` bits (at most 63) of a number with equal probabilities."""
+    """Encodes the low `bits` bits (at most 63) of a number. Each bit is 0 or 1 with equal probability."""
     while bits > 0:
         part_bits = min(bits, RAW_BITS)
         bits -= part_bits

@@ -219,7 +219,7 @@ def power_of_two(typingctx, power):
 @intrinsic
 @no_type_check
 def pairs(typingctx, a, b):
-    """Adds adjacent elements of two vectors: returns eight sums of `a`, then eight sums of `b`.
+    """Adds adjacent elements within each of two vectors: returns eight sums from `a`, then eight sums from `b`.
 
     Args:
         typingctx: Typing context of numba; callers omit it.

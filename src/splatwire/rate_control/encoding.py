@@ -390,7 +390,7 @@ class _Plan:
         return min(tried, key=lambda each: abs(each.psnr - psnr))
 
     def search_psnr(self, encoded: EncodedScene) -> float:
-        """Returns the mean PSNR of an encoded scene in the views used to search for a quantisation level, decibels."""
+        """Returns the mean PSNR of an encoded scene, decibels, in the views for the search for a quantisation level."""
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:

@@ -35,7 +35,7 @@ class Prediction(Protocol):
         """Returns the predicted logarithm of the size of each element."""
 
     def filled(self, elements: Any, loss_mask: LossMask) -> Any:
-        """Returns the elements with missing attribute values replaced by predicted ones."""
+        """Returns all elements. Predicted attribute values replace missing ones."""
 
 
 @dataclass(frozen=True, eq=False)

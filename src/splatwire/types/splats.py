@@ -117,7 +117,7 @@ class Splats:
             values[:] = getattr(source, name)
 
     def select(self, index: Any) -> "Splats":
-        """Returns the Gaussians at `index` (integers, a boolean mask over G or a slice), in that order.
+        """Returns the Gaussians at `index`, in the order of `index`: integers, a slice, or a boolean mask of all G.
 
         Raises:
             InvalidValueError: If an index is out of range, or a mask has another length.

@@ -56,7 +56,7 @@ def signatures(received: ReceivedScene[AnchorScene], surroundings: Surroundings)
 
 
 def near_losses(received: ReceivedScene[AnchorScene], surroundings: Surroundings) -> Float[np.ndarray, "M"]:
-    """Returns the lost share of the nearest neighbours of each of M anchors, 0 to 1.
+    """Returns, for each of M anchors, the share of its nearest neighbours that is lost, 0 to 1.
 
     The share is 0 for an anchor without neighbours.
 

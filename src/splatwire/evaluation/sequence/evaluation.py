@@ -89,7 +89,7 @@ class SequenceScore:
         return float(self._below(complete).mean())
 
     def _below(self, complete: "SequenceScore") -> np.ndarray:
-        """Returns the decrease in the PSNR of each frame that packet losses cause, in decibels.
+        """Returns by how many decibels packet losses lower the PSNR of each frame.
 
         Frames of the first group of pictures are left out.
         """

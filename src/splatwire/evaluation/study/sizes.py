@@ -130,7 +130,7 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
 
 
 def our_parts(stream: PreparedStream) -> dict[str, int]:
-    """Returns the bytes of a splatwire stream, divided into the categories of `SceneSizes`."""
+    """Returns the numbers of bytes of a splatwire stream in each category of `SceneSizes`."""
     parts = dict.fromkeys(_ORDER, 0)
     for name, size in stream.parts.items():
         parts[_OURS.get(name, _REST)] += size

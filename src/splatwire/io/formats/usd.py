@@ -110,7 +110,7 @@ def write_usd_frames(frames: Iterable[FileContent], path: Path, rate: float) -> 
     """Writes a sequence as one prim with a time sample for each frame; returns the number of frames.
 
     Args:
-        frames: Frames of one degree of harmonics; the file gets origin and metadata of the first frame.
+        frames: Frames, all with the same degree of harmonics. The file gets origin and metadata of the first frame.
         path: The file, written atomically.
         rate: Frames per second.
     """

@@ -80,7 +80,7 @@ class ModelTraining(Protocol):
         """Writes a checkpoint of the training to a file."""
 
     def scene(self, device: torch.device) -> Scene:
-        """Returns the scene of the present state, on the CPU.
+        """Returns the scene in its current state, in CPU memory.
 
         Args:
             device: Device for the computation.

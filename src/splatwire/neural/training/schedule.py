@@ -40,7 +40,7 @@ def changes_anchors(milestones: Milestones, iteration: int) -> bool:
 
 
 def learning_rate_at(schedule: LearningRate, share: float) -> float:
-    """Returns the learning rate, log-linearly interpolated, after a share (0 to 1) of the training."""
+    """Returns the learning rate after the given share (0 to 1) of the training, by log-linear interpolation."""
     share = min(max(share, 0.0), 1.0)
     return math.exp((1 - share) * math.log(schedule.initial) + share * math.log(schedule.final))
 

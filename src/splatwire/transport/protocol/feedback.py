@@ -91,7 +91,7 @@ class FeedbackTracker:
         """Returns delay and loss since the previous report.
 
         Args:
-            message: Plausible report of the receiver.
+            message: Report of the receiver, already checked for impossible values.
             now: Time, seconds.
 
         Returns:
