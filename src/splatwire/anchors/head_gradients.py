@@ -1,4 +1,4 @@
-"""Generates the Gaussians of anchors in a view in numpy, and back-propagates gradients to the anchors."""
+"""Generates the Gaussians that anchors have in a view, and back-propagates gradients to the anchors, with numpy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -49,7 +49,7 @@ def evaluate(
         PSNR and SSIM of each view.
 
     Raises:
-        InvalidValueError: If an argument has a wrong type, or pictures have another size than the cameras.
+        InvalidValueError: If an argument has a wrong type, or the size of pictures differs from that of the cameras.
 
     Example:
         >>> import splatwire

@@ -80,7 +80,7 @@ def split_sections(side_info: bytes, codec: str) -> tuple[bytes, dict[str, bytes
 
 
 def sections_of(stream: SceneStream) -> dict[str, bytes]:
-    """Returns the named sections in a stream's side information, content by name.
+    """Returns the sections in a stream's side information: the content of each section by its name.
 
     Raises:
         BitstreamError: If its side information is damaged or missing.

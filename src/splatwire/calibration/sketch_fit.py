@@ -181,7 +181,7 @@ def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray
 
 
 def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> SketchSection:
-    """Chooses the anchors that get a coarse copy and the precision of each copy; returns the quantised copies.
+    """Chooses which anchors get a coarse copy, and how precise each copy is; returns the quantised copies.
 
     The choice minimises the squared error in the pictures plus `price` times the number of bits.
 

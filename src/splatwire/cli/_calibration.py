@@ -68,7 +68,7 @@ def photos_of(options: ReferenceOptions, split: str, scene: Scene) -> Calibratio
 
 
 def _reference_background(options: ReferenceOptions, scene: Scene) -> Background:
-    """Returns the background colour of the reference pictures: the option's, or the scene's if it is not set."""
+    """Returns the background colour of the reference pictures: that of --background if given, else the scene's own."""
     chosen = chosen_background(options.background)
     return scene.background if chosen is None else chosen
 

@@ -200,7 +200,7 @@ def training_display(on_test: Any, final_task_name: str = "fitting the context m
 
 
 def columns() -> tuple[ProgressColumn, ...]:
-    """Returns the columns of the progress bar of a training."""
+    """Returns the columns of the progress bar for a training run."""
     # Counter and remaining time have priority over the description.
     whole, rest = Column(no_wrap=True), Column(ratio=1, no_wrap=True, overflow="ellipsis")
     return (

@@ -11,7 +11,7 @@ from splatwire.cli._options import JsonFlag
 class Verify:
     """Check streams: container, manifest, side information, checksum of each packet, and that no packet is missing.
 
-    Nothing is decoded. The exit status is 3 if one stream is damaged or incomplete.
+    Nothing is decoded. The exit status is 3 if any stream is damaged or incomplete.
     """
 
     streams: tyro.conf.Positional[tuple[str, ...]]

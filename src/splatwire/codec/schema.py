@@ -146,7 +146,9 @@ class Decoder(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Schema(StreamSchema):
-    """Codec of one kind of scene (schema): properties of its streams, encoder and decoder. See `register_schema`.
+    """Schema: the codec of one kind of scene, with its encoder, its decoder and properties of its streams.
+
+    See `register_schema`.
 
     Attributes:
         scene_type: Type of the scenes that the codec encodes.

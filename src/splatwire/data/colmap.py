@@ -183,7 +183,7 @@ def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
 
 
 def read_points(folder: Path, origin: Origin = NO_ORIGIN) -> SparsePoints | None:
-    """Reads the sparse points of a COLMAP reconstruction, or None without a points file.
+    """Reads the sparse points of a COLMAP reconstruction; returns None if there is no file of points.
 
     Args:
         folder: Folder of the reconstruction.

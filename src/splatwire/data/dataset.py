@@ -502,7 +502,7 @@ def _cameras(
         apply_exif: True if photos are rotated by their EXIF orientation.
 
     Raises:
-        DatasetError: If the photos have different sizes, or another shape than their cameras.
+        DatasetError: If the photos have different sizes, or an aspect ratio that differs from that of their cameras.
     """
     first = photo_size(image_paths[0], apply_exif=apply_exif)
     width, height = limited_size(*first, max_width)

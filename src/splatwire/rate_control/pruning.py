@@ -65,8 +65,8 @@ class RemovalViews:
 
         Args:
             source: The complete scene.
-            cameras: Cameras at typical viewing positions, which form the only set of views. None to choose three sets
-                from the scene itself: around the scene, framing it, and close to its surfaces.
+            cameras: Cameras at typical viewing positions; then they are the only set of views. None to choose three
+                sets from the scene: views around it, views that frame it, and views close to its surfaces.
         """
         if cameras is not None:
             return RemovalViews(((1.0, SourcePictures(source, cameras)),))

@@ -35,7 +35,7 @@ class LiveFrames:
 
     @property
     def began(self) -> bool:
-        """True if the received stream is live, and its frames have begun to be written."""
+        """True if the received stream is live and the writing of its frames has begun."""
         return self._thread is not None
 
     def on_event(self, event: Event) -> None:

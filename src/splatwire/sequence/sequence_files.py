@@ -44,7 +44,7 @@ class SequenceFormat:
         return int(write(self._checked(frames, path), path, rate))
 
     def _checked(self, frames: Iterable[FileContent], path: Path) -> Iterator[FileContent]:
-        """Yields the frames unchanged; logs properties of the first frame that the file format cannot store."""
+        """Yields the frames unchanged. Logs which properties of the first frame the file format cannot store."""
         form = FileFormat(self.name, "a sequence", write_options=self.keeps)
         for number, frame in enumerate(frames):
             if not number:

@@ -94,7 +94,7 @@ class Scene(Protocol):
 
     @property
     def hints(self) -> RenderHints | None:
-        """Factors on size and opacity, and hidden elements, set by loss concealment; None without concealment."""
+        """Changes by loss concealment: factors on size and opacity, and hidden elements. None without concealment."""
 
     @property
     def background(self) -> Background:

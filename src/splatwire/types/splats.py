@@ -79,7 +79,7 @@ class Splats:
         """Returns the Gaussians from index `begin` to `end` (exclusive), without copying them.
 
         Raises:
-            InvalidValueError: If an index is negative or no whole number.
+            InvalidValueError: If an index is negative or not a whole number.
         """
         begin, end = whole_number(begin, "begin"), whole_number(end, "end")
         return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})

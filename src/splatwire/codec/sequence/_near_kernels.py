@@ -20,8 +20,8 @@ def add_known(positions, i, known_tracks, known_positions, count):
     Args:
         positions: Positions of the packet's tracks, int64 (M, 3).
         i: Index of the track to add.
-        known_tracks: Indices of the tracks with known motion, int64 (M); the index of the new track is written.
-        known_positions: Positions of the tracks with known motion, float64 (3, M); the new track's position is written.
+        known_tracks: Indices of the tracks with known motion, int64 (M). Output: element `count` becomes `i`.
+        known_positions: Positions of the tracks with known motion, float64 (3, M). Output: column `count`.
         count: Number of tracks with known motion, without the new track.
 
     Returns:

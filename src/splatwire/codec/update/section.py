@@ -1,4 +1,4 @@
-"""Part of an update's side information: digests of the streams before and after, and the removed Gaussians."""
+"""Part of an update's side information: the removed Gaussians, and digests of the streams before and after it."""
 
 import hashlib
 from typing import NamedTuple

@@ -21,8 +21,8 @@ _MAX_READ_BYTES = 1 << 30
 class FileBytes:
     """The bytes of a file, or of a part of a file. Only accessed slices are read.
 
-    The file is not mapped into memory. If another program truncates a mapped file, the system ends the process that
-    accesses it (SIGBUS). For example, a frame file of a live clip may be overwritten while it is read.
+    The file is not mapped into memory, because other programs may truncate it while it is read, such as a frame file of
+    a live clip. The system ends a process that then accesses mapped bytes (SIGBUS).
 
     Args:
         path: The file; it stays open as long as this object lives.

@@ -67,9 +67,9 @@ def find_format(kind: Kind) -> FileFormat | None:
 
 @checked
 def format_of(kind: Kind) -> str | None:
-    """Returns the name of the scene format of a detected kind of file.
+    """Returns the name of the scene format that files of a detected kind have.
 
-    None if files of this kind contain no explicit Gaussians.
+    The result is None if files of this kind contain no explicit Gaussians.
     """
     form = find_format(kind)
     return None if form is None or form.scene_type is not None else form.name

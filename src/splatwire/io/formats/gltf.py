@@ -195,7 +195,7 @@ class _Gltf:
         return FileContent(concatenate(moved), origin, antialiased, metadata)
 
     def _instances(self, primitives: dict[int, list[dict[str, Any]]]) -> list[Instance]:
-        """Returns all meshes with Gaussians and their transforms.
+        """Returns all meshes with Gaussians, and the transform of each mesh.
 
         Logs the parts of the document that are ignored, such as animations.
 

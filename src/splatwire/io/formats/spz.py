@@ -249,7 +249,7 @@ def _three_bytes(data: np.ndarray) -> np.ndarray:
 def _smallest_three(data: np.ndarray) -> np.ndarray:
     """Decodes the 4-byte rotations of SPZ version 3 and above to unit quaternions (w, x, y, z).
 
-    A code has the index of the largest of x, y, z, w, and the other three components.
+    A code contains the index of the largest component of (x, y, z, w), and the values of the three other components.
     """
     packed = data.reshape(-1, 4).view("<u4")[:, 0].copy()
     largest = packed >> 30

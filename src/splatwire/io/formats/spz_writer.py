@@ -179,7 +179,7 @@ def _write_plain(
 def _fraction_bits(splats: Splats, path: Path) -> int:
     """Returns the number of fraction bits for storing positions as fixed-point numbers of 24 bits.
 
-    Logs a warning if the steps are visible because the Gaussians are small and far from the origin.
+    Logs a warning if rounding to this precision is visible, because the Gaussians are small and far from the origin.
 
     Args:
         splats: The Gaussians.

@@ -70,7 +70,7 @@ class TrainableCausal:
     def simulate_quantisation(
         self, state: TrainState, visible: Int64[Tensor, "M"]
     ) -> tuple[MaskedAttributes, SampleBits | None]:
-        """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
+        """Prepares the visible anchors for rendering, and estimates how many bits a random sample of all anchors takes.
 
         Args:
             state: State of the training.

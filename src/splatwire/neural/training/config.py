@@ -165,8 +165,8 @@ class LossWeights:
     Attributes:
         dssim: Weight of 1 - SSIM; the weight of the mean absolute error is 1 - `dssim`.
         volume: Weight of the mean product of the Gaussians' three sizes.
-        rate: Lambda, the weight of the bit rate in the loss. The bit rate is measured in bits per parameter; with the
-            causal model, in megabytes of the scene.
+        rate: Lambda, the weight of the rate in the loss. The rate is the number of bits per parameter. For the causal
+            model, it is the size of the scene in megabytes.
         sample_share: Share of the anchors whose rate is estimated in each iteration.
         target_bytes: Target size of the stream in bytes; lambda is controlled to reach it (`neural.training.size`). 0
             keeps lambda constant.

@@ -1,4 +1,4 @@
-"""Adding and removing of anchors during training (growing and pruning; HAC++, as in Scaffold-GS)."""
+"""Adding (growing) and removing (pruning) anchors during training, with the rules of HAC++ and Scaffold-GS."""
 
 import torch
 from jaxtyping import Bool, Float, Int64

@@ -93,7 +93,7 @@ class Randomness:
     Attributes:
         uniform: Draws uniform random numbers in [0, 1): a tensor of a given shape.
         noise: Draws a matrix of uniform random numbers in [0, 1). The first argument is the number of rows. The second
-            has one entry for each group of columns: the number of its columns.
+            is the number of columns in each group of columns.
         sample: Returns the indices of randomly chosen anchors, int64 (M). The arguments are the number of anchors, the
             share to choose (0 to 1), a generator and a device. See `sample_from_host` and `sample_on_device`.
     """

@@ -123,7 +123,7 @@ def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed:
     Args:
         load: Sizes and importance of the sequence's packets.
         protection: Share of parity for the motion of each group.
-        loss: Loss model, in datagrams.
+        loss: Loss model, applied to datagrams.
         seed: Random seed of the simulated losses of datagrams.
     """
     whole = model_motion_transfer(load, protection)

@@ -1,4 +1,4 @@
-"""HTML list of the server's scenes on the page: one link with preview per scene."""
+"""HTML list for the page: one link with a preview for each scene of the server."""
 
 import base64
 import html

@@ -275,7 +275,7 @@ class Receiver(ReceiveState):
         return events
 
     def _resume_wait(self) -> list[Event]:
-        """Records that the server answers a waiting receiver; returns the event that ends an interruption."""
+        """Records that the server answers a waiting receiver; returns `Resumed` if it had been reported as gone."""
         events: list[Event] = [Resumed(True)] if self._is_wait_interrupted else []
         self._is_wait_interrupted = False
         return events

@@ -168,7 +168,7 @@ def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:
 
 
 def _counted_bytes(packet: Any) -> int:
-    """Returns the number of bytes that a sent packet of aioquic counts in flight."""
+    """Returns the number of bytes by which a sent packet increases aioquic's bytes in flight."""
     return max(int(packet.sent_bytes), MIN_COUNTED_BYTES)
 
 

@@ -55,10 +55,10 @@ class InputBudget:
         self.credit, self._at = credit, now
 
     def is_spent(self, num_connections: int, now: float) -> bool:
-        """Returns True if no processor time is left, so that a datagram must be dropped.
+        """Returns True if no processor time is left: then the datagram must be dropped.
 
         Args:
-            num_connections: Number of connections of the client's network, which share `MAX_NETWORK_SHARE`.
+            num_connections: Number of connections of the client's network. They share `MAX_NETWORK_SHARE` of a core.
             now: Time, seconds.
         """
         share = min(MAX_SHARE, MAX_NETWORK_SHARE / max(num_connections, 1))

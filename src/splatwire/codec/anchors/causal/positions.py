@@ -32,7 +32,7 @@ class AnchorPositions:
 
     @property
     def voxels(self) -> np.ndarray:
-        """Positions of the anchors in voxels, int64 (N, 3)."""
+        """Positions of the anchors, in units of voxels, int64 (N, 3)."""
         return morton_decode(self.codes) + self.origin
 
     def select(self, ranks: np.ndarray) -> "AnchorPositions":
@@ -119,7 +119,7 @@ def _decode_tree(data: bytes, count: int, max_leaf: int) -> AnchorPositions:
 def lowest_triples(codes: np.ndarray, num_low_bits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the number of bit triples in each Morton code, and the index of the lowest triple that is not 0.
 
-    A triple has one bit per axis. Only the low bits of a code, which packets contain, are divided into triples.
+    A triple has one bit per axis. Packets contain the low bits of a code; only these are divided into triples.
 
     Args:
         codes: Complete Morton codes of the anchors, int64 (N).
