@@ -44,6 +44,15 @@ def test_cameras_in_map_coordinates_keep_their_origin(tmp_path, caplog):
     assert not caplog.messages
 
 
+def test_training_uses_the_split_lists_of_nerfstudio(tmp_path):
+    folder = nerfstudio(tmp_path, (0, 0, 0))
+    content = json.loads((folder / "transforms.json").read_text())
+    splits = {"train_filenames": ["images/0.png", "images/8.png"], "test_filenames": ["images/3.png"]}
+    (folder / "transforms.json").write_text(json.dumps(content | splits))
+    train, test = views_of(folder)
+    assert [[Path(name).stem for name in data.cameras.names] for data in (train, test)] == [["0", "8"], ["3"]]
+
+
 def blender(folder: Path, **sizes: list[tuple[int, int]]) -> Path:
     """Splits with a list of transforms each; `sizes` has the size of each photo of a split."""
     folder.mkdir()

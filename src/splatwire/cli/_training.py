@@ -50,13 +50,13 @@ def preset_of(command: Train) -> str:
 
 
 def training_data(
-    command: Train, test_views: str, background: tuple[float, float, float]
+    command: Train, test_views: str | None, background: tuple[float, float, float]
 ) -> tuple[Dataset, Dataset | None]:
     """Opens the training and test views of the dataset; prints a message if there are no test views.
 
     Args:
         command: Options of `splatwire train`.
-        test_views: Rule that selects the test views.
+        test_views: Rule that selects the test views; None for the default rule of the dataset's layout.
         background: RGB behind transparent parts of photos.
     """
 

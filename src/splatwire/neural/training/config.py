@@ -273,7 +273,7 @@ class TrainConfig(CheckedFields):
         mask_threshold: An offset exists if the sigmoid of its mask logit is above this threshold.
         random_points: Maximum number of random initial points if the data has none.
         background: RGB of the background.
-        test_views: Rule that selects the test views.
+        test_views: Rule that selects the test views; None for the default rule of the dataset's layout.
         seed: Seed of all random numbers.
     """
 
@@ -294,7 +294,7 @@ class TrainConfig(CheckedFields):
     mask_threshold: float = 0.01
     random_points: int = 100_000
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    test_views: str = "every_8th"
+    test_views: str | None = None
     seed: int = 0
 
     __getattr__ = renamed_attributes("TrainConfig", {"losses": "packet_loss", "averaged": "averaging_iterations"})

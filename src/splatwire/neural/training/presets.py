@@ -74,7 +74,7 @@ class Preset:
         mask_rate_per_lambda: Final learning rate of the masks, divided by lambda.
         mask_rate_cap: Upper limit of the final learning rate of the masks.
         first_pruning: First iteration in which anchors may be removed.
-        test_views: Rule that selects the test views.
+        test_views: Rule that selects the test views; None for the default rule of the dataset's layout.
     """
 
     lmbda: float
@@ -83,7 +83,7 @@ class Preset:
     mask_rate_per_lambda: float
     mask_rate_cap: float = math.inf
     first_pruning: int = 0
-    test_views: str = "every_8th"
+    test_views: str | None = None
 
 
 PRESETS = {

@@ -115,7 +115,7 @@ class GaussianConfig:
         rates: Learning rates.
         relocation: Rules for moving and adding Gaussians.
         background: RGB of the background.
-        test_views: Rule that selects the test views.
+        test_views: Rule that selects the test views; None for the default rule of the dataset's layout.
         seed: Seed of all random numbers, at least 0.
 
     Raises:
@@ -139,7 +139,7 @@ class GaussianConfig:
     rates: GaussianRates = field(default_factory=GaussianRates)
     relocation: RelocationRules = RelocationRules()
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    test_views: str = "every_8th"
+    test_views: str | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
