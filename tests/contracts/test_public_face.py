@@ -181,6 +181,6 @@ def test_every_module_is_importable():
 
 
 def test_decoded_rows_of_coded_packets_have_their_former_name_with_a_warning():
-    coded, former = CodedPackets(np.array([2]), [b"ab"], (np.arange(2),)), "symbols"
+    coded, former = CodedPackets(np.array([2]), [b"ab"], (np.arange(2),)), "rows"
     with pytest.warns(DeprecationWarning, match="use decoded_rows"):
         assert getattr(coded, former) is coded.decoded_rows

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from splatwire.bitstream import read_stream
-from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.errors import BitstreamError, DatasetError, InvalidValueError
 from splatwire.files import atomic_write as whole
 from splatwire.files.atomic_write import (
     atomic_files,
@@ -24,6 +24,7 @@ from splatwire.files.atomic_write import (
     remove_unfinished,
 )
 from splatwire.files.kinds import UNFINISHED, file_kind
+from splatwire.sequence.frames import frame_files
 
 WAIT = (
     "import sys, time\n"
@@ -161,7 +162,7 @@ def test_ctrl_c_while_a_temporary_folder_is_made_leaves_none(tmp_path, monkeypat
 def test_an_empty_folder_is_replaced_in_one_step_with_its_owner_and_permissions(tmp_path, monkeypatch):
     target = tmp_path / "a"
     target.mkdir()
-    target.chmod(0o2750)
+    target.chmod(0o750)
     with suppress(ZeroDivisionError), atomic_output(target) as new:
         (new / "x").mkdir(parents=True)
         _ = 1 / 0
@@ -175,7 +176,7 @@ def test_an_empty_folder_is_replaced_in_one_step_with_its_owner_and_permissions(
         assert not (target / "y").exists()
     assert renamed == [target]
     assert sorted(str(path.relative_to(target)) for path in target.rglob("*")) == ["b", "b/x", "y"]
-    assert target.stat().st_mode & 0o7777 == 0o2750
+    assert target.stat().st_mode & 0o7777 == 0o750
 
 
 def keep_folders(monkeypatch):
@@ -246,8 +247,63 @@ def half_filled(tmp_path, monkeypatch):
 def test_a_partly_filled_folder_is_recognised_and_refused_by_readers(half_filled):
     assert is_unfinished(half_filled)
     assert file_kind(half_filled) == UNFINISHED
-    with pytest.raises(BitstreamError, match="it is an output folder whose writer was killed"):
+    with pytest.raises(BitstreamError, match="it is an output folder that a writer is filling, or did not finish"):
         read_stream(half_filled)
+
+
+def test_a_partly_filled_folder_of_frames_is_refused(half_filled):
+    (half_filled / "x").rename(half_filled / "1.ply")
+    with pytest.raises(DatasetError, match="a writer is filling, or did not finish"):
+        frame_files(half_filled)
+
+
+def test_temporary_folders_of_other_users_do_not_hide_the_content_of_a_folder(tmp_path, monkeypatch):
+    closed = workspace(tmp_path)
+
+    def stat(path, **options):  # also for root, who may enter all folders
+        if Path(path).is_relative_to(closed) and Path(path) != closed:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return real(path, **options)
+
+    real = os.stat
+    monkeypatch.setattr(os, "stat", stat)
+    assert not is_unfinished(tmp_path)
+
+
+def test_files_keep_those_of_a_program_that_filled_the_folder_meanwhile(tmp_path):
+    with atomic_files(tmp_path / "a", "last") as new:
+        (new / "x").write_bytes(b"ours")
+        (new / "last").write_bytes(b"ours")
+        (tmp_path / "a").mkdir()
+        for name in ("x", "y"):
+            (tmp_path / "a" / name).write_bytes(b"theirs")
+    assert {path.name: path.read_bytes() for path in (tmp_path / "a").iterdir()} == {
+        "x": b"ours", "y": b"theirs", "last": b"ours"
+    }  # fmt: skip
+
+
+def test_an_empty_folder_whose_group_is_inherited_is_kept(tmp_path):
+    target = tmp_path / "a"
+    target.mkdir()
+    target.chmod(0o2755)
+    number = target.stat().st_ino
+    with atomic_output(target) as new:
+        new.mkdir()
+        (new / "x").write_bytes(b"x")
+    assert target.stat().st_ino == number
+    assert sorted(os.listdir(target)) == ["x"]
+
+
+def test_what_cannot_be_moved_stays_for_the_next_writer(half_filled, monkeypatch):
+    def refused(*paths, **folders):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "rename", refused)
+        remove_unfinished(half_filled)
+    assert is_unfinished(half_filled)
+    remove_unfinished(half_filled)
+    assert sorted(os.listdir(half_filled)) == ["x", "y"]
 
 
 def test_the_next_writer_finishes_a_partly_filled_folder(half_filled):

@@ -54,6 +54,7 @@ def test_mouse_touch_and_keyboard_move_the_camera(program: ServedStream) -> None
 
             def drive() -> None:
                 with isolated_page() as page:
+                    page.emulate(800, 600)
                     loaded(page, server.url)
                     check_hands(page)
 
@@ -115,6 +116,7 @@ def test_element_works_on_a_third_party_site(program: ServedStream) -> None:
 
             def drive() -> None:
                 with isolated_page() as page:
+                    page.emulate(800, 600)
                     loaded(page, url)
                     assert status(page, "complete")
                     assert page.evaluate("location.origin") not in server.url

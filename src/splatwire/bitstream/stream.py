@@ -26,7 +26,7 @@ from splatwire.bitstream.manifest import manifest_from_bytes, manifest_to_bytes
 from splatwire.bitstream.packet_id import PacketId
 from splatwire.bitstream.scene_stream import FILE_MAGIC, SceneStream
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, check_kind
-from splatwire.files.atomic_write import atomic_output, is_unfinished
+from splatwire.files.atomic_write import atomic_output, is_unfinished, remove_unfinished
 from splatwire.files.kinds import NOTHING, STREAM, STREAM_GLB, STREAMS, file_kind, format_error, opened
 from splatwire.files.names import path_of, real_path
 from splatwire.files.read_limited import open_regular, read_at_most, read_limited
@@ -143,6 +143,7 @@ def _check_replaceable(target: Path, is_file: bool) -> None:
         return
     if not target.is_dir():
         raise BitstreamError(f"{refusal} (only paths that end in {FILE_SUFFIX} are written as one file)")
+    remove_unfinished(target)
     names = {entry.name for entry in target.iterdir()}
     foreign = sorted(n for n in names - {MANIFEST_NAME, SIDE_INFO_NAME} if not n.endswith(PACKET_SUFFIX))
     if foreign or (names and MANIFEST_NAME not in names):
@@ -151,10 +152,10 @@ def _check_replaceable(target: Path, is_file: bool) -> None:
 
 def _read_directory(folder: Path) -> tuple[SceneStream, ReadReport]:
     try:
-        names = sorted(os.listdir(folder))
+        names, unfinished = sorted(os.listdir(folder)), is_unfinished(folder)
     except OSError as error:
         raise BitstreamError(f"{folder} cannot be read: {error.strerror}") from error
-    if is_unfinished(folder):
+    if unfinished:
         raise BitstreamError(format_error(folder, "a splatwire stream"))
     packet_names = [name for name in names if name.endswith(PACKET_SUFFIX)]
     if MANIFEST_NAME not in names:

@@ -38,7 +38,7 @@ class CodedPackets:
     payloads: list[bytes]
     decoded_rows: DecodedRows
 
-    __getattr__ = renamed_attributes("CodedPackets", {"symbols": "decoded_rows"})
+    __getattr__ = renamed_attributes("CodedPackets", {"rows": "decoded_rows"})
 
 
 @runtime_checkable

@@ -11,7 +11,7 @@ import re
 import shutil
 import stat
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -51,6 +51,22 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
             itself; or if its parent folder does not exist.
         OSError: If the system call fails; nothing is changed then.
     """
+    with _atomic_output(target, parents=parents) as new:
+        yield new
+
+
+@contextmanager
+def _atomic_output(
+    target: str | os.PathLike[str], *, parents: bool, merge: Callable[[Path, Path], None] | None = None
+) -> Iterator[Path]:
+    """Context manager for `atomic_output`.
+
+    Args:
+        target: Path of the output.
+        parents: True to create missing parent folders.
+        merge: Function that moves the files of the new folder into a folder that another program has filled in the
+            meantime; None to replace that folder.
+    """
     goal = _resolved_target(path_of(target))
     if parents:
         goal.parent.mkdir(parents=True, exist_ok=True)
@@ -72,6 +88,8 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
                 _move_into(space, goal)
             elif is_empty:
                 _replace_empty(new, goal)
+            elif merge is not None and goal.is_dir():
+                merge(new, goal)
             else:
                 _take_name(new, goal, space / _OLD)
     except OSError as error:
@@ -101,7 +119,7 @@ def atomic_files(folder: str | os.PathLike[str], last: str) -> Iterator[Path]:
     if goal.is_dir():
         _tidy_once(goal)
     if not goal.is_dir() or not any(goal.iterdir()):
-        with atomic_output(folder, parents=True) as new:
+        with _atomic_output(folder, parents=True, merge=functools.partial(_replace_files, last=last)) as new:
             new.mkdir()
             yield new
         return
@@ -110,14 +128,27 @@ def atomic_files(folder: str | os.PathLike[str], last: str) -> Iterator[Path]:
             new = space / _NEW / goal.name
             new.mkdir(parents=True)
             yield new
-            names = sorted((entry.name for entry in new.iterdir()), key=lambda name: (name == last, name))
-            (goal / last).unlink(missing_ok=True)
-            for name in names:
-                os.replace(new / name, goal / name)
+            _replace_files(new, goal, last)
     except OSError as error:
         if _START in str(error.filename or "") or error.errno in _FULL:
             raise OSError(error.errno, error.strerror, str(folder)) from error
         raise
+
+
+def _replace_files(new: Path, target: Path, last: str) -> None:
+    """Moves the files of a folder into another one, where they replace files of the same names.
+
+    Args:
+        new: Folder of the new files.
+        target: The other folder.
+        last: Name of the file that is moved last. An older file of that name is removed first.
+    """
+    names = sorted((entry.name for entry in new.iterdir()), key=lambda name: (name == last, name))
+    for name in names:
+        _flush(new / name)
+    (target / last).unlink(missing_ok=True)
+    for name in names:
+        os.replace(new / name, target / name)
 
 
 def is_unfinished(folder: Path) -> bool:
@@ -126,7 +157,8 @@ def is_unfinished(folder: Path) -> bool:
     Raises:
         OSError: If the folder cannot be listed.
     """
-    return any(_WORKSPACE.fullmatch(entry.name) and (entry / _MOVING).is_dir() for entry in folder.iterdir())
+    # `os.path.isdir` is False for the closed workspaces of other users, where `Path.is_dir` raises an error
+    return any(_WORKSPACE.fullmatch(entry.name) and os.path.isdir(entry / _MOVING) for entry in folder.iterdir())
 
 
 def atomic_write(target: str | os.PathLike[str], data: bytes, *, parents: bool = False) -> Path:
@@ -224,8 +256,8 @@ def remove_unfinished(folder: Path) -> None:
                 # folders of running writers are locked
                 if _is_workspace(space) and _lock(space):
                     _restore(space, parent)
-                    _finish_moving(space, parent)
-                    shutil.rmtree(name, ignore_errors=True, dir_fd=parent)
+                    if _finish_moving(space, parent):
+                        shutil.rmtree(name, ignore_errors=True, dir_fd=parent)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -287,20 +319,28 @@ def _restore(space: int, parent: int) -> None:
                     os.rename(name, name, src_dir_fd=aside, dst_dir_fd=parent)
 
 
-def _finish_moving(space: int, parent: int) -> None:
+def _finish_moving(space: int, parent: int) -> bool:
     """Moves the rest of a complete output into its folder, after a program was killed while it moved the output.
 
     Args:
         space: File descriptor of the temporary folder.
         parent: File descriptor of the output folder, which contains the temporary folder.
+
+    Returns:
+        False if a part could not be moved.
     """
+    has_moved_all = True
     with suppress(OSError), _opened_folder(_MOVING, space) as moving:
         for folder in os.listdir(moving):
             with suppress(OSError), _opened_folder(folder, moving) as rest:
-                for entry in os.scandir(rest):
+                for entry in list(os.scandir(rest)):  # a list, because entries are moved away
                     # outputs have neither hidden files nor links, unlike imitations in untrusted archives
                     if not (entry.name.startswith(".") or entry.is_symlink() or _exists(entry.name, parent)):
-                        os.rename(entry.name, entry.name, src_dir_fd=rest, dst_dir_fd=parent)
+                        try:
+                            os.rename(entry.name, entry.name, src_dir_fd=rest, dst_dir_fd=parent)
+                        except OSError:
+                            has_moved_all = False
+    return has_moved_all
 
 
 def _exists(name: str, parent: int) -> bool:
@@ -364,10 +404,15 @@ def with_final_names(text: str) -> str:
     return _UNFINISHED.sub("", text)
 
 
+def _flush(file: Path) -> None:
+    """Writes the content of a file to the disk; otherwise a power failure could keep the name and lose the content."""
+    with file.open("rb") as opened:
+        os.fsync(opened.fileno())
+
+
 def _take_name(new: Path, target: Path, moved_aside: Path) -> None:
     if not new.is_dir():
-        with new.open("rb") as file:
-            os.fsync(file.fileno())  # otherwise a power failure could keep the name and lose the content
+        _flush(new)
         os.replace(new, target)
         return
     if not target.exists():
@@ -385,7 +430,15 @@ def _take_name(new: Path, target: Path, moved_aside: Path) -> None:
 
 
 def _must_be_kept(folder: Path) -> bool:
-    """True if an empty output folder cannot be replaced by another one, or is the working directory."""
+    """True if an empty output folder cannot be replaced by another one, or is the working directory.
+
+    Also true if new files in the folder inherit its group or its access rules.
+    """
+    if folder.stat().st_mode & stat.S_ISGID:
+        return True
+    with suppress(OSError, AttributeError):  # macOS and Windows have no such attributes
+        if os.getxattr(folder, "system.posix_acl_default"):
+            return True
     with suppress(OSError):  # the working directory may have been removed
         if folder.samefile(os.curdir):
             return True
@@ -403,7 +456,12 @@ def _replace_empty(new: Path, target: Path) -> None:
         new.rename(target)
     except OSError:  # such as a bind mount, or a folder that is no longer empty
         with _workspace(target) as space:
-            shutil.copytree(new, space / _NEW / target.name)
+            try:
+                shutil.copytree(new, space / _NEW / target.name)
+            except shutil.Error as error:
+                is_full = any(os.strerror(errno.ENOSPC) in str(reason) for _, _, reason in error.args[0])
+                code = errno.ENOSPC if is_full else errno.EIO
+                raise OSError(code, os.strerror(code), str(target)) from error
             _move_into(space, target)
 
 

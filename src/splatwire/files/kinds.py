@@ -62,7 +62,7 @@ _EXPLICIT = (
 )
 UNFINISHED = Kind(
     "unfinished",
-    "an output folder whose writer was killed",
+    "an output folder that a writer is filling, or did not finish",
     "it is completed when a program of splatwire writes into it; or remove it and write it again",
 )
 NOTHING = Kind("nothing", "no such file or folder")

@@ -26,7 +26,7 @@ LOG = logging.getLogger(__name__)
 SHARE = 0.077
 """Default maximum share of the Gaussians in an update."""
 COARSE_CLASS = -1
-"""Precision class of the sent Gaussians while more Gaussians have changed than an update may contain."""
+"""Class offset of the sent Gaussians while more Gaussians have changed than an update may contain."""
 VIEWS, VIEW_SIZE = (13, 14, 16, 17), 192
 """Numbers of views for measuring changes, used in turn, and size of the views in pixels. The poses of the views depend
 on their number. A Gaussian that is hidden in the views of one update is visible in the views of a later update.

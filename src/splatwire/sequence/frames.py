@@ -15,6 +15,7 @@ import numpy as np
 from splatwire.arguments import checked
 from splatwire.bitstream.limits import MAX_FRAMES
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.atomic_write import is_unfinished
 from splatwire.files.kinds import (
     FOURDGS,
     SEQUENCE_FILES,
@@ -160,6 +161,8 @@ def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
     source = Path(folder)
     if not source.is_dir():
         raise DatasetError(f"{source} is not a folder with a file for each frame")
+    if is_unfinished(source):
+        raise DatasetError(format_error(source, "a folder of frames"))
     files = sorted(source.iterdir(), key=by_number)
     frame_paths = [path for path in files if is_frame(path)]
     if not frame_paths:

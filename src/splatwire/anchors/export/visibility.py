@@ -105,7 +105,7 @@ def _blending_weights(gaussians: Gaussians, camera: Cameras, each_gradient: Each
     Args:
         gaussians: The Gaussians.
         camera: Camera of the view.
-        each_gradient: Function that renders the view and returns the gradients of the Gaussians.
+        each_gradient: Renderer that passes on image gradients, such as `splatwire.render.each_gradient_cpu`.
     """
     weights = np.zeros(gaussians.num_gaussians, np.float32)
 

@@ -124,7 +124,7 @@ def started_share(begins: np.ndarray, frames: int) -> np.ndarray:
 
 
 def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """Selects all tracks that begin in the same group of pictures as most received tracks.
+    """Selects all tracks that begin in the group of pictures in which the largest number of received tracks begins.
 
     Args:
         born: Group in which each track begins, int64 (T).

@@ -92,7 +92,7 @@ def plain_rows(
         packed = packetization_named(None, codec, int(scene.drawable.sum()))
         sections = dict(loaded.sections) if isinstance(loaded, ReceivedScene) else {}
     provides = schema_named(codec).provides
-    for name in concealers:
+    for name in concealers if lossy or not complete else ():
         if reason := why_unfit(name, provides, sections):
             usable = ", ".join(concealer_names(sections, provides))
             raise InvalidValueError(f"{entry.name}: {reason}; use {usable}")
