@@ -50,6 +50,7 @@ test("a violation belongs to the request of exactly its address, or of its origi
   assert.equal(await errorOf(url, "https://scenes.example"), forbids("https://scenes.example"));
   for (const other of ["", "inline", "https", "https://scenes.example/a", "https://scenes.example/a.swz?token=10"])
     assert.equal(await errorOf(url, other), "Failed to fetch", other);
+  assert.equal(await errorOf("blob:https://scenes.example/1-2-3", "blob"), forbids("blob"));
 });
 
 test("violations by other requests do not hide that of a request", async () => {

@@ -10,7 +10,7 @@ export interface Elements {
   readonly tierSizes: Float32Array | null;
   /** Opacities of received elements; null for elements without individual opacity. */
   readonly opacities: Float32Array | null;
-  /** Received elements (1). */
+  /** 1 for drawn elements: received ones, redundant copies, tracks with concealed motion; 0 for lost ones. */
   readonly isReceived: Uint8Array;
   /** Index of each element in the scene. It decides ties between equally distant elements. */
   readonly indices: Int32Array;

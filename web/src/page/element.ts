@@ -91,7 +91,7 @@ export class SplatWire extends Base {
   connectedCallback(): void {
     // properties that a page set before the element was defined hide those of the class
     for (const [name, value] of Object.entries(this))
-      if (name in SplatWire.prototype && Reflect.deleteProperty(this, name)) Object.assign(this, { [name]: value });
+      if (name in SplatWire.prototype && Reflect.deleteProperty(this, name)) Reflect.set(this, name, value);
     if (!this.#controller) this.#start();
   }
 

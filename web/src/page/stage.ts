@@ -272,6 +272,7 @@ export class Stage implements ContextOwner {
     clearTimeout(this.#hintTimer);
     clearTimeout(this.#retryTimer);
     this.#parts = [];
+    this.framingGaussians = null;
     this.#count = 0;
     this.release();
     releaseContext(this);

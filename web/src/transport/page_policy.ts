@@ -12,8 +12,9 @@ const REPORT_MS = 50;
  */
 export async function permitted<T>(url: string, request: Promise<T>): Promise<T> {
   const page: Partial<typeof globalThis> = globalThis, // node has no events
-    { href, origin } = new URL(url),
-    addresses = [href.split("#")[0], origin]; // browsers report the origin alone where the rest is a secret
+    { href, origin, protocol } = new URL(url),
+    // browsers report the origin alone for other origins after redirects, and the scheme alone for blob: and data:
+    addresses = protocol.startsWith("http") ? [href.split("#")[0], origin] : [protocol.slice(0, -1)];
   let violation: SecurityPolicyViolationEvent | null = null;
   const note = (event: SecurityPolicyViolationEvent): void => {
     if (event.disposition === "enforce" && addresses.includes(event.blockedURI)) violation = event;

@@ -35,8 +35,8 @@ export class MotionField {
   readonly #found: Float32Array;
 
   /**
-   * Rows `observedRows` of the received motion contribute their changes from `referenceOffsets` at the position of
-   * these, shape (rows, channels). `null` means 0.
+   * `referenceOffsets`, shape (rows, channels), are subtracted from the offsets of the rows `observedRows` and added
+   * to their positions; null means 0.
    */
   constructor(
     readonly arrived: TrackOffsets,
