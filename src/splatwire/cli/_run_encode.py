@@ -136,7 +136,7 @@ def _needs_rate_control(command: Encode) -> bool:
 
 
 def _needs_copies(command: Encode) -> bool:
-    """True if the options request coarse copies of the most important elements (a sketch) in the stream."""
+    """True if a sketch is added unless --no-sketch is given or the input has levels."""
     return command.preset == "datagram" and command.levels != "auto"
 
 

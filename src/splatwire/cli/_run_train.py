@@ -123,7 +123,8 @@ def _continued_training(
     """
     if command.voxel_size is not None or command.growth_interval is not None:
         raise InvalidValueError(
-            "--voxel-size and --growth-interval do not apply to a finished scene, whose anchors stay"
+            "--voxel-size and --growth-interval do not apply to a finished scene, because its anchors keep "
+            "their positions and none are added"
         )
     if command.model not in (None, model):
         raise InvalidValueError(f"--model: {command.init} has model {model}, which cannot be changed")

@@ -64,8 +64,8 @@ class Train:
     device: str = "auto"
     """Training device: auto, cpu or cuda (which renders with gsplat). auto selects cuda if it is usable."""
     init: Path | None = None
-    """Scene file to train further on these photos, with unchanged anchors; or explicit Gaussians (PLY, .splat, ...):
-    their centres are the first anchors instead of the data's points."""
+    """Scene file to train further on these photos; its anchors keep their positions and none are added. Or explicit
+    Gaussians (PLY, .splat, ...): their centres are the first anchors instead of the data's points."""
     seed: int = 0
     """Seed of all random choices."""
     resume: bool = False

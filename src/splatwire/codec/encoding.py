@@ -55,8 +55,8 @@ def encode_scene(
             gets separate packets, which can be protected separately. None for one tier.
         quality: Quantisation of explicit Gaussians: 0 to 100, `small`, `default` (also for None), `near-lossless`, or a
             `Quality` of their schema.
-        class_offsets: Precision class of each explicit Gaussian, which selects its quantisation steps: 0 for the
-            finest, negative for coarser ones (`splatwire.render.precision`); None for the finest. Not for anchors.
+        class_offsets: Class offset of each explicit Gaussian: its precision class relative to the finest one; 0 for
+            the finest, negative for coarser ones (`splatwire.render.precision`). None for the finest. Not for anchors.
         network_tolerance: Only for anchors: how much rounding of weights may change the outputs of the context
             networks, relative to the predicted standard deviations; None for the default.
         threads: Number of threads, which does not affect the result; None for one per processor.

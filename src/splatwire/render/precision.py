@@ -1,7 +1,7 @@
-"""Precision class of each Gaussian: a number that selects the quantisation steps of all of its attributes.
+"""Class offset of each Gaussian: a number that selects the quantisation steps of all of its attributes.
 
-A Gaussian to which images are more sensitive gets finer steps. The functions return class offsets: the precision class
-relative to the finest one, 0 or negative.
+A Gaussian to which images are more sensitive gets finer steps. A class offset is a precision class relative to the
+finest one: 0 for the finest, negative for coarser ones.
 """
 
 # The sensitivity to an attribute is the squared gradient of the image with respect to it. It varies by orders of
@@ -162,9 +162,10 @@ def measure_gaussians(
     seed: int = 0,
     part: int = PART_GAUSSIANS,
 ) -> MeasuredGaussians:
-    """Measures the precision class of each Gaussian, and the image error if the Gaussian is removed.
+    """Measures the class offset of each Gaussian, and the image error if the Gaussian is removed.
 
-    The precision class is a number that selects the quantisation steps of a Gaussian in an encoder.
+    The class offset is the precision class relative to the finest one. It selects the quantisation steps of a Gaussian
+    in an encoder.
 
     Args:
         scene: Gaussians that can be drawn.
@@ -172,7 +173,7 @@ def measure_gaussians(
             cameras that show the whole scene, and cameras close to its surfaces.
         framing: Additional cameras that show the whole scene; None for none. Ignored if `cameras` is None.
         closeups: Additional cameras close to the surfaces of the scene; None for none. The image errors include these
-            images, the precision classes do not depend on them. Ignored if `cameras` is None.
+            images, the class offsets do not depend on them. Ignored if `cameras` is None.
         seed: Random seed.
         part: Maximum number of Gaussians that are measured at a time. A larger scene is divided into spatial parts of
             this size. Ignored if `cameras` is given.

@@ -140,7 +140,7 @@ class SequenceEncoder:
         """Adds the next frame, and encodes a group of pictures if this frame completes the group.
 
         Returns:
-            Packets of the completed group, most visible first; empty if no group is complete.
+            Packets of the completed group in sending order; empty if no group is complete.
 
         Raises:
             InvalidValueError: If the degree of harmonics differs from that of earlier frames, or the number of
@@ -211,7 +211,7 @@ class SequenceEncoder:
         self._finish_deferred_work()
         if not self._num_groups:
             raise InvalidValueError("a clip has one frame at least")
-        extent = self._extent  # unknown for a live sequence
+        extent = self._extent  # None if no frame has Gaussians
         sections = self._all_sections
         if extent and extent.radius > 0:
             sections[EXTENT_SECTION] = extent_section(extent.middle, extent.radius)
@@ -235,7 +235,10 @@ class SequenceEncoder:
         return {TRACKING: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
-        """Returns the importance of packets of the last group of pictures: the visible motion in each packet."""
+        """Returns the importance of packets of the last group of pictures.
+
+        The importance is the visibility of new Gaussians (keyframe packets) or of moving tracks (motion packets).
+        """
         return [self._tracks_encoder.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:
@@ -354,10 +357,10 @@ class SequenceEncoder:
         return np.full(count, int(np.median(self._known_class_offsets[1])) if self._known_class_offsets else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Does deferred work on the last group: updates the extent of the scene, and checks for changing colours.
+        """Adds the last frame to the extent of the scene, and checks the last group for changing colours.
 
-        The packets do not depend on this work. The work is deferred until the packets were returned, which shortens the
-        delay of a live sequence.
+        The packets do not depend on this work. If a frame completes a group, the work is deferred until the packets
+        were returned, which shortens the delay of a live sequence.
         """
         sphere = None if self._last_splats is None else bounding_sphere(self._last_splats)
         self._extent = self._extent.union(sphere) if self._extent and sphere else self._extent or sphere

@@ -62,7 +62,7 @@ class LiveIngest:
         sleep: Waits for the given number of seconds.
 
     Attributes:
-        num_skipped: Number of unusable frames.
+        num_skipped: Number of skips: unusable frames, and groups that cannot be encoded (each group counts as 1).
         num_dropped: Number of frames dropped because they arrive faster than they are encoded.
     """
 

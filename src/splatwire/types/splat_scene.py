@@ -27,12 +27,12 @@ class SplatCoding(CheckedFields):
 
     Attributes:
         size_log: log2 of the scene's size in world units.
-        lattice_bits: Precision of decoded positions. They are multiples of a lattice spacing of
+        lattice_bits: Precision of decoded positions. They are multiples of half a lattice spacing; the spacing is
             `2 ** (size_log - lattice_bits)` world units.
         max_position_shift: The largest quantisation step of positions is `2 ** max_position_shift` lattice spacings.
-        base_exponents: Base quantisation steps in precision class 0, one for each quantity (opacity, three scales,
-            position, two parts of the rotation, colour, other harmonics). The entry e stands for the step
-            `2 ** (-e / 64)`.
+        base_exponents: Base quantisation steps in precision class 0, one for each quantity (opacity, largest
+            scale, ratios of the largest to the second and of the second to the third scale, position, two parts of the
+            rotation, colour, other harmonics). The entry e stands for the step `2 ** (-e / 64)`.
         transform: Decorrelating transform of the spherical harmonics, as integers.
         precision_classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.
     """

@@ -42,7 +42,7 @@ export abstract class PlayerBase {
     return this.#isPlaying;
   }
 
-  /** Time of the frame on the screen, seconds. */
+  /** Time of the frame requested last, seconds. */
   get time(): number {
     return Math.max(this.number, 0) / this.rate;
   }

@@ -19,6 +19,7 @@ export interface Packed {
   readonly rotations: Uint16Array;
   /** One array per texture. A texel has eight half floats of a Gaussian's harmonics. */
   readonly harmonics: readonly Uint32Array[];
+  /** Opacities before gains. Used on the CPU only, in no texture. */
   readonly opacities: Float32Array;
 }
 

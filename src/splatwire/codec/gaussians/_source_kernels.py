@@ -16,8 +16,8 @@ from splatwire.ops.prefetch import LINE_BYTES, prefetch
 PREFETCH_DISTANCE = 8
 """Number of Gaussians ahead for which kernels prefetch rows of the scene's arrays."""
 OUTLIER_DIVISOR = 50
-"""When the extent of a packet's positions is estimated, one in this number of positions (2 %) at either end of each
-axis counts as an outlier. The extent determines the cell size of the packet's grid.
+"""When the extent of a block's positions is estimated, one in this number of positions (2 %) at either end of each axis
+counts as an outlier. The extent determines the cell size of the block's coarse grid, which all its packets use.
 """
 MAX_EXTENT_RATIO = 2
 """Maximum ratio of the estimated extent to the extent without outliers."""

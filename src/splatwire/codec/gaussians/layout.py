@@ -25,7 +25,7 @@ COLUMNS = 17
 * `AXIS` (3): primary axis
 * `PRIMARY`: index of the primary axis, 0 for the axis of the largest scale, 2 for that of the smallest
 * `SPIN_BITS`, `SPIN`: rotation about the primary axis, as number of bits and value
-* `LUMA` (3): Y Co Cg
+* `LUMA` (3): Y Co Cg (orthonormal; see `attributes.LUMA_CHROMA`)
 """
 
 RESIDUAL_KINDS = ("opacity", "scale0", "elongation", "flatness", "direction", "luma", "orange", "green")
@@ -82,8 +82,11 @@ POSITION_CONTEXTS = 32
 CLASS_CONTEXTS = 18 * MAX_CLASSES
 HARMONIC_CONTEXTS = MAX_CLASSES + 64 + 24
 FIRST_CLASS = POSITION_CONTEXTS
+"""Index of the first model of precision classes in the array of adaptive bit models."""
 FIRST_HARMONIC = FIRST_CLASS + CLASS_CONTEXTS
+"""Index of the first model of harmonics in the array of adaptive bit models."""
 FIRST_MAGNITUDE = FIRST_HARMONIC + MAX_CLASSES + 64
+"""Index of the first model of magnitudes of nonzero harmonics in the array of adaptive bit models."""
 NUM_CONTEXTS = FIRST_HARMONIC + HARMONIC_CONTEXTS
 """Number of adaptive bit models: for the division of grid cells, the precision classes and the harmonics."""
 
@@ -126,4 +129,4 @@ block, which is the basis for packets that each cover the whole block.
 """
 MAX_LATTICE_BITS = 40
 MAX_CELL_BITS = 21
-"""Maximum number of bits per axis of a cell in the coarse grid of a packet."""
+"""Maximum number of bits per axis of a cell in the coarse grid. An encoder chooses the cell size once per block."""

@@ -54,10 +54,11 @@ class SideInfo:
     Attributes:
         degree: Degree of the spherical harmonics.
         size_log: log2 of the scene's size in world units.
-        lattice_bits: Resolution of positions. Positions are on a lattice whose spacing is `2 ** (size_log -
-            lattice_bits)` world units.
+        lattice_bits: Resolution of positions. Positions are multiples of half a lattice spacing; the spacing is
+            `2 ** (size_log - lattice_bits)` world units.
         base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
-            class 0 (the coarsest), in fixed point with `STEP_BITS` fractional bits.
+            class 0 (the coarsest) and a Gaussian with scales (relative to the scene's size) and opacity 1, in fixed
+            point with `STEP_BITS` fractional bits. `layout.COEFFICIENTS` adapts the steps to other Gaussians.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings; -1 in streams of
             version 2, which have no such limit (see `packet_dependent`).
         transform: int64 (K, K), decorrelating transform of the spherical harmonics, one axis per row, with denominator

@@ -342,11 +342,11 @@ def _input_order(count: int) -> np.ndarray:
 
 
 def to_precision_classes(class_offsets: np.ndarray | None, count: int, finest_class: int) -> np.ndarray:
-    """Converts precision classes from the numbering of encoder options to that of the bitstream.
+    """Converts class offsets, the numbering of encoder options, to precision classes, the numbering of the bitstream.
 
     Args:
-        class_offsets: Class offset of each Gaussian, which selects its quantisation steps, (N): 0 for the finest,
-            negative for coarser ones. None for the finest steps for all Gaussians.
+        class_offsets: Class offset of each Gaussian, (N): its precision class relative to the finest one; 0 for the
+            finest, negative for coarser ones. None for the finest class for all Gaussians.
         count: Number of Gaussians, N.
         finest_class: Number of the finest precision class in the bitstream, where 0 is the coarsest.
 
@@ -408,7 +408,8 @@ def _is_flat(scales: np.ndarray) -> np.ndarray:
 def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
     """Returns `-log2` of the quantisation steps of all attributes in precision class 0 (the coarsest), in fixed point.
 
-    The step of the largest scale is adapted to the mean scale of the Gaussians.
+    They are the steps of a Gaussian with scales (relative to the scene's size) and opacity 1. The step of the largest
+    scale is adapted to the mean scale of the Gaussians.
     """
     # The step of the largest scale is adapted to the mean scale of the scene's Gaussians.
     base_exponents = quality.base_exponents(splats.degree)

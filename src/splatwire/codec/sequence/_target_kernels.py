@@ -8,6 +8,8 @@ from splatwire.codec.gaussians.layout import BITS, DIRECTION_BITS
 from splatwire.codec.sequence.layout import NUM_CHANNELS
 from splatwire.ops.compiled import njit
 
+# Multiplies vectors of length tan(angle / 4); coded vectors have the length 4 tan(angle / 4). The value in
+# `trajectories`, which divides coded vectors, lacks the factor 4.
 _ROTATION_UNITS, _FIXED_POINT_ONE = 4.0 * (1 << DIRECTION_BITS), 1.0 * (1 << BITS)
 _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 

@@ -14,6 +14,8 @@ from splatwire.codec.threads import ordered_map
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.ops.threads import parallel_map
 
+# Divides coded rotation vectors of length 4 tan(angle / 4). `_target_kernels` has four times this value, because it
+# multiplies vectors of length tan(angle / 4).
 _ROTATION_UNITS = float(1 << DIRECTION_BITS)
 _FIXED_POINT_ONE = float(1 << BITS)
 FIT_BATCH = 2048

@@ -62,7 +62,8 @@ def build_splats(
 ) -> Splats:
     """Builds Gaussians from the arrays of a file with one row per Gaussian.
 
-    Quaternions are normalised and opacities are clipped to [0, 1]. Invalid values become NaN.
+    Quaternions are normalised and opacities are clipped to [0, 1]. Invalid values become NaN or infinite, or stay so;
+    `validity_of_splats` finds them.
 
     Args:
         path: The file, for messages.

@@ -298,8 +298,10 @@ def value_bits(
 def initialise_causal(state: TrainState, config: TrainConfig, position_inputs: Float[Tensor, "N P"]) -> None:
     """Initialises the networks of the causal model so that they predict the mean and deviation of each attribute.
 
+    Also sets the zero points, which are not trained: the mean natural logarithms of the offset scale and the sizes.
+
     Args:
-        state: State of the training; the networks are changed in place.
+        state: State of the training; the networks and zero points are changed in place.
         config: The configuration.
         position_inputs: Positions of all anchors and their positional encoding, as inputs of the position network.
     """

@@ -110,7 +110,8 @@ class TrainingLoop:
         test_views: Test views; None for no tests.
         device: The training device.
         kernels: Implementations of the expensive operations for that device.
-        seconds: Duration of the iterations so far, seconds, without tests.
+        seconds: Duration of the iterations so far, and after them also of the refinement or fine-tuning, seconds,
+            without tests.
     """
 
     options: RunOptions

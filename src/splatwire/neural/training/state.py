@@ -123,7 +123,7 @@ class TrainState:
         iteration: Number of completed iterations.
         voxels: Anchor positions in voxels.
         voxel_size: World units per voxel.
-        parameters: Trained tensors by name.
+        parameters: Trained tensors by name; with the causal model also `zero_points`, which are not trained.
         moments: Adam's moments by parameter name; absent for parameters that were never updated.
         statistics: Statistics for adding and removing anchors.
         bounds_min: Lower end of the range by which the context model normalises positions. Unit: voxels with the causal
@@ -141,6 +141,7 @@ class TrainState:
     # The bounds are the corners of the hash grid's bounding box; with the causal model, the middle of the anchors
     # minus and plus their spread, in voxels. Names of parameters: those of `ANCHOR_PARAMETERS`, `heads.*`,
     # `grid.*`, `prior.*`, `channel.*`; with the causal model, `heads.*`, `causal.*`, `log_steps` and `zero_points`.
+    # Zero points are mean natural logarithms of the offset scale and the three sizes, set once (`initialise_causal`).
 
     iteration: int
     voxels: Int64[Tensor, "N 3"]

@@ -205,7 +205,7 @@ class TrainingStep:
     ) -> Float[Tensor, ""]:
         """Returns the total loss: photometric loss, volume of the Gaussians, and rate.
 
-        The terms are those of HAC++.
+        The photometric and the volume term are those of HAC++; the rate term depends on the context model.
 
         Args:
             photometric: Photometric loss of the rendered picture.

@@ -34,7 +34,7 @@ class TrainResult:
         state: The final state, on the training device.
         test: Quality in the last test; None without test views, or if the training was stopped.
         stopped: True if the listener ended the training early.
-        seconds: Duration of the training loop in seconds, without tests.
+        seconds: Duration of the iterations and of the refinement of the context model in seconds, without tests.
     """
 
     # The context model is refined unless the training was stopped.

@@ -55,7 +55,9 @@ PROBE_AFTER_S, PROBE_INTERVAL_S = 1.0, 0.1
 A probe is a small datagram (a welcome without preview). If only probes arrive, the path drops large datagrams.
 """
 MIN_UNREPORTED = 8
-"""Number of lost large datagrams from which on probes are sent, or a problem of the path is logged."""
+"""Two limits: number of datagrams of any size sent after the last reported one, from which on probes are sent; and
+number of lost large datagrams from which on the log says that only small ones arrive.
+"""
 MIN_PROBES = 20
 """Number of probes after which the log says that nothing arrives."""
 MIN_SMALL_ARRIVED = 10

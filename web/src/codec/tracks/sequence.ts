@@ -490,8 +490,8 @@ interface ReceivedTracks extends Omit<TrackOffsets, "offsets"> {
 }
 
 /**
- * Joins the tracks of all packets, with room for `others`. The first one counts if a track occurs twice: the others
- * have no frame.
+ * Joins the tracks of all packets, with room for `others` more. If a track occurs twice, the first row counts: later
+ * rows of the same track have no frame.
  */
 function joinPackets(
   found: readonly DecodedMotion[],

@@ -34,7 +34,11 @@ INPUT_SHIFT = 4
 POSITION_SYMBOLS = 3
 """Buffer space of a position, in symbols; a position takes at most 29 bytes."""
 MAX_SYMBOL = (1 << 14) - (1 << 10)
+"""Magnitude to which symbols (differences from predicted means) are clipped, because damaged packets may decode to any
+integers. Encoders refuse attributes above `encoder.MAX_QUANTISED` steps.
+"""
 MASK_BITS = np.int64(16)
+"""Number of bits of the probability that an offset exists (a bit of the mask): probabilities are in units of 2**-16."""
 MIN_MASK_PROBABILITY = np.int64(32)
 
 

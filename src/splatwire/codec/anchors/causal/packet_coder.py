@@ -148,7 +148,7 @@ def anchor_bits(context: CodingContext, quantised: Quantised) -> np.ndarray:
 def split_into_packets(
     context: CodingContext, quantised: Quantised, counts: np.ndarray, max_payload_bytes: int
 ) -> np.ndarray:
-    """Divides blocks (ranges of consecutive anchors) into packets of limited size, each with as many anchors as fit.
+    """Divides the anchors of each block, given in hash order, into packets of limited size with as many anchors as fit.
 
     Args:
         context: The stream's networks and constants.

@@ -15,7 +15,9 @@ from splatwire.neural.training.kernels import Uniform
 from splatwire.ops.quaternions import rotation_rows
 
 MAX_COPIES = 51
-"""Maximum number of copies that replace one Gaussian at a time; with more copies, the sums are less exact."""
+"""Number of copies above which opacity and size are computed as for this number, because the sums are less exact for
+more copies. The number of copies itself has no limit.
+"""
 _MIN_OPACITY, _MAX_OPACITY = 0.005, 1 - 1e-6
 _NOISE_STEEPNESS, _NOISE_OPACITY = 100.0, 0.005
 """Steepness of the logistic function of the opacity that multiplies the position noise, and the opacity at which the

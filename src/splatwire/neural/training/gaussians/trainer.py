@@ -37,7 +37,7 @@ class GaussianResult:
         state: State before the fine-tuning, on the training device.
         test: Quality of `scene` in the test views at the end; None without test views, or if the training was stopped.
         stopped: True if the listener ended the training early.
-        seconds: Duration of the training in seconds, without tests.
+        seconds: Duration of the iterations and of the fine-tuning in seconds, without tests.
     """
 
     scene: SplatScene
