@@ -68,7 +68,7 @@ export class SequenceFrames {
       sequence = decoder?.elementDecoder.sequence;
     if (!decoder || !sequence) return;
     const began = performance.now(),
-      numberInPeriod = periodFrame?.number ?? number,
+      numberInPeriod = periodFrame?.numberInPeriod ?? number,
       { isKept, count } = this.#motionFilter(sequence.packets, simulation),
       frame = this.#frameOf(() => sequence.frame(numberInPeriod, isKept, simulation.concealer, true));
     const { antialiased, elementDecoder } = decoder,

@@ -82,7 +82,7 @@ def _run(command: Encode, source: Path) -> None:
 
 def _check(command: Encode) -> None:
     """Checks the values of the options of `encode`, and that they can be combined, before the scene is read."""
-    if command.no_sketch and not _needs_copies(command):
+    if command.no_sketch and not _allows_sketch(command):
         raise InvalidValueError("--no-sketch needs --preset datagram and no levels: only then `encode` adds a sketch")
     # Schema and number of elements are not known yet; the checks of the options depend on neither.
     packetization_of(command, UNNAMED_SCHEMA, 1)
@@ -135,7 +135,7 @@ def _needs_rate_control(command: Encode) -> bool:
     return command.size is not None or command.psnr is not None or _effort(command) != "fast"
 
 
-def _needs_copies(command: Encode) -> bool:
+def _allows_sketch(command: Encode) -> bool:
     """True if a sketch is added unless --no-sketch is given or the input has levels."""
     return command.preset == "datagram" and command.levels != "auto"
 
@@ -196,7 +196,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
                 stream = with_section(stream, VIEWPOINT, viewpoint_section(cameras))
             if up:
                 stream = with_section(stream, UP_SECTION, up.encode())
-            if _needs_copies(command) and not with_levels and not command.no_sketch:
+            if _allows_sketch(command) and not with_levels and not command.no_sketch:
                 stream = _optional_steps().with_quick_sketch(stream, cameras, report)
             return stream
 

@@ -155,7 +155,7 @@ def tuned_gaussians(
     division_interval = options.rounding_interval * max(
         1, options.iterations // (_NUM_DIVISIONS * options.rounding_interval)
     )
-    divisors = dict[tuple[int, bool], float]()
+    initial_errors = dict[tuple[int, bool], float]()
     sampled_loss = _sampled_loss(scene, latents.splats(), coding, pictures, options)
     cost, cost_gradient = HarmonicCost.of(coding) if latents.harmonics.size else None, None
 
@@ -192,9 +192,9 @@ def tuned_gaussians(
         # The divisor is fixed: with the logarithm of the error as the loss, Gaussians that are large in a single view
         # would be sacrificed for other views.
         error, splat_gradients = picture_gradients(
-            shown_scene, pictures.cameras, view, target, mask, divisors.get((view, reception is None))
+            shown_scene, pictures.cameras, view, target, mask, initial_errors.get((view, reception is None))
         )
-        divisors.setdefault((view, reception is None), error)
+        initial_errors.setdefault((view, reception is None), error)
         if reception is not None:
             splat_gradients = reception.gradients(decoded, splat_gradients)
         gradients = gradients_of(latents, decoded, rounding_errors, splat_gradients)

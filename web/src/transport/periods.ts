@@ -14,7 +14,7 @@ export interface Playable {
 export interface PeriodFrame {
   readonly stream: DecodedStream;
   readonly sequence: SequenceDecoder;
-  readonly number: number;
+  readonly numberInPeriod: number;
 }
 
 export class Periods {
@@ -66,8 +66,8 @@ export class Periods {
   }
 
   #periodFrame(stream: DecodedStream, sequence: SequenceDecoder, absolute: number): PeriodFrame {
-    const number = Math.min(absolute - sequence.firstFrame, sequence.timeline.numFrames - 1);
-    stream.decoder.intake.forget(sequence.forget(number));
-    return { stream, sequence, number };
+    const numberInPeriod = Math.min(absolute - sequence.firstFrame, sequence.timeline.numFrames - 1);
+    stream.decoder.intake.forget(sequence.forget(numberInPeriod));
+    return { stream, sequence, numberInPeriod };
   }
 }

@@ -165,15 +165,15 @@ class CodedBlock:
     Attributes:
         counts: int64 (P), number of Gaussians in each packet.
         payloads: Content of each packet without its header.
-        symbols: int64 (n, columns), decoded integers of each Gaussian except harmonics.
-        harmonic_symbols: int32 (n, harmonics), decoded integers of the spherical harmonics.
+        rows: int64 (n, columns), decoded integers of each Gaussian except harmonics.
+        harmonic_rows: int32 (n, harmonics), decoded integers of the spherical harmonics.
         statistics: Numbers of coded symbols by context, see `empty_statistics`.
     """
 
     counts: np.ndarray
     payloads: list[bytes]
-    symbols: np.ndarray
-    harmonic_symbols: np.ndarray
+    rows: np.ndarray
+    harmonic_rows: np.ndarray
     statistics: tuple[np.ndarray, np.ndarray]
 
 
@@ -241,7 +241,7 @@ class GaussianEncoder:
         """
         source = self._scene.block_source(block, self._info)
         coded = encode_block(source, self._info, block, self._counts[block], self._max_payload_bytes)
-        return CodedPackets(coded.counts, coded.payloads, (coded.symbols, coded.harmonic_symbols))
+        return CodedPackets(coded.counts, coded.payloads, (coded.rows, coded.harmonic_rows))
 
     def packet_order(self, block: int, counts: np.ndarray) -> np.ndarray:
         """Returns a block's Gaussians in the order in which they are coded, packet by packet.

@@ -306,9 +306,9 @@ class KeyframeEncoder:
             for start, count, payload in zip(starts.tolist(), coded.counts.tolist(), coded.payloads, strict=True):
                 packets.append(make_packet(PacketId(block, start), count, payload))
             order.append(source.packet_order(block, info, coded.counts))
-            block_symbols.append((coded.symbols, coded.harmonic_symbols))
-            symbols.append(coded.symbols)
-            positions.append(to_motion_units(coded.symbols, info, block, lattice_shift))
+            block_symbols.append((coded.rows, coded.harmonic_rows))
+            symbols.append(coded.rows)
+            positions.append(to_motion_units(coded.rows, info, block, lattice_shift))
         return CodedKeyframes(
             np.concatenate(order),
             np.concatenate(symbols),

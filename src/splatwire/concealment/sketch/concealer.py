@@ -78,17 +78,17 @@ def conceal_with(received: ReceivedScene[AnchorScene], section: SketchSection) -
         received: The received scene.
         section: The copies, and the parameters of the enlargement.
     """
-    filled = with_sketch(received, section)
-    if section.trust and bool(filled.fully_received.any()):
-        return SketchedLoss.of(filled).conceal(section)
+    sketched = with_sketch(received, section)
+    if section.trust and bool(sketched.fully_received.any()):
+        return SketchedLoss.of(sketched).conceal(section)
     grow = Grow(exponent=section.exponent, max_excess=section.max_excess)
-    return replace(grow(filled), elements=filled.filled)
+    return replace(grow(sketched), elements=sketched.filled)
 
 
 def conceal_with_copies(received: ReceivedScene[SplatScene], copies: Copies) -> Concealed:
     """Replaces lost Gaussians by coarse copies, hides the other lost Gaussians, and enlarges Gaussians next to gaps."""
-    filled = with_copies(received, copies)
-    return grown_with_copies(filled, element_inputs(filled), copies.growth)
+    sketched = with_copies(received, copies)
+    return grown_with_copies(sketched, element_inputs(sketched), copies.growth)
 
 
 def grown_with_copies(

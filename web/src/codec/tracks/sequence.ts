@@ -312,41 +312,44 @@ export class Sequence implements SequenceDecoder {
       { firstNew, numBirths, numMotionTracks } = info.groups[group],
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
-      lostKeyframes: number[] = [];
+      uncoveredKeyframes: number[] = [];
     for (let keyframeIndex = 0; keyframeIndex < keyframes.count; keyframeIndex++) {
       if (covered[keyframeIndex]) continue;
       const track = keyframes.tracks[keyframeIndex],
         isNew = track >= firstNew && track < firstNew + numBirths;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
       if (!ended && (isNew || (before ? before.alive[keyframeIndex] : track < firstNew)))
-        lostKeyframes.push(keyframeIndex);
+        uncoveredKeyframes.push(keyframeIndex);
     }
-    const found = appendStatic(received, lostKeyframes, frames, numMotionTracks > 0),
+    const found = appendStatic(received, uncoveredKeyframes, frames, numMotionTracks > 0),
       numReceived = received.keyframeIndices.length,
       hidden = new Uint8Array(found.keyframeIndices.length),
       batches = [...received.batches];
-    lostKeyframes.forEach((keyframeIndex, n) => {
+    uncoveredKeyframes.forEach((keyframeIndex, n) => {
       [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(keyframeIndex, group);
     });
     let gains: Float32Array | null = null;
-    if (numMotionTracks && lostKeyframes.length) {
+    if (numMotionTracks && uncoveredKeyframes.length) {
       const trackProperties = this.#trackProperties(before, group),
         { lastOffsets } = trackProperties,
-        offsets = byTrack(batches, numReceived, lostKeyframes.length, frames),
+        offsets = byTrack(batches, numReceived, uncoveredKeyframes.length, frames),
         out = offsets.subarray(numReceived * frames * NUM_CHANNELS),
         arrived = { ...received, offsets: offsets.subarray(0, numReceived * frames * NUM_CHANNELS) },
         methods =
           concealer === "motion"
-            ? this.#interpolate(arrived, Int32Array.from(lostKeyframes), trackProperties, group, out)
-            : new Uint8Array(lostKeyframes.length).fill(concealer === "drop" ? HIDDEN : HELD);
+            ? this.#interpolate(arrived, Int32Array.from(uncoveredKeyframes), trackProperties, group, out)
+            : new Uint8Array(uncoveredKeyframes.length).fill(concealer === "drop" ? HIDDEN : HELD);
       methods.forEach((method, n) => {
-        if (method !== INTERPOLATED) repeatLastOffset(lastOffsets, lostKeyframes[n], out, n * frames, frames);
+        if (method !== INTERPOLATED) repeatLastOffset(lastOffsets, uncoveredKeyframes[n], out, n * frames, frames);
         hidden[numReceived + n] = Number(method === HIDDEN);
       });
-      batches.push({ count: lostKeyframes.length, offsets: transposed(out, lostKeyframes.length, frames) });
+      batches.push({ count: uncoveredKeyframes.length, offsets: transposed(out, uncoveredKeyframes.length, frames) });
       if (concealer === "motion" && hidden.includes(1)) gains = this.#growth({ ...found, offsets }, hidden, frames);
     } else
-      batches.push({ count: lostKeyframes.length, offsets: new Float32Array(lostKeyframes.length * NUM_CHANNELS) });
+      batches.push({
+        count: uncoveredKeyframes.length,
+        offsets: new Float32Array(uncoveredKeyframes.length * NUM_CHANNELS),
+      });
     return {
       ...found,
       batches,
@@ -374,7 +377,7 @@ export class Sequence implements SequenceDecoder {
   /** Selects a method to cover each lost track. Writes the motion of tracks that are moved. */
   #interpolate(
     received: TrackOffsets,
-    lostKeyframes: Int32Array,
+    uncoveredKeyframes: Int32Array,
     trackProperties: TrackProperties,
     group: number,
     out: Float32Array,
@@ -387,11 +390,11 @@ export class Sequence implements SequenceDecoder {
       predictor = new LostMotionPredictor(received, complete, this.#keyframes.birthGroups, trackProperties, frames),
       interpolate = predictor.predict.bind(predictor),
       lifetime = (keyframeIndex: number) => this.#lifetime(keyframeIndex, group),
-      methods = select(received, order, lostKeyframes, frames, trackProperties, interpolate, lifetime),
-      moving = rowsWhere(lostKeyframes.length, (n) => methods[n] === INTERPOLATED),
+      methods = select(received, order, uncoveredKeyframes, frames, trackProperties, interpolate, lifetime),
+      moving = rowsWhere(uncoveredKeyframes.length, (n) => methods[n] === INTERPOLATED),
       found = interpolate(
         new Uint8Array(keyframeIndices.length),
-        moving.map((n) => lostKeyframes[n]),
+        moving.map((n) => uncoveredKeyframes[n]),
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
     return methods;
@@ -490,19 +493,19 @@ interface ReceivedTracks extends Omit<TrackOffsets, "offsets"> {
 }
 
 /**
- * Joins the tracks of all packets, with room for `others` more. If a track occurs twice, the first row counts: later
+ * Joins the tracks of all packets, with room for `numSpare` more. If a track occurs twice, the first row counts: later
  * rows of the same track have no frame.
  */
 function joinPackets(
   found: readonly DecodedMotion[],
   indexOfTrack: Int32Array,
   frames: number,
-  others: number,
+  numSpare: number,
 ): ReceivedTracks {
   const seen = new Uint8Array(indexOfTrack.length),
     batches = found.map(({ headers, offsets }) => ({ count: headers.length / HEADER_FIELDS, offsets })),
     rows = batches.reduce((sum, { count }) => sum + count, 0),
-    [keyframeIndices, begins, ends] = [0, 1, 2].map(() => new Int32Array(rows + others).subarray(0, rows));
+    [keyframeIndices, begins, ends] = [0, 1, 2].map(() => new Int32Array(rows + numSpare).subarray(0, rows));
   let n = 0;
   for (const { headers } of found) {
     for (let at = 0; at < headers.length; at += HEADER_FIELDS, n++) {
