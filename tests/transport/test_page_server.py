@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from splatwire.errors import BitstreamError
+from splatwire.transport.http import server as server_module
 from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.messages import read_request
 from splatwire.transport.http.server import CHUNK_BYTES, PageLimits, PageServer
@@ -196,8 +197,11 @@ class Stalled:
 
 
 @pytest.mark.parametrize("resets", [False, True])
-def test_readers_that_leave_a_file_that_grows_no_further_free_their_slots(resets: bool):
+def test_readers_that_leave_a_file_that_grows_no_further_free_their_slots(
+    resets: bool, monkeypatch: pytest.MonkeyPatch
+):
     """Such as a page that is loaded again and again while a live server is away."""
+    monkeypatch.setattr(server_module, "CLOSING_S", 600.0 if resets else 0.01)
 
     async def work() -> None:
         content = PageContent({"live": Stalled()})
@@ -212,6 +216,35 @@ def test_readers_that_leave_a_file_that_grows_no_further_free_their_slots(resets
                 await until(lambda: not server.num_active)
             assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 200")
 
+    run(work())
+
+
+def test_a_client_that_ends_its_sending_side_gets_a_file_while_it_grows(monkeypatch: pytest.MonkeyPatch):
+    async def discard(reader: asyncio.StreamReader) -> None:
+        await discard_all(reader)
+        has_ended.set()
+
+    class Growing:
+        """Stream file whose last piece is available once the server has read the client's end."""
+
+        async def pieces(self) -> AsyncIterator[bytes]:
+            yield b"first bytes"
+            await has_ended.wait()
+            await asyncio.sleep(0.05)  # the server has time to end the connection, which it must not
+            yield b" and the last ones"
+
+    async def work() -> None:
+        async with PageServer(PageContent({"live": Growing()}), limits=PATIENT) as server:
+            reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+            writer.write(GET % b"/streams/live.swz")
+            await reader.readuntil(b"first bytes")
+            writer.write_eof()
+            assert b"and the last ones" in await reader.read()
+            writer.close()
+
+    discard_all, has_ended = server_module._discard, asyncio.Event()
+    monkeypatch.setattr(server_module, "_discard", discard)
+    monkeypatch.setattr(server_module, "CLOSING_S", 600.0)
     run(work())
 
 

@@ -496,12 +496,12 @@ def test_transfer_survives_a_time_without_a_route_to_the_server(
 
 @pytest.mark.parametrize("route", [True, False])
 def test_deadline_ends_a_transfer_between_two_connections(monkeypatch: pytest.MonkeyPatch, route: bool) -> None:
-    opened = 0
+    opened, has_ended = 0, False
 
     def open_socket(family: Any, target: Any) -> Any:
         nonlocal opened
         opened += 1
-        if opened > 1 and not route:
+        if has_ended and not route:
             raise OSError(errno.ENETUNREACH, "Network is unreachable")
         return connected_socket(family, target)
 
@@ -513,13 +513,17 @@ def test_deadline_ends_a_transfer_between_two_connections(monkeypatch: pytest.Mo
         async with serving(ServerLimits(fixed_rate=400_000.0)) as server:
 
             def end_connections(event: Any) -> None:
+                nonlocal has_ended
                 if isinstance(event, PacketArrived):
+                    has_ended = True
                     for connection in list(server.connections):
                         connection.end(FULL, "the path is gone")
 
-            options = ReceiverOptions(deadline_s=1.0, reconnect_s=2000.0)
+            options = ReceiverOptions(deadline_s=2.0, reconnect_s=2000.0)
             receiver = await fetch(server.port, options, on_event=end_connections)
         assert receiver.finished.reason == "deadline"
+        assert has_ended
+        assert (opened > 1) == (not route)
 
     run(work())
 

@@ -118,7 +118,8 @@ def test_removed_elements_release_all_resources(stream: SceneStream) -> None:
         page.evaluate("window.containers = []; 0")
         for _ in range(3):
             page.wait_for(f"{ELEMENT}.view?.shows && {LOADED}")
-            page.evaluate(f"containers.push(new WeakRef({ELEMENT}.shadowRoot.firstElementChild)); events.length = 0; {ELEMENT}.retry()")
+            page.evaluate(f"containers.push(new WeakRef({ELEMENT}.shadowRoot.firstElementChild)); events.length = 0")
+            page.evaluate(f"{ELEMENT}.retry(); 0")
         page.wait_for(f"{ELEMENT}.view?.shows && {LOADED}")
         page.alive()  # collects garbage
         assert page.evaluate("containers.filter((container) => container.deref()).length") == 0

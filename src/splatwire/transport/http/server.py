@@ -29,6 +29,8 @@ MIN_TURN_BYTES = 1200
 """Minimum number of bytes that a response sends in one turn."""
 YIELD_S = 0.002
 """Time that a response waits while datagrams are sent first, seconds."""
+CLOSING_S = 5.0
+"""Time without new data after which a client that has ended its sending side counts as disconnected, seconds."""
 LINGER_S, LINGER_BYTES = 1.0, 1 << 22
 """Limits on reading the rest of a refused request, seconds and bytes. Unread bytes would reset the connection, and the
 client could lose the response (RFC 9112, 9.6)."""
@@ -260,9 +262,12 @@ class PageServer:
     ) -> None:
         """Sends a file while it grows, until it is complete or the client disconnects.
 
+        A client that only ends its sending side gets the file as long as it grows.
+
         Raises:
             TimeoutError: If the client reads too slowly.
-            OSError: If the client disconnects.
+            OSError: If the client disconnects, or if it ends its sending side and the file does not grow for
+                `CLOSING_S`.
         """
 
         async def write() -> None:
@@ -273,8 +278,12 @@ class PageServer:
         writing, leaving = asyncio.ensure_future(write()), asyncio.ensure_future(_discard(reader))
         try:
             await asyncio.wait((writing, leaving), return_when=asyncio.FIRST_COMPLETED)
-            if not writing.done():
-                raise ConnectionResetError("the client has disconnected")
+            num_bytes = -1
+            while not writing.done():
+                if leaving.exception() is not None or sent.num_bytes == num_bytes:
+                    raise ConnectionResetError("the client has disconnected, or has ended its sending side")
+                num_bytes = sent.num_bytes
+                await asyncio.wait((writing,), timeout=CLOSING_S)
             await writing
         finally:
             for task in (writing, leaving):

@@ -207,7 +207,7 @@ class ServedStream:
     def is_still_needed(self, index: int) -> bool:
         """Returns True if clients still need the packet with a given index in sending order.
 
-        Other packets are neither retransmitted nor sent for the first time.
+        Other packets are not retransmitted, and `still_useful` removes them from queues.
         """
         return index < len(self.packets)
 

@@ -31,8 +31,8 @@ MAX_UNREAD_BYTES = 1 << 16
 missing.
 """
 MIN_COUNTED_BYTES = 512
-"""Minimum number of bytes that a QUIC packet counts in flight. It limits the number of small packets in flight, which
-take as much memory as large ones.
+"""Minimum number of bytes that a QUIC packet of a server counts in flight. It limits the number of small packets in
+flight, which take as much memory as large ones.
 """
 MAX_UNACKNOWLEDGED = 3 * WINDOW_BYTES // (2 * MIN_COUNTED_BYTES)
 """Maximum number of sent QUIC packets per connection that wait for an acknowledgement: 1.5 times the packets that may
@@ -47,7 +47,7 @@ MIN_FRAGMENT_BYTES = 16
 """Minimum number of bytes that a fragment of a frame counts towards `MAX_OUTSIDE_BYTES`."""
 MAX_STREAMS = 16
 """Maximum number of open QUIC streams per client and direction."""
-RATE_CONTROL = "splatwire"
+RATE_CONTROL, CLIENT_RATE_CONTROL = "splatwire", "splatwire client"
 MAX_PROBE_INTERVAL_S = 0.4
 """Time up to which the interval of QUIC's probes (PTO) doubles with each probe, seconds. On paths with long round
 trips, the interval may be longer; it then doubles `MIN_BACKOFF` times.
@@ -163,40 +163,40 @@ def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:
         max_datagram_frame_size=MAX_DATAGRAM_FRAME,
         max_data=WINDOW_BYTES if is_client else 1 << 18,
         max_stream_data=WINDOW_BYTES if is_client else 1 << 16,
-        congestion_control_algorithm=RATE_CONTROL,
+        congestion_control_algorithm=CLIENT_RATE_CONTROL if is_client else RATE_CONTROL,
     )
-
-
-def _counted_bytes(packet: Any) -> int:
-    """Returns the number of bytes by which a sent packet increases aioquic's bytes in flight."""
-    return max(int(packet.sent_bytes), MIN_COUNTED_BYTES)
 
 
 @functools.cache
 def _register_rate_control() -> None:
-    """Registers a congestion controller in aioquic that limits the bytes in flight by the measured delivery rate."""
+    """Registers congestion controllers in aioquic that limit the bytes in flight by the measured delivery rate.
+
+    There is one for servers and one for clients.
+    """
 
     # QUIC's usual controllers would reduce the rate at every random loss. `pacing.RateControl` sets the sending rate of
     # datagrams; this limit also covers the reliable stream and QUIC's retransmissions.
     class Bounded(QuicCongestionControl):
+        min_counted_bytes = MIN_COUNTED_BYTES
+
         def __init__(self, *, max_datagram_size: int) -> None:
             super().__init__(max_datagram_size=max_datagram_size)
             self._window = DeliveryRateWindow()
             self.congestion_window = int(self._window.bytes)
 
         def on_packet_acked(self, *, now: float, packet: Any) -> None:
-            self.bytes_in_flight -= _counted_bytes(packet)
-            self._window.on_acked(now, float(_counted_bytes(packet)), now - packet.sent_time)
+            self.bytes_in_flight -= self._counted_bytes(packet)
+            self._window.on_acked(now, float(self._counted_bytes(packet)), now - packet.sent_time)
             self.congestion_window = min(int(self._window.bytes), WINDOW_BYTES)
 
         def on_packet_sent(self, *, packet: Any) -> None:
-            self.bytes_in_flight += _counted_bytes(packet)
+            self.bytes_in_flight += self._counted_bytes(packet)
 
         def on_packets_expired(self, *, packets: Iterable[Any]) -> None:
-            self.bytes_in_flight -= sum(map(_counted_bytes, packets))
+            self.bytes_in_flight -= sum(map(self._counted_bytes, packets))
 
         def on_packets_lost(self, *, now: float, packets: Iterable[Any]) -> None:
-            self.bytes_in_flight -= sum(map(_counted_bytes, packets))
+            self.bytes_in_flight -= sum(map(self._counted_bytes, packets))
 
         def on_persistent_congestion(self) -> None:
             pass  # the server's feedback timeout ends the transfer
@@ -204,5 +204,12 @@ def _register_rate_control() -> None:
         def on_rtt_measurement(self, *, now: float, rtt: float) -> None:
             pass
 
+        def _counted_bytes(self, packet: Any) -> int:
+            return max(int(packet.sent_bytes), self.min_counted_bytes)
+
+    class BoundedClient(Bounded):
+        min_counted_bytes = 0  # a client has few packets in flight, and its small reports must not wait
+
     register_congestion_control(RATE_CONTROL, Bounded)
+    register_congestion_control(CLIENT_RATE_CONTROL, BoundedClient)
     logging.getLogger("quic").addHandler(logging.NullHandler())  # errors are reported as events, not printed

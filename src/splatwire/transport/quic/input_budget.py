@@ -15,10 +15,12 @@ Acknowledgements and reports of a transfer need time, too.
 """
 START_CREDIT_S, MAX_CREDIT_S = 0.05, 0.25
 """Unused processor time of a connection: at most after its handshake, and the maximum, seconds."""
-START_SHARE, MAX_START_CREDIT_S = 0.05, 0.5
-"""Start credits of all new connections of one network together: share of a processor core, and the maximum that is
-saved, seconds. Without start credit, a new connection waits some milliseconds for its share.
+START_SHARE = 0.05
+"""Start credits of all new connections of one network together, as a share of a processor core. Without start credit, a
+new connection waits some milliseconds for its share.
 """
+MAX_START_CREDIT_S = 0.5
+"""Maximum processor time for start credits that a network saves, seconds."""
 MIN_HANDSHAKE_SHARE, MAX_HANDSHAKE_SHARE = 0.05, 0.3
 """Handshakes of one network together: minimum and maximum share of a processor core."""
 CONNECTION_HANDSHAKE_SHARE = 0.0015
