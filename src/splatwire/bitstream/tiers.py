@@ -106,13 +106,13 @@ def _lanes(packetization: Packetization, num_elements: int) -> int:
 
 @checked
 def tier_order(tiers: np.ndarray) -> np.ndarray:
-    """Sorts elements by importance tier, and within a tier in coding order.
+    """Sorts elements by importance tier. Elements of one tier keep their order.
 
     Args:
-        tiers: Tier of each element in coding order, N.
+        tiers: Tier of each element, N.
 
     Returns:
-        Entry i is the index in coding order of the i-th element in sorted order, int64, N.
+        Entry i is the original index of the i-th element in sorted order, int64, N.
     """
     return np.argsort(array_of(tiers, "tiers", ("N",), "i"), kind="stable").astype(np.int64)
 

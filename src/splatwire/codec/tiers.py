@@ -64,9 +64,9 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def assign_stream_packets(stream: SceneStream) -> PacketAssignment:
-    """Assigns each anchor of a stream to its received packet, or to a gap if its packet is lost.
+    """Assigns each element of a stream to its received packet, or to a gap if its packet is lost.
 
-    In the result, anchors are given by their index in coding order.
+    In the result, elements are given by their index before sorting by importance tier.
 
     Raises:
         BitstreamError: If the side information is damaged.

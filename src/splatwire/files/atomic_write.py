@@ -36,11 +36,12 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> Iterator[Path]:
     """Yields a temporary path for a file or folder, which replaces the target atomically on success.
 
-    A folder cannot be replaced in a single step. The old folder is therefore renamed first, and the path does not exist
-    for a moment. An empty folder is replaced in a single step, by a folder with the same owner and permissions. An
-    empty folder that is the working directory or a mounted disk, or whose parent folder is read-only, is kept, and the
-    new content is moved into it. If the program is killed during this move, `is_unfinished` returns True for the
-    folder, and the next writer in the folder finishes the move.
+    A folder cannot be replaced in a single step. The old folder is therefore renamed first, and the path does not
+    exist for a moment. An empty folder is replaced in a single step, by a folder with the same owner and permissions.
+    An empty folder is kept, and the new content is moved into it, if the folder is the working directory or a mounted
+    disk, if its parent folder is read-only, or if new files in it inherit its group or access rules. If the program
+    is killed during this move, `is_unfinished` returns True for the folder, and the next writer in the folder
+    finishes the move.
 
     Args:
         target: Path of the output. For a symbolic link, the file it refers to is replaced.
@@ -104,8 +105,8 @@ def atomic_files(folder: str | os.PathLike[str], last: str) -> Iterator[Path]:
     """Yields a temporary folder; on success, its files replace those of the same names in a folder.
 
     Other files of the folder are kept. The file `last` marks the folder as complete. An older file `last` is removed
-    before the first file is replaced, and the new one is moved into the folder after all other files. A new or empty
-    folder gets all files at once (see `atomic_output`).
+    before the first file is replaced, and the new one is moved into the folder after all other files. A new
+    folder, or an empty one that may be replaced, gets all files at once (see `atomic_output`).
 
     Args:
         folder: The folder.
@@ -152,7 +153,7 @@ def _replace_files(new: Path, target: Path, last: str) -> None:
 
 
 def is_unfinished(folder: Path) -> bool:
-    """True if a program was killed while it moved its output into a folder (see `atomic_output`).
+    """True while a program moves its output into a folder, or if it was killed meanwhile (see `atomic_output`).
 
     Raises:
         OSError: If the folder cannot be listed.

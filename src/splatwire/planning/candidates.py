@@ -43,7 +43,7 @@ are bundled.
 """
 PLAIN_INIT_UNTIL = 0.7
 MAX_REPAIR = 2.0
-_ALIKE_STEPS = 50
+_EQUAL_REPAIR_STEPS = 50
 _NEARLY = 0.95
 """If the budget truncates a transfer, all repair symbols are sent within this fraction of the sent bytes."""
 
@@ -149,13 +149,13 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanC
     mixed = 1.0 if load.num_tiers > 1 else 0.0
 
     def equal_repair(step: int) -> Protection:
-        repair = step / _ALIKE_STEPS
+        repair = step / _EQUAL_REPAIR_STEPS
         return Protection(init_repair=repair, init_until=1.0, tier_repair=(repair,) * load.num_tiers, tier_spread=mixed)
 
     def size(step: int) -> int:
         return int(model_transfer(load, equal_repair(step)).num_bytes.sum())
 
-    steps = range(int(MAX_REPAIR * _ALIKE_STEPS) + 1)
+    steps = range(int(MAX_REPAIR * _EQUAL_REPAIR_STEPS) + 1)
     whole = equal_repair(max(bisect.bisect_right(steps, constraints.budget_bytes, key=size) - 1, 0))
     rate = min(1 - float(traces.mean()), 0.95)
     return {

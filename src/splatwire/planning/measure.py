@@ -237,7 +237,7 @@ def measured_variant(
 def packet_members(stream: SceneStream) -> list[np.ndarray]:
     """Returns the indices of the elements in each packet; packets are in sending order.
 
-    An index is the position of an element in the coding order.
+    Indices are those before sorting by importance tier.
     """
     members, packets = assign_stream_packets(stream)
     parts = [members.indices[a:b].copy() for a, b in itertools.pairwise(members.starts)]

@@ -34,7 +34,7 @@ def _mean_psnr(a: np.ndarray, b: np.ndarray) -> float:
     return float(psnr(a, b).mean())
 
 
-def test_visible_slots_equal_the_drawn_gaussians() -> None:
+def test_possible_gaussians_with_opacity_equal_the_drawn_ones() -> None:
     scene, cameras = tiny_scene(), tiny_cameras()
     center = cameras.centers[0].astype(np.float32)
     possible = possible_gaussians(scene)

@@ -199,7 +199,7 @@ export class SplatWire extends Base {
     return this.#playback.paused;
   }
 
-  /** Time of a clip's frame requested last, seconds. Setting it shows that frame and pauses. */
+  /** Time of the frame of a clip that was requested last, seconds. Setting it shows that frame and pauses. */
   get currentTime(): number {
     return this.#playback.currentTime;
   }

@@ -16,7 +16,7 @@ export abstract class PlayerBase {
   readonly element = createElement("fieldset", { class: "player", part: "player", "aria-label": "player" });
   protected readonly button = iconButton("play", "play");
   protected readonly label = createElement("output");
-  /** Frame requested last. */
+  /** Frame that was requested last. */
   protected number = 0;
   #isPlaying = false;
   #isVisible = true;
@@ -42,7 +42,7 @@ export abstract class PlayerBase {
     return this.#isPlaying;
   }
 
-  /** Time of the frame requested last, seconds. */
+  /** Time of the frame that was requested last, seconds. */
   get time(): number {
     return Math.max(this.number, 0) / this.rate;
   }

@@ -76,7 +76,7 @@ export class SequencePlayback {
     return !(this.#player?.started ?? this.wanted.playing);
   }
 
-  /** Time of the frame requested last, seconds; 0 for a still. */
+  /** Time of the frame that was requested last, seconds; 0 for a still. */
   get currentTime(): number {
     return this.#player?.time ?? this.wanted.time ?? 0;
   }

@@ -29,7 +29,7 @@ PADDING_CELL = np.float32(-(1 << 13))
 """Coordinate of the padding before the first Gaussian, whose squared distances exceed `DISTANCE_LIMIT`."""
 MAX_KEY = np.int32(0x7FFFFFFF)
 _AGE_BITS = np.int32(6)
-"""Number of low bits of a key that contain the distance in coding order."""
+"""Number of low bits of a key that contain the distance in packet order."""
 _AGE_MASK = np.int64(WINDOW - 1)
 LUMA_VALUE, CLASS_VALUE = np.int64(4), np.int64(7)
 """Columns of luma and class in `Neighbours.values`. Columns 0 to 3 are those from `OPACITY` to `FLATNESS` of a row."""
@@ -41,12 +41,12 @@ BIT_LENGTHS = np.array([value.bit_length() for value in range(256)], dtype=np.in
 class Neighbours(NamedTuple):
     """Working arrays for finding the neighbours of a Gaussian in its packet, and for predicting its attributes.
 
-    Only Gaussians that precede it in coding order can be neighbours.
+    Only Gaussians that precede it in packet order can be neighbours.
 
     Attributes:
         cells: int64 (3, n), grid cells of the packet's n Gaussians.
         narrow: float32 (3, `WINDOW` + n), the same cells for a faster search; the first columns are padding.
-        keys: int32 (`WINDOW`), sort key of each preceding Gaussian: squared distance, then distance in coding order.
+        keys: int32 (`WINDOW`), sort key of each preceding Gaussian: squared distance, then distance in packet order.
         close: int32 (`WINDOW` + 1), keys of the candidates for neighbours.
         group_minima: int32 (`NUM_GROUPS`), smallest key of each group of `WINDOW / NUM_GROUPS` preceding Gaussians.
         indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.

@@ -285,7 +285,7 @@ class SourceScene:
         return positions, codes, cell_shift, sources.sort_cells(codes, 3 * (cell_shift - dropped_bits), self.contiguous)
 
     def packet_order(self, block: int, info: SideInfo, counts: np.ndarray) -> np.ndarray:
-        """Returns a block's Gaussians in coded order: packet by packet, and along a Morton curve within a packet.
+        """Returns a block's Gaussians in packet order: packet by packet, and along a Morton curve within a packet.
 
         The i-th Gaussian in this order gets the plan index `PacketPlan.block_indices(block)[i]`, its index in the
         decoded scene.
@@ -411,7 +411,6 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     They are the steps of a Gaussian with scales (relative to the scene's size) and opacity 1. The step of the largest
     scale is adapted to the mean scale of the Gaussians.
     """
-    # The step of the largest scale is adapted to the mean scale of the scene's Gaussians.
     base_exponents = quality.base_exponents(splats.degree)
     parts = list(chunks(splats.scales))
     min_size = np.float32(2.0 ** (size_log - POINT_OCTAVES))

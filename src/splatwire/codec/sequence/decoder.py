@@ -181,7 +181,7 @@ class TracksDecoder:
 
         Args:
             block: Index of the block.
-            packets: The packets, in coding order.
+            packets: The packets, in the order of their indices in the block.
         """
         self._motion_packets[block] = packets
         self._block_bytes[block] = sum(packet.num_bytes for packet in packets)

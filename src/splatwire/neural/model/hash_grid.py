@@ -68,8 +68,6 @@ def _row_terms(corners: Int64[Tensor, "N dims 2"], resolution: int, num_rows: in
         resolution: Number of grid points along each axis.
         num_rows: Number of rows of the table.
     """
-    # `corners` has the coordinates of the lower and the upper neighbour along each axis. If the table has a row for
-    # every grid point, the index is the sum of the terms. Otherwise it is their XOR, modulo the number of rows.
     dims = corners.shape[1]
     strides = [resolution**d for d in range(dims)]
     factors = strides if _is_dense(resolution, dims, num_rows) else list(_PRIMES[:dims])

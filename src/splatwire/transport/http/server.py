@@ -30,7 +30,7 @@ MIN_TURN_BYTES = 1200
 YIELD_S = 0.002
 """Time that a response waits while datagrams are sent first, seconds."""
 CLOSING_S = 5.0
-"""Time without new data after which a client that has ended its sending side counts as disconnected, seconds."""
+"""Time without written data after which a client that has ended its sending side counts as disconnected, seconds."""
 LINGER_S, LINGER_BYTES = 1.0, 1 << 22
 """Limits on reading the rest of a refused request, seconds and bytes. Unread bytes would reset the connection, and the
 client could lose the response (RFC 9112, 9.6)."""
@@ -262,11 +262,11 @@ class PageServer:
     ) -> None:
         """Sends a file while it grows, until it is complete or the client disconnects.
 
-        A client that only ends its sending side gets the file as long as it grows.
+        A client that only ends its sending side gets the file as long as it grows and the client reads fast enough.
 
         Raises:
             TimeoutError: If the client reads too slowly.
-            OSError: If the client disconnects, or if it ends its sending side and the file does not grow for
+            OSError: If the client disconnects, or if it ends its sending side and nothing could be written for
                 `CLOSING_S`.
         """
 

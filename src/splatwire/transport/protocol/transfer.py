@@ -55,8 +55,8 @@ PROBE_AFTER_S, PROBE_INTERVAL_S = 1.0, 0.1
 A probe is a small datagram (a welcome without preview). If only probes arrive, the path drops large datagrams.
 """
 MIN_UNREPORTED = 8
-"""Two limits: number of datagrams of any size sent after the last reported one, from which on probes are sent; and
-number of lost large datagrams from which on the log says that only small ones arrive.
+"""Probes are sent if at least this many datagrams were sent after the last reported one. The log says that only small
+datagrams arrive if at least this many large ones were lost.
 """
 MIN_PROBES = 20
 """Number of probes after which the log says that nothing arrives."""

@@ -15,8 +15,8 @@ from splatwire.neural.training.kernels import Uniform
 from splatwire.ops.quaternions import rotation_rows
 
 MAX_COPIES = 51
-"""Number of copies above which opacity and size are computed as for this number, because the sums are less exact for
-more copies. The number of copies itself has no limit.
+"""Maximum number of copies in the formulas of opacity and size. For more copies they use this number, because the sums
+become less exact.
 """
 _MIN_OPACITY, _MAX_OPACITY = 0.005, 1 - 1e-6
 _NOISE_STEEPNESS, _NOISE_OPACITY = 100.0, 0.005
