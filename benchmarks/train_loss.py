@@ -190,7 +190,7 @@ def main() -> None:
     iterations = arguments.iterations or (720 if arguments.init else 2400)
     config = create_config(
         **recipe, model=arguments.model, iterations=iterations, refine_steps=arguments.refine, lmbda=arguments.lmbda,
-        losses=tuple(arguments.loss), seed=arguments.seed,
+        packet_losses=tuple(arguments.loss), seed=arguments.seed,
     )  # fmt: skip
     packet_loss = config.packet_loss
     if arguments.share is not None:

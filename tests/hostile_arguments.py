@@ -62,7 +62,7 @@ NAMES = {
 """Names of packages that export none: each with its module."""
 RESULTS = frozenset(
     ("Attribute", "Scene", "LossModel", "Concealer", "Renderer", "SplatwireError", "ReadReport", "StreamSizes",
-     "TransmitRecord", "TrackingReport", "PacketAssignment", "PacketBatch", "Cut", "MovingSplats", "SceneFile",
+     "TransmitRecord", "TrackingReport", "PacketAssignment", "PacketBatch", "Cut", "MovingSplats", "LoadedScene",
      "SequenceFrame",
      "Pictures", "Scores", "Event", "Finished", "PacketArrived", "SideInfoArrived", "StreamReplaced", "Welcomed",
      "ServedStream", "Progress", "QualityReport", "TrainResult", "GnnWeights", "TrainingServer")

@@ -39,7 +39,7 @@ from splatwire.codec.weight_bytes import framed
 from splatwire.codec.weights import QuantisedLinear, QuantisedMlp
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.types import AnchorLayout
-from splatwire.types.anchor_config import HashGridConfig, ModelConfig
+from splatwire.types.anchor_config import HacppConfig, HashGridConfig
 from splatwire.types.causal_coding import CausalConfig
 from splatwire.types.sequence_scene import Timeline
 
@@ -159,7 +159,7 @@ def of_hacpp(
 ) -> SceneStream:
     """Anchors of format 1, one per bit, all at one position; networks of zeros."""
     grid = HashGridConfig(4, (18, 24), (130,), 13, 15)
-    config, head, features = ModelConfig(layout, grid), layout.feature_dim + 4, layout.feature_dim
+    config, head, features = HacppConfig(layout, grid), layout.feature_dim + 4, layout.feature_dim
     before = np.cumsum([0, *layout.feature_groups]).tolist()
     rows, num = sum(grid.rows(3)) + 3 * sum(grid.rows(2)), 8 * position_bytes
     corner = np.ones(3, dtype=np.float32)

@@ -8,7 +8,7 @@ from splatwire.metrics.ssim import SIGMA, WINDOW
 def photometric_loss_reference(
     image: torch.Tensor, photo: torch.Tensor, dssim: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Value of `splatwire.neural.training.losses.photometric_loss`."""
+    """Value of `splatwire.neural.training.photometric_loss.photometric_loss`."""
     error = (image - photo).abs().mean()
     return (1 - dssim) * error + dssim * (1 - structural_similarity(image, photo)), error.detach()
 

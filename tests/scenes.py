@@ -16,18 +16,18 @@ from splatwire.types import (
     Cameras,
     CausalCoding,
     CausalConfig,
-    ContextModel,
     GaussianHeads,
     HacppCoding,
+    HacppConfig,
+    HacppContextModel,
     HashGrid,
     HashGridConfig,
     Linear,
     Mlp,
-    ModelConfig,
 )
 from splatwire.types.prior import MIN_SCALE
 
-SMALL_CONFIG = ModelConfig(
+SMALL_CONFIG = HacppConfig(
     AnchorLayout(feature_dim=12, num_offsets=4, feature_groups=(4, 4, 4)),
     HashGridConfig(features_per_level=4, resolutions_3d=(6, 10), resolutions_2d=(12,), log2_rows_3d=8, log2_rows_2d=8),
 )
@@ -38,13 +38,13 @@ HALF_SIDE = 48
 """Anchors lie within this many voxels of the origin."""
 
 
-def tiny_scene(seed: int = 0, num_anchors: int = 300, config: ModelConfig = SMALL_CONFIG) -> AnchorScene:
+def tiny_scene(seed: int = 0, num_anchors: int = 300, config: HacppConfig = SMALL_CONFIG) -> AnchorScene:
     """Creates a scene of random anchors with attributes drawn from its random context model.
 
     Args:
         seed: Seed of all random choices.
         num_anchors: Anchors, all at different voxels of a cube around the origin; each has at least one offset.
-        config: Shape of the model; `ModelConfig()` gives the full size.
+        config: Shape of the model; `HacppConfig()` gives the full size.
     """
     rng = Numbers(seed)
     voxels = _voxels(num_anchors, rng)
@@ -87,7 +87,7 @@ def _mlp(inputs: int, hidden: int, outputs: int, rng: Numbers, slope: float = 0.
     return Mlp(_linear(inputs, hidden, rng), _linear(hidden, outputs, rng, gain), slope)
 
 
-def _context(config: ModelConfig, rng: Numbers) -> ContextModel:
+def _context(config: HacppConfig, rng: Numbers) -> HacppContextModel:
     layout, grid = config.layout, config.grid
 
     def signs(*shape: int) -> np.ndarray:
@@ -102,7 +102,7 @@ def _context(config: ModelConfig, rng: Numbers) -> ContextModel:
         _with_positive_scales(_mlp(b + 3 * layout.feature_dim, 24, 3 * size, rng, 0.01, 0.5), slice(size, 2 * size))
         for b, size in zip(before, layout.feature_groups, strict=True)
     )
-    return ContextModel(tables, prior, channel)
+    return HacppContextModel(tables, prior, channel)
 
 
 def _with_positive_scales(network: Mlp, columns: slice, center: float = 2.0) -> Mlp:
@@ -111,7 +111,7 @@ def _with_positive_scales(network: Mlp, columns: slice, center: float = 2.0) -> 
     return Mlp(network.hidden, Linear(network.output.weight, bias), network.negative_slope)
 
 
-def _prior_network(config: ModelConfig, rng: Numbers) -> Mlp:
+def _prior_network(config: HacppConfig, rng: Numbers) -> Mlp:
     """A random prior with scalings and offsets of the size of a scene of this extent."""
     features, offsets = config.layout.feature_dim, 3 * config.layout.num_offsets
     widths = [features] * 3 + [6] * 2 + [offsets] * 2 + [3]
@@ -123,7 +123,7 @@ def _prior_network(config: ModelConfig, rng: Numbers) -> Mlp:
     return Mlp(network.hidden, output)
 
 
-def _anchors(voxels: np.ndarray, context: ContextModel, config: ModelConfig, rng: Numbers) -> Anchors:
+def _anchors(voxels: np.ndarray, context: HacppContextModel, config: HacppConfig, rng: Numbers) -> Anchors:
     """Draws attributes from the prior and channel networks and rounds them to their steps, like a decoder."""
     num, layout, grid, columns = len(voxels), config.layout, context.grid, prior_columns(config)
     units = unit_coordinates(voxels, VOXEL_SIZE, grid.bounds_min, grid.bounds_max)
@@ -158,7 +158,7 @@ def _rounded(values: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.rint(values / step) * step
 
 
-def _heads(config: ModelConfig | CausalConfig, rng: Numbers) -> GaussianHeads:
+def _heads(config: HacppConfig | CausalConfig, rng: Numbers) -> GaussianHeads:
     inputs, offsets = config.layout.feature_dim + 4, config.layout.num_offsets
     opacity = _mlp(inputs, 16, offsets, rng)
     opacity = Mlp(opacity.hidden, Linear(opacity.output.weight, opacity.output.bias + np.float32(0.8)))

@@ -8,22 +8,22 @@ from splatwire.types import (
     Anchors,
     AnchorScene,
     AttributePrior,
-    ContextModel,
     GaussianHeads,
     HacppCoding,
+    HacppConfig,
+    HacppContextModel,
     HashGrid,
     HashGridConfig,
     Linear,
     LossMask,
     Mlp,
-    ModelConfig,
     Prior,
     ReceivedScene,
     RenderHints,
 )
 
 GRID = HashGridConfig(2, (6, 11, 20), (9, 33), 8, 9)
-TINY = ModelConfig(AnchorLayout(5, 3, (2, 3)), GRID, (1.0, 0.001, 0.2))
+TINY = HacppConfig(AnchorLayout(5, 3, (2, 3)), GRID, (1.0, 0.001, 0.2))
 VOXEL_SIZE = 0.013
 
 
@@ -53,7 +53,7 @@ def tiny_scene() -> AnchorScene:
     low, high = np.full(3, -2, np.float32), np.full(3, 3.5, np.float32)
     grid = HashGrid(signs(sum(GRID.rows(3)), 2), signs(3, sum(GRID.rows(2)), 2), low, high)
     channel = (mlp(15, 6, 0.01), mlp(17, 9, 0.01))
-    context = ContextModel(grid, mlp(GRID.context_dim, TINY.prior_dim), channel)
+    context = HacppContextModel(grid, mlp(GRID.context_dim, TINY.prior_dim), channel)
     heads = GaussianHeads(mlp(9, 3), mlp(9, 21), mlp(9, 9))
     return AnchorScene(anchors, heads, HacppCoding(context, VOXEL_SIZE, TINY))
 

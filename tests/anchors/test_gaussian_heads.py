@@ -44,13 +44,13 @@ def make_cameras() -> Cameras:
 
 def make_scene(hints: RenderHints | None = None):  # type: ignore[no-untyped-def]
     """Scene without a context model, which rendering does not use."""
-    from splatwire.types import AnchorScene, ContextModel, HashGrid, ModelConfig
+    from splatwire.types import AnchorScene, HacppConfig, HacppContextModel, HashGrid
 
     heads = make_heads()
     table = torch.ones(1, 1, dtype=torch.int8)
     grid = HashGrid(table, table[None].repeat(3, 1, 1), torch.zeros(3), torch.ones(3))
     return AnchorScene(
-        make_anchors(), heads, HacppCoding(ContextModel(grid, heads.opacity, ()), 0.01, ModelConfig()), hints
+        make_anchors(), heads, HacppCoding(HacppContextModel(grid, heads.opacity, ()), 0.01, HacppConfig()), hints
     )
 
 

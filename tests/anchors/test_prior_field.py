@@ -8,10 +8,10 @@ import torch
 from reference.float_prior import channel_parameters, evaluate_prior, interpolate_hash_grid
 from splatwire.neural.model.prior_field import split_prior_outputs
 from splatwire.neural.model.tensors import run_network
-from splatwire.types import ContextModel, HashGrid, Linear, Mlp, ModelConfig
+from splatwire.types import HacppConfig, HacppContextModel, HashGrid, Linear, Mlp
 
 DATA = Path(os.environ.get("SPLATWIRE_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
-CONFIG = ModelConfig()
+CONFIG = HacppConfig()
 
 
 def official_mlp(decoded, prefix: str, slope: float = 0.0) -> Mlp:
@@ -35,7 +35,7 @@ def official():
         torch.from_numpy(decoded["x_bound_max"][0]),
     )
     channel = tuple(official_mlp(decoded, f"mlp_deform.MLP_d{i}", 0.01) for i in range(5))
-    context = ContextModel(grid, official_mlp(decoded, "mlp_grid"), channel)
+    context = HacppContextModel(grid, official_mlp(decoded, "mlp_grid"), channel)
     # The official positions are a product of two float32; the trace depends on the last bit.
     positions = torch.from_numpy(decoded["anchor_int"][:3000].astype(np.float32)) * float(decoded["voxel_size"])
     return context, positions, {k: torch.from_numpy(v) for k, v in trace.items() if k.startswith("b0_")}
@@ -84,7 +84,7 @@ def test_scales_are_positive_and_steps_stay_in_their_range():
     signs = torch.randint(0, 2, (sum(CONFIG.grid.rows(3)), 4), generator=generator, dtype=torch.int8) * 2 - 1
     planes = torch.randint(0, 2, (3, sum(CONFIG.grid.rows(2)), 4), generator=generator, dtype=torch.int8) * 2 - 1
     grid = HashGrid(signs, planes, torch.zeros(3), torch.ones(3))
-    context = ContextModel(grid, Mlp(linear(100, 96), linear(225, 100)), ())
+    context = HacppContextModel(grid, Mlp(linear(100, 96), linear(225, 100)), ())
     prior = evaluate_prior(context, torch.rand(40000, 3, generator=generator), CONFIG)
     assert prior.context_features.shape == (40000, 96)
     for attribute, base in ((prior.feature, 1.0), (prior.scaling, 0.001), (prior.offset, 0.2)):
@@ -99,7 +99,7 @@ def test_channel_context_refuses_the_wrong_number_of_decoded_channels():
     network = Mlp(Linear(torch.zeros(4, 160), torch.zeros(4)), Linear(torch.zeros(30, 4), torch.zeros(30)), 0.01)
     signs = torch.ones(8, 4, dtype=torch.int8)
     grid = HashGrid(signs, signs.expand(3, -1, -1), torch.zeros(3), torch.ones(3))
-    context = ContextModel(grid, network, (network, network))
+    context = HacppContextModel(grid, network, (network, network))
     outputs = split_prior_outputs(torch.zeros(2, 225), CONFIG)
     with pytest.raises(ValueError, match="group 1 follows 10 channels, not 9"):
         channel_parameters(context, 1, torch.zeros(2, 9), outputs)

@@ -14,7 +14,7 @@ from splatwire.bitstream.limits import SCHEMAS
 from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
 from splatwire.codec.registry import schema_named
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
-from splatwire.types import AnchorScene, ModelConfig, Prior
+from splatwire.types import AnchorScene, HacppConfig, Prior
 
 PACKETIZATION = Packetization(block_size=100, lanes=4)
 GOLDEN = Path(__file__).parent.parent / "golden" / "tiny.swz"
@@ -97,7 +97,7 @@ def test_encoding_is_repeatable_and_order_of_input_does_not_matter(scene: Anchor
 
 
 def test_full_size_model_round_trips() -> None:
-    scene = tiny_scene(seed=1, num_anchors=150, config=ModelConfig())
+    scene = tiny_scene(seed=1, num_anchors=150, config=HacppConfig())
     received = decode_stream(encode_scene(scene))
     assert np.array_equal(received.scene.anchors.mask, scene_in_order(scene, "morton").anchors.mask)
 

@@ -11,14 +11,14 @@ from splatwire.types import (
     Anchors,
     AnchorScene,
     AttributePrior,
-    ContextModel,
     GaussianHeads,
     HacppCoding,
+    HacppConfig,
+    HacppContextModel,
     HashGrid,
     Linear,
     LossMask,
     Mlp,
-    ModelConfig,
     Prior,
     ReceivedScene,
     SplatScene,
@@ -70,11 +70,11 @@ def partial_of(anchors: Anchors, loss_mask: LossMask, *records: Any) -> Received
         Linear(np.zeros((1, 1), np.float32), np.zeros(1, np.float32)),
     )
     signs = np.ones((1, 1), np.int8)
-    model = ContextModel(
+    model = HacppContextModel(
         HashGrid(signs, np.ones((3, 1, 1), np.int8), np.zeros(3, np.float32), np.ones(3, np.float32)), mlp, (mlp,)
     )
     layout = next(record for record in records if isinstance(record, AnchorLayout))
-    coding = HacppCoding(model, 0.001, ModelConfig(layout=layout))
+    coding = HacppCoding(model, 0.001, HacppConfig(layout=layout))
     return ReceivedScene(AnchorScene(anchors, GaussianHeads(mlp, mlp, mlp), coding), loss_mask, {}, records)
 
 

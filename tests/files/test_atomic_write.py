@@ -3,7 +3,9 @@
 import errno
 import itertools
 import os
+import shutil
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -282,6 +284,59 @@ def test_files_keep_those_of_a_program_that_filled_the_folder_meanwhile(tmp_path
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("keeps", [False, True])
+def test_files_are_added_to_a_folder_that_was_empty_and_that_a_program_filled_meanwhile(tmp_path, monkeypatch, keeps):
+    monkeypatch.setattr(whole, "_must_be_kept", lambda _: keeps)
+    target = tmp_path / "a"
+    target.mkdir()
+    with atomic_files(target, "last") as new:
+        for name in ("x", "last"):
+            (new / name).write_bytes(b"ours")
+        for name in ("x", "y"):
+            (target / name).write_bytes(b"theirs")
+    assert {path.name: path.read_bytes() for path in target.iterdir()} == {
+        "x": b"ours", "y": b"theirs", "last": b"ours"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES])
+def test_errors_of_a_copy_into_an_existing_folder_keep_their_cause(tmp_path, monkeypatch, code):
+    target = tmp_path / "a"
+    target.mkdir()
+
+    def refuse(path, to):
+        raise OSError(errno.EBUSY, "busy")
+
+    def fail(source, into):
+        raise shutil.Error([("a", "b", str(OSError(code, os.strerror(code), "b")))])
+
+    monkeypatch.setattr(Path, "rename", refuse)
+    monkeypatch.setattr(shutil, "copytree", fail)
+    expected = errno.EIO if code == errno.EACCES else code
+    with pytest.raises(OSError, match=f"^\\[Errno {expected}\\]"), atomic_output(target) as new:
+        new.mkdir()
+    assert not os.listdir(target)
+
+
+def test_an_empty_folder_with_access_rules_for_new_files_is_kept(tmp_path):
+    target = tmp_path / "a"
+    target.mkdir()
+    # version 2 and the rules of user, group and others (acl(5)): rwx, rwx, r-x
+    rules = struct.pack("<I", 2) + b"".join(
+        struct.pack("<HHI", kind, allowed, 0xFFFFFFFF) for kind, allowed in ((1, 7), (4, 7), (32, 5))
+    )
+    try:
+        os.setxattr(target, "system.posix_acl_default", rules)
+    except OSError:
+        pytest.skip("the file system has no access control lists")
+    number = target.stat().st_ino
+    with atomic_output(target) as new:
+        new.mkdir()
+        (new / "x").write_bytes(b"x")
+    assert target.stat().st_ino == number
+    assert os.listdir(target) == ["x"]
+
+
 def test_an_empty_folder_whose_group_is_inherited_is_kept(tmp_path):
     target = tmp_path / "a"
     target.mkdir()
@@ -300,6 +355,20 @@ def test_what_cannot_be_moved_stays_for_the_next_writer(half_filled, monkeypatch
 
     with monkeypatch.context() as patched:
         patched.setattr(os, "rename", refused)
+        remove_unfinished(half_filled)
+    assert is_unfinished(half_filled)
+    remove_unfinished(half_filled)
+    assert sorted(os.listdir(half_filled)) == ["x", "y"]
+
+
+def test_what_cannot_be_listed_stays_for_the_next_writer(half_filled, monkeypatch):
+    def refused(folder):
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    with monkeypatch.context() as patched:
+        scandir = os.scandir
+        # only the first folder, the output itself, can be listed
+        patched.setattr(os, "scandir", lambda path: patched.setattr(os, "scandir", refused) or scandir(path))
         remove_unfinished(half_filled)
     assert is_unfinished(half_filled)
     remove_unfinished(half_filled)

@@ -11,8 +11,8 @@ from torch.nn.functional import embedding_bag
 from splatwire.neural.model.hash_grid import corner_rows, unit_coordinates
 from splatwire.neural.model.prior_field import PriorOutputs, split_prior_outputs
 from splatwire.neural.model.tensors import run_network
-from splatwire.types.anchor_config import PLANES, HashGridConfig, ModelConfig
-from splatwire.types.anchor_scene import ContextModel, HashGrid
+from splatwire.types.anchor_config import PLANES, HacppConfig, HashGridConfig
+from splatwire.types.anchor_scene import HacppContextModel, HashGrid
 from splatwire.types.prior import MIN_SCALE, AttributePrior, Prior
 
 _CHUNK = 32768
@@ -78,7 +78,7 @@ def _interpolate_levels(
     return torch.cat(levels, dim=1)
 
 
-def prior_of(outputs: PriorOutputs, context: Float[Tensor, "N H"], config: ModelConfig) -> Prior:
+def prior_of(outputs: PriorOutputs, context: Float[Tensor, "N H"], config: HacppConfig) -> Prior:
     """Converts outputs of the prior network to distributions and quantisation steps of attributes; differentiable.
 
     A quantisation step is `base * (1 + tanh(logit))`.
@@ -99,7 +99,7 @@ def prior_of(outputs: PriorOutputs, context: Float[Tensor, "N H"], config: Model
 
 
 @torch.no_grad()
-def evaluate_prior(context: ContextModel, positions: Float[Tensor, "N 3"], config: ModelConfig) -> Prior:
+def evaluate_prior(context: HacppContextModel, positions: Float[Tensor, "N 3"], config: HacppConfig) -> Prior:
     """Predicts the distributions and quantisation steps of the attributes of anchors from their positions.
 
     Args:
@@ -131,7 +131,7 @@ class ChannelParameters:
 
 
 def channel_parameters(
-    context: ContextModel, group: int, decoded_features: Float[Tensor, "N D"], outputs: PriorOutputs
+    context: HacppContextModel, group: int, decoded_features: Float[Tensor, "N D"], outputs: PriorOutputs
 ) -> ChannelParameters:
     """Predicts the distribution of the channels of feature group `group`; differentiable.
 

@@ -21,10 +21,10 @@ from splatwire.codec.gaussians.layout import (
     MAX_COMPANDED,
     MAX_HARMONIC,
     MAX_LOG,
-    MAX_OPACITY,
+    MAX_LOG_OPACITY,
     MAX_RESIDUAL,
     MAX_SQUARED_DISTANCE,
-    MIN_OPACITY,
+    MIN_LOG_OPACITY,
     NARROW_WEIGHT,
     NUM_MAGNITUDE_CONTEXTS,
     NUM_NEIGHBOURS,
@@ -120,7 +120,7 @@ class ReferencePacket(ReferenceBits):
         g = Gaussian()
         g.level, self.running = self.level(near), 16
         opacity = self.value(0, STEP_OPACITY, near, g.level, lambda n: n.logs[0], (0, 0, 0, 0), 0, BITS)
-        opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
+        opacity = min(max(opacity, MIN_LOG_OPACITY), MAX_LOG_OPACITY)
         mean = self.mean(near, lambda n: n.logs[1], self.block_means[1])[0]
         shape = (0 if self.absolute else 2 * mean - (2 << BITS), 0, 0, opacity)
         s0 = self.value(1, STEP_SCALE0, near, g.level, lambda n: n.logs[1], shape, 1, BITS - 1)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from splatwire.codec.gaussians.attributes import LUMA_CHROMA, matrices_of
-from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LOG, MAX_OPACITY, MIN_OPACITY, SLOT_BITS
+from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LOG, MAX_LOG_OPACITY, MIN_LOG_OPACITY, SLOT_BITS
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.splats import Splats
 
@@ -11,7 +11,7 @@ from splatwire.types.splats import Splats
 def reference_logs(splats: Splats, size_log: int) -> np.ndarray:
     """Base-2 logarithms of opacity and scales (largest first) in fixed point, int64 (N, 4)."""
     scales = np.log2(-np.sort(-splats.scales, axis=1).astype(np.float64)) - size_log
-    opacity = fixed(np.log2(splats.opacities.astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
+    opacity = fixed(np.log2(splats.opacities.astype(np.float64)), MIN_LOG_OPACITY, MAX_LOG_OPACITY)
     return np.concatenate([opacity[:, None], fixed(scales, -MAX_LOG, MAX_LOG)], axis=1)
 
 

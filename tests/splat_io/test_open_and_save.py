@@ -14,7 +14,7 @@ from splatwire.anchors.scene_file import load_scene_file
 from splatwire.bitstream import Packetization, write_stream
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError, UnknownNameError
 from splatwire.files.kinds import file_kind
-from splatwire.io import read_scene_file
+from splatwire.io import read_any_scene
 from splatwire.io.formats import read_splats
 from splatwire.types import AnchorScene, ReceivedScene, SplatScene
 from splatwire.types.scene_digest import scene_digest
@@ -68,7 +68,7 @@ def test_explicit_gaussians_of_any_format_are_opened(zoo: Path, name: str) -> No
     assert isinstance(scene, SplatScene)
     assert scene.background == (0, 0, 0)
     assert splatwire.encode_scene(scene).manifest.num_elements == scene.num_elements
-    found = read_scene_file(zoo / name)
+    found = read_any_scene(zoo / name)
     assert found.kind == file_kind(zoo / name)
     assert found.num_lost == 0
     if "swz" not in name and "folder" not in name:
@@ -87,7 +87,7 @@ def test_lossy_scene_requires_a_concealer(zoo: Path, name: str) -> None:
         splatwire.open_scene(zoo / name)
     scene = splatwire.open_scene(zoo / name, conceal="grow")
     assert isinstance(scene, AnchorScene | SplatScene)
-    found = read_scene_file(zoo / name)
+    found = read_any_scene(zoo / name)
     assert isinstance(found.loaded, ReceivedScene)
     assert 0 < found.num_lost < scene.num_elements
     with pytest.raises(UnknownNameError, match="concealer 'nobody'"):
@@ -95,17 +95,17 @@ def test_lossy_scene_requires_a_concealer(zoo: Path, name: str) -> None:
 
 
 def test_concealed_scene_keeps_its_loss_mask(zoo: Path, tmp_path: Path) -> None:
-    found = read_scene_file(zoo / "lossy decoded")
+    found = read_any_scene(zoo / "lossy decoded")
     scene = splatwire.open_scene(zoo / "lossy decoded", "grow")
     splatwire.save_scene(scene, tmp_path / "seen", loss_mask=found.loss_mask)
-    assert read_scene_file(tmp_path / "seen").num_lost == found.num_lost
+    assert read_any_scene(tmp_path / "seen").num_lost == found.num_lost
     assert scene_digest(splatwire.open_scene(tmp_path / "seen").elements) == scene_digest(scene.elements)
 
 
 def test_saved_file_omits_lost_gaussians_with_a_warning(
     zoo: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    found = read_scene_file(zoo / "lossy splats")
+    found = read_any_scene(zoo / "lossy splats")
     splatwire.save_scene(found.loaded, tmp_path / "seen.ply")
     assert splatwire.open_scene(tmp_path / "seen.ply").num_elements == 30 - found.num_lost
     assert f"seen.ply: {found.num_lost} lost Gaussians are left out, and such files cannot record losses" in caplog.text
@@ -115,7 +115,7 @@ def test_saved_file_omits_lost_gaussians_with_a_warning(
 def test_loss_mask_that_a_format_cannot_store_gives_a_warning(
     name: str, zoo: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    found = read_scene_file(zoo / "lossy splats")
+    found = read_any_scene(zoo / "lossy splats")
     scene = splatwire.open_scene(zoo / "lossy splats", "scene_free")
     splatwire.save_scene(scene, tmp_path / name, loss_mask=found.loss_mask)
     assert f"{name}: such files cannot record losses: the {found.num_lost} Gaussians that were lost" in caplog.text
@@ -152,7 +152,7 @@ def test_non_scene_files_name_their_reader(tmp_path: Path) -> None:
         ("nobody", "no such file"),
         ("bare", "manifest.json is missing"),
     ):
-        for read in (splatwire.open_scene, lambda path: splatwire.open_scene(path, "drop"), read_scene_file):
+        for read in (splatwire.open_scene, lambda path: splatwire.open_scene(path, "drop"), read_any_scene):
             with pytest.raises(SplatwireError, match=message) as caught:
                 read(tmp_path / name)
             assert name in str(caught.value)

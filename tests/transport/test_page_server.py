@@ -248,6 +248,33 @@ def test_a_client_that_ends_its_sending_side_gets_a_file_while_it_grows(monkeypa
     run(work())
 
 
+def test_a_slow_client_that_ended_its_sending_side_is_not_taken_for_one_that_left(monkeypatch: pytest.MonkeyPatch):
+    class Growing:
+        """Stream file whose second piece is sent slowly."""
+
+        async def pieces(self) -> AsyncIterator[bytes]:
+            yield b"first bytes"
+            yield b" and the last ones"
+
+    async def write(server: PageServer, data: bytes, *others: Any) -> None:
+        if data == b" and the last ones":  # as if the client read slowly, or the rate limit were used up
+            await asyncio.sleep(0.1)
+        await written(server, data, *others)
+
+    async def work() -> None:
+        async with PageServer(PageContent({"live": Growing()}), limits=PATIENT) as server:
+            reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+            writer.write(GET % b"/streams/live.swz")
+            writer.write_eof()
+            assert b"and the last ones" in await reader.read()
+            writer.close()
+
+    written = PageServer._write
+    monkeypatch.setattr(PageServer, "_write", write)
+    monkeypatch.setattr(server_module, "CLOSING_S", 0.01)
+    run(work())
+
+
 @pytest.mark.parametrize("wanted", [b"", b"Range: bytes=1-\r\n"], ids=["whole", "range"])
 def test_slow_readers_share_one_body_in_memory(wanted: bytes):
     readers, said = 64, b"%b%b\r\n" % (BIG[:-2], wanted)

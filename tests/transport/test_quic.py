@@ -365,6 +365,17 @@ def test_packets_of_any_size_in_flight_are_fewer_than_those_that_end_a_connectio
     assert most < 0.7 * MAX_UNACKNOWLEDGED
 
 
+def test_small_packets_of_clients_count_only_their_bytes_in_flight() -> None:
+    """Otherwise a client's small reports would wait for the window."""
+    counted = {}
+    for is_client in (False, True):
+        algorithm = configuration(is_client=is_client, alpn=[ALPN], idle_s=1.0).congestion_control_algorithm
+        control = create_congestion_control(algorithm, max_datagram_size=MAX_UDP_BYTES)
+        control.on_packet_sent(packet=SimpleNamespace(sent_bytes=60, sent_time=0.0))
+        counted[is_client] = control.bytes_in_flight
+    assert counted == {False: MIN_COUNTED_BYTES, True: 60}
+
+
 def test_callback_error_is_raised_in_the_caller():
     async def work() -> None:
         async with serving() as server:

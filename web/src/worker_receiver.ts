@@ -73,7 +73,7 @@ interface Batch {
 }
 
 export class WorkerReceiver implements Receiver {
-  /** Received packets of the stream. */
+  /** Received packets of the stream; stays empty for live clips. */
   readonly store = new PacketStore();
   /** Browser cache for the next visit; null if unavailable. */
   cache: PacketCache | null = null;

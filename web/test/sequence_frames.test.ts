@@ -4,6 +4,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { emptySplats } from "../src/codec/splats.ts";
+import { Sequence } from "../src/codec/tracks/sequence.ts";
+import type { TrackDecoder } from "../src/codec/tracks/track_decoder.ts";
 import { SequenceFrames } from "../src/sequence_frames.ts";
 import { DecodedStream } from "../src/transport/decoded_stream.ts";
 import type { FromWorker } from "../src/transport/messages.ts";
@@ -45,6 +47,18 @@ test("a group of frames is whole once all its packets have arrived", () => {
   assert.deepEqual(new Set(whole()), new Set([false, true]));
   received.addPacket(packets[0]);
   assert.deepEqual(new Set(whole()), new Set([true]));
+});
+
+test("motion is decoded with the models of the newest head: those of a group that stands still are not fitted", () => {
+  const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
+    expected = new DecodedStream(head),
+    received = new DecodedStream(head),
+    decoder = received.decoder.elementDecoder as TrackDecoder,
+    firstInfo = { ...decoder.info, models: decoder.info.models.map(() => 1 << 15) };
+  Object.assign(decoder, { sequence: new Sequence(firstInfo, 0) });
+  received.decoder.grow(head);
+  for (const packet of packets) for (const stream of [expected, received]) stream.addPacket(packet);
+  assert.deepEqual(framesOf(received), framesOf(expected));
 });
 
 test("the motion of a clip that replaced one with as many packets is shown", () => {

@@ -8,8 +8,8 @@ from splatwire.anchors._scene_reader import MAX_WIDTH, SceneReader
 from splatwire.errors import MALFORMED, InvalidValueError
 from splatwire.ops.arrays import to_numpy
 from splatwire.types import AnchorLayout
-from splatwire.types.anchor_config import HashGridConfig, ModelConfig
-from splatwire.types.anchor_scene import ContextModel, HacppCoding, HashGrid
+from splatwire.types.anchor_config import HacppConfig, HashGridConfig
+from splatwire.types.anchor_scene import HacppCoding, HacppContextModel, HashGrid
 from splatwire.types.causal_coding import CausalCoding, CausalConfig
 from splatwire.types.networks import Mlp
 
@@ -54,7 +54,7 @@ def coding_tensors(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
 
 
 def read_coding(
-    reader: SceneReader, config: ModelConfig | CausalConfig, voxel_size: float
+    reader: SceneReader, config: HacppConfig | CausalConfig, voxel_size: float
 ) -> HacppCoding | CausalCoding:
     """Reads the networks and other tensors of the context model from a scene file.
 
@@ -81,7 +81,7 @@ def read_coding(
         for i, size in enumerate(groups)
     )
     prior = reader.network("context.prior", config.grid.context_dim, config.prior_dim)
-    return HacppCoding(ContextModel(_read_grid(reader, config), prior, channel), voxel_size, config)
+    return HacppCoding(HacppContextModel(_read_grid(reader, config), prior, channel), voxel_size, config)
 
 
 def _pack_signs(signs: Any) -> np.ndarray:
@@ -93,7 +93,7 @@ def _unpack_signs(bits: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return (flat.astype(np.int8) * 2 - 1).reshape(shape)
 
 
-def _read_grid(reader: SceneReader, config: ModelConfig) -> HashGrid:
+def _read_grid(reader: SceneReader, config: HacppConfig) -> HashGrid:
     width = config.grid.features_per_level
     shapes = {"volume": (sum(config.grid.rows(3)), width), "planes": (3, sum(config.grid.rows(2)), width)}
     signs = {}
@@ -106,7 +106,7 @@ def _read_grid(reader: SceneReader, config: ModelConfig) -> HashGrid:
     return HashGrid(signs["volume"], signs["planes"], bounds[0], bounds[1])
 
 
-def read_config(reader: SceneReader) -> ModelConfig | CausalConfig:
+def read_config(reader: SceneReader) -> HacppConfig | CausalConfig:
     """Parses the configuration of the context model in the header of a scene file.
 
     Raises:
@@ -134,7 +134,7 @@ def read_config(reader: SceneReader) -> ModelConfig | CausalConfig:
             log2_rows_2d=log2_rows[1],
             **grid,
         )
-        return ModelConfig(AnchorLayout(feature_groups=groups, **layout), shape, steps)
+        return HacppConfig(AnchorLayout(feature_groups=groups, **layout), shape, steps)
     except MALFORMED as error:
         raise reader.error(f"bad configuration in the header: {error}") from error
 

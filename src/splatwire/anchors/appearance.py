@@ -162,7 +162,10 @@ def _(scene: AnchorScene) -> SceneMetadata:
 
 @singledispatch
 def explicit_gaussians(scene: Scene) -> Splats | None:
-    """Returns the Gaussians of a scene of explicit Gaussians; None for a scene of anchors."""
+    """Returns the Gaussians of a scene of explicit Gaussians as drawn; None for a scene of anchors.
+
+    Render hints are applied: sizes and opacities have their factors, and hidden Gaussians are left out.
+    """
     return None
 
 

@@ -57,8 +57,8 @@ class PacketBatch:
     Attributes:
         block: Index of the block of the first packet.
         packets: The packets, ascending by id.
-        members: For each packet, the indices of its elements, int64. The function `arrived_blocks` returns indices in
-            plan order (see `PacketPlan`). Decoders expect indices in the decoded scene (`Decoder.order`).
+        members: For each packet, the indices of its elements, int64. In batches from `arrived_blocks`, they count in
+            plan order (see `PacketPlan`). In batches for decoders, they count in the decoded scene (`Decoder.order`).
     """
 
     block: int

@@ -71,9 +71,9 @@ MAX_CAUSAL_GROUPS = 32
 MAX_CAUSAL_FEATURES = 256
 MAX_CAUSAL_OFFSETS = 64
 MAX_CAUSAL_CONTEXT = 256
-MAX_CAUSAL_LOG_STEP, MAX_CAUSAL_ZERO_POINT = 4 << 24, 32 << 24
-"""Maxima in a stream of schema `causal`: quantisation step, and zero point of a size. Both are base-2 logarithms with
-24 fractional bits.
+MAX_CAUSAL_STEP_OF_LOGS, MAX_CAUSAL_ZERO_POINT = 4 << 24, 32 << 24
+"""Maxima in a stream of schema `causal`: quantisation step of the base-2 logarithms of the offsets' scale and of the
+size, and their zero point; 24 fractional bits.
 """
 MAX_DEGREE = 3
 MAX_FRAMES = 1 << 20

@@ -38,7 +38,8 @@ class Manifest:
 
     Attributes:
         packetization: Parameters of the division into packets.
-        num_elements: Number of elements (anchors or Gaussians) of the scene, N.
+        num_elements: Number of elements of the stream, N: anchors or Gaussians; in a sequence, keyframe Gaussians and,
+            for each group of pictures, tracks with motion.
         num_packets: Number of packets of the complete stream.
         stream_id: Id in every packet of the stream, 32 bits.
         side_info_bytes: Size of the side information, bytes.

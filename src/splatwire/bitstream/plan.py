@@ -319,7 +319,9 @@ class PacketPlan:
 
 
 def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
-    """Counts the elements of every packet of an importance tier, with the grouping `stratified` (assignment by hash).
+    """Counts the elements of every packet of an importance tier that assigns elements to packets by hash.
+
+    This is the grouping `stratified`.
 
     Args:
         span: Range of blocks of the tier.

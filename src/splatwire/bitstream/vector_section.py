@@ -28,7 +28,7 @@ class VectorSection:
     wide: bool = False
 
     def sections(self, values: Vector) -> dict[str, bytes]:
-        """Serialises three numbers as a section of the side information.
+        """Serialises the three numbers as the section of that name.
 
         Returns:
             Content of the section by its name; empty if the numbers are the default.

@@ -212,16 +212,17 @@ def check_folder_name(name: str, instead: str) -> None:
         raise InvalidValueError(f"{name}: a clip is written to a folder, whose name has no such suffix; {instead}")
 
 
-def check_output(verb: Any) -> None:
+def check_output(command: Any) -> None:
     """Checks, before a subcommand starts to compute, that its output can be written.
 
     Args:
-        verb: The subcommand, with its options as attributes; `output` is the path to check.
+        command: The subcommand's options; `output` is the path to check.
 
     Raises:
         InvalidValueError: If the output cannot be written.
     """
-    for holder in (verb, getattr(verb, "addition", None)):
+    # subcommands of `calibrate` have their options in `addition`
+    for holder in (command, getattr(command, "addition", None)):
         output = getattr(holder, "output", None)
         if output is not None and str(output) != STANDARD:
             path = Path(output)

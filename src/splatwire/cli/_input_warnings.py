@@ -13,10 +13,11 @@ from splatwire.files.atomic_write import with_final_names
 
 DAMAGED = 3
 """Exit status of a verb whose input is damaged."""
-_DAMAGE = "splatwire.bitstream.stream"
+_DAMAGE_LOGGER = "splatwire.bitstream.stream"
+"""Name of the logger of damaged streams: each of its warnings makes the exit status `DAMAGED`."""
 LOGGERS = (
-    *("splatwire.types", "splatwire.codec", "splatwire.plugins", _DAMAGE, "splatwire.lod", "splatwire.rate_control"),
-    *("splatwire.render", "splatwire.evaluation"),
+    *("splatwire.types", "splatwire.codec", "splatwire.plugins", _DAMAGE_LOGGER, "splatwire.lod"),
+    *("splatwire.rate_control", "splatwire.render", "splatwire.evaluation"),
     *("splatwire.io", "splatwire.data", "splatwire.sequence", "splatwire.files", "splatwire.cli._encoded_sequences"),
 )
 """Loggers of warnings about inputs."""
@@ -49,7 +50,7 @@ class InputWarnings(logging.Handler):
         Args:
             record: Log record of the warning.
         """
-        self.damaged |= record.name == _DAMAGE
+        self.damaged |= record.name == _DAMAGE_LOGGER
         kind = "warning: " if record.levelno > logging.INFO else ""
         text = record.getMessage()
         path = record.args[0] if isinstance(record.args, tuple) and record.args else None

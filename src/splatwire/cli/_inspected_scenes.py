@@ -6,7 +6,7 @@ from typing import Any
 from splatwire.anchors.appearance import metadata_of, origin_of, scene_of
 from splatwire.anchors.tensor_file import tensor_bytes
 from splatwire.files.kinds import trained_ply
-from splatwire.io import read_scene_file
+from splatwire.io import read_any_scene
 from splatwire.io.formats import find_format, read_all_rows, splats_kind
 from splatwire.types.metadata import SceneMetadata
 from splatwire.types.scene_digest import scene_digest
@@ -21,17 +21,17 @@ def describe_scene(path: Path) -> tuple[dict[str, Any], SceneMetadata]:
     """
     if (kind := splats_kind(path)) is not None:
         return _describe_gaussians(path, kind)
-    scene_file = read_scene_file(path)
-    scene = scene_of(scene_file.loaded)
+    loaded_scene = read_any_scene(path)
+    scene = scene_of(loaded_scene.loaded)
     content: dict[str, Any] = {
-        "kind": "scene" if scene_file.loaded is scene else "partial scene",
+        "kind": "scene" if loaded_scene.loaded is scene else "partial scene",
         "num_gaussians": scene.num_gaussians,
         "digest": scene_digest(scene.elements),
         "origin": list(origin_of(scene)),
-        "num_lost": scene_file.num_lost,
-        "decoded": scene_file.loss_mask is not None,
+        "num_lost": loaded_scene.num_lost,
+        "decoded": loaded_scene.loss_mask is not None,
     }
-    form = find_format(scene_file.kind)
+    form = find_format(loaded_scene.kind)
     size = path.stat().st_size
     parts = {"num_bytes": size, "parts": tensor_bytes(path) if form is None else {form.name: size}}
     return content | parts | dict(scene.facts), metadata_of(scene)

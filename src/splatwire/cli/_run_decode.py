@@ -26,75 +26,75 @@ from splatwire.sequence.written_frames import check_num_frames, write_frames
 from splatwire.types.scene_digest import scene_digest
 
 
-def run(options: Decode) -> None:
+def run(command: Decode) -> None:
     """Runs `splatwire decode`: decodes a stream and writes the scene."""
-    if options.conceal is not None:
-        check_concealer(options.conceal)
-    refuse_own_input(options.output, options.stream)
-    with input_path(options.stream) as source:
+    if command.conceal is not None:
+        check_concealer(command.conceal)
+    refuse_own_input(command.output, command.stream)
+    with input_path(command.stream) as source:
         stream, report = read_stream(source)
     if stream.manifest.schema.timed:
-        _decode_sequence(options, stream, report)
+        _decode_sequence(command, stream, report)
         return
-    if (options.frame, options.format, options.max_frames) != (None, None, None):
-        raise InvalidValueError(f"--frame, --max-frames and --format are for a clip, which {options.stream} is not")
-    concealer = None if options.conceal is None else create_concealer(options.conceal)
-    stream.require_static(options.stream)
+    if (command.frame, command.format, command.max_frames) != (None, None, None):
+        raise InvalidValueError(f"--frame, --max-frames and --format are for a clip, which {command.stream} is not")
+    concealer = None if command.conceal is None else create_concealer(command.conceal)
+    stream.require_static(command.stream)
     elements, explicit = stream.manifest.elements, stream.manifest.schema.explicit
-    suffix = Path(options.output).suffix if explicit else ""
+    suffix = Path(command.output).suffix if explicit else ""
     if explicit:
-        format_for(options.output)  # reports an unknown suffix before the work
-    elif options.outliers is not None:
+        format_for(command.output)  # reports an unknown suffix before the work
+    elif command.outliers is not None:
         raise InvalidValueError("--outliers is for explicit Gaussians")
-    outliers = chosen_outliers(options.outliers, options.output)
+    outliers = chosen_outliers(command.outliers, command.output)
     started = time.perf_counter()
-    with progress_bars() as show, output_path(options.output, expected_suffix=suffix, json=options.json) as path:
+    with progress_bars() as show, output_path(command.output, expected_suffix=suffix, json=command.json) as path:
         received = decode_stream(stream, progress=lambda share: show("decoding", share))
         decoded = time.perf_counter()
         written = save_decoded(received, concealer, path, outliers=outliers)
     count, num_lost = written.num_elements, received.loss_mask.num_lost
-    if options.json:
+    if command.json:
         print_json(
             {
-                "output": options.output,
+                "output": command.output,
                 f"num_{elements.lower()}": count,
                 "num_lost": num_lost,
                 "digest": scene_digest(written.elements),
-                "concealer": options.conceal,
+                "concealer": command.conceal,
                 "seconds": decoded - started,
                 "packets": read_report_json(report),
             }
         )
     else:
         text = f"{count - num_lost:,} of {count:,} {elements} arrived"
-        print_summary(f"{text}, decoded in {decoded - started:.1f} s -> {options.output}", options.output)
+        print_summary(f"{text}, decoded in {decoded - started:.1f} s -> {command.output}", command.output)
 
 
-def _decode_sequence(options: Decode, stream: SceneStream, report: ReadReport) -> None:
+def _decode_sequence(command: Decode, stream: SceneStream, report: ReadReport) -> None:
     """Decodes a clip, to one file per frame or to a single file."""
-    folder = options.frame is None or not Path(options.output).suffix
-    if not folder and options.format is not None:
+    folder = command.frame is None or not Path(command.output).suffix
+    if not folder and command.format is not None:
         raise InvalidValueError("with --frame the file name sets the format: leave out --format")
-    if options.frame is None:
-        check_folder_name(options.output, "--frame writes one frame to a file")
-    suffix = f".{(options.format or 'ply').lstrip('.')}" if folder else Path(options.output).suffix
-    format_for(f"x{suffix}" if folder else options.output)
-    outliers = chosen_outliers(options.outliers, f"x{suffix}" if folder else options.output)
-    if options.frame is None:
-        check_num_frames(stream, options.max_frames, "--max-frames allows more, --frame writes one")
-    started, method = time.perf_counter(), options.conceal or DEFAULT
+    if command.frame is None:
+        check_folder_name(command.output, "--frame writes one frame to a file")
+    suffix = f".{(command.format or 'ply').lstrip('.')}" if folder else Path(command.output).suffix
+    format_for(f"x{suffix}" if folder else command.output)
+    outliers = chosen_outliers(command.outliers, f"x{suffix}" if folder else command.output)
+    if command.frame is None:
+        check_num_frames(stream, command.max_frames, "--max-frames allows more, --frame writes one")
+    started, method = time.perf_counter(), command.conceal or DEFAULT
     output = (
-        output_folder(options.output)
+        output_folder(command.output)
         if folder
-        else output_path(options.output, expected_suffix=suffix, json=options.json)
+        else output_path(command.output, expected_suffix=suffix, json=command.json)
     )
     with progress_bars() as show, output as path:
-        facts = write_frames(stream, path, suffix, method, options.frame, show, outliers)
+        facts = write_frames(stream, path, suffix, method, command.frame, show, outliers)
     seconds = time.perf_counter() - started
-    if options.json:
+    if command.json:
         packets = read_report_json(report)
-        print_json({"output": options.output, **facts, "concealer": method, "seconds": seconds, "packets": packets})
+        print_json({"output": command.output, **facts, "concealer": method, "seconds": seconds, "packets": packets})
         return
     count, tracks = facts["num_frames"], facts["num_tracks"]
     text = f"{count} frame{'s' * (count != 1)} of {tracks:,} tracks, {report.num_missing:,} packets missing"
-    print_summary(f"{text}, decoded in {seconds:.1f} s -> {options.output}", options.output)
+    print_summary(f"{text}, decoded in {seconds:.1f} s -> {command.output}", command.output)

@@ -30,19 +30,19 @@ _NOTES = (
 )
 
 
-def run(options: Demo) -> None:
+def run(command: Demo) -> None:
     """Runs `splatwire demo`: measures the quality of a scene after packet losses, and writes a report."""
     started = time.perf_counter()
-    check_folder(options.output)
-    definition = study(options)
-    options.output.mkdir(exist_ok=True)  # the other process makes a folder in it, perhaps before this one writes
-    with progress_bars() as show, _explicit(options) as other:
+    check_folder(command.output)
+    definition = study(command)
+    command.output.mkdir(exist_ok=True)  # the other process makes a folder in it, perhaps before this one writes
+    with progress_bars() as show, _explicit(command) as other:
         links = {"The same with explicit Gaussians": "explicit/report.html"}
-        result, content = run_plain_study(definition, options.output, show, decode=_decode, links=links)
+        result, content = run_plain_study(definition, command.output, show, decode=_decode, links=links)
         show("explicit Gaussians, in another process", 0.0)
         explicit = other()
     seconds = time.perf_counter() - started
-    if options.json:
+    if command.json:
         print_json({**content, "demo_seconds": seconds, "explicit": explicit})
         return
 
@@ -55,38 +55,38 @@ def run(options: Demo) -> None:
 
 
 @contextmanager
-def _explicit(options: Demo) -> Iterator[Callable[[], dict[str, Any]]]:
+def _explicit(command: Demo) -> Iterator[Callable[[], dict[str, Any]]]:
     """Context manager that evaluates the bundled file of explicit Gaussians in a separate process.
 
     Yields:
         Function that waits for the end of the evaluation and returns its result.
     """
     source = ASSETS / SPLATS
-    views = () if options.views is None else ("--views", options.views)
+    views = () if command.views is None else ("--views", command.views)
     with _subprocess.in_fresh_process(
-        "evaluate", source, "--reference", source, "--cameras", ASSETS / CAMERAS, "--loss", options.loss,
-        "--seeds", options.seed, "--lpips-views", _LPIPS_VIEWS, *views, "-o", options.output / "explicit",
+        "evaluate", source, "--reference", source, "--cameras", ASSETS / CAMERAS, "--loss", command.loss,
+        "--seeds", command.seed, "--lpips-views", _LPIPS_VIEWS, *views, "-o", command.output / "explicit",
     ) as answer:  # fmt: skip
         yield answer
 
 
-def study(options: Demo) -> Study:
+def study(command: Demo) -> Study:
     """Returns the definition of the demo's evaluation."""
     source = ASSETS / SCENE
     stream, _ = read_stream(source)
     concealers = concealer_names(sections_of(stream), schema_named(stream.manifest.codec).provides)
     contiguous = replace(stream.manifest.packetization, grouping="contiguous")
-    loss = Loss(options.loss)
+    loss = Loss(command.loss)
     return Study(
         name=source.stem,
         title=f"splatwire demo: {source.stem} under {loss.process.name}",
         scenes=(SceneEntry(source.stem, source, "stream", cameras=ASSETS / CAMERAS),),
         rows=concealment_rows(concealers, contiguous=contiguous),
         losses=(loss,),
-        seeds=(options.seed,),
+        seeds=(command.seed,),
         notes=_NOTES,
         baseline="drop",
-        views=options.views,
+        views=command.views,
         lpips_views=_LPIPS_VIEWS,
     )
 

@@ -183,15 +183,15 @@ def _encode_scene(command: Encode, source: Path) -> None:
             scene, kept_psnr = pruned.scene, pruned.psnr
         up = _up(command, scene, cameras)
 
-        def encode(pruned_scene: Any, class_offsets: Any, quality: str | int | float | Quality | None) -> SceneStream:
-            packetization = packetization_of(command, schema.name, int(pruned_scene.drawable.sum()))
+        def encode(encoded_scene: Any, class_offsets: Any, quality: str | int | float | Quality | None) -> SceneStream:
+            packetization = packetization_of(command, schema.name, int(encoded_scene.drawable.sum()))
             options: Any = {"class_offsets": class_offsets, "quality": quality}
             options["progress"] = lambda share: report("encoding", share)
             if with_levels:
-                stream = encode_levels(pruned_scene, packetization, **options)
+                stream = encode_levels(encoded_scene, packetization, **options)
             else:
-                tiers = _tiers(command, pruned_scene, cameras)
-                stream = encode_scene(pruned_scene, packetization, tiers=tiers, **options)
+                tiers = _tiers(command, encoded_scene, cameras)
+                stream = encode_scene(encoded_scene, packetization, tiers=tiers, **options)
             if cameras is not None:
                 stream = with_section(stream, VIEWPOINT, viewpoint_section(cameras))
             if up:

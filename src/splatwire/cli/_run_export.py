@@ -34,134 +34,134 @@ _VIEWS = 64
 """Number of views around the scene for fitting Gaussians, and for measuring the export."""
 
 
-def run(options: Export) -> None:
+def run(command: Export) -> None:
     """Runs `splatwire export`: writes a scene as explicit Gaussians."""
-    num_functions(_degree(options))
-    _outliers(options)
-    concealer = create_concealer(options.conceal)
-    _check(options)
-    refuse_own_input(options.output, options.scene)
-    with input_path(options.scene) as source:
+    num_functions(_degree(command))
+    _outliers(command)
+    concealer = create_concealer(command.conceal)
+    _check(command)
+    refuse_own_input(command.output, command.scene)
+    with input_path(command.scene) as source:
         scene, num_lost = drawable_scene(source, concealer)
     started, counts, measured = time.perf_counter(), FitCounts(), None
     with progress_bars() as show:
-        views = _views(options, scene)
-        if views is not None and (options.data is not None or options.cameras is not None):
+        views = _views(command, scene)
+        if views is not None and (command.data is not None or command.cameras is not None):
             warn_of_near_plane(scene, views.measured_on)
         splats = explicit_gaussians(scene)
         if splats is None:
             assert views is not None
-            degree = _degree(options)
+            degree = _degree(command)
             parts = fit_splats(scene, views.fitted_to, each_gradient_cpu, degree=degree, counts=counts, progress=show)
-            _write(options, parts, scene)
+            _write(command, parts, scene)
         else:
-            degree = min(splats.degree, _degree(options))
-            counts.possible = counts.written = _write(options, iter([_limited(options, splats, degree)]), scene)
+            degree = min(splats.degree, _degree(command))
+            counts.possible = counts.written = _write(command, iter([_limited(command, splats, degree)]), scene)
         if views is not None:
-            measured = compare_export(scene, _read_back(options, scene), views.measured_on, views.photos, show)
+            measured = compare_export(scene, _read_back(command, scene), views.measured_on, views.photos, show)
     result = {
-        "output": str(options.output),
+        "output": str(command.output),
         "num_gaussians": counts.written,
-        "num_bytes": options.output.stat().st_size,
+        "num_bytes": command.output.stat().st_size,
         "degree": degree,
         "left_out": {"unseen": counts.unseen, "faint": counts.faint},
         "num_lost": num_lost,
         "seconds": time.perf_counter() - started,
         "measured": measured,
     }
-    if options.json:
+    if command.json:
         print_json(result)
     else:
-        lost = f"; {num_lost:,} lost {scene.ELEMENTS} were concealed by '{options.conceal}'" if num_lost else ""
+        lost = f"; {num_lost:,} lost {scene.ELEMENTS} were concealed by '{command.conceal}'" if num_lost else ""
         print_summary(f"{_sentence(result)}{lost}")
 
 
-def _check(options: Export) -> None:
+def _check(command: Export) -> None:
     """Checks the options of the subcommand `export` before any file is read."""
-    if str(options.output) == "-":
+    if str(command.output) == "-":
         raise InvalidValueError("an export is read back to be measured: give -o a file")
-    prepared_output(options.output, expected_suffix=Path(f"x{_format(options).suffix}").suffix)
-    if options.kind == "splat" and options.degree:
-        raise InvalidValueError(f"--degree {options.degree}: a .splat file has one colour for all directions, degree 0")
-    if options.harmonic_bits is not None and options.kind != "spz":
+    prepared_output(command.output, expected_suffix=Path(f"x{_format(command).suffix}").suffix)
+    if command.kind == "splat" and command.degree:
+        raise InvalidValueError(f"--degree {command.degree}: a .splat file has one colour for all directions, degree 0")
+    if command.harmonic_bits is not None and command.kind != "spz":
         raise InvalidValueError("--harmonic-bits is for spz: other formats have harmonics of one width")
-    if options.harmonic_bits is not None and not all(1 <= bits <= 8 for bits in options.harmonic_bits):
-        raise InvalidValueError(f"--harmonic-bits takes two numbers from 1 to 8, not {options.harmonic_bits}")
-    if options.spz_version is not None and options.kind != "spz":
+    if command.harmonic_bits is not None and not all(1 <= bits <= 8 for bits in command.harmonic_bits):
+        raise InvalidValueError(f"--harmonic-bits takes two numbers from 1 to 8, not {command.harmonic_bits}")
+    if command.spz_version is not None and command.kind != "spz":
         raise InvalidValueError("--spz-version is for spz")
-    if options.spz_version not in (None, 3, 4):
-        raise InvalidValueError(f"--spz-version is 3 or 4, not {options.spz_version}")
-    if sum(value is not None for value in (options.data, options.cameras, options.views)) > 1:
+    if command.spz_version not in (None, 3, 4):
+        raise InvalidValueError(f"--spz-version is 3 or 4, not {command.spz_version}")
+    if sum(value is not None for value in (command.data, command.cameras, command.views)) > 1:
         raise InvalidValueError("give either --data FOLDER, --cameras FILE or --views NUMBER")
-    check_inputs(options.data, options.cameras)
-    if options.views is not None and options.views < 9:
-        raise InvalidValueError(f"--views must be 9 or more, not {options.views}")
+    check_inputs(command.data, command.cameras)
+    if command.views is not None and command.views < 9:
+        raise InvalidValueError(f"--views must be 9 or more, not {command.views}")
 
 
-def _limited(options: Export, splats: Splats, degree: int) -> Splats:
+def _limited(command: Export, splats: Splats, degree: int) -> Splats:
     """Returns Gaussians without spherical harmonics above a degree.
 
     For the format `.splat`, the Gaussians are returned unchanged: its writer removes all spherical harmonics.
 
     Args:
-        options: Options of `splatwire export`.
+        command: Options of `splatwire export`.
         splats: The Gaussians.
         degree: Maximum degree of the spherical harmonics.
     """
     # The writer of `.splat` also reports that.
-    return splats if options.kind == "splat" else splats.at_most_degree(degree)
+    return splats if command.kind == "splat" else splats.at_most_degree(degree)
 
 
-def _degree(options: Export) -> int:
-    return options.degree if options.degree is not None else 0 if options.kind == "splat" else 3
+def _degree(command: Export) -> int:
+    return command.degree if command.degree is not None else 0 if command.kind == "splat" else 3
 
 
-def _write(options: Export, parts: Iterator[Splats], scene: Scene) -> int:
-    warn_of_background(options.output, scene.background)
+def _write(command: Export, parts: Iterator[Splats], scene: Scene) -> int:
+    warn_of_background(command.output, scene.background)
     properties = storable_properties(
-        _format(options),
-        options.output,
+        _format(command),
+        command.output,
         antialiased=antialiased(scene),
         origin=origin_of(scene),
-        outliers=_outliers(options),
+        outliers=_outliers(command),
         metadata=metadata_of(scene),
     )
-    if options.kind == "spz":
-        properties |= {"harmonic_bits": options.harmonic_bits or FULL_BITS, "version": options.spz_version or 4}
-    return write_with(_format(options), parts, options.output, **properties)
+    if command.kind == "spz":
+        properties |= {"harmonic_bits": command.harmonic_bits or FULL_BITS, "version": command.spz_version or 4}
+    return write_with(_format(command), parts, command.output, **properties)
 
 
-def _format(options: Export) -> FileFormat:
+def _format(command: Export) -> FileFormat:
     """Returns the file format of the export.
 
     Raises:
         UnknownNameError: If no writable format has that name.
     """
-    return format_named(options.kind.replace("-", "."))
+    return format_named(command.kind.replace("-", "."))
 
 
-def _outliers(options: Export) -> Outliers:
-    return chosen_outliers(options.outliers, f"x{_format(options).suffix}")
+def _outliers(command: Export) -> Outliers:
+    return chosen_outliers(command.outliers, f"x{_format(command).suffix}")
 
 
-def _read_back(options: Export, scene: Scene) -> Scene:
+def _read_back(command: Export, scene: Scene) -> Scene:
     """Reads the exported file, with positions relative to the origin of the exported scene."""
-    written: Any = open_scene(options.output)
+    written: Any = open_scene(command.output)
     return written if written.origin != NO_ORIGIN else replace(written, origin=origin_of(scene))
 
 
-def _views(options: Export, scene: Scene) -> "_Views | None":
+def _views(command: Export, scene: Scene) -> "_Views | None":
     """Returns the cameras for fitting and for measuring exported Gaussians; None if not needed."""
     # Neither is needed for explicit Gaussians without options that request a measurement.
-    if options.data is not None:
-        test = open_dataset(options.data, split="test", background=scene.background)
-        return _Views(open_dataset(options.data, split="train").cameras, test.cameras, test)
-    if options.cameras is not None:
-        cameras = load_cameras(options.cameras)
+    if command.data is not None:
+        test = open_dataset(command.data, split="test", background=scene.background)
+        return _Views(open_dataset(command.data, split="train").cameras, test.cameras, test)
+    if command.cameras is not None:
+        cameras = load_cameras(command.cameras)
         return _Views(cameras, cameras)
-    if options.views is None and explicit_gaussians(scene) is not None:
+    if command.views is None and explicit_gaussians(scene) is not None:
         return None
-    cameras = surrounding_cameras(scene, options.views or _VIEWS)
+    cameras = surrounding_cameras(scene, command.views or _VIEWS)
     held_out = [view for view in range(cameras.num_views) if view % 8 == 4]
     fitted_to = [view for view in range(cameras.num_views) if view not in held_out]
     return _Views(cameras.select(fitted_to), cameras.select(held_out))

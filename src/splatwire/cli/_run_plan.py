@@ -30,124 +30,124 @@ _STILL = ("data", "feedback", "most_protection", "drawn")
 """Options that apply only to static scenes."""
 
 
-def run(options: PlanCommand) -> None:
+def run(command: PlanCommand) -> None:
     """Runs `splatwire plan`: chooses the redundancy for a transfer and writes the plan."""
-    _check(options)
-    loss = parse_loss(options.loss)
-    streams = [_read(path) for path in options.streams]
+    _check(command)
+    loss = parse_loss(command.loss)
+    streams = [_read(path) for path in command.streams]
     if any(stream.manifest.schema.timed for stream in streams):
-        _plan_sequences(options, streams, loss)
+        _plan_sequences(command, streams, loss)
         return
-    if options.reference is not None:
+    if command.reference is not None:
         raise InvalidValueError("--reference is for clips: a still scene is compared with --data")
-    cameras = None if options.data is None else open_dataset(options.data, split="train").cameras
+    cameras = None if command.data is None else open_dataset(command.data, split="train").cameras
     with progress_bars() as report:
         offers = [
             measured_variant(
-                stream, cameras=cameras, num_views=_num_views(options), concealer=options.conceal, seed=options.seed,
+                stream, cameras=cameras, num_views=_num_views(command), concealer=command.conceal, seed=command.seed,
                 progress=lambda share: report("measuring damage", share),
             )
             for stream in streams
         ]  # fmt: skip
         bare = [model_transfer(offer.load, Protection(init_repair=0.0)) for offer in offers]
         plain = min(int(outline.num_bytes.sum()) for outline in bare)
-        budget = _budget_bytes(options, plain)
-        plan = _plan(options, offers, loss, budget, lambda share: report("planning", share))
-    path, stream = options.streams[plan.variant], streams[plan.variant]
+        budget = _budget_bytes(command, plain)
+        plan = _plan(command, offers, loss, budget, lambda share: report("planning", share))
+    path, stream = command.streams[plan.variant], streams[plan.variant]
     facts = {**asdict(plan), "protection_share": plan.protection_share, "loss": loss.name,
              "budget_bytes": budget, "plain_bytes": plain, "stream": path}  # fmt: skip
     content = plan_content(plan.protection, stream.manifest.stream_id, facts)
-    _print_result(options, content, path, lambda how: _print_plan(plan, stream.manifest.elements, how))
+    _print_result(command, content, path, lambda how: _print_plan(plan, stream.manifest.elements, how))
 
 
-def _plan_sequences(options: PlanCommand, streams: Sequence[SceneStream], loss: LossModel) -> None:
+def _plan_sequences(command: PlanCommand, streams: Sequence[SceneStream], loss: LossModel) -> None:
     if not all(stream.manifest.schema.timed for stream in streams):
         raise InvalidValueError("a plan cannot compare a clip with a still scene: give streams of one kind")
-    refuse_options(options, _STILL, "is for a still scene, not for a clip")
+    refuse_options(command, _STILL, "is for a still scene, not for a clip")
     timeline = common_timeline(streams)
     with progress_bars() as report:
         variants = sequence_variants(
-            streams, options.reference, concealer=options.conceal, views=options.views, seed=options.seed,
+            streams, command.reference, concealer=command.conceal, views=command.views, seed=command.seed,
             progress=lambda share: report("measuring damage", share),
         )  # fmt: skip
-        smallest, limited = min(variant.load.num_bytes for variant in variants), options.deadline is not None
-        budget = _budget_bytes(options, smallest)
+        smallest, limited = min(variant.load.num_bytes for variant in variants), command.deadline is not None
+        budget = _budget_bytes(command, smallest)
         plan = plan_sequence(
             variants, loss, budget_bytes=math.inf if limited else budget,
-            group_bytes=[budget] * timeline.num_groups if limited else None, trials=_num_trials(options),
-            seed=options.seed, progress=lambda share: report("planning", share),
+            group_bytes=[budget] * timeline.num_groups if limited else None, trials=_num_trials(command),
+            seed=command.seed, progress=lambda share: report("planning", share),
         )  # fmt: skip
-    path, stream = options.streams[plan.variant], streams[plan.variant]
+    path, stream = command.streams[plan.variant], streams[plan.variant]
     facts = {**asdict(plan), "loss": loss.name, "stream": path}
     content = plan_content(plan.protection, stream.manifest.stream_id, facts)
-    _print_result(options, content, path, lambda how: _print_sequence_plan(plan, how))
+    _print_result(command, content, path, lambda how: _print_sequence_plan(plan, how))
 
 
-def _check(options: PlanCommand) -> None:
+def _check(command: PlanCommand) -> None:
     """Checks the options of the subcommand `plan` before files are read."""
-    if not options.streams:
+    if not command.streams:
         raise InvalidValueError("name at least one stream to plan for")
-    if options.output is not None:
-        prepared_output(options.output)
-    check_inputs(options.data, options.reference)
-    if (options.deadline is None) != (options.rate is None) or (
-        options.deadline is not None and options.budget is not None
+    if command.output is not None:
+        prepared_output(command.output)
+    check_inputs(command.data, command.reference)
+    if (command.deadline is None) != (command.rate is None) or (
+        command.deadline is not None and command.budget is not None
     ):
         raise InvalidValueError("give --budget, or --deadline and --rate together")
-    above = {"--budget": options.budget, "--deadline": options.deadline, "--rate": options.rate}
+    above = {"--budget": command.budget, "--deadline": command.deadline, "--rate": command.rate}
     for name, value in above.items():
         if value is not None and not 0 < value < math.inf:
             raise InvalidValueError(f"{name} must be above 0, not {value:g}")
-    if min(_num_views(options), options.drawn, _num_trials(options)) < 1:
+    if min(_num_views(command), command.drawn, _num_trials(command)) < 1:
         raise InvalidValueError("--views, --trials and --drawn are at least 1")
-    if not 0 < options.most_protection <= 1:
-        raise InvalidValueError(f"--most-protection is above 0 and at most 1, not {options.most_protection:g}")
-    if options.feedback and options.trials is not None:
+    if not 0 < command.most_protection <= 1:
+        raise InvalidValueError(f"--most-protection is above 0 and at most 1, not {command.most_protection:g}")
+    if command.feedback and command.trials is not None:
         raise InvalidValueError("--trials has no effect with --feedback, which simulates no transfers")
-    if options.seed < 0:
-        raise InvalidValueError(f"--seed is 0 or more, not {options.seed}")
+    if command.seed < 0:
+        raise InvalidValueError(f"--seed is 0 or more, not {command.seed}")
 
 
-def _num_trials(options: PlanCommand) -> int:
-    return _TRIALS if options.trials is None else options.trials
+def _num_trials(command: PlanCommand) -> int:
+    return _TRIALS if command.trials is None else command.trials
 
 
-def _num_views(options: PlanCommand) -> int:
-    return _VIEWS if options.views is None else options.views
+def _num_views(command: PlanCommand) -> int:
+    return _VIEWS if command.views is None else command.views
 
 
-def _budget_bytes(options: PlanCommand, stream_bytes: int) -> float:
+def _budget_bytes(command: PlanCommand, stream_bytes: int) -> float:
     """Returns the maximum number of bytes to send, given the stream size `stream_bytes` without protection."""
-    if options.deadline is None or options.rate is None:
-        return (_BUDGET if options.budget is None else options.budget) * stream_bytes
-    return options.deadline * options.rate * 1e6 / 8
+    if command.deadline is None or command.rate is None:
+        return (_BUDGET if command.budget is None else command.budget) * stream_bytes
+    return command.deadline * command.rate * 1e6 / 8
 
 
-def _print_result(options: PlanCommand, content: dict[str, Any], path: str, show: Callable[[str], None]) -> None:
+def _print_result(command: PlanCommand, content: dict[str, Any], path: str, show: Callable[[str], None]) -> None:
     """Writes the plan for a stream to a file and prints a summary."""
-    if options.output is not None:
-        atomic_write(options.output, (json.dumps(content, indent=1) + "\n").encode())
-    if options.json:
+    if command.output is not None:
+        atomic_write(command.output, (json.dumps(content, indent=1) + "\n").encode())
+    if command.json:
         print_json(content)
     else:
-        show(f"splatwire serve {path} --plan {options.output or 'FILE (-o FILE writes it)'}")
+        show(f"splatwire serve {path} --plan {command.output or 'FILE (-o FILE writes it)'}")
 
 
 def _plan(
-    options: PlanCommand,
+    command: PlanCommand,
     offers: list[StreamVariant],
     loss: LossModel,
     budget: float,
     progress: Callable[[float], None],
 ) -> ScenePlan:
-    if options.feedback:
+    if command.feedback:
         return plan_retransmission(
-            offers, loss, budget_bytes=budget, max_protection=options.most_protection, rendered_trials=options.drawn,
-            seed=options.seed, progress=progress,
+            offers, loss, budget_bytes=budget, max_protection=command.most_protection, rendered_trials=command.drawn,
+            seed=command.seed, progress=progress,
         )  # fmt: skip
     return plan_protection(
-        offers, loss, budget_bytes=budget, trials=_num_trials(options), rendered_trials=options.drawn,
-        seed=options.seed, max_protection=options.most_protection, progress=progress,
+        offers, loss, budget_bytes=budget, trials=_num_trials(command), rendered_trials=command.drawn,
+        seed=command.seed, max_protection=command.most_protection, progress=progress,
     )  # fmt: skip
 
 

@@ -30,57 +30,57 @@ _CAMERAS_NAME = "cameras.json"
 """Name of the cameras file beside the pictures."""
 
 
-def run(options: Render) -> None:
+def run(command: Render) -> None:
     """Runs `splatwire render`: draws a scene from cameras into picture files."""
-    cameras = find_cameras(options.cameras, options.data)
-    if not 0 < options.scale <= 16:
-        raise InvalidValueError(f"--scale must be above 0 and at most 16, not {options.scale:g}")
+    cameras = find_cameras(command.cameras, command.data)
+    if not 0 < command.scale <= 16:
+        raise InvalidValueError(f"--scale must be above 0 and at most 16, not {command.scale:g}")
 
-    background = chosen_background(options.background)
-    with input_path(options.scene) as source:
+    background = chosen_background(command.background)
+    with input_path(command.scene) as source:
         if is_stream(source) and (stream := read_stream(source)[0]).manifest.schema.timed:
-            _draw_sequence(options, stream, cameras)
+            _draw_sequence(command, stream, cameras)
         else:
-            _draw_scene(options, source, cameras, background)
+            _draw_scene(command, source, cameras, background)
 
 
-def _draw_sequence(options: Render, stream: SceneStream, cameras: Cameras | None) -> None:
-    if options.output.suffix.lower() != ".webp":
-        raise InvalidValueError(f"a clip becomes a moving picture: give a name such as name.webp, not {options.output}")
-    prepared_output(options.output, expected_suffix=".webp")
-    if options.background is not None:
+def _draw_sequence(command: Render, stream: SceneStream, cameras: Cameras | None) -> None:
+    if command.output.suffix.lower() != ".webp":
+        raise InvalidValueError(f"a clip becomes a moving picture: give a name such as name.webp, not {command.output}")
+    prepared_output(command.output, expected_suffix=".webp")
+    if command.background is not None:
         raise InvalidValueError("--background is for still scenes; a clip has the background that `encode` stored")
     started = time.perf_counter()
     with progress_bars() as show:
-        facts = draw_sequence(stream, options.output, cameras, options.scale, options.conceal, options.renderer, show)
+        facts = draw_sequence(stream, command.output, cameras, command.scale, command.conceal, command.renderer, show)
     seconds = time.perf_counter() - started
-    if options.json:
-        print_json({"output": str(options.output), **facts, "seconds": seconds})
+    if command.json:
+        print_json({"output": str(command.output), **facts, "seconds": seconds})
     else:
-        print_summary(f"{facts['num_frames']} frames in {seconds:.1f} s -> {options.output}")
+        print_summary(f"{facts['num_frames']} frames in {seconds:.1f} s -> {command.output}")
 
 
-def _draw_scene(options: Render, source: Path, cameras: Cameras | None, background: Background | None) -> None:
-    concealer = create_concealer(options.conceal or "drop")
-    check_folder(options.output)
+def _draw_scene(command: Render, source: Path, cameras: Cameras | None, background: Background | None) -> None:
+    concealer = create_concealer(command.conceal or "drop")
+    check_folder(command.output)
     scene, num_lost = drawable_scene(source, concealer)
     if cameras is None:
         cameras = framing_cameras(scene, _NUM_VIEWS, _VIEW_SIZE)
     warn_of_near_plane(scene, cameras)
-    cameras = cameras if options.scale == 1 else cameras.scaled(options.scale)
+    cameras = cameras if command.scale == 1 else cameras.scaled(command.scale)
     started, files = time.perf_counter(), [f"{name}.png" for name in distinct_names(cameras.names, "view")]
     with progress_bars() as show:
-        images = iterate_views(scene, cameras, renderer=options.renderer, background=background)
-        with atomic_files(options.output, last=_CAMERAS_NAME) as folder:
+        images = iterate_views(scene, cameras, renderer=command.renderer, background=background)
+        with atomic_files(command.output, last=_CAMERAS_NAME) as folder:
             for view, image in enumerate(images):
                 (folder / files[view]).write_bytes(png_bytes(to_pixels(image)))
                 show("drawing", (view + 1) / cameras.num_views)
             save_cameras(cameras, folder / _CAMERAS_NAME)
     seconds = time.perf_counter() - started
-    if options.json:
+    if command.json:
         print_json(
             {
-                "output": str(options.output),
+                "output": str(command.output),
                 "pictures": files,
                 "num_views": cameras.num_views,
                 "width": cameras.width,
@@ -92,7 +92,7 @@ def _draw_scene(options: Render, source: Path, cameras: Cameras | None, backgrou
         )
     else:
         size = f"{cameras.width} x {cameras.height}"
-        print_summary(f"{cameras.num_views} pictures of {size} in {seconds:.1f} s -> {options.output}")
+        print_summary(f"{cameras.num_views} pictures of {size} in {seconds:.1f} s -> {command.output}")
 
 
 def find_cameras(cameras: Path | None, data: Path | None) -> Cameras | None:

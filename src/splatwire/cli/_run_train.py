@@ -163,8 +163,8 @@ def _config(command: Train) -> TrainConfig:
         voxel_size=command.voxel_size,
         growth_interval=command.growth_interval,
         refine_steps=command.refine,
-        losses=command.loss,
-        loss_share=PacketLossConfig.lossy_share if command.loss_share is None else command.loss_share,
+        packet_losses=command.loss,
+        lossy_share=PacketLossConfig.lossy_share if command.loss_share is None else command.loss_share,
         background=chosen_background(command.background) or BLACK,
         seed=command.seed,
     )

@@ -74,10 +74,10 @@ class SignalErrors:
 
     @contextmanager
     def lost_ones_repeated(self) -> Iterator[None]:
-        """Context in which a signal is sent again if Python has discarded the error raised for the signal.
+        """Context manager that repeats signals whose error Python has discarded.
 
-        Python discards errors in functions that it calls while it frees objects, and in callbacks from C. Without this
-        context, Python only prints such an error, and the command continues.
+        The handler of a signal raises an error. If Python is calling a function to free an object, or a callback from
+        C, it only prints this error, and the command would continue. In this context, the signal is sent again.
         """
         before = sys.unraisablehook
 

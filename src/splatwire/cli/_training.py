@@ -1,4 +1,4 @@
-"""Progress of a training run, as a bar or as lines. Ctrl-C ends the run after a checkpoint."""
+"""Common code of `train` for all models: data, preset, sizes, options of --resume; progress display with Ctrl-C."""
 
 import re
 import sys
@@ -135,7 +135,7 @@ def check_same_recipe(
     set_options: Iterable[str],
     requested: Config,
     checkpointed: Config,
-    recipe: Mapping[str, Callable[[Config], object]],
+    getters: Mapping[str, Callable[[Config], object]],
 ) -> None:
     """Raises an error if options would change the training settings of a run resumed from a checkpoint.
 
@@ -143,12 +143,14 @@ def check_same_recipe(
         set_options: Names of the options set by the user.
         requested: Training settings that result from the options.
         checkpointed: Training settings in the checkpoint.
-        recipe: For each option that must not change, a function that reads its value from the training settings.
+        getters: For each option that must not change, a function that reads its value from the training settings.
 
     Raises:
         InvalidValueError: If such an option has another value than in the checkpoint.
     """
-    other = [name for name in set_options if name in recipe and recipe[name](requested) != recipe[name](checkpointed)]
+    other = [
+        name for name in set_options if name in getters and getters[name](requested) != getters[name](checkpointed)
+    ]
     if other:
         options = ", ".join(f"--{name}" for name in other)
         raise InvalidValueError(f"{options}: the checkpoint was made with another value, which --resume keeps")

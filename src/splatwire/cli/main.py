@@ -178,13 +178,13 @@ def _run(arguments: list[str]) -> int:
         if arguments == ["--manual"]:
             print(importlib.import_module("splatwire.cli._manual").manual_page(), end="")  # imports tyro
             return 0
-        verb = _parse(arguments)
+        command = _parse(arguments)
         waits = startup_messages(arguments[0])
         with printable_streams(), waits, input_warnings() as warnings:
             if warning := address_space_warning():
                 print(f"splatwire: warning: {warning}", file=sys.stderr)
             try:
-                _execute(arguments[0], verb)
+                _execute(arguments[0], command)
             except BrokenPipeError:  # the reader of the output has exited; damaged input still fails
                 _discard_stdout()
     except BrokenPipeError:
@@ -206,18 +206,18 @@ def _run(arguments: list[str]) -> int:
         if isinstance(error, ModuleNotFoundError) and (how := how_to_install(error.name)):
             return _print_error(how)
         raise
-    return _print_damage(verb) if warnings.damaged else 0
+    return _print_damage(command) if warnings.damaged else 0
 
 
-def _print_damage(verb: Any) -> int:
+def _print_damage(command: Any) -> int:
     """Prints an error about damaged input, unless `--accept-damage` is set; returns the exit status.
 
     Args:
-        verb: Options of the subcommand.
+        command: Options of the subcommand.
     """
-    if getattr(verb, "accept_damage", False):
+    if getattr(command, "accept_damage", False):
         return 0
-    how = ", or accept this result with --accept-damage" if hasattr(verb, "accept_damage") else ""
+    how = ", or accept this result with --accept-damage" if hasattr(command, "accept_damage") else ""
     print_failure(f"the input is damaged, and only its intact parts were used: fetch it again{how}")
     return DAMAGED
 
@@ -282,13 +282,13 @@ def _columns(count: int) -> Iterator[None]:
             os.environ["COLUMNS"] = before
 
 
-def _execute(verb: str, options: Any) -> None:
+def _execute(verb: str, command: Any) -> None:
     """Checks that the output of a subcommand can be written, and runs the subcommand."""
     # `_run_MODULE` is imported only here, because its libraries would delay `--help`.
     from splatwire.cli._files import check_output  # imports numpy
 
-    check_output(options)
-    importlib.import_module(f"splatwire.cli._run_{VERBS[verb].module}").run(options)
+    check_output(command)
+    importlib.import_module(f"splatwire.cli._run_{VERBS[verb].module}").run(command)
 
 
 def _print_error(message: str) -> int:

@@ -50,11 +50,12 @@ class Train:
     quarter of the iterations, at most 600."""
     loss: tuple[str, ...] = ()
     """Loss models that the scene is trained for, as in `transmit` (bernoulli:0.2, gilbert:0.2,20), or first:SHARE, in
-    which only the most important share of the anchors arrives. Of several, one is drawn at random in each iteration.
+    which only the most important share of the anchors arrives. Of several, one is drawn for each iteration with loss.
     With --model gaussians, one loss model."""
     loss_share: float | None = None
-    """Share of the iterations with packet loss, default 0.5. Larger values reduce the effect of losses, and the quality
-    without losses."""
+    """Share of the iterations with packet loss, default 0.5, from the beginning of its simulation: a new training
+    with loss models simulates losses in the iterations that --loss adds. Larger values reduce the effect of losses, and
+    the quality without losses."""
     images: str | None = None
     """Name of the image folder, e.g. images_4. Default: images."""
     max_width: int = 1600

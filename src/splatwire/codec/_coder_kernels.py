@@ -196,7 +196,8 @@ def code_value(coder, kind, deviation_context, magnitude_context, mean, value, s
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
-        absolute: False in streams of version 2, which quantise the difference from the prediction instead of the value.
+        absolute: False with side information of version 2: the difference from the prediction is quantised instead of
+            the value.
 
     Returns:
         The decoded value, and its residual in steps.

@@ -52,8 +52,9 @@ def residual_distributions(scale_indices, inverse_scales, widths, normal_cdf):
 
         `scale_indices`: the argument as uint16 (contexts).
 
-        `distributions`: for each standard deviation, its range of residuals and its positions in the other arrays,
-        int64 (standard deviations, 6). The constants from `MAX_MAGNITUDE` to `GUESS_BITS` are its column indices.
+        `distributions`: one row for each standard deviation: its range of residuals, and where its distributions start
+        in the other arrays; int64 (standard deviations, 6). Constants of this module, such as `MAX_MAGNITUDE` and
+        `GUESS_BITS`, name the columns.
 
         `bounds`: starts of the probability intervals, in units of 2**-`TOTAL_BITS`, int32.
 

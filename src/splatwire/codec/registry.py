@@ -80,10 +80,10 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
     kinds = type(scene).__mro__
     type_names = {f"{kind.__module__}:{kind.__qualname__}" for kind in kinds}
     fitting: dict[int, list[Schema]] = {}
-    for stream in schemas:
-        if not isinstance(stream, Schema) and stream.scene not in type_names:
+    for stream_schema in schemas:
+        if not isinstance(stream_schema, Schema) and stream_schema.scene not in type_names:
             continue
-        schema = _load_codec(stream)
+        schema = _load_codec(stream_schema)
         if isinstance(scene, schema.scene_type) and schema.can_encode(scene):
             distance = kinds.index(schema.scene_type) if schema.scene_type in kinds else len(kinds)
             fitting.setdefault(distance, []).append(schema)

@@ -2,7 +2,7 @@
 
 from splatwire.concealment.base import Concealed, Concealer
 from splatwire.concealment.coarse import Coarse
-from splatwire.concealment.conceal import conceal, concealed
+from splatwire.concealment.conceal import conceal, conceal_if_received
 from splatwire.concealment.drop import Drop
 from splatwire.concealment.grow import Grow
 from splatwire.concealment.registry import concealer_names, create_concealer, register_concealer
@@ -18,7 +18,7 @@ __all__ = [
     "SceneFree",
     "Sketch",
     "conceal",
-    "concealed",
+    "conceal_if_received",
     "concealer_names",
     "create_concealer",
     "register_concealer",

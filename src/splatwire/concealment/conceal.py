@@ -64,7 +64,7 @@ def apply_result(received: ReceivedScene[S], result: Concealed, name: str) -> S:
 
 
 @checked_except("concealer")
-def concealed(loaded: Scene | ReceivedScene, concealer: Concealer | str) -> Scene:
+def conceal_if_received(loaded: Scene | ReceivedScene, concealer: Concealer | str) -> Scene:
     """Returns a scene that can be drawn: conceals the losses of a received scene.
 
     A scene that is not a `ReceivedScene` is returned unchanged.

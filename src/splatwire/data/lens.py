@@ -133,14 +133,14 @@ class Undistortion:
 
     Attributes:
         lens: The lens model of the photo.
-        photo: fx, fy, cx, cy of the photo, pixels; the centre of the top-left pixel is (0.5, 0.5).
+        photo_intrinsics: fx, fy, cx, cy of the photo, pixels; the centre of the top-left pixel is (0.5, 0.5).
         zoom: Ratio of the pinhole camera's focal lengths to those of the photo.
         width: Width of the photo and of the pinhole image, pixels.
         height: Height of the photo and of the pinhole image, pixels.
     """
 
     lens: LensModel
-    photo: tuple[float, float, float, float]
+    photo_intrinsics: tuple[float, float, float, float]
     zoom: float
     width: int
     height: int
@@ -148,7 +148,7 @@ class Undistortion:
     @property
     def K(self) -> np.ndarray:  # noqa: N802  # the letter of every camera API
         """Intrinsics of the pinhole camera, float64 (3, 3)."""
-        fx, fy, cx, cy = self.photo
+        fx, fy, cx, cy = self.photo_intrinsics
         return np.array([[self.zoom * fx, 0, cx], [0, self.zoom * fy, cy], [0, 0, 1]])
 
     def image(self, photo: Float[np.ndarray, "H W C"]) -> Float[np.ndarray, "H W C"]:
@@ -172,22 +172,22 @@ def undistortion_of(lens: LensModel, K: np.ndarray, width: int, height: int) -> 
     Raises:
         DatasetError: If the lens maps several rays to the same pixel, or its distortion leaves hardly any usable area.
     """
-    photo = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
+    photo_intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
     zoom = 1.0
-    if _is_covered(lens, photo, zoom, width, height):
-        while zoom > lens.least_zoom and _is_covered(lens, photo, zoom / _STEP, width, height):
+    if _is_covered(lens, photo_intrinsics, zoom, width, height):
+        while zoom > lens.least_zoom and _is_covered(lens, photo_intrinsics, zoom / _STEP, width, height):
             zoom /= _STEP
     else:
-        while zoom <= _MAX_ZOOM and not _is_covered(lens, photo, zoom, width, height):
+        while zoom <= _MAX_ZOOM and not _is_covered(lens, photo_intrinsics, zoom, width, height):
             zoom *= _STEP
         if zoom > _MAX_ZOOM:
             raise DatasetError(
                 f"the distortion of the lens is too large ({lens}); run `colmap image_undistorter` and use its output"
             )
-    return Undistortion(lens, photo, zoom, width, height)
+    return Undistortion(lens, photo_intrinsics, zoom, width, height)
 
 
-def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
+def _is_covered(lens: LensModel, photo_intrinsics: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
     """True if an image without distortion can be computed from a photo at a given zoom.
 
     The image is that of a pinhole camera. Two conditions must hold: every pixel of the image has a point in the photo,
@@ -195,12 +195,12 @@ def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: i
 
     Args:
         lens: The lens.
-        photo: fx, fy, cx, cy of the photo, pixels.
+        photo_intrinsics: fx, fy, cx, cy of the photo, pixels.
         zoom: Ratio of the focal length of the pinhole camera to that of the photo.
         width: Width of the photo and of the pinhole image, pixels.
         height: Height of the photo and of the pinhole image, pixels.
     """
-    fx, fy, cx, cy = photo
+    fx, fy, cx, cy = photo_intrinsics
     across, along = (np.linspace(0, size, _BORDER_SAMPLES) for size in (width, height))
     u = np.concatenate([across, across, np.zeros_like(along), np.full_like(along, width)])
     v = np.concatenate([np.zeros_like(across), np.full_like(across, height), along, along])
@@ -214,7 +214,7 @@ def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: i
 @functools.lru_cache(_CACHED)
 def _grid(view: Undistortion) -> Float[np.ndarray, "2 H W"]:
     """Returns the position (row and column) of each pixel of the pinhole image in the distorted photo."""
-    fx, fy, cx, cy = view.photo
+    fx, fy, cx, cy = view.photo_intrinsics
     rays_x = (np.arange(view.width) + 0.5 - cx) / (view.zoom * fx)
     rays_y = (np.arange(view.height) + 0.5 - cy) / (view.zoom * fy)
     x, y = view.lens.distort(*np.meshgrid(rays_x, rays_y))

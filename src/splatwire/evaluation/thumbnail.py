@@ -14,7 +14,7 @@ from splatwire.bitstream import SceneStream
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import decode_stream
 from splatwire.codec.viewpoint import Viewpoint, read_viewpoint
-from splatwire.concealment import concealed, create_concealer
+from splatwire.concealment import conceal_if_received, create_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import to_pixels
 from splatwire.render import iterate_views
@@ -77,7 +77,7 @@ def stream_thumbnail(stream: SceneStream, size: tuple[int, int] = SIZE) -> np.nd
     received = decode_stream(stream)
     if stream.manifest.schema.timed:
         return thumbnail(decode_frame(received.scene, 0).scene, size, viewpoint)
-    return thumbnail(concealed(received, create_concealer("drop")), size, viewpoint)
+    return thumbnail(conceal_if_received(received, create_concealer("drop")), size, viewpoint)
 
 
 def picture_bytes(pixels: np.ndarray, suffix: str) -> bytes:

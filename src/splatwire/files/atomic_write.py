@@ -85,12 +85,12 @@ def _atomic_output(
             yield new
             if is_empty and not new.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
-            if keeps:
+            if merge is not None and goal.is_dir() and any(entry != space for entry in goal.iterdir()):
+                merge(new, goal)
+            elif keeps:
                 _move_into(space, goal)
             elif is_empty:
                 _replace_empty(new, goal)
-            elif merge is not None and goal.is_dir():
-                merge(new, goal)
             else:
                 _take_name(new, goal, space / _OLD)
     except OSError as error:
@@ -330,17 +330,22 @@ def _finish_moving(space: int, parent: int) -> bool:
     Returns:
         False if a part could not be moved.
     """
+    if not _exists(_MOVING, space):
+        return True
     has_moved_all = True
-    with suppress(OSError), _opened_folder(_MOVING, space) as moving:
-        for folder in os.listdir(moving):
-            with suppress(OSError), _opened_folder(folder, moving) as rest:
-                for entry in list(os.scandir(rest)):  # a list, because entries are moved away
-                    # outputs have neither hidden files nor links, unlike imitations in untrusted archives
-                    if not (entry.name.startswith(".") or entry.is_symlink() or _exists(entry.name, parent)):
-                        try:
-                            os.rename(entry.name, entry.name, src_dir_fd=rest, dst_dir_fd=parent)
-                        except OSError:
-                            has_moved_all = False
+    try:
+        with _opened_folder(_MOVING, space) as moving:
+            for folder in os.listdir(moving):
+                with _opened_folder(folder, moving) as rest:
+                    for entry in list(os.scandir(rest)):  # a list, because entries are moved away
+                        # outputs have neither hidden files nor links, unlike imitations in untrusted archives
+                        if not (entry.name.startswith(".") or entry.is_symlink() or _exists(entry.name, parent)):
+                            try:
+                                os.rename(entry.name, entry.name, src_dir_fd=rest, dst_dir_fd=parent)
+                            except OSError:
+                                has_moved_all = False
+    except OSError:
+        return False
     return has_moved_all
 
 
@@ -460,8 +465,8 @@ def _replace_empty(new: Path, target: Path) -> None:
             try:
                 shutil.copytree(new, space / _NEW / target.name)
             except shutil.Error as error:
-                is_full = any(os.strerror(errno.ENOSPC) in str(reason) for _, _, reason in error.args[0])
-                code = errno.ENOSPC if is_full else errno.EIO
+                reasons = " ".join(str(reason) for _, _, reason in error.args[0])  # `copytree` keeps their texts only
+                code = next((code for code in _FULL if os.strerror(code) in reasons), errno.EIO)
                 raise OSError(code, os.strerror(code), str(target)) from error
             _move_into(space, target)
 

@@ -12,7 +12,7 @@ from splatwire.arguments import CheckedFields, checked
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.coding import coding_from_bytes
-from splatwire.concealment import Concealer, concealed, create_concealer
+from splatwire.concealment import Concealer, conceal_if_received, create_concealer
 from splatwire.errors import BitstreamError, DatasetError, InvalidValueError
 from splatwire.files.kinds import (
     HACPP,
@@ -43,7 +43,7 @@ _EXPECTED = "a scene file, stream or file of explicit Gaussians"
 
 
 @dataclass(frozen=True, eq=False)
-class SceneFile(CheckedFields):
+class LoadedScene(CheckedFields):
     """Scene read from a file, with its loss information.
 
     Attributes:
@@ -102,29 +102,29 @@ def decode_complete(stream: SceneStream, source: Path) -> Scene:
         BitstreamError: If packets are missing, or the stream is damaged.
     """
     if num_missing := stream.require_static(source).manifest.num_packets - len(stream.packets):
-        raise _has_gaps(source, num_missing, f"stream's {stream.manifest.num_packets:,} packets")
+        raise _gaps_error(source, num_missing, f"stream's {stream.manifest.num_packets:,} packets")
     scene: Scene = decode_stream(stream).scene
     return scene if scene.hints is None else scene.select(~scene.hints.left_out)
 
 
-def complete_scene(scene_file: SceneFile, source: Path) -> Scene:
+def complete_scene(loaded_scene: LoadedScene, source: Path) -> Scene:
     """Returns the scene of a file; rejects a scene whose losses are not concealed.
 
     Args:
-        scene_file: The content of the file.
+        loaded_scene: The content of the file.
         source: Path of the file, for messages.
 
     Raises:
         BitstreamError: If parts were lost and not concealed.
     """
-    scene = scene_of(scene_file.loaded)
-    if scene_file.num_lost and scene_file.loaded is not scene:
-        raise _has_gaps(source, scene_file.num_lost, f"scene's {scene.num_elements:,} {scene.ELEMENTS}")
+    scene = scene_of(loaded_scene.loaded)
+    if loaded_scene.num_lost and loaded_scene.loaded is not scene:
+        raise _gaps_error(source, loaded_scene.num_lost, f"scene's {scene.num_elements:,} {scene.ELEMENTS}")
     return scene
 
 
 @checked
-def read_scene_file(path: Path) -> SceneFile:
+def read_any_scene(path: Path) -> LoadedScene:
     """Reads a scene and, if packets were lost, the loss mask; accepts the same files as `open_scene`.
 
     Raises:
@@ -144,14 +144,14 @@ def drawable_scene(path: Path, concealer: Concealer | str) -> tuple[Scene, int]:
 
     Raises:
         UnknownNameError: If the concealer does not exist.
-        SplatwireError: See `read_scene_file`.
+        SplatwireError: See `read_any_scene`.
     """
     method = create_concealer(concealer) if isinstance(concealer, str) else concealer
-    scene_file = read_scene_file(path)
-    return concealed(scene_file.loaded, method), scene_file.num_lost
+    loaded_scene = read_any_scene(path)
+    return conceal_if_received(loaded_scene.loaded, method), loaded_scene.num_lost
 
 
-def _read(path: Path) -> SceneFile:
+def _read(path: Path) -> LoadedScene:
     kind = file_kind(path)
     form = find_format(kind)
     if form is not None and form.scene_type is not None:
@@ -160,7 +160,7 @@ def _read(path: Path) -> SceneFile:
             actual, expected = type(scene).__name__, form.scene_type.__name__
             suffix = FORMATS.provider_suffix(form.name)
             raise InvalidValueError(f"file format '{form.name}'{suffix} returned {actual}, not {expected}")
-        return SceneFile(kind, as_scene(scene), None)
+        return LoadedScene(kind, as_scene(scene), None)
     if form is not None:
         content = read_content(path)
         scene = SplatScene(
@@ -171,12 +171,12 @@ def _read(path: Path) -> SceneFile:
             origin=content.origin,
             metadata=content.metadata,
         )
-        return SceneFile(kind, scene, None)
+        return LoadedScene(kind, scene, None)
     if kind in STREAMS:
         received = decode_stream(read_stream(path)[0].require_static(path))
-        return SceneFile(kind, received, received.loss_mask)
+        return LoadedScene(kind, received, received.loss_mask)
     if kind in SCENE_FILES:
-        return SceneFile(kind, *load_scene_file(path))
+        return LoadedScene(kind, *load_scene_file(path))
     raise BitstreamError(format_error(path, _EXPECTED) + model_nearby(path, MODEL_3DGS, HACPP))
 
 
@@ -214,6 +214,6 @@ def _coding(path: Path, kind: Kind, splats: Splats) -> SplatCoding | None:
     return coding_from_bytes(steps.content, steps.classes, splats.degree)
 
 
-def _has_gaps(path: Path, lost: int, elements: str) -> BitstreamError:
+def _gaps_error(path: Path, lost: int, parts: str) -> BitstreamError:
     how = "`splatwire decode --conceal NAME`, or in Python `open_scene(path, conceal=NAME)`"
-    return BitstreamError(f"{path}: {lost:,} of the {elements} were lost; conceal it first: {how}")
+    return BitstreamError(f"{path}: {lost:,} of the {parts} were lost; conceal it first: {how}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import choose, load, pick, power_of_two, prefetch, smaller, spread, store
-from splatwire.render._cpu_project import SPLAT_STRIDE
+from splatwire.render._cpu_project import PROJECTED_STRIDE
 
 TILE = 16
 PIXELS = TILE * TILE
@@ -102,7 +102,7 @@ def prefetch_projected(projected, ids, k):
     """Prefetches the projected Gaussian `ids[k]`, which will be drawn soon, into the processor's cache."""
     # The Gaussians of a tile are scattered in memory.
     if k < ids.shape[0]:
-        prefetch(projected, np.int64(ids[k]) * SPLAT_STRIDE)
+        prefetch(projected, np.int64(ids[k]) * PROJECTED_STRIDE)
 
 
 @njit(inline="always")
@@ -120,7 +120,7 @@ def read_projected(projected, g, left, top):
         The arguments `x`, `y`, `A`, `B`, `C`, `log_opacity`, `red`, `green` and `blue` of `_blend`, in this order.
     """
     # Single values are read, because an array view of the row would be slower (reference counting).
-    at = np.int64(g) * SPLAT_STRIDE
+    at = np.int64(g) * PROJECTED_STRIDE
     x, y = pick(projected, at) - np.float32(left), pick(projected, at + 1) - np.float32(top)
     return (
         x, y, pick(projected, at + 2), pick(projected, at + 3), pick(projected, at + 4), pick(projected, at + 5),

@@ -11,7 +11,7 @@ import numpy as np
 from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import prefetch
 from splatwire.render._cpu_kernels import MIN_LOG_ALPHA, TILE
-from splatwire.render._cpu_project import DEPTH, HALF_HEIGHT, SPLAT_STRIDE, TILES
+from splatwire.render._cpu_project import DEPTH, HALF_HEIGHT, PROJECTED_STRIDE, TILES
 
 PREFETCH_DISTANCE = 16
 TILE_BITS = np.int64(TILE.bit_length() - 1)
@@ -21,19 +21,19 @@ _MIN_EXPONENT = -200.0  # lower bound of exponents for any opacity
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def row_entries(tiles, grid_y):
+def count_row_pairs(tiles, grid_y):
     """Counts, for each row of tiles, how many pairs of a Gaussian and an overlapped tile are in this row.
 
     Args:
         tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).
         grid_y: Number of rows of tiles.
     """
-    entries = np.zeros(grid_y + 1, np.int64)
+    pairs = np.zeros(grid_y + 1, np.int64)
     for g in range(tiles.shape[0]):
         columns = tiles[g, 2] - tiles[g, 0]
-        entries[tiles[g, 1]] += columns
-        entries[tiles[g, 3]] -= columns
-    return np.cumsum(entries)[:-1]
+        pairs[tiles[g, 1]] += columns
+        pairs[tiles[g, 3]] -= columns
+    return np.cumsum(pairs)[:-1]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -167,7 +167,7 @@ def fill_tiles(projected, order, num_columns, grid_x, first_row, last_row):
     entry_starts, entry, strip = np.zeros(order.shape[0] + 1, np.int64), 0, 0
     for k in range(order.shape[0]):
         if k + PREFETCH_DISTANCE < order.shape[0]:
-            prefetch(projected, np.int64(order[k + PREFETCH_DISTANCE]) * SPLAT_STRIDE)
+            prefetch(projected, np.int64(order[k + PREFETCH_DISTANCE]) * PROJECTED_STRIDE)
         g = np.int64(order[k])
         left = np.int64(projected[g, TILES])
         columns, corner = np.int64(projected[g, TILES + 2]) - left, left - first_row * grid_x

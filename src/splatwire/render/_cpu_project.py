@@ -9,11 +9,11 @@ import numpy as np
 
 from splatwire.ops.compiled import njit
 
-SPLAT_STRIDE = 16
-"""Number of values of a projected Gaussian (splat): x, y, three exponents, log2 of opacity, three colours, depth, the
-tile range (4 values), half the height. A splat fills one cache line, because the splats of a tile are scattered in
-memory and fetching them is much of the work. The exponents are the inverse covariance times -log2(e)/2 (diagonal) and
--log2(e) (off-diagonal), so that a pixel's falloff is 2 ** ((A dx + B dy) dx + C dy dy)."""
+PROJECTED_STRIDE = 16
+"""Number of values of a projected Gaussian: x, y, three exponents, log2 of opacity, three colours, depth, the
+tile range (4 values), half the height, and an unused one. They fill one cache line, because the Gaussians of a tile are
+scattered in memory and fetching them is much of the work. The exponents are the inverse covariance times -log2(e)/2
+(diagonal) and -log2(e) (off-diagonal), so that a pixel's falloff is 2 ** ((A dx + B dy) dx + C dy dy)."""
 DEPTH, TILES, HALF_HEIGHT = 9, 10, 14
 CHUNK = 64
 """Number of Gaussians projected together, in one flat array with a row for each value; vectorisation requires a single

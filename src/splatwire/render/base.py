@@ -35,17 +35,17 @@ class Drawing:
 
     Attributes:
         image: RGB, not clamped; differentiable with respect to the Gaussians.
-        centers: 2D centres of the Gaussians, pixels. After `backward`, `centers.grad` is the gradient with respect to
-            them. None if not requested.
+        center_probe: Tensor whose `grad`, after `backward`, is the gradient with respect to the 2D centres of the
+            Gaussians, 1 / pixel. Its values depend on the renderer: 2D centres or zeros. None if not requested.
     """
 
     image: Float[Any, "H W 3"]
-    centers: Float[Any, "1 G 2"] | None
+    center_probe: Float[Any, "1 G 2"] | None
 
     @property
     def d_centers(self) -> Float[Any, "G 2"] | None:
         """Gradient with respect to the 2D centres in pixels; None if not requested, or before `backward`."""
-        return None if self.centers is None or self.centers.grad is None else self.centers.grad[0]
+        return None if self.center_probe is None or self.center_probe.grad is None else self.center_probe.grad[0]
 
 
 @runtime_checkable  # the test run checks annotations

@@ -12,7 +12,7 @@ from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, TILE
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.threads import allowed_threads, parallel_map
 from splatwire.render import _cpu_gradients, _cpu_kernels, _cpu_lists, _cpu_project
-from splatwire.render._cpu_project import SPLAT_STRIDE
+from splatwire.render._cpu_project import PROJECTED_STRIDE
 from splatwire.types import Cameras, Gaussians
 
 MAX_ENTRIES = 1 << 20
@@ -139,11 +139,11 @@ class ViewRasterizer:
             _cpu_project.project_splats(*chunk, *self.camera, self.projected[piece], self.tiles[piece])
 
         parallel_map(project, _pieces(num))
-        entries = _cpu_lists.row_entries(self.tiles, self.grid_y)
-        starts = _band_starts(entries, _BANDS if for_gradients else max(_BANDS, 2 * allowed_threads()))
+        pairs_per_row = _cpu_lists.count_row_pairs(self.tiles, self.grid_y)
+        starts = _band_starts(pairs_per_row, _BANDS if for_gradients else max(_BANDS, 2 * allowed_threads()))
         self.band_ranges = list(itertools.pairwise(starts))
         self.stored_bands: list[_Band] | None = None
-        self.stores_bands = for_gradients and entries.sum() <= MAX_KEPT_ENTRIES
+        self.stores_bands = for_gradients and pairs_per_row.sum() <= MAX_KEPT_ENTRIES
 
     def draw(self, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Draws the view: returns the image, and the remaining transmittance of each pixel."""
@@ -257,12 +257,12 @@ def _allocate_projected(num: int) -> np.ndarray:
         num: Number of Gaussians.
 
     Returns:
-        float32 (num, SPLAT_STRIDE).
+        float32 (num, PROJECTED_STRIDE).
     """
     # Aligned to cache lines.
-    floats = np.empty((num + 1) * SPLAT_STRIDE, np.float32)
+    floats = np.empty((num + 1) * PROJECTED_STRIDE, np.float32)
     first = -floats.ctypes.data % 64 // 4
-    return floats[first : first + num * SPLAT_STRIDE].reshape(num, SPLAT_STRIDE)
+    return floats[first : first + num * PROJECTED_STRIDE].reshape(num, PROJECTED_STRIDE)
 
 
 def _zeros(arrays: list[np.ndarray]) -> list[np.ndarray]:
@@ -274,25 +274,25 @@ def _pieces(num: int) -> list[slice]:
     return [slice(first, min(first + _CHUNK_GAUSSIANS, num)) for first in range(0, num, _CHUNK_GAUSSIANS)]
 
 
-def _band_starts(entries: np.ndarray, num_bands: int) -> list[int]:
+def _band_starts(pairs_per_row: np.ndarray, num_bands: int) -> list[int]:
     """Divides the rows of tiles into bands with a limited number of (Gaussian, tile) pairs.
 
     Args:
-        entries: Number of (Gaussian, tile) pairs in each row of tiles.
+        pairs_per_row: Number of (Gaussian, tile) pairs in each row of tiles.
         num_bands: Wanted number of bands; large bands are divided further.
 
     Returns:
         The first row of each band, and the end of the last band (exclusive).
     """
     # Each band has at most `MAX_ENTRIES` (Gaussian, tile) pairs, or is a single row of tiles.
-    limit = min(MAX_ENTRIES, entries.sum() / num_bands)
+    limit = min(MAX_ENTRIES, pairs_per_row.sum() / num_bands)
     starts, num_pairs = [0], 0.0
-    for row, row_pairs in enumerate(entries):
+    for row, row_pairs in enumerate(pairs_per_row):
         if num_pairs + row_pairs > limit and row > starts[-1]:
             starts.append(row)
             num_pairs = 0.0
         num_pairs += row_pairs
-    return [*starts, len(entries)]
+    return [*starts, len(pairs_per_row)]
 
 
 def _camera_arguments(cameras: Cameras, view: int) -> tuple[Any, ...]:

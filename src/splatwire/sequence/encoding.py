@@ -58,7 +58,9 @@ class SequenceEncoder:
         options: Encoder options.
         choose_class_offsets: Function that returns the class offset of each new Gaussian, as `measure_class_offsets`
             does. None for `measure_class_offsets`.
-        live: True to encode with less delay, at a higher total processing cost.
+        live: True to encode with less delay, at a higher total processing cost. Scene cuts then begin no new shot,
+            frames never become groups of their own, and Gaussians that are new after the first group get a default
+            precision class.
     """
 
     @checked
@@ -170,7 +172,7 @@ class SequenceEncoder:
             return self._flush()
         # By the middle of a group, receivers have the previous one.
         if self._live and 2 * len(self._group_builder) > self._options.group_frames:
-            self._tracks_encoder.add_frames(*self._group_builder.incomplete_group())
+            self._tracks_encoder.add_frames(*self._group_builder.tracks_so_far())
         self._finish_deferred_work()
         return []
 
@@ -270,7 +272,7 @@ class SequenceEncoder:
             return self._group_builder.group()
         # The analysis of the motion runs in parallel with the extrapolation of partial tracks.
         with ThreadPoolExecutor(1) as pool:
-            analysis = pool.submit(self._tracks_encoder.add_frames, *self._group_builder.incomplete_group())
+            analysis = pool.submit(self._tracks_encoder.add_frames, *self._group_builder.tracks_so_far())
             group = self._group_builder.group()
             analysis.result()
         return group
@@ -310,6 +312,8 @@ class SequenceEncoder:
         A track is one Gaussian over time. The classes of new tracks that begin at or after the first cut are chosen by
         rendering. All other tracks get a default class. Nothing is rendered if this encoder continues another one
         (`new_period`) and knows the classes of most tracks of its first group.
+
+        In the first group of a sequence, this function also estimates the up axis and adds it to the side information.
 
         Args:
             group: Tracks of the group.

@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from splatwire.sequence.frames import by_number, is_frame
 
@@ -110,6 +110,14 @@ class PipeSource:
         """Does nothing, because each name in the pipe is a new frame, even if the same name was read before."""
 
 
+class _PendingFile(NamedTuple):
+    """File that may still grow, with the times of the last change and of the first listing, seconds."""
+
+    signature: Signature
+    changed_at: float
+    first_seen_at: float
+
+
 class FolderSource:
     """Source of the frames in a folder: each new or replaced file is a new frame.
 
@@ -124,7 +132,7 @@ class FolderSource:
     def __init__(self, folder: Path, warn: Callable[[str], None], wall_clock: Callable[[], float] = time.time) -> None:
         self._folder, self._warn, self._wall_clock = folder, warn, wall_clock
         self._processed: dict[str, Signature | None] = {}  # None: returned but not read yet, or given up
-        self._pending: dict[str, tuple[Signature, float, float]] = {}
+        self._pending: dict[str, _PendingFile] = {}
         self._num_changes: dict[str, int] = {}
         self._reported: set[str] = set()
         self._listed_at = self._rechecked_at = -math.inf
@@ -148,7 +156,9 @@ class FolderSource:
         # A frame that nothing checked for a while, such as during compilation, may be complete already.
         paused = now - self._listed_at - MAX_CHECK_INTERVAL_S
         if self._pending and paused > 0:
-            self._pending = {name: (state, at, first + paused) for name, (state, at, first) in self._pending.items()}
+            self._pending = {
+                name: file._replace(first_seen_at=file.first_seen_at + paused) for name, file in self._pending.items()
+            }
         self._listed_at, self._num_names = now, len(names)
         self._forget(names)
         candidates = (names - self._processed.keys()) | self._pending.keys()
@@ -185,19 +195,20 @@ class FolderSource:
         ready: list[Path] = []
         is_blocked = False
         for number, (path, status, signature) in enumerate(new):
-            before, changed, first = self._pending.get(path.name, (None, now, now))
-            changed = changed if before == signature else now
-            self._pending[path.name] = signature, changed, first
+            before = self._pending.get(path.name)
+            changed_at = before.changed_at if before is not None and before.signature == signature else now
+            first_seen_at = now if before is None else before.first_seen_at
+            self._pending[path.name] = _PendingFile(signature, changed_at, first_seen_at)
             if is_blocked:
                 continue
             frame_like = path.suffix.lower() in FRAME_SUFFIXES
             has_later = number + 1 < len(new)
-            if not self._is_complete(path, status, now - changed, is_first=before is None, has_later=has_later):
-                is_blocked = frame_like and not (has_later and now - first >= GROWING_TIMEOUT_S)
+            if not self._is_complete(path, status, now - changed_at, is_first=before is None, has_later=has_later):
+                is_blocked = frame_like and not (has_later and now - first_seen_at >= GROWING_TIMEOUT_S)
                 if frame_like and not is_blocked:
                     self._warn(f"{path} still grows after {GROWING_TIMEOUT_S:g} s: skipped")
                     self._processed[path.name] = None
-                elif not frame_like and now - first >= GROWING_TIMEOUT_S:
+                elif not frame_like and now - first_seen_at >= GROWING_TIMEOUT_S:
                     self._give_up(path)
                 continue
             if frame_like or is_frame(path):

@@ -116,8 +116,11 @@ class GroupBuilder:
         if number and 0 < len(begun) <= num_searches_left - len(ended):
             self._neighbor_sets.append(self._tree.nearest(means, begun, count))
 
-    def incomplete_group(self) -> tuple[np.ndarray, Trajectories, int]:
-        """Returns the incomplete group: keys of its tracks, their attributes in each frame, and number of frames."""
+    def tracks_so_far(self) -> tuple[np.ndarray, Trajectories, int]:
+        """Returns keys and attributes of the tracks of the frames added so far, and the number of these frames.
+
+        Partial tracks are not extrapolated. The arrays are views of arrays that `group` changes.
+        """
         count = len(self._keys)
         return (
             self._keys,

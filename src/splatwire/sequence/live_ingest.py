@@ -143,7 +143,7 @@ class LiveIngest:
                 self._unreadable.record_failure(path, signature, now)
             else:
                 self._remove_first(signature)
-                return self._checked(path, frame)
+                return self._accept(path, frame)
         if self._unreadable.is_expired(now, blocks_others=len(self._queue) > 1):
             self._remove_first(None if self._unreadable.is_still_written(now) else signature)
             self._skip(self._reason if str(path) in self._reason else f"{path}: {self._reason}")
@@ -161,10 +161,11 @@ class LiveIngest:
         self._unreadable.clear()
         self._source.mark_read(self._queue.popleft(), signature)
 
-    def _checked(self, path: Path, frame: Frame) -> Frame | None:
-        """Checks that a frame can follow the previous frames.
+    def _accept(self, path: Path, frame: Frame) -> Frame | None:
+        """Accepts a frame that can follow the previous frames; returns None if it must be skipped.
 
-        Returns the frame, or None if the encoder must skip the frame.
+        After `NUM_FRAMES_TO_ADOPT` frames in a row with another degree or antialiasing than before, the encoder starts
+        again with the last of them.
         """
         count, kind = frame.splats.num_gaussians, (frame.splats.degree, frame.antialiased)
         if count and not _has_valid_rows(frame):

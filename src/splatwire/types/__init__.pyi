@@ -1,9 +1,9 @@
+from splatwire.types.anchor_config import HacppConfig as HacppConfig
 from splatwire.types.anchor_config import HashGridConfig as HashGridConfig
-from splatwire.types.anchor_config import ModelConfig as ModelConfig
 from splatwire.types.anchor_scene import AnchorScene as AnchorScene
-from splatwire.types.anchor_scene import ContextModel as ContextModel
 from splatwire.types.anchor_scene import GaussianHeads as GaussianHeads
 from splatwire.types.anchor_scene import HacppCoding as HacppCoding
+from splatwire.types.anchor_scene import HacppContextModel as HacppContextModel
 from splatwire.types.anchor_scene import HashGrid as HashGrid
 from splatwire.types.anchors import Anchors as Anchors
 from splatwire.types.attributes import AnchorLayout as AnchorLayout

@@ -44,8 +44,8 @@ class HashGridConfig(CheckedFields):
 
 
 @dataclass(frozen=True)
-class ModelConfig(CheckedFields):
-    """Parameters that determine the tensor shapes of a scene's model.
+class HacppConfig(CheckedFields):
+    """Parameters that determine the tensor shapes of a scene's HAC++ model.
 
     Attributes:
         layout: Number of feature channels and offsets per anchor.

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int8
 
 from splatwire.arguments import CheckedFields, check_fields, checked
 from splatwire.reprs import summary_repr
-from splatwire.types.anchor_config import ModelConfig
+from splatwire.types.anchor_config import HacppConfig
 from splatwire.types.anchors import Anchors
 from splatwire.types.background import BLACK, Background, check_background
 from splatwire.types.causal_coding import CausalCoding
@@ -63,12 +63,12 @@ class HashGrid(CheckedFields):
 
 
 @dataclass(frozen=True, eq=False)
-class ContextModel(CheckedFields):
+class HacppContextModel(CheckedFields):
     """The networks and tables that predict an anchor's distribution for entropy coding (as in HAC++).
 
     Attributes:
         grid: The hash grid.
-        prior: Network that maps the hash-grid feature (H) to `ModelConfig.prior_dim` outputs.
+        prior: Network that maps the hash-grid feature (H) to `HacppConfig.prior_dim` outputs.
         channel: One network per group of feature channels. It predicts the distributions of these channels from the
             outputs of `prior` and from the groups that were decoded before.
     """
@@ -90,14 +90,14 @@ class HacppCoding(CheckedFields):
         config: Layer and table sizes of the context model, and base quantisation steps.
     """
 
-    context_model: ContextModel
+    context_model: HacppContextModel
     voxel_size: float
-    config: ModelConfig
+    config: HacppConfig
 
     __repr__ = summary_repr
 
     @property
-    def context(self) -> ContextModel:
+    def context(self) -> HacppContextModel:
         """Deprecated name of `context_model`."""
         warnings.warn("HacppCoding.context is deprecated, use context_model", DeprecationWarning, stacklevel=2)
         return self.context_model

@@ -37,13 +37,15 @@ class AttributePrior(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class Prior(CheckedFields):
-    """Distributions of the attributes of N anchors, predicted from the hash grid without any packet (HAC++).
+    """Distributions of the attributes of N anchors, predicted from the side information alone, without any packet.
+
+    HAC++ predicts them from its hash grid, the causal model from the positions of the anchors.
 
     Attributes:
         feature: Distributions of the F feature channels.
         scaling: Distributions of the 6 scalings.
         offset: Distributions of the 3 K coordinates of the K offsets.
-        context_features: Interpolated hash-grid features.
+        context_features: Interpolated hash-grid features (HAC++), or outputs of the network of positions (causal).
     """
 
     feature: AttributePrior

@@ -21,7 +21,7 @@ def test_recipe_round_trips_through_json(preset: str) -> None:
 
 
 def test_configurations_are_stored_under_the_names_of_earlier_checkpoints() -> None:
-    stored = record_to_json(create_config(losses=("bernoulli:0.2", "first:0.5"), size=9000))
+    stored = record_to_json(create_config(packet_losses=("bernoulli:0.2", "first:0.5"), size=9000))
     assert stored["losses"] == {
         "models": ("bernoulli:0.2",), "first": (0.5,), "packets": ("paper", "datagram"), "share": 0.5
     }  # fmt: skip

@@ -19,7 +19,7 @@ from splatwire.neural.training import Listener, Progress, RunOptions, load_check
 from splatwire.neural.training.config import Milestones, TrainConfig
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED, HOST_RANDOMNESS, Kernels, plain_kernels
-from splatwire.neural.training.losses import prepare_photo
+from splatwire.neural.training.photometric_loss import prepare_photo
 from splatwire.neural.training.photos import PhotoStore
 from splatwire.neural.training.plain import prepare_photo_plain
 from splatwire.neural.training.state import TrainState, move_state

@@ -136,13 +136,13 @@ def test_gaussian_list_contains_all_existing_ones() -> None:
         anchors, scene.heads, center, everything, size_gain=gain, mask_weight=weight
     )
     found = spawn_all(anchors, scene.heads, center, weight, gain)
-    assert int(found.num_existing) == expected.gaussians.num_gaussians > 0
+    assert int(found.num_drawn) == expected.gaussians.num_gaussians > 0
     for name, value in vars(found.gaussians).items():
         value = torch.nn.functional.normalize(value, dim=1) if name == "quats" else value
-        chosen = value[found.exists]
+        chosen = value[found.drawn]
         reference = getattr(expected.gaussians, name)
         torch.testing.assert_close(chosen, reference, atol=1e-5, rtol=1e-4, msg=name)
-    assert not bool(found.gaussians.opacities[~found.exists].any())
+    assert not bool(found.gaussians.opacities[~found.drawn].any())
 
 
 def test_samples_have_the_requested_size_and_follow_the_generator() -> None:

@@ -18,7 +18,7 @@ from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.finetune import fine_tuning_config, state_of_scene
 from splatwire.neural.training.initial import initial_state
-from splatwire.neural.training.losses import prepare_photo
+from splatwire.neural.training.photometric_loss import prepare_photo
 from splatwire.neural.training.step import TrainingStep
 from splatwire.types import AnchorScene, Linear, Mlp
 
@@ -36,7 +36,7 @@ def finished(dataset: Dataset, config: TrainConfig) -> AnchorScene:
 
 
 def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, finished: AnchorScene) -> None:
-    recipe = fine_tuning_config(create_config(iterations=30, losses=("bernoulli:0.2",)), finished)
+    recipe = fine_tuning_config(create_config(iterations=30, packet_losses=("bernoulli:0.2",)), finished)
     assert (recipe.milestones.iterations, recipe.packet_loss.models) == (30, ("bernoulli:0.2",))
     again = export_scene(state_of_scene(finished, dataset, recipe), recipe)
     for name, value in vars(finished.anchors).items():

@@ -13,7 +13,7 @@ from splatwire.neural.training import RunOptions, export_scene, load_checkpoint,
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import HOST_RANDOMNESS, choose_kernels
-from splatwire.neural.training.losses import prepare_photo
+from splatwire.neural.training.photometric_loss import prepare_photo
 from splatwire.neural.training.photos import PhotoStore
 from splatwire.neural.training.quality import assess_scene
 from splatwire.neural.training.state import TrainState, move_state

@@ -9,12 +9,13 @@ import torch
 
 from splatwire.data import Dataset
 from splatwire.neural.training.config import PacketLossConfig, TrainConfig
-from splatwire.neural.training.context import AnchorCache, TrainableHacpp
+from splatwire.neural.training.context import AnchorCache
+from splatwire.neural.training.hacpp import TrainableHacpp
 from splatwire.neural.training.importance import importance_of, order_anchors
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED
-from splatwire.neural.training.losses import prepare_photo
 from splatwire.neural.training.packet_loss import PacketLossSimulator, ReceivedAnchors
+from splatwire.neural.training.photometric_loss import prepare_photo
 from splatwire.neural.training.state import TrainState
 from splatwire.neural.training.step import TrainingStep
 from splatwire.types.importance import Importance

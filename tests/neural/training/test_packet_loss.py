@@ -21,17 +21,18 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.neural.training.config import PacketLossConfig, TrainConfig
-from splatwire.neural.training.context import AnchorCache, SampleBits, TrainableHacpp
+from splatwire.neural.training.context import AnchorCache, SampleBits
 from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.hacpp import TrainableHacpp
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED
-from splatwire.neural.training.losses import prepare_photo
 from splatwire.neural.training.packet_loss import PacketLossSimulator, ReceivedAnchors, packet_of_rank
+from splatwire.neural.training.photometric_loss import prepare_photo
 from splatwire.neural.training.presets import create_config
 from splatwire.neural.training.state import TrainState
 from splatwire.neural.training.step import TrainingStep
 from splatwire.ops.arrays import to_arrays
-from splatwire.types import CausalConfig, ModelConfig
+from splatwire.types import CausalConfig, HacppConfig
 
 pytestmark = pytest.mark.slow
 
@@ -123,7 +124,7 @@ def test_simulated_datagrams_are_runs_of_the_hash_order(block_size: int, packet_
 
 @pytest.mark.parametrize(("model", "expected"), [(SMALL_CAUSAL, 50), (SMALL_CONFIG, 48)])
 def test_anchors_per_packet_count_masks_that_the_estimate_excludes(
-    model: CausalConfig | ModelConfig, expected: int, state: TrainState, config: TrainConfig
+    model: CausalConfig | HacppConfig, expected: int, state: TrainState, config: TrainConfig
 ) -> None:
     packetization = PRESETS["datagram"]
     anchor_bits = 8 * (packetization.packet_bytes - HEADER_BYTES) / 50
@@ -204,22 +205,22 @@ def test_lost_anchors_get_no_picture_gradient(
 
 
 def test_loss_models_for_training_are_parsed_from_text() -> None:
-    assert create_config().packet_loss.models == create_config(losses=("none",)).packet_loss.models == ()
-    assert create_config(losses=("bernoulli:0.2", "none", "gilbert:0.2,20")).packet_loss.models == (
+    assert create_config().packet_loss.models == create_config(packet_losses=("none",)).packet_loss.models == ()
+    assert create_config(packet_losses=("bernoulli:0.2", "none", "gilbert:0.2,20")).packet_loss.models == (
         "bernoulli:0.2",
         "gilbert:0.2,20",
     )
     with pytest.raises(UnknownNameError, match="bernouli"):
-        create_config(losses=("bernouli:0.2",))
+        create_config(packet_losses=("bernouli:0.2",))
     with pytest.raises(InvalidValueError, match="share"):
-        create_config(losses=("bernoulli:2",))
-    mixed = create_config(losses=("first:0.5", "bernoulli:0.1", "first:0.25")).packet_loss
+        create_config(packet_losses=("bernoulli:2",))
+    mixed = create_config(packet_losses=("first:0.5", "bernoulli:0.1", "first:0.25")).packet_loss
     assert (mixed.models, mixed.received_shares) == (("bernoulli:0.1",), (0.5, 0.25))
     for wrong in ("first", "first:", "first:0", "first:1", "first:nan", "first:half"):
         with pytest.raises(InvalidValueError, match="first:SHARE"):
-            create_config(losses=(wrong,))
+            create_config(packet_losses=(wrong,))
     with pytest.raises(InvalidValueError, match="share of lossy"):
         PacketLossConfig(lossy_share=1.5)
     for model in ("hacpp", "causal"):
-        losses = create_config(model=model, losses=("bernoulli:0.2",), loss_share=0.8).packet_loss
+        losses = create_config(model=model, packet_losses=("bernoulli:0.2",), lossy_share=0.8).packet_loss
         assert (losses.models, losses.lossy_share) == (("bernoulli:0.2",), 0.8)

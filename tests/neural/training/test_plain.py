@@ -8,7 +8,7 @@ from scenes import SMALL_CONFIG
 from splatwire.neural.training.adam import adam_update
 from splatwire.neural.training.grid import find_corners, interpolate_signs
 from splatwire.neural.training.kernels import uniform_from_host, uniform_on_device
-from splatwire.neural.training.losses import photometric_loss, prepare_photo
+from splatwire.neural.training.photometric_loss import photometric_loss, prepare_photo
 from splatwire.neural.training.plain import (
     adam_update_plain,
     interpolate_signs_plain,

@@ -26,10 +26,10 @@ def test_size_control_and_iterations_for_losses_are_as_the_help_of_train_states(
     assert "--loss adds 30 % to a new training of the model causal;" in stated
     iterations, losses = 24_000, ("bernoulli:0.2",)
     for model, num_iterations in (("causal", 31_200), ("hacpp", 24_000)):
-        config = create_config(model=model, iterations=iterations, losses=losses)
+        config = create_config(model=model, iterations=iterations, packet_losses=losses)
         assert config.milestones.iterations == num_iterations
         assert measuring_start(config.milestones) / iterations == pytest.approx(0.42, abs=0.005)
-    continued = fine_tuning_config(create_config(iterations=iterations, losses=losses), tiny_causal_scene())
+    continued = fine_tuning_config(create_config(iterations=iterations, packet_losses=losses), tiny_causal_scene())
     assert continued.milestones.iterations == iterations
     assert measuring_start(continued.milestones) < 1
 
@@ -70,7 +70,7 @@ def test_only_offset_and_mask_rates_scale_with_the_scene() -> None:
 
 
 def test_resumed_finished_scene_uses_rates_of_the_second_half() -> None:
-    plain, longer = create_config(iterations=600), create_config(iterations=600, losses=("bernoulli:0.2",))
+    plain, longer = create_config(iterations=600), create_config(iterations=600, packet_losses=("bernoulli:0.2",))
     assert (
         longer.milestones.main_iterations,
         longer.milestones.fine_tuning_iterations,
@@ -88,4 +88,4 @@ def test_resumed_finished_scene_uses_rates_of_the_second_half() -> None:
         if name != "mask_logits":
             assert after[name] == pytest.approx(math.sqrt(rate.initial * rate.final), rel=0.03)
             assert end[name] == pytest.approx(rate.final)
-    assert create_config(model="hacpp", losses=("bernoulli:0.2",)).milestones.fine_tuning_iterations == 0
+    assert create_config(model="hacpp", packet_losses=("bernoulli:0.2",)).milestones.fine_tuning_iterations == 0

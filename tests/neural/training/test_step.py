@@ -12,7 +12,7 @@ from splatwire.data import Dataset
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.neural.training.config import PacketLossConfig, TrainConfig
 from splatwire.neural.training.initial import initial_state
-from splatwire.neural.training.losses import prepare_photo
+from splatwire.neural.training.photometric_loss import prepare_photo
 from splatwire.neural.training.state import TrainState
 from splatwire.neural.training.step import TrainingStep
 

@@ -148,7 +148,7 @@ def test_empty_trained_scene_is_not_exported(dataset: Dataset, config: TrainConf
 
 
 def test_empty_view_leaves_the_heads_unchanged(dataset: Dataset, config: TrainConfig) -> None:
-    from splatwire.neural.training.losses import prepare_photo
+    from splatwire.neural.training.photometric_loss import prepare_photo
 
     state = initial_state(dataset, config)
     away = dataset.cameras.viewmats.copy()

@@ -21,7 +21,7 @@ export interface SequenceDecoder {
    * until the next call.
    */
   frame(number: number, isReceived: (packet: Packet) => boolean, concealer: string, reuse?: boolean): DecodedFrame;
-  /** Decodes the frames after `number` in advance, for up to `ms` milliseconds. */
+  /** Decodes motion of the group after that of frame `number` in advance, for up to `ms` milliseconds. */
   prefetch(number: number, ms: number): void;
   /** Received motion packets with payloads still in memory. */
   readonly packets: readonly Packet[];
@@ -41,7 +41,7 @@ export interface SequenceDecoder {
 export interface DecodedFrame {
   readonly number: number;
   readonly splats: Splats;
-  /** Number of elements with estimated motion. */
+  /** Number of tracks with estimated motion. */
   readonly numConcealed: number;
   /** True if all packets of its group have arrived. */
   readonly isWhole: boolean;

@@ -74,7 +74,7 @@ export class Controller {
   #windowLeft = new AbortController();
   /** Address of the scene's file; empty for a scene inside the page. */
   #file = "";
-  /** Number of elements in the whole scene: Gaussians, or anchors. */
+  /** Number of elements in the whole stream (see `StreamInfo.numElements`). */
   #numElements = 0;
   #size = 1;
   /** Number of redundant Gaussians among the drawn ones. */

@@ -60,7 +60,7 @@ export interface Listener {
   preview(bytes: Uint8Array): void;
   /**
    * Processes a head. `fileHead` is the stream's file up to its first packet. `keep` is true if the file is final and
-   * can be cached. `live` is true if the stream grows and further periods may follow.
+   * can be cached. `live` is true for all heads of a live clip, including the last one.
    */
   head(head: Head, fileHead: Uint8Array, keep: boolean, live?: boolean): void;
   packets(packets: readonly ReceivedPacket[]): void;

@@ -22,7 +22,10 @@ export type ToWorker =
 
 /** Properties of a stream. */
 export interface StreamInfo {
-  /** Number of elements: Gaussians, or anchors. Those of the coarsest tiles in a scene with levels. */
+  /**
+   * Number of elements: Gaussians or anchors; in a clip, keyframe Gaussians and, for each group, tracks with motion.
+   * In a scene with levels, those of the coarsest tiles.
+   */
   readonly numElements: number;
   readonly packets: number;
   readonly degree: number;

@@ -97,7 +97,7 @@ export class Transfer {
   #largestAt: number;
   #highestReceived = -1;
   #lowestMissing = 0;
-  /** True once the server has sent everything, or all tiles of the view. */
+  /** True once the server has sent everything so far, or all tiles of the view. */
   ended = false;
   /**
    * True once a view was sent. The server then sends its tiles, and lost datagrams are requested by sequence number.

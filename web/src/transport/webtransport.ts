@@ -222,7 +222,7 @@ class FeedbackScheduler {
 class Delivery {
   #preview = false;
   #heads = 0;
-  #live = false;
+  #beganLive = false;
   #isCompared = false;
 
   constructor(
@@ -240,10 +240,10 @@ class Delivery {
       this.#preview = true;
       if (transfer.welcome.preview.length) listener.preview(transfer.welcome.preview);
     }
-    this.#live ||= transfer.welcome?.isLive ?? false;
+    this.#beganLive ||= transfer.welcome?.isLive ?? false;
     if (transfer.head && this.#heads !== transfer.numInitSegments) {
       this.#heads = transfer.numInitSegments;
-      listener.head(transfer.head, transfer.fileHead, !this.#live, this.#live);
+      listener.head(transfer.head, transfer.fileHead, !this.#beganLive, this.#beganLive);
     }
     if (transfer.head && transfer.newPackets.length) listener.packets(transfer.newPackets.splice(0));
     listener.counts({

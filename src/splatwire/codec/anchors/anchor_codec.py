@@ -173,22 +173,25 @@ class PlanEncoder:
         self._max_payload_bytes = p.packet_bytes - HEADER_BYTES if p.hashed else None
 
     def batches(self) -> Iterator[slice]:
-        """Yields slices of consecutive packets. Different slices can be encoded in parallel."""
+        """Yields slices of consecutive groups of anchors. Different slices can be encoded in parallel.
+
+        A group is a packet or, with hashed grouping, a whole block, which the encoder divides into packets.
+        """
         # Each slice contains about `CHUNK` anchors.
         return chunks(np.diff(self._starts))
 
     def encode(self, batch: slice) -> CodedPackets:
-        """Encodes a slice of consecutive packets of the packet plan, as yielded by `batches`."""
+        """Encodes a slice of consecutive groups of anchors, as yielded by `batches`."""
         starts = self._starts[batch.start : batch.stop + 1]
         return self._encoder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._max_payload_bytes)
 
 
 def chunks(sizes: np.ndarray, max_anchors: int = CHUNK) -> Iterator[slice]:
-    """Divides packets into slices of consecutive packets, and yields the slices.
+    """Divides groups of anchors into slices of consecutive groups, and yields the slices.
 
     Args:
-        sizes: Number of anchors of each packet.
-        max_anchors: Maximum number of anchors in a slice. A slice may exceed it only if just one of its packets has
+        sizes: Number of anchors of each group.
+        max_anchors: Maximum number of anchors in a slice. A slice may exceed it only if just one of its groups has
             anchors.
     """
     first, total = 0, 0

@@ -125,7 +125,8 @@ def code_axis(
         residual_magnitude: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         predicted_axis: Working array for the predicted axis, int64 (3).
         quantised_axis: Working array for the quantised axis, int64 (3).
-        absolute: False in streams of version 2, which quantise the difference from the prediction instead of the value.
+        absolute: False with side information of version 2: the difference from the prediction is quantised instead of
+            the value.
 
     Returns:
         The updated moving average.

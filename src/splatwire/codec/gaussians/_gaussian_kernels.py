@@ -12,6 +12,7 @@ from splatwire.codec.gaussians._neighbour_kernels import (
     deviation_context_of,
 )
 from splatwire.codec.gaussians.layout import (
+    ASSUMED_ELONGATION,
     BITS,
     FIRST_CLASS,
     LUMA,
@@ -19,8 +20,8 @@ from splatwire.codec.gaussians.layout import (
     MAX_COLOUR,
     MAX_COMPANDED,
     MAX_LOG,
-    MAX_OPACITY,
-    MIN_OPACITY,
+    MAX_LOG_OPACITY,
+    MIN_LOG_OPACITY,
     NUM_MAGNITUDE_CONTEXTS,
     OPACITY,
     RESIDUAL_ELONGATION,
@@ -122,7 +123,8 @@ def code_logs(
             attributes.
         num_neighbours: Number of neighbours.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
-        absolute: False in streams of version 2, which quantise the difference from the prediction instead of the value.
+        absolute: False with side information of version 2: the difference from the prediction is quantised instead of
+            the value.
 
     Returns:
         Five integers. The first four are decoded logarithms: of the largest scale, of the ratio of the largest to the
@@ -136,13 +138,13 @@ def code_logs(
         mean, value, area = neighbours.means[kind], source[kind], np.int64(0)
         low, high, max_shift = np.int64(0), np.int64(MAX_LOG), np.int64(BITS - 1)
         if kind == RESIDUAL_OPACITY:
-            value = value + 1 if value == MAX_OPACITY else value
-            low, high, max_shift = np.int64(MIN_OPACITY), np.int64(MAX_OPACITY), np.int64(BITS)
+            value = value + 1 if value == MAX_LOG_OPACITY else value
+            low, high, max_shift = np.int64(MIN_LOG_OPACITY), np.int64(MAX_LOG_OPACITY), np.int64(BITS)
         elif kind == RESIDUAL_SCALE0:
-            area = ZERO if absolute else 2 * mean - (2 << BITS)
+            area = ZERO if absolute else 2 * mean - ASSUMED_ELONGATION
             low = np.int64(-MAX_LOG)
         elif kind == RESIDUAL_ELONGATION:
-            area, value = 2 * s0 - (2 << BITS), s0 - value
+            area, value = 2 * s0 - ASSUMED_ELONGATION, s0 - value
         else:
             area = 2 * s0 - elongation
             value = ZERO if coder.decoding else compand_flatness(max(s0 - elongation - value, 0), flatness_table)
@@ -185,7 +187,8 @@ def code_colour(
             attributes.
         num_neighbours: Number of neighbours.
         residual_magnitude: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
-        absolute: False in streams of version 2, which quantise the difference from the prediction instead of the value.
+        absolute: False with side information of version 2: the difference from the prediction is quantised instead of
+            the value.
     """
     shift = step_shift(base_exponents, STEP_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
@@ -224,12 +227,12 @@ def position_shifts(logs, precision_classes, base_exponents, lattice_bits, max_p
     for i in range(len(logs)):
         precision_class, source = precision_classes[i], logs[i]
         shift = step_shift(base_exponents, STEP_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
-        opacity = source[0] + 1 if source[0] == MAX_OPACITY else source[0]
-        opacity = min(max(rounded(opacity, shift), MIN_OPACITY), MAX_OPACITY)
+        opacity = source[0] + 1 if source[0] == MAX_LOG_OPACITY else source[0]
+        opacity = min(max(rounded(opacity, shift), MIN_LOG_OPACITY), MAX_LOG_OPACITY)
         shift = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(source[1], shift), -MAX_LOG), MAX_LOG)
         shift = step_shift(
-            base_exponents, STEP_ELONGATION, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
+            base_exponents, STEP_ELONGATION, precision_class, 2 * s0 - ASSUMED_ELONGATION, ZERO, ZERO, opacity, BITS - 1
         )
         elongation = min(max(rounded(s0 - source[2], shift), 0), MAX_LOG)
         shift = step_shift(

@@ -19,11 +19,11 @@ from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.ops.compiled import njit
 
 MAGNITUDE_BOUNDS = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
-"""Lower bound of each context of a harmonic, in sixteenths of a quantisation step. The context depends on the moving
-average of the preceding harmonics' magnitudes.
+"""Lower bound of each context of a harmonic, in sixteenths of a quantisation step. It depends on a decaying sum
+of the preceding harmonics' magnitudes, which keeps 13/16 with each harmonic.
 """
 MAGNITUDE_CONTEXTS = np.searchsorted(MAGNITUDE_BOUNDS, np.arange(MAGNITUDE_BOUNDS[-1] + 1), side="right") - 1
-"""Context of a harmonic for each value of the moving average up to the last lower bound, int64."""
+"""Context of a harmonic for each value of the decaying sum up to the last lower bound, int64."""
 INDEX_CONTEXTS = np.array(
     [2 * np.searchsorted([3, 9, 21], j, side="right") + (j % 3 > 0) for j in range(3 * ((MAX_DEGREE + 1) ** 2 - 1))]
 )
@@ -55,17 +55,17 @@ def code_harmonics(coder, values, source, base_exponents, precision_class):
             values[j] = (source[j] + half_step) >> shift
             has_nonzero |= values[j] != 0
     has_nonzero = code_bit(coder, FIRST_HARMONIC + precision_class, np.int64(has_nonzero))
-    mean_magnitude = np.int64(0)
+    magnitude_sum = np.int64(0)
     if not has_nonzero:
         for j in range(len(values)):
             values[j] = 0
         return
     for j in range(len(values)):
-        context = MAGNITUDE_CONTEXTS[min(mean_magnitude, len(MAGNITUDE_CONTEXTS) - 1)]
+        context = MAGNITUDE_CONTEXTS[min(magnitude_sum, len(MAGNITUDE_CONTEXTS) - 1)]
         value = np.int64(values[j]) if not coder.decoding else np.int64(0)
         value = _code_harmonic(coder, value, FIRST_HARMONIC + MAX_CLASSES + 8 * context + INDEX_CONTEXTS[j], context)
         values[j] = min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC)
-        mean_magnitude = ((mean_magnitude * 13) >> 4) + (min(abs(value), 1 << 16) << 4)
+        magnitude_sum = ((magnitude_sum * 13) >> 4) + (min(abs(value), 1 << 16) << 4)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)

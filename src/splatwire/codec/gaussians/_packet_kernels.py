@@ -135,7 +135,8 @@ def _code_position(coder, row, cell, position, cell_shift, shift, absolute):
             encoder.
         cell_shift: log2 of the side of a grid cell, in lattice spacings.
         shift: log2 of the quantisation step, in lattice spacings.
-        absolute: False in streams of version 2, in which a quantisation step is at most as large as a grid cell.
+        absolute: False with side information of version 2: a quantisation step is then at most as large as a grid
+            cell.
     """
     # The position is nearly random within the cell, so that entropy coding would save nothing.
     low = min(cell_shift, shift)
@@ -218,7 +219,7 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
         scratch: Working arrays from `new_scratch`.
     """
     base_exponents, lattice_bits, max_position_shift, flatness_table = step_parameters
-    absolute = max_position_shift >= 0  # False in streams of version 2, see `SideInfo.packet_dependent`
+    absolute = max_position_shift >= 0  # False with side information of version 2, see `SideInfo.packet_dependent`
     cell_shift, interleaved, codes, positions, classes, logs, axes, colours, source_harmonics = source
     neighbours, cell_codes, stack, predicted_axis, quantised_axis = scratch
     cells, n = neighbours.cells, len(rows)

@@ -9,6 +9,7 @@ from splatwire.codec.gaussians._axis_kernels import largest_of, round_axis
 from splatwire.codec.gaussians._gaussian_kernels import compand_flatness, rounded
 from splatwire.codec.gaussians._packet_kernels import spin_angle
 from splatwire.codec.gaussians.layout import (
+    ASSUMED_ELONGATION,
     AXIS,
     BITS,
     CLASS,
@@ -20,8 +21,8 @@ from splatwire.codec.gaussians.layout import (
     MAX_COMPANDED,
     MAX_HARMONIC,
     MAX_LOG,
-    MAX_OPACITY,
-    MIN_OPACITY,
+    MAX_LOG_OPACITY,
+    MIN_LOG_OPACITY,
     OPACITY,
     POSITION,
     PRIMARY,
@@ -82,13 +83,13 @@ def round_rows(
     for i in range(len(rows)):
         row, precision_class = rows[i], precision_classes[i]
         row[CLASS] = precision_class
-        value = logs[i, 0] + 1 if logs[i, 0] == MAX_OPACITY else logs[i, 0]
+        value = logs[i, 0] + 1 if logs[i, 0] == MAX_LOG_OPACITY else logs[i, 0]
         shift = step_shift(base_exponents, STEP_OPACITY, precision_class, ZERO, ZERO, ZERO, ZERO, BITS)
-        opacity = min(max(rounded(value, shift), MIN_OPACITY), MAX_OPACITY)
+        opacity = min(max(rounded(value, shift), MIN_LOG_OPACITY), MAX_LOG_OPACITY)
         shift = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(logs[i, 1], shift), -MAX_LOG), MAX_LOG)
         shift = step_shift(
-            base_exponents, STEP_ELONGATION, precision_class, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1
+            base_exponents, STEP_ELONGATION, precision_class, 2 * s0 - ASSUMED_ELONGATION, ZERO, ZERO, opacity, BITS - 1
         )
         elongation = min(max(rounded(s0 - logs[i, 2], shift), 0), MAX_LOG)
         area = 2 * s0 - elongation

@@ -8,7 +8,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LOG, MAX_OPACITY, MIN_OPACITY, SLOT_BITS
+from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LOG, MAX_LOG_OPACITY, MIN_LOG_OPACITY, SLOT_BITS
 from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
 from splatwire.ops.prefetch import LINE_BYTES, prefetch
@@ -63,7 +63,7 @@ def _write_logs(opacity, scales, size_log, row):
     """
     low, high = min(scales[0], scales[1]), max(scales[0], scales[1])
     middle = max(low, min(high, scales[2]))
-    row[0] = _fixed(np.log2(np.float64(opacity)), MIN_OPACITY, MAX_OPACITY)
+    row[0] = _fixed(np.log2(np.float64(opacity)), MIN_LOG_OPACITY, MAX_LOG_OPACITY)
     row[1] = _fixed(np.log2(np.float64(max(high, scales[2]))) - size_log, -MAX_LOG, MAX_LOG)
     row[2] = _fixed(np.log2(np.float64(middle)) - size_log, -MAX_LOG, MAX_LOG)
     row[3] = _fixed(np.log2(np.float64(min(low, scales[2]))) - size_log, -MAX_LOG, MAX_LOG)

@@ -147,7 +147,7 @@ def coding_of(info: SideInfo, precision_classes: np.ndarray) -> SplatCoding | No
         precision_classes: Precision class of each Gaussian, which selects its quantisation steps, uint8 (N).
 
     Returns:
-        The parameters; None for streams of version 2, whose integers depend on the division into packets.
+        The parameters; None for side information of version 2, whose integers depend on the division into packets.
     """
     if info.packet_dependent:
         return None
@@ -194,7 +194,7 @@ def decode_packets(
         Two arrays with a row for each Gaussian, packet by packet. The first has the decoded integers of all attributes
         except harmonics, int64 (n, columns). The second has those of the spherical harmonics, int32 (n, harmonics).
     """
-    assert max(counts, default=0) <= MAX_BLOCK_SIZE, "larger blocks have more rows than there are intervals"
+    assert max(counts, default=0) <= MAX_BLOCK_SIZE, "the entropy coder divides at most 2**16 Gaussians in two"
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8).copy()
     byte_starts = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
     gaussian_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
@@ -262,10 +262,10 @@ def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, n
     """Estimates the decoded integers of a block's lost Gaussians.
 
     Positions are copied from received Gaussians of the block. If no Gaussian was received, positions are spread over
-    the bounding box of the block. Other attributes are the block's default values.
+    the bounding box of the block. Other attributes are the block's means.
 
     Args:
-        info: Side information of the stream, with default attribute values for each block.
+        info: Side information of the stream, with mean attributes of each block.
         block: Index of the spatial block.
         received_positions: Positions of the block's received Gaussians in half lattice spacings, relative to the corner
             of the block's bounding box, int64 (received, 3).

@@ -97,8 +97,11 @@ MAX_SQUARED_DISTANCE = 1 << 40
 """Upper limit of the squared distance of a neighbour, so that its product with 2**12 is exact in a float64."""
 
 MAX_LOG = 40 << BITS
-MAX_OPACITY = -1
-MIN_OPACITY = -(10 << BITS)
+MAX_LOG_OPACITY = -1
+"""Largest stored logarithm of an opacity: just below log2(1) = 0. Encoders round it like 0."""
+MIN_LOG_OPACITY = -(10 << BITS)
+ASSUMED_ELONGATION = 2 << BITS
+"""Ratio of the two largest scales that the step of this ratio assumes, because it is not known yet: 2 octaves."""
 MAX_COLOUR = 1 << (BITS + 8)
 MAX_HARMONIC = 1 << 24
 TRANSFORM_UNIT = 127

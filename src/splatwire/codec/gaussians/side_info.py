@@ -36,8 +36,8 @@ from splatwire.types import SplatCoding
 
 VERSION = 3
 RELATIVE_VERSION = 2
-"""Format version of streams in which decoded integers depend on the division into packets: each integer is the
-prediction from neighbours in the same packet plus a multiple of the quantisation step.
+"""Version of the side information of older streams, whose decoded integers depend on the division into packets: each
+integer is the prediction from neighbours in the same packet plus a multiple of the quantisation step.
 """
 NUM_BLOCK_MEANS = 7
 MEAN_SHIFT = BITS - 4
@@ -59,14 +59,14 @@ class SideInfo:
         base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
             class 0 (the coarsest) and a Gaussian with scales (relative to the scene's size) and opacity 1, in fixed
             point with `STEP_BITS` fractional bits. `layout.COEFFICIENTS` adapts the steps to other Gaussians.
-        max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings; -1 in streams of
-            version 2, which have no such limit (see `packet_dependent`).
+        max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings; -1 in side
+            information of version 2, which has no such limit (see `packet_dependent`).
         transform: int64 (K, K), decorrelating transform of the spherical harmonics, one axis per row, with denominator
             `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
-        block_means: int64 (B, 7), means over each block of the decoded integers `OPACITY`, `SCALE0`, `ELONGATION` and
-            `FLATNESS` (see `layout.COLUMNS`) and of Y Co Cg, in fixed point (`BITS` fractional bits), multiples of
-            `1 << MEAN_SHIFT`.
+        block_means: int64 (B, 7), means over each block, before quantisation, of the columns `OPACITY`, `SCALE0`,
+            `ELONGATION` and `FLATNESS` (see `layout.COLUMNS`) and of Y Co Cg, in fixed point (`BITS` fractional bits),
+            multiples of `1 << MEAN_SHIFT`.
         zero_probabilities: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of
             2**8.
         scale_indices: int64 (A, B, C), index of the standard deviation of residuals in the coder's table, for each

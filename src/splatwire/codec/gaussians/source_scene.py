@@ -64,14 +64,14 @@ class BlockSource(NamedTuple):
     Attributes:
         cell_shift: log2 of the cell size of the coarse position grid, in the unit of `positions`.
         interleaved: 1 if each packet has Gaussians from all over the block, 0 if a packet contains adjacent Gaussians.
-        codes: int64 (n), Morton codes of the positions, from `block_codes`.
+        codes: int64 (n), Morton codes of the positions, from `write_block_positions`.
         positions: int64 (n, 3), positions relative to the corner of the block's bounding box, in spacings of the
             position lattice.
         precision_classes: int64 (n), which select the quantisation steps; 0 is the coarsest.
         logs: int64 (n, 4), fixed-point logarithms of opacity and scales.
         axes: float64 (n, 3, 3), principal axes.
         colours: int64 (n, 3), base colours as Y Co Cg in fixed point.
-        harmonics: int32 (n, harmonics), transformed and rounded spherical harmonics, from `transform_harmonics`.
+        harmonics: int32 (n, harmonics), transformed and rounded spherical harmonics, from `gather_sources`.
     """
 
     cell_shift: np.int64
@@ -197,7 +197,7 @@ class SourceScene:
         Args:
             sorted_positions: Indices in the attribute `order`, as a range or an array of integers.
         """
-        # numpy's `take` is several times as fast as indexing a tensor.
+        # numpy's `take` is several times as fast as indexing with brackets.
         return self.splats.select(self.order[sorted_positions])
 
     def classes_at(self, sorted_positions: slice | np.ndarray) -> np.ndarray:
@@ -224,14 +224,14 @@ class SourceScene:
         centres = self.centres if indices is members else self.centres.take(members, axis=0)
         check_lattice_range(
             sources.summarise_block(
-                indices, centres, scene.scales, scene.opacities, scene.sh, self._steps_per_unit, self.size_log,
+                indices, centres, scene.scales, scene.opacities, scene.sh, self._spacings_per_unit, self.size_log,
                 LUMA_CHROMA * DC, GREY, np.empty((2, 4), np.int64), bounds, means,
             )
         )  # fmt: skip
         return bounds, np.rint(means / (1 << MEAN_SHIFT)).astype(np.int64) << MEAN_SHIFT
 
     @property
-    def _steps_per_unit(self) -> float:
+    def _spacings_per_unit(self) -> float:
         """Number of lattice spacings per world unit, a power of two."""
         return 2.0 ** (self.lattice_bits - self.size_log)
 
@@ -277,7 +277,7 @@ class SourceScene:
         positions, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
         centres, dropped_bits = kernel_array(self.centres), max(bits - MAX_CELL_BITS, 0)
         max_coordinate, used_bits = sources.write_block_positions(
-            members, centres, self._steps_per_unit, info.boxes.corners[block], dropped_bits, positions, codes
+            members, centres, self._spacings_per_unit, info.boxes.corners[block], dropped_bits, positions, codes
         )
         check_lattice_range(max_coordinate)
         check_codes(used_bits, bits)

@@ -4,6 +4,7 @@ from typing import no_type_check
 
 from splatwire.codec._step_kernels import position_shift, step_exponent, step_shift
 from splatwire.codec.gaussians.layout import (
+    ASSUMED_ELONGATION,
     BITS,
     DIRECTION_BITS,
     STEP_COLOUR,
@@ -44,7 +45,7 @@ def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, f
         for a in range(3):
             shifts[i, a] = lattice_shift + 1  # the unit of motion is half the lattice spacing
             shifts[i, 3 + a] = min(max(rotation_shift, 0), DIRECTION_BITS - 2)
-        expected_area = 2 * s0 - (2 << BITS)  # of a Gaussian of unknown elongation
+        expected_area = 2 * s0 - ASSUMED_ELONGATION  # of a Gaussian of unknown elongation
         shifts[i, 6] = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)
         shifts[i, 7] = step_shift(
             base_exponents, STEP_ELONGATION, precision_class, expected_area, ZERO, ZERO, opacity, BITS - 1

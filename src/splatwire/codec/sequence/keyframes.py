@@ -77,7 +77,9 @@ class _Fitted:
 
 @dataclass(frozen=True, eq=False)
 class _EncodedShot:
-    """Side information of one shot: groups of frames whose keyframe Gaussians share quantisation steps.
+    """Side information of one shot.
+
+    A shot is a run of groups of frames whose keyframe Gaussians share quantisation steps.
 
     Attributes:
         first_group: Index of the first group.

@@ -55,11 +55,11 @@ class KnownTracks:
         return np.where(sorted_keys[index] == keys, self.by_key[index], -1)
 
     def in_units(self, tracks: np.ndarray | slice, log2_unit: int) -> tuple[np.ndarray, np.ndarray]:
-        """Converts the positions of tracks, and the quantisation steps of their motion, to a common unit of positions.
+        """Converts tracks of different shots, whose positions have different units, to one common unit.
 
         Args:
             tracks: Indices of the tracks.
-            log2_unit: log2 of the ratio of the common unit to the unit of the first shot.
+            log2_unit: log2 of the common unit, where the unit of the first shot is 1.
 
         Returns:
             Positions of the n tracks, int64 (n, 3); and log2 of the quantisation steps of their motion, int64 (n,

@@ -13,7 +13,7 @@ from splatwire.evaluation.study.definition import Row, SceneEntry
 from splatwire.evaluation.study.prepared_stream import PreparedStream, file_bytes
 from splatwire.evaluation.study.references import References, digest_of_files
 from splatwire.files.names import real_path
-from splatwire.io import read_scene_file
+from splatwire.io import read_any_scene
 
 PICTURES = "pictures"
 """Name of the elements of a result that consists of pictures."""
@@ -45,7 +45,7 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
             raise InvalidValueError(f"row '{row.key}': pictures need 'num_bytes', the bytes that the codec sends")
         picture_paths(path, references)
         return PreparedStream(str(path), digest, {row.label: decoded_file.num_bytes}, 0, 0, elements=PICTURES)
-    scene = scene_of(read_scene_file(path).loaded)
+    scene = scene_of(read_any_scene(path).loaded)
     size = file_bytes(path) if decoded_file.num_bytes is None else decoded_file.num_bytes
     return PreparedStream(
         str(path), digest, {row.label: size}, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS

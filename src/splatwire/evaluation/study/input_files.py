@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.files.names import real_path
-from splatwire.io import SceneFile, read_scene_file
+from splatwire.io import LoadedScene, read_any_scene
 
 _STREAMS, _SCENES = 4, 1
 """Maximum number of streams and of scene files that are kept in memory."""
@@ -24,15 +24,15 @@ class InputFiles:
     """
 
     _streams: "OrderedDict[Path, SceneStream]" = field(default_factory=OrderedDict, repr=False)
-    _scenes: "OrderedDict[Path, SceneFile]" = field(default_factory=OrderedDict, repr=False)
+    _scenes: "OrderedDict[Path, LoadedScene]" = field(default_factory=OrderedDict, repr=False)
 
     def stream(self, path: Path) -> SceneStream:
         """Reads a stream."""
         return keep(self._streams, real_path(path), _STREAMS, lambda: read_stream(path)[0])
 
-    def scene_file(self, path: Path) -> SceneFile:
+    def loaded_scene(self, path: Path) -> LoadedScene:
         """Reads a scene file or a file of explicit Gaussians."""
-        return keep(self._scenes, real_path(path), _SCENES, lambda: read_scene_file(path))
+        return keep(self._scenes, real_path(path), _SCENES, lambda: read_any_scene(path))
 
 
 def keep(cache: "OrderedDict[Key, Value]", key: Key, max_values: int, make: Callable[[], Value]) -> Value:

@@ -21,7 +21,7 @@ from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.registry import schema_named
-from splatwire.concealment import concealed, concealer_names, create_concealer
+from splatwire.concealment import conceal_if_received, concealer_names, create_concealer
 from splatwire.concealment.registry import why_unfit
 from splatwire.concealment.temporal.concealers import temporal_concealer_names
 from splatwire.data import save_cameras
@@ -151,13 +151,15 @@ class Source:
             return decode_complete(self.files.stream(path), path)
         if self.entry.kind == "model":
             return import_model("hacpp", self.entry.source)
-        return complete_scene(self.files.scene_file(self.entry.source), self.entry.source)
+        return complete_scene(self.files.loaded_scene(self.entry.source), self.entry.source)
 
     @property
     def received(self) -> Scene:
         """The scene, without the elements of packets that are missing in the user's stream."""
-        loaded = self.files.scene_file(self.entry.source).loaded if self.stream is None else decode_stream(self.stream)
-        return concealed(loaded, create_concealer("drop"))
+        if self.stream is not None:
+            return conceal_if_received(decode_stream(self.stream), create_concealer("drop"))
+        loaded = self.files.loaded_scene(self.entry.source).loaded
+        return conceal_if_received(loaded, create_concealer("drop"))
 
     @property
     def sections(self) -> Mapping[str, bytes]:
@@ -295,7 +297,7 @@ def _background(first: PreparedStream, store: Store) -> Background:
     path = store.root / first.path
     if first.num_packets:
         return BACKGROUND.of_stream(store.files.stream(path))
-    return scene_of(store.files.scene_file(path).loaded).background
+    return scene_of(store.files.loaded_scene(path).loaded).background
 
 
 def _frame_views(source: Source, reference_digest: str, store: Store) -> SceneEntry:
@@ -347,8 +349,8 @@ def _passthrough(source: Source, digest: str) -> PreparedStream:
         return PreparedStream(
             path, digest, stream_parts(stream), manifest.num_packets, manifest.num_elements, elements=manifest.elements
         )
-    scene_file = source.files.scene_file(entry.source)
-    scene, form = scene_of(scene_file.loaded), find_format(scene_file.kind)
+    loaded_scene = source.files.loaded_scene(entry.source)
+    scene, form = scene_of(loaded_scene.loaded), find_format(loaded_scene.kind)
     parts = tensor_bytes(entry.source) if form is None else {form.name: file_bytes(entry.source)}
     return PreparedStream(path, digest, parts, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS)
 

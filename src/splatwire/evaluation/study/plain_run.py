@@ -82,8 +82,8 @@ def plain_rows(
         sections, codec = sections_of(stream), manifest.codec
         complete = len(stream.packets) == manifest.num_packets
     else:
-        scene_file = files.scene_file(entry.source)
-        loaded, complete = scene_file.loaded, scene_file.num_lost == 0
+        loaded_scene = files.loaded_scene(entry.source)
+        loaded, complete = loaded_scene.loaded, loaded_scene.num_lost == 0
         scene = scene_of(loaded)
         if not lossy and scene is loaded:
             name = "no loss" if complete else "as it is"

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from splatwire.anchors.appearance import ReceivedScene, Scene, scene_of
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
-from splatwire.concealment import concealed, create_concealer
+from splatwire.concealment import conceal_if_received, create_concealer
 from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.evaluation.lossmap import draw_loss_map
@@ -169,7 +169,7 @@ class UnitRunner:
             paths = picture_paths(Path(unit.stream.path), unit.references)
             return read_pictures(paths, views.cameras.height, views.cameras.width)
         if not unit.references.frames:
-            scene = concealed(arrived.scene, create_concealer(unit.concealer, **unit.options))
+            scene = conceal_if_received(arrived.scene, create_concealer(unit.concealer, **unit.options))
             # Rendered references were already examined during rendering.
             if not unit.references.renders and unit.references.digest not in self._examined:
                 self._examined.add(unit.references.digest)
@@ -223,8 +223,8 @@ class UnitRunner:
             if unit.stream.elements == PICTURES:
                 return ReceivedInput(None, None, 0, sum(unit.stream.parts.values()), 0.0)
             if sent is None:
-                scene_file = self.store.files.scene_file(self.store.root / unit.stream.path)
-                return ReceivedInput(scene_file.loaded, scene_file.loss_mask, 0, sum(unit.stream.parts.values()), 0.0)
+                scene = self.store.files.loaded_scene(self.store.root / unit.stream.path)
+                return ReceivedInput(scene.loaded, scene.loss_mask, 0, sum(unit.stream.parts.values()), 0.0)
             started = time.perf_counter()
             received = self.decode(sent)
             seconds = time.perf_counter() - started

@@ -48,10 +48,10 @@ def warn_of_other_units(vertices: PlyElement) -> None:
     meant = _unit_of_opacities(sample, opacities)
     positive = bool(scales.size) and scales.min() >= 0
     several = len(sample.rows) >= _MIN_ROWS
-    sizes = positive and (meant is not None or (len(sample.rows) > 1 and _look_like_sizes(sample, scales, several)))
-    if sizes:
+    are_sizes = positive and (meant is not None or (len(sample.rows) > 1 and _look_like_sizes(sample, scales, several)))
+    if are_sizes:
         _warn_of_scales(vertices.path, scales)
-    if meant is not None and (several or sizes):
+    if meant is not None and (several or are_sizes):
         _warn_of_opacities(vertices.path, opacities, meant)
     if several:
         _warn_of_colours(vertices.path, sample)

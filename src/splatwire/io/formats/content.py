@@ -16,7 +16,7 @@ from splatwire.types.splats import Splats
 LOG = logging.getLogger(__name__)
 _VISIBLE = 0.5
 """Ratio of the step of rounded positions to the median size of Gaussians above which rounding is visible."""
-_FAR, _SAMPLE = 0.05, 1 << 16
+_MIN_ROUNDED_SHARE, _SAMPLE = 0.05, 1 << 16
 """Minimum share of visibly rounded Gaussians for a warning, and maximum number of Gaussians that are examined."""
 Content = TypeVar("Content", bound="FileContent")
 
@@ -114,7 +114,9 @@ def coarse_positions(splats: Splats) -> tuple[float, float, float] | None:
         steps = np.spacing(distances.astype(np.float32))
         rounded = np.isfinite(distances) & (sizes > 0) & (steps > _VISIBLE * sizes)
     share = float(rounded.mean()) if len(rounded) else 0.0
-    return None if share <= _FAR else (share, float(distances[rounded].max()), float(steps[rounded].max()))
+    if share <= _MIN_ROUNDED_SHARE:
+        return None
+    return share, float(distances[rounded].max()), float(steps[rounded].max())
 
 
 def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:

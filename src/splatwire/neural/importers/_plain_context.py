@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from splatwire.neural.model.tensors import to_tensors
-from splatwire.types import AnchorLayout, Anchors, ContextModel, HashGrid, HashGridConfig, Linear, Mlp, ModelConfig
+from splatwire.types import AnchorLayout, Anchors, HacppConfig, HacppContextModel, HashGrid, HashGridConfig, Linear, Mlp
 
 GRID = HashGridConfig(1, (3,), (3,), 5, 5)
 """The smallest hash grid that the stream format allows; the predictions do not depend on its values."""
@@ -14,7 +14,7 @@ _MARGIN = 0.2
 _MIN_SPREAD = 1e-6
 
 
-def plain_context(anchors: Anchors, layout: AnchorLayout) -> tuple[ContextModel, ModelConfig]:
+def plain_context(anchors: Anchors, layout: AnchorLayout) -> tuple[HacppContextModel, HacppConfig]:
     """Builds a context model that predicts the same normal distribution of each attribute value for every anchor.
 
     The distributions have the mean and the standard deviation over all anchors.
@@ -31,7 +31,7 @@ def plain_context(anchors: Anchors, layout: AnchorLayout) -> tuple[ContextModel,
               for t in (anchors.features, anchors.scalings, offsets)]  # fmt: skip
     (feature_mean, feature_spread), (scaling_mean, scaling_spread), (offset_mean, offset_spread) = groups
     steps = tuple(max(float(spread.mean()) / _STEPS_PER_SPREAD, _MIN_SPREAD) for _, spread in groups)
-    config = ModelConfig(layout, GRID, (steps[0], steps[1], steps[2]))
+    config = HacppConfig(layout, GRID, (steps[0], steps[1], steps[2]))
     even = torch.zeros_like(feature_mean)
     prior = _constant(
         torch.cat([feature_mean, feature_spread, even, scaling_mean, scaling_spread, offset_mean, offset_spread,
@@ -53,7 +53,7 @@ def plain_context(anchors: Anchors, layout: AnchorLayout) -> tuple[ContextModel,
         low - room,
         high + room,
     )
-    return ContextModel(grid, prior, tuple(channel)), config
+    return HacppContextModel(grid, prior, tuple(channel)), config
 
 
 def _constant(outputs: Tensor, num_inputs: int, negative_slope: float = 0.0) -> Mlp:

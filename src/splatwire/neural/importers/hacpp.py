@@ -25,11 +25,11 @@ from splatwire.types import (
     AnchorLayout,
     Anchors,
     AnchorScene,
-    ContextModel,
     GaussianHeads,
     HacppCoding,
+    HacppConfig,
+    HacppContextModel,
     Mlp,
-    ModelConfig,
 )
 
 _MASK_THRESHOLD = 0.01
@@ -70,13 +70,13 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
         grid, grid_config = hash_grid(checkpoint["encoding_xyz"], *bounds)
         channel, groups = channel_networks(checkpoint["deform_mlp"])
         layout = AnchorLayout(sum(groups), vertices.columns("f_offset_").shape[1] // 3, groups)
-        config = ModelConfig(layout, grid_config)
+        config = HacppConfig(layout, grid_config)
         prior = _network(checkpoint, "grid_mlp", config.grid.context_dim, config.prior_dim)
         heads = _heads(checkpoint, layout)
     except (ValueError, KeyError) as error:
         raise DatasetError(f"{checkpoint_path}: {error.args[0]}") from error
     anchors, voxel_size = _anchors(vertices, layout, model_dir)
-    context, background = ContextModel(grid, prior, channel), load_background(model_dir)
+    context, background = HacppContextModel(grid, prior, channel), load_background(model_dir)
     return to_arrays(AnchorScene(anchors, heads, HacppCoding(context, voxel_size, config), background=background))
 
 

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.reprs import summary_repr
-from splatwire.types.anchor_config import ModelConfig
+from splatwire.types.anchor_config import HacppConfig
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +41,11 @@ class PriorOutputs:
     __repr__ = summary_repr
 
 
-def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> PriorOutputs:
+def split_prior_outputs(outputs: Float[Tensor, "N P"], config: HacppConfig) -> PriorOutputs:
     """Splits the output columns of the prior network into means, standard deviations, weights and step logits.
 
     Args:
-        outputs: Output of the network `ContextModel.prior`, with `ModelConfig.prior_dim` columns.
+        outputs: Output of the network `HacppContextModel.prior`, with `HacppConfig.prior_dim` columns.
         config: Shapes of anchors and networks.
     """
     features, offsets = config.layout.feature_dim, 3 * config.layout.num_offsets

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from splatwire.arguments import CheckedFields
 from splatwire.errors import InvalidValueError
 from splatwire.lazy_names import renamed_attributes
-from splatwire.types import ModelConfig
+from splatwire.types import HacppConfig
 from splatwire.types.causal_coding import CausalConfig
 
 STORED_NAME = "stored_name"
@@ -281,7 +281,7 @@ class TrainConfig(CheckedFields):
     # per four pixels of a view.
 
     preset: str = "mipnerf360"
-    model: ModelConfig | CausalConfig = field(default_factory=ModelConfig)
+    model: HacppConfig | CausalConfig = field(default_factory=HacppConfig)
     voxel_size: float = 0.001
     hidden: tuple[int, int, int] = (50, 100, 40)
     milestones: Milestones = Milestones()
@@ -300,9 +300,9 @@ class TrainConfig(CheckedFields):
     __getattr__ = renamed_attributes("TrainConfig", {"losses": "packet_loss", "averaged": "averaging_iterations"})
 
     @property
-    def hacpp(self) -> ModelConfig:
+    def hacpp(self) -> HacppConfig:
         """Shapes of the HAC++ model; only for configurations with the HAC++ model."""
-        assert isinstance(self.model, ModelConfig)
+        assert isinstance(self.model, HacppConfig)
         return self.model
 
     @property

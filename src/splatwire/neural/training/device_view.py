@@ -76,19 +76,19 @@ class AllGaussians:
     """Gaussians of all offsets of some anchors, including masked-out offsets.
 
     Attributes:
-        gaussians: Gaussians in the order of anchors, then offsets; opacity 0 for masked-out offsets.
-        exists: Mask of the Gaussians that are drawn.
+        gaussians: Gaussians in the order of anchors, then offsets; opacity 0 for those that are not drawn.
+        drawn: Mask of the Gaussians that are drawn.
     """
 
     # Quaternions are not normalised, because GPU renderers normalise them.
 
     gaussians: Gaussians
-    exists: Bool[Tensor, "G"]
+    drawn: Bool[Tensor, "G"]
 
     @property
-    def num_existing(self) -> Int64[Tensor, ""]:
+    def num_drawn(self) -> Int64[Tensor, ""]:
         """Number of Gaussians that are drawn."""
-        return self.exists.sum()
+        return self.drawn.sum()
 
 
 @torch.no_grad()
@@ -185,7 +185,7 @@ def gather_statistics(
     statistics = state.statistics
     shape = (len(visible), statistics.gradient_sum.shape[1])  # -1 would be ambiguous if no anchor is visible
     opacity = spawned.gaussians.opacities.view(shape).sum(dim=1)
-    counted = (on_image(views, view, spawned.gaussians) & spawned.exists).float()
+    counted = (on_image(views, view, spawned.gaussians) & spawned.drawn).float()
     length = torch.linalg.vector_norm(d_centers * (views.size / 2), dim=1).mul_(counted)
     statistics.visits.index_add_(0, visible, torch.ones_like(opacity))
     statistics.opacity_sum.index_add_(0, visible, opacity)

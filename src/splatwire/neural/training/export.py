@@ -14,13 +14,13 @@ from splatwire.ops.arrays import to_arrays
 from splatwire.types import (
     Anchors,
     AnchorScene,
-    ContextModel,
     GaussianHeads,
     HacppCoding,
+    HacppConfig,
+    HacppContextModel,
     HashGrid,
     Linear,
     Mlp,
-    ModelConfig,
 )
 from splatwire.types.causal_coding import CausalCoding, CausalConfig
 
@@ -64,7 +64,7 @@ def _causal(state: TrainState, model: CausalConfig) -> CausalCoding:
     )  # fmt: skip
 
 
-def _hacpp(state: TrainState, model: ModelConfig) -> HacppCoding:
+def _hacpp(state: TrainState, model: HacppConfig) -> HacppCoding:
     parameters, networks = state.parameters, state.networks
     grid = HashGrid(
         volume=_signs(parameters["grid.volume"]),
@@ -72,7 +72,8 @@ def _hacpp(state: TrainState, model: ModelConfig) -> HacppCoding:
         bounds_min=state.bounds_min,
         bounds_max=state.bounds_max,
     )
-    context = ContextModel(grid, copied_mlp(networks.context_prior), tuple(copied_mlp(mlp) for mlp in networks.channel))
+    channel = tuple(copied_mlp(mlp) for mlp in networks.channel)
+    context = HacppContextModel(grid, copied_mlp(networks.context_prior), channel)
     return HacppCoding(context, state.voxel_size, model)
 
 

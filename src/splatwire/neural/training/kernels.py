@@ -11,7 +11,7 @@ from splatwire.neural.render.differentiable import draw_cpu
 from splatwire.neural.render.renderers import create_training_renderer
 from splatwire.neural.training.adam import AdamUpdate, adam_update
 from splatwire.neural.training.grid import GridCorners, interpolate_signs
-from splatwire.neural.training.losses import Photo, photometric_loss, prepare_photo
+from splatwire.neural.training.photometric_loss import Photo, photometric_loss, prepare_photo
 from splatwire.neural.training.plain import (
     adam_update_plain,
     interpolate_signs_plain,
@@ -116,8 +116,8 @@ class Kernels:
     Attributes:
         draw: Renders a view.
         interpolate_signs: Interpolates the binary hash grid (`splatwire.neural.training.grid.interpolate_signs`).
-        prepare_photo: Precomputes the terms of the loss that depend only on the photo (`neural.training.losses`).
-        photometric_loss: Compares a rendered picture with a photo (`neural.training.losses`).
+        prepare_photo: Precomputes the terms of the loss that depend only on the photo (see `photometric_loss`).
+        photometric_loss: Compares a rendered picture with a photo (`neural.training.photometric_loss`).
         adam_update: Updates parameters with Adam (`splatwire.neural.training.adam.adam_update`).
         random: Functions that draw random numbers.
         asynchronous: True if the CPU only queues the operations, for a GPU.

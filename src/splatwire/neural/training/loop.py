@@ -13,7 +13,7 @@ from splatwire.arguments import CheckedFields
 from splatwire.data import Dataset
 from splatwire.errors import DatasetError, DivergedError, InvalidValueError, shown
 from splatwire.neural.training.kernels import Kernels
-from splatwire.neural.training.losses import Photo
+from splatwire.neural.training.photometric_loss import Photo
 from splatwire.neural.training.photos import PhotoStore, check_photos
 from splatwire.neural.training.progress import Listener, RunningMeans
 from splatwire.neural.training.quality import QualityReport, assess_scene
@@ -110,8 +110,8 @@ class TrainingLoop:
         test_views: Test views; None for no tests.
         device: The training device.
         kernels: Implementations of the expensive operations for that device.
-        seconds: Duration of the iterations so far, and after them also of the refinement or fine-tuning, seconds,
-            without tests.
+        seconds: Duration of the iterations so far, and after them also of the final task (refinement of the context
+            model; for explicit Gaussians, fine-tuning with rounding), seconds, without tests.
     """
 
     options: RunOptions

@@ -8,7 +8,8 @@ from torch import Tensor
 from splatwire.neural.training.causal import TrainableCausal
 from splatwire.neural.training.causal_device import DeviceCausal
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import AnchorCache, MaskedAttributes, SampleBits, TrainableHacpp
+from splatwire.neural.training.context import AnchorCache, MaskedAttributes, SampleBits
+from splatwire.neural.training.hacpp import TrainableHacpp
 from splatwire.neural.training.kernels import Kernels
 from splatwire.neural.training.state import TrainState
 from splatwire.types.causal_coding import CausalConfig

@@ -24,7 +24,7 @@ from splatwire.neural.training.models import TrainableContextModel
 from splatwire.neural.training.state import TrainState, keep_anchors
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.knn import NeighborTree, nearest_others
-from splatwire.types import Cameras, ModelConfig
+from splatwire.types import Cameras, HacppConfig
 from splatwire.types.anchors import mean_log_size
 
 _GROW = Grow()
@@ -144,11 +144,12 @@ class PacketLossSimulator:
         choice = self._choices[int(torch.randint(len(self._choices), (), generator=state.generator))]
         names = self._config.packet_loss.packetizations
         name = names[int(torch.randint(len(names), (), generator=state.generator))]
+        # the schema determines only the packetization without a name; HAC++ is trained with the same one
         packetization = packetization_named(name, CAUSAL, state.num_anchors)
         seed = int(torch.randint(1 << 62, (), generator=state.generator))
         if isinstance(choice, float):
             return self.receive_first(state, choice)
-        mask_bytes = _MASK_BYTES if isinstance(self._config.model, ModelConfig) else 0.0
+        mask_bytes = _MASK_BYTES if isinstance(self._config.model, HacppConfig) else 0.0
         packet_anchors = _anchors_per_packet(packetization, estimated_bits, mask_bytes)
         return self.lose_packets(state, packetization, choice, seed, packet_anchors)
 

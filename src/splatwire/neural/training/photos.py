@@ -8,7 +8,7 @@ from torch import Tensor
 
 from splatwire.data import Dataset
 from splatwire.errors import DatasetError
-from splatwire.neural.training.losses import Photo, prepare_photo
+from splatwire.neural.training.photometric_loss import Photo, prepare_photo
 
 PREPARED_BYTES, PREPARED_DEVICE_BYTES = 1 << 30, 4 << 30
 """Maximum bytes of photos kept with precomputed terms of the loss, on the CPU and on a GPU.

@@ -16,7 +16,7 @@ from torch.nn.functional import conv2d
 from splatwire.metrics.ssim import WINDOW
 from splatwire.neural.training.adam import BETA1, BETA2, EPSILON, AdamUpdate
 from splatwire.neural.training.grid import GridCorners, hard_sign
-from splatwire.neural.training.losses import C1, C2, Photo, window_taps
+from splatwire.neural.training.photometric_loss import C1, C2, Photo, window_taps
 
 
 def interpolate_signs_plain(
@@ -104,7 +104,7 @@ def _windows(count: int, device: torch.device) -> tuple[Tensor, Tensor]:
 def photometric_loss_plain(
     image: Float[Tensor, "H W 3"], photo: Photo, dssim: float
 ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
-    """Computes the loss of a rendered picture; arguments and result as in `neural.training.losses.photometric_loss`."""
+    """Computes the loss of a rendered picture; arguments and result as in the module `photometric_loss`."""
     if photo.mask is not None:
         photo = prepare_photo_plain(torch.where(photo.mask[:, :, None], photo.image, image.detach()))
     loss, error = _PhotometricLoss.apply(image, photo, dssim)

@@ -54,7 +54,7 @@ snowmiku_small. Twice the factor for offsets is worse. High learning rates from 
 anchors)."""
 CAUSAL_LENGTH = 2400
 FINE_TUNING_SHARE = 0.3
-"""Number of fine-tuning iterations for packet loss, as a share of all iterations (causal model only)."""
+"""Number of fine-tuning iterations for packet loss, as a share of the iterations before them (causal model only)."""
 _RAISED_RATES = ("offsets", "opacity", "color", "causal", "log_steps")
 _RAISING_EXPONENT = 4 / 3
 """Parameter groups whose final learning rate is higher in short trainings, and the exponent of the factor.
@@ -106,8 +106,8 @@ def create_config(
     voxel_size: float | None = None,
     growth_interval: int | None = None,
     refine_steps: int | None = None,
-    losses: tuple[str, ...] = (),
-    loss_share: float = PacketLossConfig.lossy_share,
+    packet_losses: tuple[str, ...] = (),
+    lossy_share: float = PacketLossConfig.lossy_share,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     seed: int = 0,
 ) -> TrainConfig:
@@ -118,13 +118,14 @@ def create_config(
         model: Name of the context model, one of `MODELS`.
         lmbda: Weight of the rate in the loss; None for the preset's default.
         size: Target size of the stream in bytes; 0 for a constant weight of the rate.
-        iterations: Number of iterations, to which the schedule is scaled.
+        iterations: Number of iterations before the fine-tuning, to which the schedule is scaled. The fine-tuning, with
+            `packet_losses` and the causal model, is in addition (`FINE_TUNING_SHARE`).
         voxel_size: Spacing of anchor positions, world units; 0 to derive it from the points, None for the preset's
             default.
         growth_interval: Number of iterations between two changes of the set of anchors; None for the default.
         refine_steps: Number of Adam steps of the final refinement of the context model; None for the default.
-        losses: Packet losses to train for, in the syntax of `packet_loss_config`; empty for no packet loss.
-        loss_share: Share of the iterations with packet loss, after the start of its simulation.
+        packet_losses: Packet losses to train for, in the syntax of `packet_loss_config`; empty for no packet loss.
+        lossy_share: Share of the iterations with packet loss, after the start of its simulation.
         background: RGB of the background.
         seed: Seed of all random numbers.
 
@@ -153,7 +154,7 @@ def create_config(
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
         weights=LossWeights(rate=lmbda, target_bytes=size),
         refine=RefineConfig(steps=steps, seed=seed),
-        packet_loss=packet_loss_config(losses, loss_share),
+        packet_loss=packet_loss_config(packet_losses, lossy_share),
         background=background,
         test_views=chosen.test_views,
         seed=seed,

@@ -37,7 +37,7 @@ class Progress:
         l1: Running mean of the mean absolute error of rendered pictures.
         num_elements: Number of anchors or Gaussians.
         estimated_bytes: Estimated size of the encoded scene; None until the loss includes the bit rate.
-        seconds: Seconds since this training was started or resumed.
+        seconds: Duration of all iterations since the training was started or resumed, seconds.
         iterations_per_second: Speed, from the median duration of the last iterations; None if unknown.
         elements: Name of the elements in messages.
     """

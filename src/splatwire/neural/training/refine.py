@@ -20,7 +20,6 @@ from splatwire.neural.model.hash_grid import unit_coordinates
 from splatwire.neural.model.prior_field import PriorOutputs, split_prior_outputs, typical_spread
 from splatwire.neural.model.tensors import run_network, to_tensors
 from splatwire.neural.training.config import RefineConfig
-from splatwire.neural.training.context import AttributeBits, adaptive_steps, attribute_bits
 from splatwire.neural.training.export import copied_mlp
 from splatwire.neural.training.fit import fit_samples
 from splatwire.neural.training.grid import (
@@ -30,18 +29,19 @@ from splatwire.neural.training.grid import (
     interpolate_signs,
     straight_through_sign,
 )
+from splatwire.neural.training.hacpp import AttributeBits, adaptive_steps, attribute_bits
 from splatwire.neural.training.refine_causal import refine_causal
 from splatwire.ops.arrays import to_arrays
 from splatwire.types import (
     Anchors,
     AnchorScene,
     CausalCoding,
-    ContextModel,
+    HacppConfig,
+    HacppContextModel,
     HashGrid,
     HashGridConfig,
     Linear,
     Mlp,
-    ModelConfig,
 )
 
 _CHUNK = 8192
@@ -65,7 +65,7 @@ class _ConstantData:
         mask: Mask of the offsets that exist, 0 or 1.
     """
 
-    config: ModelConfig
+    config: HacppConfig
     corners: GridCorners
     logits: Float[Tensor, "N 3"]
     steps: Float[Tensor, "N 3"]
@@ -166,7 +166,7 @@ def refine_context(
         [(networks, config.network_rate), ([signs.volume, signs.planes], config.grid_rate)], len(alive), config,
         lambda index, _: _loss(fixed, prior, channels, signs, index, config), progress,
     )  # fmt: skip
-    context = ContextModel(
+    context = HacppContextModel(
         signs.grid(scene.hacpp.context_model.grid),
         copied_mlp(prior.mlp()),
         tuple(copied_mlp(part.mlp()) for part in channels),
@@ -239,7 +239,7 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData,
     return fixed, outputs
 
 
-def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
+def _typical_outputs(outputs: PriorOutputs, config: HacppConfig) -> list[Float[Tensor, "out"]]:
     """Returns typical magnitudes of the outputs of the prior network and the channel networks, for normalisation."""
     # It is the typical predicted standard deviation of the attribute channel. Outputs are divided by it so that one
     # learning rate suits all.

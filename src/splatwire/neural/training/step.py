@@ -21,9 +21,9 @@ from splatwire.neural.training.device_view import AllGaussians
 from splatwire.neural.training.fine_tuning_phase import start_fine_tuning
 from splatwire.neural.training.growth import adjust_anchors, gather_statistics
 from splatwire.neural.training.kernels import COMPILED, Kernels
-from splatwire.neural.training.losses import Photo
 from splatwire.neural.training.models import new_context_model
 from splatwire.neural.training.packet_loss import PacketLossSimulator
+from splatwire.neural.training.photometric_loss import Photo
 from splatwire.neural.training.schedule import changes_anchors, gathers_statistics, learning_rates
 from splatwire.neural.training.state import Moments, TrainState, group_of
 from splatwire.render.base import Drawing
@@ -122,7 +122,7 @@ class TrainingStep:
         if isinstance(spawned, SpawnedGaussians):
             num_drawn = torch.tensor(spawned.gaussians.num_gaussians)
         else:
-            num_drawn = spawned.num_existing
+            num_drawn = spawned.num_drawn
         loss = self._total_loss(loss, state, spawned, num_drawn, estimated_bits)
         self._check(state, loss)
         if loss.requires_grad:
@@ -219,7 +219,7 @@ class TrainingStep:
             loss = loss + weights.volume * scales.prod(dim=1).mean()
         elif isinstance(spawned, AllGaussians):  # the gradient of torch.prod synchronises with the host
             x, y, z = scales.unbind(dim=1)
-            loss = loss + weights.volume * torch.dot(x * y * z, spawned.exists.to(scales)) / num_drawn.clamp(min=1)
+            loss = loss + weights.volume * torch.dot(x * y * z, spawned.drawn.to(scales)) / num_drawn.clamp(min=1)
         if estimated_bits is not None:
             loss = loss + self._model.rate_loss(state, estimated_bits)
         return loss

@@ -15,7 +15,7 @@ from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import Kernels, choose_kernels
 from splatwire.neural.training.loop import RunOptions, TrainingLoop, training_device
-from splatwire.neural.training.losses import Photo
+from splatwire.neural.training.photometric_loss import Photo
 from splatwire.neural.training.progress import Listener, RunningMeans, estimate_bytes
 from splatwire.neural.training.quality import QualityReport
 from splatwire.neural.training.refine import refine_context

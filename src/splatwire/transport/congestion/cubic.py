@@ -74,7 +74,7 @@ class CubicWindow:
         self.threshold = min(self.threshold, self.bytes)
 
     def undo(self) -> None:
-        """Restores the window from before the last reduction, because the loss was not congestion."""
+        """Undoes the last reduction of the window, if its cause turned out not to be congestion."""
         if self._before_reduction:
             self.bytes, self.threshold = (
                 max(self.bytes, self._before_reduction[0]),

@@ -330,6 +330,7 @@ class PageContent:
         name = self._shown_name(query)
         token = token_in(query) if self._is_private(name) else ""
         address = f"{self._stream_path(name)}?token={token}" if token else self._stream_url(name)
+        # a live stream of datagrams has no file: `src` then only names it
         attributes = {"src": address, **self.attributes} if name else dict(self.attributes)
         if (endpoint := self._endpoint()) and not self._is_private(name):
             # Relative, because behind a proxy the request's host may differ from the one in the visitor's address bar.

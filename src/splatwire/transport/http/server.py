@@ -263,26 +263,31 @@ class PageServer:
         """Sends a file while it grows, until it is complete or the client disconnects.
 
         A client that only ends its sending side gets the file as long as it grows and the client reads fast enough.
+        Such a client and one that has disconnected differ only when something is sent.
 
         Raises:
             TimeoutError: If the client reads too slowly.
-            OSError: If the client disconnects, or if it ends its sending side and nothing could be written for
+            OSError: If the client disconnects, or if it ends its sending side and the file does not grow for
                 `CLOSING_S`.
         """
+        num_pieces, waits_for_growth = 0, True
 
         async def write() -> None:
+            nonlocal num_pieces, waits_for_growth
             async for piece in file.pieces():
-                await self._write(piece, writer, sent)
+                num_pieces, waits_for_growth = num_pieces + 1, False
+                await self._write(piece, writer, sent)  # has time limits of its own
+                waits_for_growth = True
 
         # While nothing is written, only reading shows that the client has disconnected.
         writing, leaving = asyncio.ensure_future(write()), asyncio.ensure_future(_discard(reader))
         try:
             await asyncio.wait((writing, leaving), return_when=asyncio.FIRST_COMPLETED)
-            num_bytes = -1
+            last = None
             while not writing.done():
-                if leaving.exception() is not None or sent.num_bytes == num_bytes:
+                if leaving.exception() is not None or (waits_for_growth and num_pieces == last):
                     raise ConnectionResetError("the client has disconnected, or has ended its sending side")
-                num_bytes = sent.num_bytes
+                last = num_pieces
                 await asyncio.wait((writing,), timeout=CLOSING_S)
             await writing
         finally:

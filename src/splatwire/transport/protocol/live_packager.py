@@ -36,6 +36,8 @@ ImportanceFunction = Callable[[Sequence[Packet]], Sequence[float]]
 class LiveSnapshot(ServedStream):
     """Live stream prepared for sending, in its state after a new group of pictures.
 
+    `packets` has empty bytes for packets that have expired (see `is_still_needed`).
+
     Attributes:
         persistent: One byte per packet: 1 if later groups of pictures also need the packet, else 0.
         newest_start: Index in sending order of the first packet of the newest group of pictures.
@@ -124,22 +126,23 @@ class LivePackager:
 
     def _protect(self, ranges: tuple[ParityRange, ...]) -> None:
         """Computes the repair symbols and the sending order of the newest group of pictures."""
-        # The repair symbols of earlier groups of pictures are dropped.
-        num_earlier_parity_groups = max(self._num_parity_groups, -(-self._newest_start // MAX_SYMBOLS))
+        # The repair symbols of earlier groups of pictures are dropped; the numbers of their parity groups stay taken.
+        # Each parity group, also one without symbols, has at most `MAX_SYMBOLS` packets.
+        num_taken_group_numbers = max(self._num_parity_groups, -(-self._newest_start // MAX_SYMBOLS))
         packets = self._packets[self._newest_start :]
-        earlier_ranges = (ParityRange(self._newest_start, num_earlier_parity_groups, 0),) if self._newest_start else ()
-        num_earlier_parity_groups = num_earlier_parity_groups if earlier_ranges else 0
+        earlier_ranges = (ParityRange(self._newest_start, num_taken_group_numbers, 0),) if self._newest_start else ()
+        num_taken_group_numbers = num_taken_group_numbers if earlier_ranges else 0
         parity = parity_symbols(packets, ranges, symbol_bytes_for(MAX_PACKET_BYTES))
         schedule = build_send_schedule(
             [], ranges, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(packets)]
         )
         first_indices = {DATA: self._newest_start, PARITY: 0}
-        self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_earlier_parity_groups, *parity)
+        self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_taken_group_numbers, *parity)
         self._newest_schedule = tuple(
-            (kind, group + num_earlier_parity_groups * (kind == PARITY), index + first_indices[kind])
+            (kind, group + num_taken_group_numbers * (kind == PARITY), index + first_indices[kind])
             for kind, group, index in schedule
         )
-        self._num_parity_groups = num_earlier_parity_groups + len(parity)
+        self._num_parity_groups = num_taken_group_numbers + len(parity)
 
     def _snapshot(self, manifest: Manifest, side_info: bytes, *, is_live: bool) -> LiveSnapshot:
         data = init_segment(manifest, side_info)

@@ -86,7 +86,8 @@ class ParityRange(NamedTuple):
     Attributes:
         num_packets: Number of packets of the range.
         groups: Number of interleaved parity groups; 0 without parity.
-        repair: Number of repair symbols per parity group.
+        repair: Number of repair symbols per parity group. 0 if the packets have expired: the numbers of their parity
+            groups stay taken.
     """
 
     num_packets: int
@@ -264,7 +265,9 @@ class Refuse(NamedTuple):
 
 
 class End(NamedTuple):
-    """Datagram that a server sends after all packets; only retransmissions may follow.
+    """Datagram that a server sends when it has sent everything once. Retransmissions may follow.
+
+    New packets may also follow: in a live stream, and after a view update.
 
     Attributes:
         session: Id of the transfer.

@@ -5,7 +5,7 @@ import {
   MAX_CAUSAL_CONTEXT,
   MAX_CAUSAL_FEATURES,
   MAX_CAUSAL_GROUPS,
-  MAX_CAUSAL_LOG_STEP,
+  MAX_CAUSAL_STEP_OF_LOGS,
   MAX_CAUSAL_OFFSETS,
   MAX_CAUSAL_ZERO_POINT,
   MAX_CENTRE_DISTANCE,
@@ -133,7 +133,7 @@ function readHeader(bytes: Uint8Array): Header {
     within([offsets], 1, MAX_CAUSAL_OFFSETS) &&
     within([context], 1, MAX_CAUSAL_CONTEXT) &&
     within([...linearSteps, voxelSize], 1e-9, 1e9) &&
-    within(stepsOfLogs, 1, MAX_CAUSAL_LOG_STEP) &&
+    within(stepsOfLogs, 1, MAX_CAUSAL_STEP_OF_LOGS) &&
     within(zeroPoints, -MAX_CAUSAL_ZERO_POINT, MAX_CAUSAL_ZERO_POINT) &&
     within(spread, 1, MAX_COORD) &&
     within(middle, -MAX_COORD, MAX_COORD);

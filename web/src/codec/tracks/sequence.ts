@@ -76,7 +76,7 @@ export class Sequence implements SequenceDecoder {
   readonly #receivedElements: number[];
   /** First group with motion packets still in memory. */
   #firstGroup = 0;
-  readonly #motionDecoder: FastMotionPacketDecoder;
+  #motionDecoder: FastMotionPacketDecoder;
   #cachedBytes = 0;
   /** Gaussians of the last frame, if their memory may be used again. */
   #reusedSplats = emptySplats(0, 0);
@@ -97,6 +97,9 @@ export class Sequence implements SequenceDecoder {
 
   /** Continues with a longer clip, which has more groups. */
   grow(info: SequenceInfo): void {
+    // an encoder fits the models to the first group that moves, which an earlier head may not have
+    if (info.models.some((state, n) => state !== this.info.models[n]))
+      this.#motionDecoder = new FastMotionPacketDecoder(info);
     this.info = info;
     this.#keyframes.grow(info);
     for (let group = this.#motion.length; group < info.groups.length; group++) {

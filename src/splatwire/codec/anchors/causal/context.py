@@ -70,7 +70,7 @@ class CodingContext:
     """Networks and constants of the causal context model, shared by encoder and decoder.
 
     Attributes:
-        config: Sizes of the model's networks and tables.
+        config: Layout of the anchors, and number of outputs of the network of positions.
         middle: int64 (3), centre of the scene, voxels.
         spread: int64 (3), twice the median distance of the anchors from `middle` along each axis, voxels.
         networks: Networks by name.

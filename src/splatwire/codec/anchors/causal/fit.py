@@ -11,7 +11,7 @@ import numpy as np
 from splatwire.anchors.causal_prediction import position_inputs, predict_causal
 from splatwire.codec.anchors.causal.positions import encode_coarse_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo
-from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
+from splatwire.codec.anchors.head_quantisation import SAMPLE_SEED, quantise_heads
 from splatwire.codec.quantised_networks import quantise_network
 from splatwire.ops.arrays import lower_median
 from splatwire.types import AnchorScene, CausalCoding
@@ -25,7 +25,7 @@ root of their number. Weight bytes decrease with the logarithm of the error, att
 information counts for more than its bytes, because all packets need it: lego is smallest with 0.03, and 0.1 % larger
 with 0.04, but with 7 % smaller networks.
 """
-HEAD_TOLERANCE = 0.008
+CAUSAL_HEAD_TOLERANCE = 0.008
 """Tolerated error of a rendering network's output. A value of 0.004 would add 1.2 kB of side information. It would gain
 0.02 dB for lego (at 0.4 % of its bytes) and nothing for snowmiku.
 """
@@ -64,7 +64,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: 
     return SideInfo(
         coding.config, coding.voxel_size, encode_coarse_positions(voxels, 1), middle, spread,
         np.concatenate([steps[: len(groups)], steps[-1:]]), steps_of_logs, zero_points,
-        networks, fit_heads(scene.heads, sample, HEAD_TOLERANCE),
+        networks, quantise_heads(scene.heads, sample, CAUSAL_HEAD_TOLERANCE),
     )  # fmt: skip
 
 
@@ -108,7 +108,7 @@ def _evaluate_networks(
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
     """Returns the tolerated error of each output of a network, caused by quantisation of the network's weights.
 
-    Only the ratios of the errors matter, because the caller multiplies all of them by one factor.
+    The errors are those for a `network_tolerance` of 1, by which the caller multiplies them.
 
     Args:
         name: Name of the network.

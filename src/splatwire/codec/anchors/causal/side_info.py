@@ -10,8 +10,8 @@ from splatwire.bitstream.limits import (
     MAX_CAUSAL_CONTEXT,
     MAX_CAUSAL_FEATURES,
     MAX_CAUSAL_GROUPS,
-    MAX_CAUSAL_LOG_STEP,
     MAX_CAUSAL_OFFSETS,
+    MAX_CAUSAL_STEP_OF_LOGS,
     MAX_CAUSAL_ZERO_POINT,
     MAX_CENTRE_DISTANCE,
     MAX_COORD,
@@ -36,7 +36,7 @@ class SideInfo:
     """Side information of a stream of anchors with the causal model: data shared by all packets.
 
     Attributes:
-        config: Sizes of the model's networks and tables.
+        config: Layout of the anchors, and number of outputs of the network of positions.
         voxel_size: World units per voxel.
         positions: The high bits of all anchors' positions. The packets contain the low bits.
         middle: int64 (3), centre of the scene, voxels.
@@ -169,7 +169,7 @@ def _problem(info: SideInfo) -> str | None:
         return f"steps {info.linear_steps.tolist()}"
     if not 1e-9 < info.voxel_size < 1e9:
         return f"voxel size {info.voxel_size}"
-    if not ((info.steps_of_logs > 0).all() and (info.steps_of_logs <= MAX_CAUSAL_LOG_STEP).all()):
+    if not ((info.steps_of_logs > 0).all() and (info.steps_of_logs <= MAX_CAUSAL_STEP_OF_LOGS).all()):
         return f"steps of logarithms {info.steps_of_logs.tolist()}"
     if np.abs(info.zero_points).max() > MAX_CAUSAL_ZERO_POINT:
         return f"sizes around {info.zero_points.tolist()}"

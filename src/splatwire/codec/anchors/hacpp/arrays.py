@@ -25,9 +25,9 @@ from splatwire.types import (
     AnchorScene,
     Attribute,
     AttributePrior,
-    ContextModel,
     GaussianHeads,
     HacppCoding,
+    HacppContextModel,
     HashGrid,
     LossMask,
     Prior,
@@ -119,7 +119,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
         offsets.reshape(num, layout.num_offsets, 3), arrays.mask,
     )  # fmt: skip
     heads = GaussianHeads(*(network_of(head) for head in info.heads))
-    model = ContextModel(_grid(info), network_of(info.prior), tuple(network_of(mlp) for mlp in info.channel))
+    model = HacppContextModel(_grid(info), network_of(info.prior), tuple(network_of(mlp) for mlp in info.channel))
     background = BACKGROUND.read(info.sections)
     scene = AnchorScene(
         anchors,

@@ -13,7 +13,7 @@ from splatwire.codec.anchors.hacpp.grid_lookup import lookup, unit_coordinates
 from splatwire.codec.fixed_point import FACTOR_BITS, INVERSE_STEP_BITS, OUTPUT_BITS, STEP_CELLS, STEP_LIMIT
 from splatwire.codec.integer_network import IntegerMlp
 from splatwire.entropy.tables import step_table
-from splatwire.types.anchor_config import ModelConfig
+from splatwire.types.anchor_config import HacppConfig
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class PriorColumns:
     steps: int
 
 
-def prior_columns(config: ModelConfig) -> PriorColumns:
+def prior_columns(config: HacppConfig) -> PriorColumns:
     """Returns the first column of each kind of prediction in the outputs of the prior network."""
     f, o = config.layout.feature_dim, 3 * config.layout.num_offsets
     return PriorColumns(0, f, 2 * f, 3 * f, 3 * f + 6, 3 * f + 12, 3 * f + 12 + o, 3 * f + 12 + 2 * o)
@@ -71,7 +71,7 @@ def inverse_step_table(base: float) -> np.ndarray:
     return np.array([round(numerator / int(f)) for f in factor_table()], dtype=np.int64)
 
 
-def step_indices(outputs: np.ndarray, config: ModelConfig) -> np.ndarray:
+def step_indices(outputs: np.ndarray, config: HacppConfig) -> np.ndarray:
     """Returns the quantisation steps of feature, scaling and offset of each anchor, as indices into `factor_table`.
 
     Args:
@@ -135,7 +135,7 @@ class CodingContext:
         channel: One network for each feature group, which predicts the group from the groups before it.
     """
 
-    config: ModelConfig
+    config: HacppConfig
     voxel_size: float
     bounds_min: np.ndarray
     bounds_max: np.ndarray

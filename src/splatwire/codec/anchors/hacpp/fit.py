@@ -5,12 +5,12 @@ import numpy as np
 from splatwire.codec.anchors.hacpp.coding_params import PriorColumns, prior_columns
 from splatwire.codec.anchors.hacpp.grid_lookup import lookup, unit_coordinates
 from splatwire.codec.anchors.hacpp.side_info import MASK_CONTEXTS, SideInfo
-from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
+from splatwire.codec.anchors.head_quantisation import SAMPLE_SEED, quantise_heads
 from splatwire.codec.fixed_point import ACTIVATION_BITS
 from splatwire.codec.quantised_networks import quantise_network
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.ops.arrays import lower_median
-from splatwire.types import AnchorScene, ModelConfig
+from splatwire.types import AnchorScene, HacppConfig
 from splatwire.types.prior import MIN_SCALE
 
 SAMPLE_ANCHORS = 16_000
@@ -58,7 +58,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, network_tolerance: 
         config, scene.hacpp.voxel_size, *bounds, voxels, signs,
         quantise_network(context.prior, inputs, _prior_tolerance(outputs, columns, config) * network_tolerance),
         _fit_channel(scene, sample.features, outputs[:, : columns.scaling_mean], network_tolerance),
-        fit_heads(scene.heads, sample),
+        quantise_heads(scene.heads, sample),
         _fit_mask_probabilities(scene.anchors.mask),
     )  # fmt: skip
 
@@ -77,7 +77,7 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
     return np.sqrt(typical**2 + step**2 / 12)
 
 
-def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
+def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: HacppConfig) -> np.ndarray:
     """Returns the tolerated error of each output of the prior network, caused by quantisation of the weights.
 
     Errors of these sizes cost about the same number of bits in every output. Only the ratios of the errors matter,

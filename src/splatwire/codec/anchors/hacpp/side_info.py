@@ -17,7 +17,7 @@ from splatwire.codec.weight_bytes import framed, read_heads, read_networks, writ
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.files.byte_io import ByteReader, ByteWriter
-from splatwire.types import AnchorLayout, HashGridConfig, ModelConfig
+from splatwire.types import AnchorLayout, HacppConfig, HashGridConfig
 
 VERSION = 1
 MASK_CONTEXTS = 4
@@ -47,7 +47,7 @@ class SideInfo:
         sections: Optional named sections, content by name.
     """
 
-    config: ModelConfig
+    config: HacppConfig
     voxel_size: float
     bounds_min: np.ndarray
     bounds_max: np.ndarray
@@ -159,7 +159,7 @@ def _header(info: SideInfo) -> bytes:
     return writer.bytes()
 
 
-def _read_header(data: bytes) -> tuple[ModelConfig, float, tuple[np.ndarray, np.ndarray]]:
+def _read_header(data: bytes) -> tuple[HacppConfig, float, tuple[np.ndarray, np.ndarray]]:
     reader = ByteReader(data, "side information header")
     version = reader.u8()
     if version != VERSION:
@@ -179,7 +179,7 @@ def _read_header(data: bytes) -> tuple[ModelConfig, float, tuple[np.ndarray, np.
         layout = AnchorLayout(features, offsets, lists[0])
     except ValueError as error:
         raise BitstreamError(f"side information: {error}") from None
-    config = ModelConfig(layout, HashGridConfig(depth, lists[1], lists[2], log2_3d, log2_2d), steps)
+    config = HacppConfig(layout, HashGridConfig(depth, lists[1], lists[2], log2_3d, log2_2d), steps)
     _check_config(config, BitstreamError)
     bounds = corners[:3], corners[3:]
     if not (1e-9 < voxel_size < 1e9 and np.isfinite(corners).all() and (bounds[1] > bounds[0]).all()):
@@ -187,7 +187,7 @@ def _read_header(data: bytes) -> tuple[ModelConfig, float, tuple[np.ndarray, np.
     return config, voxel_size, bounds
 
 
-def _check_config(config: ModelConfig, error: type[BitstreamError] | type[InvalidValueError]) -> None:
+def _check_config(config: HacppConfig, error: type[BitstreamError] | type[InvalidValueError]) -> None:
     """Checks that the sizes of a model are within the format's limits.
 
     Args:

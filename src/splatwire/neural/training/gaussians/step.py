@@ -13,7 +13,7 @@ from splatwire.neural.training.gaussians.config import GaussianConfig
 from splatwire.neural.training.gaussians.relocation import add_noise, relocate
 from splatwire.neural.training.gaussians.state import GaussianState
 from splatwire.neural.training.kernels import COMPILED, Kernels
-from splatwire.neural.training.losses import Photo
+from splatwire.neural.training.photometric_loss import Photo
 from splatwire.neural.training.schedule import learning_rate_at
 from splatwire.neural.training.state import Moments
 from splatwire.neural.training.step import StepReport

@@ -20,7 +20,7 @@ from splatwire.neural.training.gaussians.state import GaussianState
 from splatwire.neural.training.gaussians.step import GaussianStep
 from splatwire.neural.training.kernels import Kernels, choose_kernels
 from splatwire.neural.training.loop import RunOptions, TrainingLoop, training_device
-from splatwire.neural.training.losses import Photo
+from splatwire.neural.training.photometric_loss import Photo
 from splatwire.neural.training.progress import Listener, RunningMeans
 from splatwire.neural.training.quality import QualityReport
 from splatwire.neural.training.step import StepReport

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from photometric_reference import photometric_loss_reference
-from splatwire.neural.training.losses import photometric_loss, prepare_photo
+from splatwire.neural.training.photometric_loss import photometric_loss, prepare_photo
 
 
 def _pair(height: int, width: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:

@@ -5,14 +5,9 @@ from splatwire.codec import encode_scene
 from splatwire.data import Dataset
 from splatwire.neural.model.tensors import run_network
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import (
-    AnchorCache,
-    estimate_sample_bits,
-    grid_features,
-    initialise_prior,
-    step_network,
-)
+from splatwire.neural.training.context import AnchorCache
 from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.hacpp import estimate_sample_bits, grid_features, initialise_prior, step_network
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.rate import binary_entropy_bits
 from splatwire.neural.training.state import TrainState

@@ -9,12 +9,12 @@ from splatwire.ops.twister import Twister
 from splatwire.types import Anchors, GaussianHeads
 
 SAMPLE_SEED = 0
-HEAD_TOLERANCE = 0.004
+DEFAULT_HEAD_TOLERANCE = 0.004
 """Tolerated error of a rendering network's output before its activation: a quarter of an 8-bit colour step."""
 
 
-def fit_heads(
-    heads: GaussianHeads, sample: Anchors, tolerance: float = HEAD_TOLERANCE
+def quantise_heads(
+    heads: GaussianHeads, sample: Anchors, tolerance: float = DEFAULT_HEAD_TOLERANCE
 ) -> tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]:
     """Quantises the rendering networks of a scene.
 
