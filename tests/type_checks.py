@@ -27,6 +27,9 @@ _LOCK = threading.RLock()
 """Held while the annotations of a function are replaced by their values."""
 _CHECKS_OF_CLOSURES: dict[CodeType, "_Check"] = {}
 """Checks of functions within other functions."""
+CHECKED_CALLS, UNCHECKED_CALLS = 64, 16
+"""Of a function with shapes, the first calls are checked, and then one of so many: checks of loops with thousands of
+calls took a tenth of the whole suite's time."""
 _FITTING: set[tuple[type, type]] = set()
 """Protocols, each with a class whose objects have all its members."""
 
@@ -119,10 +122,14 @@ def _keep_check(found: Any, annotations: dict[str, Any], has_shapes: bool, check
 def _with_shapes(found: Callable[..., Any], make: Callable[[], Callable[..., Any]]) -> Callable[..., Any]:
     """Wraps a function so that checks compare the dimensions of arguments and result."""
     checked: Callable[..., Any] | None = None
+    num_calls = 0
 
     @functools.wraps(found)
     def call(*args: Any, **kwargs: Any) -> Any:
-        nonlocal checked
+        nonlocal checked, num_calls
+        num_calls += 1
+        if num_calls > CHECKED_CALLS and num_calls % UNCHECKED_CALLS:
+            return found(*args, **kwargs)
         checked = checked or make()
         with whole("context"):
             return checked(*args, **kwargs)

@@ -58,6 +58,7 @@ def test_effort_prunes_and_prints_the_kept_share(ball, tmp_path, run):
     assert fast["num_elements"] == 200
 
 
+@pytest.mark.extended
 @pytest.mark.slow
 def test_effort_best_fine_tunes_and_depends_on_seed_and_losses(ball, tmp_path, run, monkeypatch):
     few = functools.partial(Tuning, iterations=8, num_views=4, size=32)

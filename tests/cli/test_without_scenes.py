@@ -74,6 +74,7 @@ for words in {all_words}:
     return bare(code, ["torch", "gsplat"])
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("make", [tiny_scene, tiny_causal_scene])
 def test_scenes_of_anchors_need_no_torch(make: Callable[..., AnchorScene], tmp_path: Path) -> None:
     save_scene(make(num_anchors=200), tmp_path / "scene.safetensors")
@@ -90,6 +91,7 @@ def test_scenes_of_anchors_need_no_torch(make: Callable[..., AnchorScene], tmp_p
     assert "preview" in sections_of(read_stream(tmp_path / "more.swz")[0])
 
 
+@pytest.mark.extended
 def test_sketches_of_anchors_need_no_torch(tmp_path: Path) -> None:
     bundled = Path(splatwire.__file__).parent / "assets" / "snowmiku.swz"
     done = without_torch(
@@ -101,6 +103,7 @@ def test_sketches_of_anchors_need_no_torch(tmp_path: Path) -> None:
     assert "sketch" in sections_of(read_stream(tmp_path / "scene.swz")[0])
 
 
+@pytest.mark.extended
 def test_gaussians_get_their_sketch_without_torch(tmp_path: Path) -> None:
     write_splats([some_splats(300, 0)], tmp_path / "scene.ply")
     done = without_torch(("encode", tmp_path / "scene.ply", "-o", tmp_path / "scene.swz", "--preset", "datagram"))

@@ -35,7 +35,9 @@ def oversized() -> dict[str, SceneStream]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("codec", ["gaussians", "causal", "hacpp", "tracks"])
+@pytest.mark.parametrize(
+    "codec", ["gaussians", *(pytest.param(name, marks=pytest.mark.extended) for name in ("causal", "hacpp", "tracks"))]
+)
 def test_small_streams_allocate_little_memory(oversized: dict[str, SceneStream], codec: str, tmp_path: Path) -> None:
     """Inspects, decodes at once and progressively, writes the received packets and drops lost elements."""
     small = {"causal": "tiny_causal.swz", "hacpp": "tiny.swz", "tracks": "tiny_clip.swz"}

@@ -271,6 +271,7 @@ CHAIN = {
 }
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("file", "old", "new", "result"), [("inner", "+ 10", "+ 20", 43), ("limits", "1", "5", 27)])
 def test_kernel_is_recompiled_when_its_dependencies_change(file, old, new, result, tmp_path):
     """numba does not detect this change, because the file of the called kernel is unchanged."""
@@ -308,6 +309,7 @@ def test_every_kernel_uses_the_shared_cache():
             assert "numba.njit" not in path.read_text(encoding="utf-8"), path
 
 
+@pytest.mark.extended
 def test_a_read_only_installation_decodes_without_a_home(temporary):
     """Simulates an ordinary container; files in place of folders prevent even root from writing next to the source."""
     installed = temporary.parent / "installed"
@@ -330,6 +332,7 @@ def test_a_read_only_installation_decodes_without_a_home(temporary):
     assert list((temporary / f"splatwire-kernels-{os.getuid()}").rglob("*.nbi"))
 
 
+@pytest.mark.extended
 def test_unreadable_cache_index_counts_as_empty(tmp_path, monkeypatch):
     """An index of another release names removed types, and numba unpickles it."""
     source = "from splatwire.ops.compiled import njit\n\n\n@njit()\ndef doubled(x):\n    return 2 * x\n"
@@ -476,6 +479,7 @@ print(data.hex())
 """
 
 
+@pytest.mark.extended
 def test_kernels_work_without_numbas_private_option(tmp_path):
     """A later numba may lack `_nrt`; kernels then count references to arrays and code the same bytes."""
     found = {}

@@ -82,6 +82,7 @@ def test_streams_have_the_requested_psnr(degree):
     assert abs(encoded(scene, psnr=40.0).psnr - 40.0) <= 0.2
 
 
+@pytest.mark.extended
 @pytest.mark.slow
 def test_targets_of_the_bundled_scene_are_reached(bundled):
     assert 24_250 <= encoded(bundled, size=25_000).stream.num_bytes <= 25_000

@@ -64,6 +64,7 @@ def test_streams_have_the_psnr_that_was_requested():
     assert found.stream.num_bytes < GAIN * encoded(scene, "default", psnr=36.0).stream.num_bytes
 
 
+@pytest.mark.extended
 @pytest.mark.slow
 def test_best_is_closer_to_the_source_than_default_at_equal_bytes():
     scene = splatwire.open_scene(BUNDLED)
@@ -77,6 +78,7 @@ def test_best_is_closer_to_the_source_than_default_at_equal_bytes():
     assert best.psnr > default.psnr
 
 
+@pytest.mark.extended
 @pytest.mark.slow
 def test_equal_seeds_give_equal_streams_and_another_seed_or_loss_another():
     scene, target = shell(200), {"quality": quality_of("small")}

@@ -128,6 +128,7 @@ def test_receiver_continues_across_periods(frames, loss, joins):
         assert all(len(frame.tracks) > 0.7 * count for frame, count in zip(shown, drawn, strict=True))  # half a second
 
 
+@pytest.mark.extended
 def test_memory_of_an_endless_live_clip_is_bounded():
     few = moving_frames(60, 4)
     LivePath(few, 2, period_groups=1).run(keep=False)  # excludes libraries and kernels that are loaded once

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.slow
 GOLDEN = Path(__file__).parents[1] / "golden"
 
 
+@pytest.mark.extended
 def test_small_streams_allocate_little_memory_in_the_page(tmp_path: Path) -> None:
     if reason := lacking():
         pytest.skip(reason)

@@ -124,9 +124,9 @@ def page() -> Iterator[Browser]:
     ("way", "name"),
     [
         ("same", "tiny_levels.swz"),
-        ("cors", "tiny_levels.swz"),
+        pytest.param("cors", "tiny_levels.swz", marks=pytest.mark.extended),
         ("cors", "tiny_causal.swz"),
-        ("signed", "tiny_levels.swz"),
+        pytest.param("signed", "tiny_levels.swz", marks=pytest.mark.extended),
         ("signed", "tiny_clip.swz"),
     ],
 )
@@ -154,8 +154,8 @@ def test_a_redirect_to_a_server_without_cors_is_named_by_the_header(store: Store
     ("visits", "name"),
     [
         pytest.param(0, "tiny_levels.swz", id="fresh-levels"),
-        pytest.param(0, "tiny_clip.swz", id="fresh-clip"),
-        pytest.param(1, "tiny_levels.swz", id="stored-levels"),
+        pytest.param(0, "tiny_clip.swz", id="fresh-clip", marks=pytest.mark.extended),
+        pytest.param(1, "tiny_levels.swz", id="stored-levels", marks=pytest.mark.extended),
         pytest.param(1, "tiny_causal.swz", id="stored-still"),
         pytest.param(1, "tiny_clip.swz", id="stored-clip"),
     ],

@@ -120,8 +120,10 @@ def parallel_map(work: Callable[[Item], Result], items: Sequence[Item]) -> list[
     Returns:
         The results in the order of the items.
     """
+    wanted = min(_CHOSEN.get() or allowed_threads(), len(items)) - 1 if len(items) > 1 else 0
+    if not wanted:
+        return [work(item) for item in items]
     queue = _WorkQueue(work, collections.deque(enumerate(items)), {})
-    wanted = min(_CHOSEN.get() or allowed_threads(), len(items)) - 1
     helpers = [_helper_pool().submit(queue.take) for _ in range(wanted)]
     try:
         queue.take()

@@ -164,6 +164,7 @@ def ply_head(form: str, count: int) -> bytes:
     return ("\n".join(lines) + "\nend_header\n").encode()
 
 
+@pytest.mark.extended
 @pytest.mark.slow
 def test_xz_memory_is_bounded_by_its_content(tmp_path: Path) -> None:
     rows = np.zeros((200_000, len(PROPERTIES)), "<f4")

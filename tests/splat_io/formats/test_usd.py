@@ -208,6 +208,7 @@ def test_a_damaged_size_takes_little_memory(tmp_path):
         read_splats(changed_byte(tmp_path, 345, 128))
 
 
+@pytest.mark.extended
 @pytest.mark.slow
 def test_a_changed_byte_is_one_error_or_none(tmp_path):
     generator = random.Random(7)
