@@ -6,7 +6,7 @@ import pytest
 
 from splat_io.formats.handmade import some_splats
 from splatwire.io import open_scene
-from splatwire.io.formats import write_splats
+from splatwire.io.formats import is_antialiased, write_splats
 from splatwire.types.background import BLACK, WHITE
 
 
@@ -56,6 +56,21 @@ def test_unreadable_arguments_give_a_warning_and_black(model, caplog):
     assert open_scene(model).background == BLACK
     assert "cfg_args" in caplog.text
     assert "the background is black" in caplog.text
+
+
+@pytest.mark.parametrize("argument", ["antialiasing=True", "rasterize_mode='antialiased'"])
+def test_a_model_folder_has_the_antialiasing_of_its_training(model, run, tmp_path, argument):
+    assert not open_scene(model).antialiased
+    (model / "cfg_args").write_text(f"Namespace(sh_degree=3, source_path='/data/mip', {argument}, eval=True)")
+    assert open_scene(model / "point_cloud").antialiased
+    assert run("import", "splats", model, "-o", tmp_path / "b.ply").status == 0
+    assert is_antialiased(tmp_path / "b.ply")
+
+
+def test_unclear_antialiasing_of_a_training_gives_a_warning(model, caplog):
+    (model / "cfg_args").write_text("Namespace(sh_degree=3, kernel_size=0.1, white_background=False)")
+    assert not open_scene(model).antialiased
+    assert "argument 'kernel_size: 0.1' is not understood: the scene is drawn without antialiasing" in caplog.text
 
 
 @pytest.mark.needs_torch

@@ -67,7 +67,10 @@ def zoo(tmp_path_factory):
     (folder / "empty").touch()
     (folder / "unknown").write_bytes(bytes(range(256)) * 3)
     (folder / "empty folder").mkdir()
-    (folder / "hacpp" / "point_cloud").mkdir(parents=True)
+    (folder / "hacpp" / "point_cloud" / "iteration_3").mkdir(parents=True)
+    (folder / "hacpp" / "point_cloud" / "iteration_3" / "checkpoint.pth").touch()
+    (folder / "no gaussians" / "point_cloud" / "iteration_7").mkdir(parents=True)
+    (folder / "no gaussians" / "point_cloud" / "iteration_7" / "point_cloud.ply").touch()
     for number in (700, 7000, 30000):
         (folder / "3dgs" / "point_cloud" / f"iteration_{number}").mkdir(parents=True)
         write_splats([splats], folder / "3dgs" / "point_cloud" / f"iteration_{number}" / "point_cloud.ply")
@@ -120,8 +123,10 @@ WELCOME = {
     "read_stream": ["stream", "stream folder"],
     "read_splats": [kind.key for form in FORMATS.registered().values() for kind in form.kinds],
     "load_cameras": ["cameras"],
+    "import_hacpp": ["hacpp"],
 }
 PARTICULAR = {
+    ("import_hacpp", "no gaussians"): ["checkpoint.pth: missing"],
     ("load_scene", "partial scene"): ["conceal it first"],
     ("open_dataset", "dataset"): ["neither a COLMAP reconstruction"],
 }
@@ -221,9 +226,10 @@ def test_files_of_a_model_folder_and_folders_above_it_are_refused_with_its_path(
         with pytest.raises(SplatwireError) as caught:
             open_scene(given)
         assert str(caught.value).endswith(f"{model} looks like a model folder of 3DGS")
+    (tmp_path / "hac" / "point_cloud" / "iteration_3").mkdir(parents=True)
+    (tmp_path / "hac" / "point_cloud" / "iteration_3" / "opacity_mlp.pt").touch()
     for name in ("point_cloud", "point_cloud/iteration_3"):
         folder = tmp_path / "hac" / name
-        folder.mkdir(parents=True)
         for reader in (import_hacpp, open_scene):
             with pytest.raises(SplatwireError, match=f"{tmp_path / 'hac'} looks like a model folder of HAC"):
                 reader(folder)

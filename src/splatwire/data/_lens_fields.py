@@ -5,15 +5,24 @@ import re
 from collections.abc import Collection, Mapping
 
 _KIND = re.compile(
-    r"model|(?:is[-_]?)?(?:cam(?:era)?|sensor|lens|projection|distortion)(?:[-_]?(?:type|model|kind|projection|lens))?",
+    r"model|(?:is[-_]?)?(?:cam(?:era)?|sensor|lens|optics?|projection|distortion)"
+    r"(?:[-_]?(?:type|model|kind|mode|geometry|projection|lens|distortion)){0,2}"
+    r"|(?:image|photo)[-_]?(?:type|model|kind|mode|geometry|projection|lens)",
     re.I,
 )
 """Pattern of the names of fields whose value names a lens or projection."""
 _NAMED = re.compile(
-    r"(?:is[-_]?)?(?:fish[-_]?eye|equirect(?:angular)?|panorama|panoramic|spherical|omnidirectional|orthographic)", re.I
+    r"(?:is[-_]?|use[-_]?)?(?:fish[-_]?eye|equirect(?:angular)?|pano|panorama|panoramic|spherical|omnidirectional"
+    r"|ortho(?:graphic)?|cube[-_]?map|cylindrical|360|vr[-_]?180)",
+    re.I,
 )
 """Pattern of the names of flags for a lens or projection, such as `is_fisheye`."""
-_WIDE = re.compile(r"fish[-_ ]?eye|equirect|panoram|spherical|omnidi|lat[-_ ]?long|orthogra|cubemap|cylindric", re.I)
+_WIDE = re.compile(
+    r"fish[-_ ]?eye|equirect|panoram|spherical|omnidi|lat[-_ ]?long|ortho[-_ ]?(?:gra|photo)|cube[-_ ]?map|cylindric"
+    r"|equi[-_ ]?(?:distan|solid)|stereograph|kannala|\bkb[-_ ]?[48]\b|f[-_ ]?theta|double[-_ ]?sphere"
+    r"|\beucm\b|\bmei\b",
+    re.I,
+)
 """Pattern of lenses and projections that pinhole photos do not have."""
 _TERMS = re.compile(
     r"k[1-9]|p[12]|s[1-4]|xi|b[12]|skew\w*|sk[-_][xy]|shear"

@@ -33,6 +33,8 @@ _MAX_SAFETENSORS_HEADER = 1 << 22
 _SPLAT_BYTES = 32
 _POINT_CLOUD, _TRAINED_PLY = "point_cloud", "point_cloud.ply"
 """Names of 3DGS in a model folder."""
+_ANCHOR_FILES = ("checkpoint.pth", "checkpoints.pth", "point_cloud.ply.xz")
+"""Names of files of HAC++ and Scaffold-GS in the folder of an iteration."""
 _SOG_SUFFIXES = (".sog", ".zip")
 _USDZ_SUFFIX = ".usdz"
 
@@ -140,6 +142,11 @@ GSPLAT_RESULTS = Kind(
     f"its ply/point_cloud_*.ply is read, its checkpoints are pickles and never opened; {GSPLAT_CHECKPOINT.use}",
 )
 NERFSTUDIO_RESULTS = Kind("nerfstudio results", "a results folder of nerfstudio", NERFSTUDIO_CHECKPOINT.use)
+WITHOUT_GAUSSIANS = Kind(
+    "no gaussians",
+    "a model folder without Gaussians",
+    "the file point_cloud/iteration_NUMBER/point_cloud.ply of 3DGS is read, which is missing or empty",
+)
 HACPP = Kind("hacpp", "a model folder of HAC++ or Scaffold-GS", "`import hacpp` and `import scaffold` read it")
 DATASET = Kind("dataset", "a folder of posed photos", "`train` reads it, and `--data` of other verbs")
 PHOTOS = Kind(
@@ -291,6 +298,16 @@ def trained_ply(folder: Path) -> Path | None:
         if iterations:
             return iterations[max(iterations)]
     return None
+
+
+def _contains_anchors(folder: Path) -> bool:
+    """True if an iteration of a model folder has files of HAC++ or Scaffold-GS: networks, or a PLY of anchors."""
+    for iteration in (folder / _POINT_CLOUD).glob("iteration_*"):
+        if any((iteration / name).is_file() for name in _ANCHOR_FILES) or any(iteration.glob("*_mlp.pt")):
+            return True
+        if (ply := iteration / _TRAINED_PLY).is_file() and file_kind(ply) == ANCHORS_PLY:
+            return True
+    return False
 
 
 def _iteration(folder: Path) -> int | None:
@@ -592,7 +609,7 @@ def _folder_kind(folder: Path) -> Kind:
     if (ply := trained_ply(folder)) is not None and file_kind(ply) in (SPLATS_PLY, COMPRESSED_PLY):
         return MODEL_3DGS
     if _POINT_CLOUD in names and (folder / _POINT_CLOUD).is_dir():
-        return HACPP
+        return HACPP if _contains_anchors(folder) else WITHOUT_GAUSSIANS
     if any(name in names for name in _DATASET_NAMES):
         return DATASET
     if names & {"manifest.json", "side_info.bin"} or any(name.endswith(".pak") for name in names):

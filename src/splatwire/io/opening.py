@@ -31,14 +31,12 @@ from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import find_format, read_content, read_ply_steps
 from splatwire.io.formats.dispatch import read_with
-from splatwire.io.model_arguments import load_background
+from splatwire.io.model_arguments import MODEL_DEPTH, load_background
 from splatwire.types import LossMask, SplatCoding, SplatScene
 from splatwire.types.background import BLACK, Background
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
-_MODEL_DEPTH = 3
-"""Number of folders from a trained PLY up to its model folder: `iteration_N`, `point_cloud`, the model."""
 _EXPECTED = "a scene file, stream or file of explicit Gaussians"
 
 
@@ -191,10 +189,10 @@ def _background_of(folder: Path) -> Background:
     """
     ply = trained_ply(folder)
     folders = () if ply is None else Path(os.path.abspath(ply)).parents
-    if len(folders) < _MODEL_DEPTH:
+    if len(folders) < MODEL_DEPTH:
         return BLACK
     try:
-        return load_background(folders[_MODEL_DEPTH - 1])
+        return load_background(folders[MODEL_DEPTH - 1])
     except (DatasetError, OSError) as error:
         LOG.warning("%s; the background is black", error)
         return BLACK

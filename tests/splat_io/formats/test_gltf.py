@@ -16,7 +16,7 @@ from random_numbers import Numbers
 from splat_io.formats.handmade import glb, glb_of, some_splats, write
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import GLTF, file_kind
-from splatwire.io.formats import gltf, read_splats, splats_kind
+from splatwire.io.formats import gltf, is_antialiased, read_splats, splats_kind
 from splatwire.io.formats._axes import GLTF_FLIPS, flip_axes
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import sh_basis
@@ -530,6 +530,41 @@ def test_unknown_settings_of_the_extension_give_a_warning(tmp_path: Path, caplog
     settings["antialiased"] = True
     opened(glb_of(document, binary), tmp_path / "a.glb")
     assert "antialiased of KHR_gaussian_splatting are not known" in caplog.text
+
+
+@pytest.mark.parametrize("place", ["primitive", "extension", "mesh", "asset", "document"])
+@pytest.mark.parametrize(("name", "value"), [("antialiased", 1), ("antialias", True), ("SplatRenderMode", "mip")])
+def test_antialiasing_in_extras_is_read_under_each_name(
+    place: str, name: str, value: object, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    document, binary = document_of(glb(some_splats(20, 0)))
+    primitive = document["meshes"][0]["primitives"][0]
+    parts = {
+        "primitive": primitive,
+        "extension": primitive["extensions"][EXTENSION],
+        "mesh": document["meshes"][0],
+        "asset": document["asset"],
+        "document": document,
+    }
+    parts[place].setdefault("extras", {})[name] = value
+    (tmp_path / "a.glb").write_bytes(glb_of(document, binary))
+    assert is_antialiased(tmp_path / "a.glb")
+    assert not caplog.text
+    parts[place]["extras"] = {name: "sometimes"}
+    (tmp_path / "a.glb").write_bytes(glb_of(document, binary))
+    assert not is_antialiased(tmp_path / "a.glb")
+    assert f"field '{name}: sometimes' is not understood" in caplog.text
+
+
+def test_primitives_that_disagree_about_antialiasing_give_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    document, binary = document_of(glb(some_splats(20, 0)))
+    primitives = document["meshes"][0]["primitives"]
+    primitives.append({**primitives[0], "extras": {"antialiased": True}})
+    (tmp_path / "a.glb").write_bytes(glb_of(document, binary))
+    assert is_antialiased(tmp_path / "a.glb")
+    assert "some primitives ask for antialiasing, others do not" in caplog.text
 
 
 def test_unknown_attributes_and_extensions_of_gaussians_give_a_warning(

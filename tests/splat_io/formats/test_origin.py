@@ -87,11 +87,16 @@ def test_origins_are_kept_where_other_programs_do_not_read_them(
         assert np.array_equal(content.splats.means, local.splats.means)
 
 
-def test_an_invalid_origin_in_a_sog_is_not_used(tmp_path: Path) -> None:
+def test_an_invalid_origin_in_a_sog_is_not_used(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "a.sog"
     for bad in ("x", [1, 2], [1e13, 0, 0], [None, 0, 0], {}):
+        caplog.clear()
         content = {"extras": {"splatwire": {"origin": bad}}}
-        assert origin_of_asset(content) == NO_ORIGIN
-    assert origin_of_asset({"extras": {"splatwire": {"origin": [1, 2, 3]}}}) == (1.0, 2.0, 3.0)
+        assert origin_of_asset(content, path) == NO_ORIGIN
+        assert "a.sog: its origin is left out, so positions are read as they are in the file" in caplog.text
+    caplog.clear()
+    assert origin_of_asset({"extras": {"splatwire": {"origin": [1, 2, 3]}}}, path) == (1.0, 2.0, 3.0)
+    assert not caplog.messages
 
 
 def test_small_scenes_of_few_float32_steps_have_no_origin(tmp_path: Path) -> None:

@@ -290,6 +290,28 @@ def test_an_antialias_flag_may_be_a_number(
     assert ("antialias 'yes' is not a boolean" in caplog.text) == (flag == "yes")
 
 
+@pytest.mark.parametrize(
+    "fields", [{"antialiased": True}, {"SplatRenderMode": "mip"}, {"asset": {"extras": {"aa": 1}}}]
+)
+def test_antialiasing_under_another_name_is_read(fields: dict[str, object], tmp_path: Path) -> None:
+    files = _files(tmp_path / "a.sog", some_splats(70, 0))
+    meta = json.loads(files["meta.json"])
+    meta.pop("antialias", None)
+    files["meta.json"] = json.dumps(meta).encode()
+    assert not is_antialiased(_archive(tmp_path / "b.sog", files))
+    files["meta.json"] = json.dumps(meta | fields).encode()
+    assert is_antialiased(_archive(tmp_path / "c.sog", files))
+
+
+def test_a_zip_of_other_files_is_refused_with_its_content(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as bundle:
+        bundle.writestr("scene.ply", b"ply")
+    with pytest.raises(
+        DatasetError, match=r"meta\.json is missing, so this zip is no SOG, its first file is 'scene\.ply'"
+    ):
+        read_splats(tmp_path / "a.zip")
+
+
 def members(folder: Path) -> dict[str, bytes]:
     """Files of a SOG."""
     write_splats([some_splats(300, 1)], folder / "base.sog")

@@ -1,5 +1,6 @@
 """Metadata in the `asset` object of glTF and SOG: `copyright`, and fields of `extras`."""
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from splatwire.types.metadata import NO_METADATA, SceneMetadata, clean_text, met
 from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.version import __version__
 
+LOG = logging.getLogger(__name__)
 _OWN = "splatwire"
 """Key of the object in `extras` with metadata without a standard field (up axis, view), in the axes of a 3DGS PLY."""
 ORIGIN = "origin"
@@ -56,19 +58,32 @@ def metadata_of_asset(asset: object, path: Path) -> SceneMetadata:
     return metadata_from_json((own_fields if isinstance(own_fields, dict) else {}) | texts, path)
 
 
-def origin_of_asset(asset: object) -> Origin:
-    """Returns the origin in a SOG `asset` object; `NO_ORIGIN` without a valid one."""
+def origin_of_asset(asset: object, path: Path) -> Origin:
+    """Returns the origin in a SOG `asset` object; `NO_ORIGIN` without a valid one.
+
+    Args:
+        asset: The object.
+        path: The file, for warnings.
+    """
     extras = asset.get("extras") if isinstance(asset, dict) else None
-    return origin_of_json(extras.get(_OWN) if isinstance(extras, dict) else None)
+    return origin_of_json(extras.get(_OWN) if isinstance(extras, dict) else None, path)
 
 
-def origin_of_json(content: object) -> Origin:
-    """Returns the origin in the metadata that this package writes as a JSON object; `NO_ORIGIN` without a valid one."""
+def origin_of_json(content: object, path: Path) -> Origin:
+    """Returns the origin in the metadata that this package writes as a JSON object.
+
+    The result is `NO_ORIGIN` without an origin, and, with a warning, for an invalid one.
+
+    Args:
+        content: The JSON object.
+        path: The file, for warnings.
+    """
     if not isinstance(content, dict) or ORIGIN not in content:
         return NO_ORIGIN
     try:
         return check_origin(content[ORIGIN])
-    except InvalidValueError:
+    except InvalidValueError as error:
+        LOG.warning("%s: its origin is left out, so positions are read as they are in the file: %s", path, error)
         return NO_ORIGIN
 
 

@@ -49,14 +49,15 @@ def metadata_of_records(path: Path, extensions: dict[int, bytes]) -> SceneMetada
     return metadata_from_json({"orbit": list(_ORBIT.unpack(orbit))}, path).over(metadata)
 
 
-def origin_of_records(extensions: dict[int, bytes]) -> Origin:
+def origin_of_records(path: Path, extensions: dict[int, bytes]) -> Origin:
     """Returns the origin in the extension records of an SPZ file; `NO_ORIGIN` without a valid one.
 
     Args:
+        path: The file, for warnings.
         extensions: Content of each extension record by its type.
     """
     try:
-        return origin_of_json(json.loads(extensions.get(_METADATA, b"{}").decode("utf-8")))
+        return origin_of_json(json.loads(extensions.get(_METADATA, b"{}").decode("utf-8")), path)
     except (ValueError, RecursionError):
         return NO_ORIGIN
 

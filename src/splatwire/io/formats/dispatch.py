@@ -46,6 +46,7 @@ from splatwire.io.formats.outliers import DEFAULT, Outliers, check_outliers
 from splatwire.io.formats.ply import content_of_vertices, warn_of_colour_space, warn_of_other_gaussians, write_ply
 from splatwire.io.formats.ply_file import read_ply_elements
 from splatwire.io.formats.ply_steps import PlySteps
+from splatwire.io.model_arguments import MODEL_DEPTH, load_antialiasing
 from splatwire.plugins import source_of
 from splatwire.types.background import BLACK, Background
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
@@ -173,6 +174,23 @@ def read_all_rows(path: Path) -> tuple[FileContent, ElementValidity]:
     except InvalidValueError as error:
         raise DatasetError(f"{path}: {error}") from error
     return content, validity_of_splats(content.splats)
+
+
+def _read_model(folder: Path) -> FileContent:
+    """Reads the PLY of the last iteration in a 3DGS model folder, with the antialiasing of its training.
+
+    Args:
+        folder: The model folder, its folder `point_cloud`, or an `iteration_N` in it.
+    """
+    ply = _last_iteration(folder)
+    content, folders = _read_ply(ply), Path(os.path.abspath(ply)).parents
+    if content.antialiased or len(folders) < MODEL_DEPTH:
+        return content
+    try:
+        return replace(content, antialiased=load_antialiasing(folders[MODEL_DEPTH - 1]))
+    except (DatasetError, OSError) as error:
+        LOG.warning("%s; the scene is drawn without antialiasing", error)
+        return content
 
 
 def _last_iteration(folder: Path) -> Path:
@@ -519,9 +537,7 @@ _EXPLICIT = (
         )
         for name in ("usd", "usda", "usdc", "usdz")
     ),
-    FileFormat(
-        "3dgs", "a model folder of 3DGS", read=lambda path: _read_ply(_last_iteration(path)), kinds=(MODEL_3DGS,)
-    ),
+    FileFormat("3dgs", "a model folder of 3DGS", read=_read_model, kinds=(MODEL_3DGS,)),
 )
 for _form in _EXPLICIT:
     FORMATS.register(_form.name, _form, f"{__name__}.{_form.name}")

@@ -34,6 +34,7 @@ from splatwire.io.formats._columns import (
 from splatwire.io.formats._files import FileBytes, is_in_folder_of, warn_of_bytes_outside
 from splatwire.io.formats._gltf_nodes import VISIBILITY, Instance, entry, shown_instances
 from splatwire.io.formats.content import FileContent, origin_of_placed
+from splatwire.io.formats.ply_comments import fields_as_comments, states_antialiasing, warn_of_unclear_antialiasing
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
 from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
@@ -137,9 +138,9 @@ def _placement(instance: Instance) -> tuple[np.ndarray, np.ndarray]:
     return flips @ instance.matrix[:3, :3] @ flips, flips @ instance.matrix[:3, 3]
 
 
-def _extras(primitive: dict[str, Any]) -> dict[str, Any]:
-    extras = primitive.get("extras")
-    return extras if isinstance(extras, dict) else {}
+def _extras(part: object) -> list[str]:
+    """Returns the fields in the `extras` of a JSON object in the form of comments."""
+    return fields_as_comments(part.get("extras") if isinstance(part, dict) else None)
 
 
 class _Gltf:
@@ -188,11 +189,38 @@ class _Gltf:
         }
         origin = origin_of_placed([(part, *_placement(instance)) for instance in shown for part in read[instance.mesh]])
         moved = [self._transformed(part, instance, origin) for instance in shown for part in read[instance.mesh]]
-        primitives = [primitive for index in read for primitive in primitives_by_mesh[index]]
-        antialiased = all(_extras(primitive).get("antialiased") is True for primitive in primitives)
+        antialiased = self._is_antialiased({index: primitives_by_mesh[index] for index in read})
         warn_of_unused_extras(self._path, self._document.get("asset"))
         metadata = metadata_of_asset(self._document.get("asset"), self._path).moved_origin(NO_ORIGIN, origin)
         return FileContent(concatenate(moved), origin, antialiased, metadata)
+
+    def _is_antialiased(self, primitives_by_mesh: dict[int, list[dict[str, Any]]]) -> bool:
+        """True if `extras` of a primitive, or of what contains it, request antialiasing.
+
+        Logs a warning if only some primitives request it, or if a field is unclear.
+
+        Args:
+            primitives_by_mesh: Primitives with Gaussians that the scene shows, by index of the mesh.
+        """
+        common = [comment for part in (self._document, self._document.get("asset")) for comment in _extras(part)]
+        stated_fields = {
+            (
+                *common,
+                *_extras(self._document["meshes"][index]),
+                *_extras(primitive["extensions"][EXTENSION]),
+                *_extras(primitive),
+            )
+            for index, primitives in primitives_by_mesh.items()
+            for primitive in primitives
+        }
+        for fields in sorted(stated_fields):
+            warn_of_unclear_antialiasing(self._path, fields, "field")
+        answers = {states_antialiasing(fields) for fields in stated_fields}
+        if len(answers) > 1:
+            LOG.warning(
+                "%s: some primitives ask for antialiasing, others do not: the scene is drawn with it", self._path
+            )
+        return any(answers)
 
     def _instances(self, primitives: dict[int, list[dict[str, Any]]]) -> list[Instance]:
         """Returns all meshes with Gaussians, and the transform of each mesh.

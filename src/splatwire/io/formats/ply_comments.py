@@ -54,20 +54,33 @@ def states_antialiasing(comments: Iterable[str]) -> bool:
     return bool(stated) and stated[-1]
 
 
-def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str]) -> None:
+def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str], kind: str = "comment") -> None:
     """Logs a warning about comments on antialiasing that cannot be parsed, or that contradict each other.
 
     Args:
         path: The file.
         comments: Text of each comment, without the word `comment`.
+        kind: Name of the comments in messages.
     """
     all_comments = tuple(comments)
     drawn = "with" if states_antialiasing(all_comments) else "without"
     if {True, False} <= {_antialiasing_setting(comment) for comment in all_comments}:
-        LOG.warning("%s: comments enable and disable antialiasing: the scene is drawn %s it", path, drawn)
+        LOG.warning("%s: %ss enable and disable antialiasing: the scene is drawn %s it", path, kind, drawn)
     for comment in all_comments:
         if _ABOUT.search(comment) and _antialiasing_setting(comment) is None:
-            LOG.warning("%s: comment %.80r is not understood: the scene is drawn %s antialiasing", path, comment, drawn)
+            LOG.warning(
+                "%s: %s %.80r is not understood: the scene is drawn %s antialiasing", path, kind, comment, drawn
+            )
+
+
+def fields_as_comments(fields: object) -> list[str]:
+    """Returns the fields of a JSON object that are text, numbers or flags in the form of comments: `name: value`.
+
+    Args:
+        fields: The object; the list is empty for any other value.
+    """
+    values = fields.items() if isinstance(fields, dict) else ()
+    return [f"{name:.80}: {str(value)[:80]}" for name, value in values if isinstance(value, (str, int, float))]
 
 
 def _antialiasing_setting(comment: str) -> bool | None:

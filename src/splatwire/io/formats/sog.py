@@ -35,6 +35,7 @@ from splatwire.io.formats._files import is_in_folder_of, warn_of_bytes_outside
 from splatwire.io.formats._placement import warn_of_unused_fields
 from splatwire.io.formats._rotations import from_smallest_three
 from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.ply_comments import fields_as_comments, states_antialiasing, warn_of_unclear_antialiasing
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
 from splatwire.types.splats import Splats
 
@@ -75,7 +76,7 @@ def read_sog(path: Path) -> FileContent:
         sog.warn_of_unknown_fields()
         return FileContent(
             sog.splats(),
-            origin_of_asset(sog.meta.get("asset")),
+            origin_of_asset(sog.meta.get("asset"), path),
             antialiased=sog.is_antialiased(),
             metadata=metadata_of_asset(sog.meta.get("asset"), path),
         )
@@ -201,7 +202,8 @@ def _folder_of(path: Path, names: Collection[str]) -> str:
             f"{path}: {len(folders)} folders in it have a {SOG_META_NAME}: unpack it and name one of them"
         )
     if not folders:
-        raise DatasetError(f"{path}: {SOG_META_NAME} is missing")
+        content = next((f", its first file is {name[:80]!r}" for name in names), "")
+        raise DatasetError(f"{path}: {SOG_META_NAME} is missing, so this zip is no SOG{content}: unpack it")
     return f"{folders[0]}/"
 
 
@@ -233,13 +235,26 @@ class _Sog:
         return self._files.stored_bytes({SOG_META_NAME, *self._named_files()})
 
     def is_antialiased(self) -> bool:
-        """Returns the flag `antialias` of `meta.json`. An invalid value is logged and counts as False."""
-        stated = self.meta.get("antialias", False)
-        if stated is not None and stated not in (False, True):
+        """Returns the flag `antialias` of `meta.json`. An invalid value is logged and counts as False.
+
+        Without this flag, fields of other programs count, such as `antialiased` or `SplatRenderMode`.
+        """
+        stated = self.meta.get("antialias")
+        if stated is None:
+            fields = self._other_fields()
+            warn_of_unclear_antialiasing(self._path, fields, "field")
+            return states_antialiasing(fields)
+        if stated not in (False, True):
             LOG.warning(
                 "%s: antialias %.40r is not a boolean: the scene is drawn without antialiasing", self._path, stated
             )
         return stated in (True,)
+
+    def _other_fields(self) -> list[str]:
+        """Returns the fields of `meta.json`, its `asset` and the `extras` of that, in the form of comments."""
+        asset = self.meta.get("asset")
+        extras = asset.get("extras") if isinstance(asset, dict) else None
+        return [comment for fields in (self.meta, asset, extras) for comment in fields_as_comments(fields)]
 
     def warn_of_unknown_fields(self) -> None:
         """Logs a warning about unknown fields of sections, and about unknown sections that have images."""

@@ -94,7 +94,7 @@ def read_spz(path: Path) -> FileContent:
     if frame != FRAME:  # columns were read as RUB: undo this, then convert from the file's convention to RDF
         splats = transform_splats(splats, frame_to_rdf(frame) @ np.diag(SPZ_FLIPS))
     antialiased = bool(header.flags & ANTIALIASED)
-    metadata, origin = metadata_of_records(path, header.extensions), origin_of_records(header.extensions)
+    metadata, origin = metadata_of_records(path, header.extensions), origin_of_records(path, header.extensions)
     return FileContent(splats, origin, antialiased, metadata)
 
 

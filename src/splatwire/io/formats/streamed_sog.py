@@ -80,7 +80,7 @@ def read_streamed_sog(path: Path) -> FileContent:
     if len(stated) > 1:
         LOG.warning("%s: some chunks ask for antialiasing, others do not: the scene is drawn with it", index)
     splats = _read_pieces(index, chunks, pieces, named)
-    return FileContent(splats, origin_of_asset(asset), antialiased=any(stated), metadata=metadata)
+    return FileContent(splats, origin_of_asset(asset, index), antialiased=any(stated), metadata=metadata)
 
 
 def is_antialiased(path: Path) -> bool:
